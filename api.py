@@ -17,11 +17,11 @@ from ._version import __version__
 from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
 from .core.inertia import RepName
-from .core.progress import doing
+from .core.progress import log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
 from .core.registry import MODELS
-from .core.warnings import listening, remark
+from .core.warnings import capture_warnings, warn
 from .generator.parsing.text_file import UnusableFileError, is_urdf, model_text, read_text
 from .generator.schemes.named_schemes import SCHEMES, SchemeName
 from .generator.spec import Spec
@@ -292,14 +292,14 @@ def _kept_model(
     key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
     found = kept(key)
     if found is None:
-        with listening() as heard:
+        with capture_warnings() as heard:
             name, files, start = _generate_model(spec, make, allow_invalid)
         start = replace(start, remarks=heard)
         keep(key, [name, files, start.as_json()])
     else:
         name, files, start = found[0], found[1], Start.from_json(found[2])
     for said in start.remarks:
-        remark(said)
+        warn(said)
     return Stepper(name, files), start
 
 
@@ -309,7 +309,7 @@ def _generate_model(
     from .generator.pipeline import generate
 
     what = spec.model or spec.system
-    with doing(f"deriving {what} with {spec.method}", f"derived {what}"):
+    with log_task(f"deriving {what} with {spec.method}", f"derived {what}"):
         model, free = make()
         source = generate(spec, model=model, allow_invalid=allow_invalid).source
     return source.name, source.files(), replace(Start.of(model), free=free)
@@ -395,5 +395,5 @@ def _generate(
         raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
                          "one with gyrospark.tableau.")
     what = spec.name if system is None else f"{system.name} with {spec.method}"
-    with doing(f"deriving {what}", f"derived {what}"):
+    with log_task(f"deriving {what}", f"derived {what}"):
         return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)

@@ -25,7 +25,7 @@ import click
 
 from .._version import __version__
 from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
-from ..core.progress import spoken
+from ..core.progress import terminal_messages
 from .bench import bench
 from .cache import cache
 from .export import export
@@ -74,7 +74,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
         if isinstance(stream, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
             stream.reconfigure(errors="replace")
     try:
-        with spoken(), _saying_remarks(name):
+        with terminal_messages(), _saying_remarks(name):
             result = command.main(prog_name=name, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()

@@ -14,7 +14,6 @@ import click
 
 from ..core.arguments import unknown
 from ..core.errors import InputError
-from ..core.progress import hushed
 from .bench_tables import PRINT
 from .generate import write_files
 from .options import check_folder, json_option, real_number, whole_number
@@ -278,7 +277,7 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
         return
     from rich.console import Console
 
-    with hushed(), Console(stderr=True).status("") as status:
+    with quiet(), Console(stderr=True).status("") as status:
         yield lambda text: status.update(text)
 
 

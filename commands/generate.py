@@ -15,7 +15,7 @@ import click
 from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.lazy_imports import imported_for_good
-from ..core.progress import doing
+from ..core.progress import log_task
 from ..generator.codegen.profiles import PROFILES
 from ..generator.spec import PAPER_SPECS, Spec
 from ..runtime.compilation.manifest import remarks_of
@@ -83,7 +83,7 @@ def generate(
 def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool) -> None:
     """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
-    with doing(f"making {spec.model or spec.name}"):  # the summary says how long it took
+    with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
         made = _generate(spec, allow_invalid)
         write_files(made.source.files(), out)
         derived = time.perf_counter()
@@ -170,7 +170,7 @@ def write_files(files: dict[str, str], out: Path) -> None:
 
 
 def _generate(spec: Spec, allow_invalid: bool) -> Generated:
-    with doing(f"deriving {spec.model or spec.name}"):
+    with log_task(f"deriving {spec.model or spec.name}"):
         with imported_for_good("sympy"):  # only when needed
             from ..generator.pipeline import generate as run_pipeline
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +18,7 @@ from ..core.errors import InputError
 from ..core.exact_numbers import Rounded, decimal
 from ..core.file_formats import PICTURES, ending_of
 from ..core.inertia import REPS
-from ..core.progress import hush
+from ..core.progress import TERMINAL
 from ..core.real_types import REALS
 from ..core.registry import FRAMES, MODELS, SYSTEMS
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
@@ -98,7 +99,7 @@ def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
 
     def choose(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
         if value:
-            hush()
+            TERMINAL.setLevel(logging.CRITICAL)  # until terminal_messages ends
         return value
 
     return click.option("--json", "as_json", is_flag=True, callback=choose,

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.errors import MissingDependencyError
-from ..core.progress import hushed
 from .generate import write_files
 from .options import check_folder, check_writable, json_option
 
@@ -118,7 +117,7 @@ def _progress(
     columns = (TextColumn("{task.fields[result]:>14}"), BarColumn(),
                TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
                TextColumn("{task.description}"))
-    with hushed(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with quiet(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, result="")
         yield (lambda name, done: bar.update(task, completed=done, result=name, description=""),
                lambda text: bar.update(task, description=text))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from .arguments import shown
 from .errors import InputError
 from .exact_numbers import Rounded, exact, knowing
-from .warnings import remark
+from .warnings import warn
 
 __all__ = ["REPS", "RULES", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
@@ -91,7 +91,7 @@ def as_inertia(inertia: Any, what: str = "inertia") -> Inertia:
             raise InputError(
                 f"{said}; correct the moments. (Moments that fluid or rotors add to are "
                 "parameters of a gyrospark.System, which takes any.)")
-        remark(f"{said}. It is taken as it is, as if by rounding; give more digits.")
+        warn(f"{said}. It is taken as it is, as if by rounding; give more digits.")
     return given
 
 
@@ -245,8 +245,8 @@ def _remark_on_length(what: str, values: Any, norms: Array) -> None:
     worst = int(np.abs(norms - 1).argmax())
     if abs(norms[worst] - 1) > bound:
         where = "" if len(norms) == 1 else f" in row {worst + 1}"
-        remark(f"The {what}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
-               "write a unit quaternion if another was meant.")
+        warn(f"The {what}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
+             "write a unit quaternion if another was meant.")
 
 
 def _remark_on_order(what: str, values: Any, unit: Array) -> None:
@@ -261,9 +261,9 @@ def _remark_on_order(what: str, values: Any, unit: Array) -> None:
     first = np.atleast_2d(unit)[0]
     here, there = (math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
     moved = ", ".join(f"{x + 0.0:.6g}" for x in first[[3, 0, 1, 2]])
-    remark(f"The {what} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
-           f"stands last, a turn by {there:.0f}°, write ({moved}); else give it as a rotation, "
-           "which has this unsaid.")
+    warn(f"The {what} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
+         f"stands last, a turn by {there:.0f}°, write ({moved}); else give it as a rotation, "
+         "which has this unsaid.")
 
 
 def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
@@ -303,6 +303,6 @@ def remark_on_angles(what: str, angles: Sequence[float], *, cure: str) -> None:
     """Say that angles beyond a full turn look like degrees."""
     if any(abs(x) > 2 * math.pi for x in angles):
         listed = ", ".join(f"{x:.6g}" for x in angles)
-        remark(f"{what} is [{listed}], taken as radians, more than a turn; if degrees are meant, "
-               f"write {cure}.")
+        warn(f"{what} is [{listed}], taken as radians, more than a turn; if degrees are meant, "
+             f"write {cure}.")
 

@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-__all__ = ["Interrupts", "ctrl_c", "watched"]
+from .errors import Stopped
+
+__all__ = ["Interrupts", "before_start", "ctrl_c", "watched"]
 
 #: Ctrl-C, the end that a batch system announces, the terminal that goes away.
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -58,6 +60,16 @@ def ctrl_c() -> Iterator[Interrupts]:
     own = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
     with _hearing([] if own else [signal.SIGINT]) as interrupts:
         yield interrupts
+
+
+@contextlib.contextmanager
+def before_start(what: str) -> Iterator[None]:
+    """Let Ctrl-C during pilot runs end a call that has not begun, without a pilot's trajectory."""
+    try:
+        yield
+    except Stopped as stopped:
+        raise Stopped(f"Stopped before the first step, while {what} was chosen.", stopped.signal
+                      ) from None
 
 
 @contextlib.contextmanager

@@ -24,7 +24,7 @@ from ..runtime.events.observer import End, Observer
 from ..runtime.integration.step_loop import (
     Pace,
     Rows,
-    Run,
+    RunArguments,
     advance,
     advance_watched,
     ended_at,
@@ -64,7 +64,7 @@ COMMIT_SECONDS = 5.0
 class Course:
     """A run under way: where it stands, and the block of rows that it fills."""
 
-    def __init__(self, stepper: Stepper, run: Run, events: tuple[Event, ...], path: Path,
+    def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...], path: Path,
                  group: zarr.Group) -> None:
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
         self.manifest, self.fields = stepper.manifest, fields_of(stepper.manifest)
@@ -222,7 +222,7 @@ class Course:
         """Whether a step has failed, or an event has ended the run."""
         return self.state.status != 0
 
-    def _advance(self, place: int, run: Run) -> None:
+    def _advance(self, place: int, run: RunArguments) -> None:
         """Compute the next piece into the block, from that row on."""
         state, rows = self.state, self.rows
         count, every = next_chunk(run, state.steps, self.pace.begin(), self.block - place)

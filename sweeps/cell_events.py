@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ..runtime.events.detection import Levels
 from ..runtime.events.location import crossings_of, watches_of
 from ..runtime.integration.lanes import Course
-from ..runtime.integration.run_arguments import Runs
-from ..runtime.integration.step_loop import Run
+from ..runtime.integration.run_arguments import EnsembleArguments, RunArguments
 from ..runtime.steppers.stepper import Stepper
 from .study import Study
 from .tiles import Cells
@@ -76,7 +75,7 @@ def _fill(course: Course) -> None:
 
 def _runs(
     study: Study, stepper: Stepper, steps: int, every: int, cells: Cells, group: Array
-) -> Runs:
+) -> EnsembleArguments:
     """Return the cells as runs, with numbers as a single run has them."""
     binding = stepper.binding
 
@@ -87,7 +86,7 @@ def _runs(
     q, p = (values[group].astype(binding.dtype) for values in (cells.q, cells.p))
     dt, t0 = column(cells.dt[group]), column(np.full(len(group), study.t0))
     parameters = {name: column(values[group]) for name, values in cells.parameters.items()}
-    first = Run(q[0], p[0], dt[0], steps, every,
+    first = RunArguments(q[0], p[0], dt[0], steps, every,
                 {name: values[0] for name, values in parameters.items()}, study.solver,
                 study.tolerance, study.max_iterations, t0[0])
-    return Runs(first, q, p, dt, t0, parameters)
+    return EnsembleArguments(first, q, p, dt, t0, parameters)

@@ -143,16 +143,17 @@ def frame_for(
     if mode not in ("auto", "start") and not mode.startswith("follow"):
         values = _rates(step, options)
         return Frame(values, {"frame": values})
-    from ...runtime.integration.frame_following import followed
+    from ...runtime.integration.frame_following import follow_frame
     from ...runtime.tuning.frame_choice import choose_frame, start_frame
     from ...runtime.tuning.gamma_choice import PILOT_STEPS
 
     q0, p0, t0 = state
-    forced, follow = followed(step, q0, p0, dt=dt, steps=steps, t0=t0,
-                              parameters={**parameters, "frame": mode})
+    asked = follow_frame(step, step.run_arguments(q0, p0, dt=dt, steps=steps, t0=t0,
+                                                  parameters={**parameters, "frame": mode}))
+    forced, follow = asked.parameters, asked.follow
     if follow is not None:  # the run says what is to be warned of
         return Frame({"frame": str(follow)}, {
-            "frame": start_frame(step, q0, p0, parameters, dt=dt, t0=t0, warn=False),
+            "frame": start_frame(step, q0, p0, parameters, dt=dt, t0=t0, quiet=True),
             "frame_reason": f"{follow} steps"})
     if mode == "start":
         values = start_frame(step, q0, p0, parameters, dt=dt, t0=t0)

@@ -15,7 +15,7 @@ from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
 from ...core.interrupts import watched
 from ...core.real_types import REALS
 from ...core.registry import MODELS, PROBLEMS, Entry, entry_named
-from ...core.warnings import listening, remark
+from ...core.warnings import capture_warnings, warn
 from ...generator.spec import is_model_file
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.compilation.manifest import remarks_of
@@ -213,7 +213,7 @@ def run(
     drawn = None if seed is None else whole_number("--seed", seed)
     with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes
         try:
-            with _progress(count, quiet=as_json) as progress, listening() as heard:
+            with _progress(count, quiet=as_json) as progress, capture_warnings() as heard:
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
                                     progress=progress, angles=angles)
             trouble = done.trouble
@@ -221,7 +221,7 @@ def run(
                 if isinstance(trouble, StepFailed):
                     trouble.add_note(said)  # a failure is one line on stderr
                 else:
-                    remark(said)
+                    warn(said)
             result = result_of(start, step, done, begin)
             result |= measured
             if moved:

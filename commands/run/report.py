@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import StepFailed, Stopped
 from ...core.exact_numbers import digits_of
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ...generator.parsing.text_file import is_urdf
 from ...runtime.rigid_body.gamma_rules import AIMS
 
@@ -123,7 +123,7 @@ def warn_of_rest(trajectory: Trajectory, problem: str) -> None:
         cure = "--set JOINT=0.3, or --set JOINT.rate=1, of a joint of the file"
     else:
         cure = "another start, such as --set start.euler='[0.3, 0, 0]' of a body in a model file"
-    remark(f"Nothing moves: {problem} starts at rest, where it is in equilibrium. Give it {cure}.")
+    warn(f"Nothing moves: {problem} starts at rest, where it is in equilibrium. Give it {cure}.")
 
 
 def _all_digits(trajectory: Trajectory) -> dict[str, Any]:

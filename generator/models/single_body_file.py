@@ -25,7 +25,7 @@ from ...core.inertia import (
     is_tensor,
     remark_on_angles,
 )
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..multibody import initial_poses, rigid_body
 from ..multibody.model import Model, whole_array
 from ..multibody.rigid_body import INVERSE, Rep, body_system, moments, p, q
@@ -83,8 +83,8 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
         tensor=tensor,
     )
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
-        remark("[body] mass is in no formula: what pulls at the body is the potential, such as "
-               '"mass*9.81*0.04*R33".')
+        warn("[body] mass is in no formula: what pulls at the body is the potential, such as "
+             '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
     return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
                  rules={chosen: body.text(chosen)} if ruled else {},

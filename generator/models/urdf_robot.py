@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import listed, proposal, shown
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from .bounded_xml import Element
 
 __all__ = ["EXTRAS", "HERE", "MOVING", "Joint", "Link", "Place", "Robot", "read_robot", "turn"]
@@ -216,7 +216,7 @@ def _joint(name: str, element: Element) -> Joint:
     parent, child = (_text(element, end, "link") for end in ("parent", "child"))
     dynamics, mimic = element.first("dynamics"), element.first("mimic")
     if mimic is not None and kind not in MOVING:
-        remark(f"Joint {shown(name)} is {kind}: its <mimic> says nothing.")
+        warn(f"Joint {shown(name)} is {kind}: its <mimic> says nothing.")
         mimic = None
     return Joint(
         name, kind, parent, child, _place(element), _axis(element, kind),

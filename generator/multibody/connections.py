@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_text, proposal, shown
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from .body import GROUND, Body, Frame, Moving, Particle
 from .initial_poses import Start, finite, positive, rotation, three, three_or_none, unit
 from .joints import Align, Connection, Joint, Revolute, Rod, Spring
@@ -246,10 +246,10 @@ class Linkage:
         if what == "axis_on_body":
             return turned
         if what == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
-            remark(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
-                   f"at the start, so that its components on the body differ. Write axis_on_body= "
-                   f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "
-                   "they are in space.")
+            warn(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
+                 f"at the start, so that its components on the body differ. Write axis_on_body= "
+                 f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "
+                 "they are in space.")
         return axis
 
     def _pair(

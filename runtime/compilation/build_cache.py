@@ -33,7 +33,7 @@ import cffi
 import platformdirs
 
 from ...core.errors import GyrosparkError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from . import gcc_permutations, kernel_check, kernel_text, object_files, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .object_files import Part
@@ -88,8 +88,8 @@ def _usable(folder: Path) -> Path:
     made = Path(tempfile.mkdtemp(prefix="gyrospark-"))
     atexit.register(shutil.rmtree, made, ignore_errors=True)
     _IN_PLACE[folder] = made
-    remark(f"The cache folder {str(folder)!r} cannot be used: {why}. What is compiled is kept in "
-           f"{str(made)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
+    warn(f"The cache folder {str(folder)!r} cannot be used: {why}. What is compiled is kept in "
+         f"{str(made)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
     return made
 
 

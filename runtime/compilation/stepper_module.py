@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import CompilerError
-from ...core.progress import doing
+from ...core.progress import log_task
 from .build_cache import (
     binary_key,
     cache_folder,
@@ -53,7 +53,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         with contextlib.suppress(ImportError):  # another system's library is gone, say
             return import_module(name, path)
     what = name if part == "runs" else f"{name} for ensembles"
-    with doing(f"compiling {what}", f"compiled {what}"), workshop() as folder:
+    with log_task(f"compiling {what}", f"compiled {what}"), workshop() as folder:
         built, record = compile_verified(name, files, compiler, folder, part)
         proof = folder / "record.json"
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")

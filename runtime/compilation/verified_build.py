@@ -13,7 +13,7 @@ from typing import Any
 
 from ...core.errors import CompilerError
 from ...core.real_types import REALS
-from ...core.warnings import remark
+from ...core.warnings import warn
 from .compiler import Compiler, compile_module, module_name
 from .kernel_check import Difference, differences
 from .object_files import Part
@@ -55,9 +55,9 @@ def compile_verified(
         found, compared = differences(loaded(name, built, compiler), checks, real)
         if not found:
             if first:
-                remark(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
-                       f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
-                       "agrees. Another version of the compiler may need no such flags.")
+                warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
+                     f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
+                     "agrees. Another version of the compiler may need no such flags.")
             left_out = [k for k in manifest["operations"] if not compared.get(k)]
             return built, {"flags": list(flags), "kernels": compared,
                            "left_out": left_out if part == "runs" else []}

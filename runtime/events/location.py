@@ -14,8 +14,8 @@ from ...core.event import Event
 from ...core.interrupts import ctrl_c
 from ..integration.dense_output import epsilon_of_times, partial_steps, run_together
 from ..integration.lanes import fill_course, threads_of
-from ..integration.run_arguments import Runs
-from ..integration.step_loop import Rows, Run, integrate
+from ..integration.run_arguments import EnsembleArguments, RunArguments
+from ..integration.step_loop import Rows, integrate
 from ..results.crossings import Crossings
 from ..results.run_arrays import OUTPUTS, States, value_of
 from ..results.trajectory import Trajectory
@@ -37,13 +37,13 @@ _LOOKS = 80
 
 
 def crossings_of(
-    stepper: Stepper, levels: Levels, runs: Runs, watches: Sequence[Watch],
+    stepper: Stepper, levels: Levels, runs: EnsembleArguments, watches: Sequence[Watch],
     fill: Callable[[Course], None],
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run by the events' names, of what its watch has seen."""
     if runs.inputs is not None:  # they are held throughout, as parameters are
-        runs = replace(Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type),
-                       inputs=runs.inputs)
+        each = [runs[i] for i in range(len(runs))]
+        runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
     for watch in watches:
         watch.close()
     found = [watch.brackets for watch in watches]
@@ -59,7 +59,7 @@ def crossings_of(
     return _by_run(stepper, levels, parts, len(runs))
 
 
-def watches_of(stepper: Stepper, levels: Levels | None, runs: Runs) -> list[Watch]:
+def watches_of(stepper: Stepper, levels: Levels | None, runs: EnsembleArguments) -> list[Watch]:
     """Return what looks at each run, nothing without events."""
     if levels is None:
         return []
@@ -70,13 +70,14 @@ def watches_of(stepper: Stepper, levels: Levels | None, runs: Runs) -> list[Watc
 
 
 def observed(
-    stepper: Stepper, run: Run, events: tuple[Event, ...], progress: Callable[[int], None] | None
+    stepper: Stepper, run: RunArguments, events: tuple[Event, ...],
+    progress: Callable[[int], None] | None,
 ) -> Trajectory:
     """Return the trajectory of a run with its events, up to the first terminal one."""
     if not events:
         return integrate(stepper.binding, stepper.manifest, run, progress)
     levels = Levels.of(stepper.binding, stepper.manifest, events)
-    (watch,) = watches_of(stepper, levels, Runs.of([run], stepper.binding.number_type))
+    (watch,) = watches_of(stepper, levels, EnsembleArguments.of([run], stepper.binding.number_type))
     trouble: StepFailed | Stopped | None = None
     try:
         trajectory = integrate(stepper.binding, stepper.manifest, replace(run, watch=watch),
@@ -99,7 +100,7 @@ def observed(
 
 
 def _solved(
-    stepper: Stepper, levels: Levels, run: Run, watch: Watch, trajectory: Trajectory
+    stepper: Stepper, levels: Levels, run: RunArguments, watch: Watch, trajectory: Trajectory
 ) -> dict[str, Crossings]:
     """Return the crossings of a run that has ended.
 
@@ -108,7 +109,7 @@ def _solved(
     Stopped
         After Ctrl-C while they are solved for, with the states alone.
     """
-    runs = replace(Runs.of([run], stepper.binding.number_type), inputs=run.inputs)
+    runs = replace(EnsembleArguments.of([run], stepper.binding.number_type), inputs=run.inputs)
     with ctrl_c() as interrupts:
         before = interrupts.asked  # that has ended the run, and not what is solved for now
         found = crossings_of(stepper, levels, runs, [watch], lambda course: fill_course(
@@ -121,7 +122,8 @@ def _solved(
 
 
 def _ended(
-    stepper: Stepper, run: Run, trajectory: Trajectory, brackets: Brackets | None, last: Crossings
+    stepper: Stepper, run: RunArguments, trajectory: Trajectory, brackets: Brackets | None,
+    last: Crossings,
 ) -> Trajectory:
     """Return a trajectory up to its terminal event, whose state is one row more."""
     assert brackets is not None
@@ -144,7 +146,7 @@ def _ended(
     return replace(trajectory, **outputs)
 
 
-def row_of_event(stepper: Stepper, run: Run, brackets: Brackets, event: Crossings) -> Rows:
+def row_of_event(stepper: Stepper, run: RunArguments, brackets: Brackets, event: Crossings) -> Rows:
     """Return the one row that leads from the state before an event to the event.
 
     Its work is that of the part of a step.
@@ -172,7 +174,7 @@ class _Work:
 
     stepper: Stepper
     levels: Levels
-    runs: Runs
+    runs: EnsembleArguments
     brackets: Brackets
     owner: Array
     fill: Callable[[Course], None]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ...core.event import Event
 from ..integration.lanes import fill_course, threads_of
-from ..integration.run_arguments import Runs
-from ..integration.step_loop import Rows, Run
+from ..integration.run_arguments import EnsembleArguments, RunArguments
+from ..integration.step_loop import Rows
 from ..results.crossings import Crossings
 from .detection import Levels, Memory
 from .location import crossings_of, ending, row_of_event, watches_of
@@ -44,14 +44,14 @@ class Observer:
     Attributes
     ----------
     events : tuple of Event
-    run : Run
+    run : RunArguments
         With the watch that looks at each state.
     """
 
-    def __init__(self, stepper: Stepper, run: Run, events: tuple[Event, ...]) -> None:
+    def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...]) -> None:
         self.events = events
         self._stepper, self._levels = stepper, Levels.of(stepper.binding, stepper.manifest, events)
-        self._runs = Runs.of([run], stepper.binding.number_type)
+        self._runs = EnsembleArguments.of([run], stepper.binding.number_type)
         (self._watch,) = watches_of(stepper, self._levels, self._runs)
         self.run = replace(run, watch=self._watch)
 

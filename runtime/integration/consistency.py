@@ -21,7 +21,7 @@ from ..bindings.binding import Binding
 from ..results.run_arrays import defect_sizes
 
 if TYPE_CHECKING:
-    from .step_loop import Run
+    from .run_arguments import RunArguments
 
 __all__ = ["Defects", "defects_of_starts", "refuse_inconsistent", "refuse_singular_mass"]
 
@@ -65,7 +65,7 @@ def defects_of_starts(
     return found
 
 
-def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: Run) -> None:
+def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
     """Refuse a start that is off the constraints by more than round-off."""
     if not binding.m:
         return
@@ -88,7 +88,7 @@ def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: Run) ->
     )
 
 
-def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: Run) -> None:
+def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
     """Refuse a start where the M of a Lagrangian has no inverse, or not the sign it was seen with.
 
     Its columns are what momenta gain by one velocity each.

@@ -22,8 +22,7 @@ from ..bindings.inputs import Inputs
 from ..results.run_arrays import OUTPUTS, States, value_of
 from ..results.trajectory import Trajectory
 from .lanes import Course, fill_course, threads_of
-from .run_arguments import Runs
-from .step_loop import Run
+from .run_arguments import EnsembleArguments, RunArguments
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -90,7 +89,7 @@ def _states_at(
     return _trajectory(stepper, trajectory, t, made)
 
 
-def marks_of(stepper: Stepper, run: Run, times: ArrayLike) -> Array:
+def marks_of(stepper: Stepper, run: RunArguments, times: ArrayLike) -> Array:
     """Return the steps of a run after which times are, with its last one.
 
     Raises
@@ -149,9 +148,9 @@ def run_together(
     """
     number = stepper.binding.number_type
     own = {name: column[0] for name, column in parameters.items()}
-    first = Run(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
-    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number), parameters,
-                                     inputs))
+    first = RunArguments(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
+    course = Course.of(stepper, EnsembleArguments(
+        first, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
     fill(course)
     failed = np.flatnonzero(course.status)
     if len(failed):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import Binding
-from .run_arguments import Runs
+from .run_arguments import EnsembleArguments
 from .step_loop import Pace, Rows, fill, next_chunk, thin
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Course:
     """
 
     binding: Binding
-    runs: Runs
+    runs: EnsembleArguments
     #: Whether batches lie in lanes, and how many trajectories are a batch.
     in_lanes: bool
     batch: int
@@ -55,7 +55,9 @@ class Course:
     watches: tuple[Watch, ...] = ()
 
     @classmethod
-    def of(cls, stepper: Evaluation, runs: Runs, watches: Sequence[Watch] = ()) -> Course:
+    def of(
+        cls, stepper: Evaluation, runs: EnsembleArguments, watches: Sequence[Watch] = ()
+    ) -> Course:
         """Return room for runs, at their start."""
         count, rows, binding = len(runs), runs.first.rows + 1, stepper.binding
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")

@@ -6,15 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import as_double
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..bindings.array_checks import as_real
 from ..rigid_body.gamma_rules import AIMS, has_inertia, is_weight, ruled
 from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 
-__all__ = ["as_parameters", "refuse_auto", "refuse_choice"]
+__all__ = ["as_parameters", "refuse_auto", "refuse_choice", "warn_of_negative"]
 
 
 def as_parameters(
@@ -81,8 +83,14 @@ def _as_parameter(
                          "positive=True.)")
     if domain == "nonzero" and made == 0:
         raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
-    if made < 0 and has_inertia(name, given):
-        remark(f"Parameter {name} = {float(made):.6g} is below 0. The motion does not depend on "
-               "it, but its error does: several times that of a value near the moments of inertia, "
-               "such as m.")
     return made
+
+
+def warn_of_negative(parameters: Mapping[str, Any]) -> None:
+    """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
+    for name, values in parameters.items():
+        least = float(np.min(values)) if has_inertia(name, parameters) else 0.0
+        if least < 0:
+            warn(f"Parameter {name} = {least:.6g} is below 0. The motion does not depend on it, "
+                 "but its error does: several times that of a value near the moments of inertia, "
+                 "such as m.")

@@ -1,4 +1,4 @@
-"""The checked arguments of many integrations: one column for each that may differ.
+"""The checked arguments of an integration; of many, one column for each that may differ.
 
 What all of them pass together needs no look at each, which costs a hundred times as much. What one
 of them does not pass plainly (a number of mpmath, a start off the constraints, a γ below 0) is
@@ -10,21 +10,23 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ..bindings.inputs import Inputs
-from ..rigid_body.gamma_rules import AIMS, has_inertia, inertia_names, ruled
+from ..rigid_body.gamma_rules import AIMS, inertia_names, ruled
 from .consistency import defects_of_starts
-from .step_loop import Run
 
 if TYPE_CHECKING:
+    from ..bindings.binding import SolverName
+    from ..events.detection import Watch
     from ..steppers.stepper import Stepper
+    from .frame_following import Follow
 
-__all__ = ["Given", "Runs", "checked_runs"]
+__all__ = ["EnsembleArguments", "RawArguments", "RunArguments", "checked_runs"]
 
 Array = NDArray[Any]
 
@@ -33,11 +35,91 @@ _JUDGED = 2**16
 
 
 @dataclass(frozen=True)
-class Runs:
+class RunArguments:
+    """The arguments of an integration, checked, in the stepper's own type of numbers.
+
+    Each stage of a call takes this record and returns another: ``Stepper.run_arguments`` checks
+    what the caller gave, ``Stepper.resolved`` replaces rules among the parameters ("m", "auto",
+    "frame") by numbers, ``Stepper.checked_run`` checks the parameters and the start.
+    """
+
+    q: Array
+    p: Array
+    dt: Any
+    steps: int
+    every: int
+    parameters: dict[str, Any]
+    solver: SolverName
+    tolerance: Any
+    max_iterations: int
+    t0: Any = 0.0
+    inputs: Inputs | None = None
+    #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
+    marks: Array | None = None
+    #: What looks at every state for events; one for each trajectory.
+    watch: Watch | None = None
+    #: How a co-moving frame follows the motion; the rates among the parameters are the first.
+    follow: Follow | None = None
+
+    @property
+    def rows(self) -> int:
+        """Stored states after the first; the last state is always stored."""
+        return -(-self.steps // self.every) if self.marks is None else len(self.marks)
+
+    def pilot(self, steps: int) -> Self:
+        """Return the arguments of a short run from the same start, with the default solver."""
+        return replace(self, steps=steps, every=1, solver="auto", tolerance=None,
+                       max_iterations=50, follow=None,
+                       inputs=None if self.inputs is None else self.inputs.of_steps(steps))
+
+    def refined(self, factor: int) -> Self:
+        """Return the same run with steps so many times smaller, stored as often as before."""
+        return replace(self, dt=self.dt / factor, steps=self.steps * factor,
+                       every=self.every * factor,
+                       inputs=None if self.inputs is None else self.inputs.refined(factor))
+
+    def fed(self, inputs: Inputs | None) -> RunArguments:
+        """Return the run with inputs; its parameters have those that stay, and nan for others."""
+        if inputs is None:
+            return self
+        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
+
+    def at_step(self, step: int) -> RunArguments:
+        """Return the run whose parameters have the inputs of a step."""
+        if self.inputs is None or not self.steps:
+            return self
+        row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
+        return replace(self, parameters=self.parameters | row)
+
+    def until(self, steps: int) -> RunArguments:
+        """Return its first steps as a run."""
+        marks = None if self.marks is None else np.unique(np.minimum(self.marks, steps))
+        return replace(self, steps=steps, marks=marks if marks is None else marks[marks > 0])
+
+    def stored(self, done: int) -> int:
+        """Return how many of them there are after so many steps."""
+        if self.marks is not None:
+            return int(np.searchsorted(self.marks, done, side="right"))
+        return self.rows if done == self.steps else done // self.every
+
+    def steps_of_rows(self, done: int) -> Array:
+        """Return after how many steps the start and each stored state are, after so many done."""
+        stored = self.stored(done)
+        if self.marks is not None:
+            return np.concatenate([[0], self.marks[:stored]])
+        return np.minimum(np.arange(stored + 1) * self.every, done)
+
+    def most(self, done: int, most: int) -> int:
+        """Return how many of so many steps may be done with the same parameters."""
+        return most if self.follow is None else min(most, self.follow.left(done))
+
+
+@dataclass(frozen=True)
+class EnsembleArguments:
     """Runs that agree in steps, every, solver and tolerance; ``runs[i]`` is one of them."""
 
     #: The first of them, which says what all have in common.
-    first: Run
+    first: RunArguments
     q: Array
     p: Array
     dt: Array
@@ -46,7 +128,7 @@ class Runs:
     inputs: Inputs | None = None
 
     @classmethod
-    def of(cls, runs: list[Run], number: Any) -> Runs:
+    def of(cls, runs: list[RunArguments], number: Any) -> EnsembleArguments:
         """Return checked runs as columns; numbers beside the states are of the type ``number``."""
         def column(values: list[Any]) -> Array:
             return np.array(values, dtype=number)
@@ -59,7 +141,7 @@ class Runs:
     def __len__(self) -> int:
         return len(self.q)
 
-    def __getitem__(self, i: int) -> Run:
+    def __getitem__(self, i: int) -> RunArguments:
         """Return one run as it would be checked by itself."""
         (dt,), (t0,) = (column[i : i + 1].tolist() for column in (self.dt, self.t0))
         parameters = {name: column[i : i + 1].tolist()[0]
@@ -74,7 +156,7 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class Given:
+class RawArguments:
     """What a caller gives for each of many runs, unchecked: rows, numbers, dicts."""
 
     q: Array
@@ -83,6 +165,8 @@ class Given:
     t0: Array
     #: A dict for each run; or what is one for all, and columns.
     parameters: list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]
+    #: Steps, every, solver, tolerance and max_iterations: the same for all.
+    common: Mapping[str, Any]
 
     def parameters_of(self, i: int) -> dict[str, Any]:
         """Return the parameters of one run."""
@@ -92,12 +176,13 @@ class Given:
         return shared | {name: column[i] for name, column in columns.items()}
 
 
-def checked_runs(stepper: Stepper, given: Given, options: Mapping[str, Any]) -> Runs:
+def checked_runs(stepper: Stepper, given: RawArguments) -> EnsembleArguments:
     """Return the runs, or raise InputError for the first that is unusable, with its number."""
-    def one(i: int) -> Run:
+    def one(i: int) -> RunArguments:
         try:
-            return stepper.checked_run(given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
-                                       parameters=given.parameters_of(i), **options)
+            return stepper.checked_run(stepper.run_arguments(
+                given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
+                parameters=given.parameters_of(i), **given.common))
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
@@ -105,11 +190,11 @@ def checked_runs(stepper: Stepper, given: Given, options: Mapping[str, Any]) -> 
     runs = _plain(stepper, given, first) if size > 1 else None
     if runs is None or not _consistent(stepper, runs):
         number = stepper.binding.number_type
-        runs = Runs.of([first, *(one(i) for i in range(1, size))], number)
+        runs = EnsembleArguments.of([first, *(one(i) for i in range(1, size))], number)
     return runs
 
 
-def _plain(stepper: Stepper, given: Given, first: Run) -> Runs | None:
+def _plain(stepper: Stepper, given: RawArguments, first: RunArguments) -> EnsembleArguments | None:
     """Return the runs if all their numbers are plainly usable, else None."""
     binding, size = stepper.binding, len(given.q)
     if binding.number_type is object or {given.q.dtype.kind, given.p.dtype.kind} - {*"fiu"}:
@@ -121,7 +206,7 @@ def _plain(stepper: Stepper, given: Given, first: Run) -> Runs | None:
         return None
     if not (np.isfinite(q).all() and np.isfinite(p).all()):
         return None
-    return Runs(first, q, p, dt, t0, parameters)
+    return EnsembleArguments(first, q, p, dt, t0, parameters)
 
 
 def _numbers(column: Array | list[Any], number: Any) -> Array | None:
@@ -138,7 +223,9 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
     return made if np.isfinite(made).all() else None
 
 
-def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[str, Array] | None:
+def _parameters(
+    stepper: Stepper, given: RawArguments, first: RunArguments, size: int
+) -> dict[str, Array] | None:
     """Return a column for each parameter; None if one of them needs a look."""
     found: dict[str, Array] = {}
     number = stepper.binding.number_type
@@ -154,8 +241,6 @@ def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[s
         column = _numbers(_given(given, name, first, size, rates), number)
         if column is None or not _in_domain(column, domain):
             return None
-        if column.min() < 0 and has_inertia(name, first.parameters):
-            return None  # a remark is due
         found[name] = column
     if not all(symmetry.holds_plainly(found) for symmetry in stepper.symmetries):
         return None  # a look at each, in exact arithmetic
@@ -163,7 +248,7 @@ def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[s
 
 
 def _given(
-    given: Given, name: str, first: Run, size: int, rates: Collection[str]
+    given: RawArguments, name: str, first: RunArguments, size: int, rates: Collection[str]
 ) -> Array | list[Any]:
     """Return what is given for a parameter; γ and α by their rules, where they can be told.
 
@@ -201,7 +286,7 @@ def _in_domain(column: Array, domain: str) -> bool:
     return bool(usable[domain].all()) if domain in usable else True
 
 
-def _consistent(stepper: Stepper, runs: Runs) -> bool:
+def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     """Whether every start is on the constraints."""
     binding = stepper.binding
     if not binding.m:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,19 +13,18 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError, StepFailed, Stopped
 from ...core.interrupts import Interrupts, ctrl_c
-from ..bindings.binding import Binding, SolverName
-from ..bindings.inputs import Inputs
+from ..bindings.binding import Binding
 from ..results.diagnostics import Report
 from ..results.run_arrays import OUTPUTS, States, defect_sizes, value_of
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
-from .frame_following import Follow
 from .newton import newton_step
+from .run_arguments import RunArguments
 
 if TYPE_CHECKING:
     from ..events.detection import Watch
 
-__all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
+__all__ = ["FIRST_STEPS", "Pace", "Rows", "advance", "course", "defect_sizes", "ended_at",
            "failure_of", "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
 
 Array = NDArray[Any]
@@ -36,69 +35,6 @@ FIRST_STEPS, _CHUNK = 16, 4096
 _WATCHED = 2**14
 #: Seconds between two looks, where a step does not take longer.
 _LOOK = 0.1
-
-
-@dataclass(frozen=True)
-class Run:
-    """The checked arguments of an integration; its numbers are of the stepper's own type."""
-
-    q: Array
-    p: Array
-    dt: Any
-    steps: int
-    every: int
-    parameters: dict[str, Any]
-    solver: SolverName
-    tolerance: Any
-    max_iterations: int
-    t0: Any = 0.0
-    inputs: Inputs | None = None
-    #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
-    marks: Array | None = None
-    #: What looks at every state for events; one for each trajectory.
-    watch: Watch | None = None
-    #: How a co-moving frame follows the motion; the rates among the parameters are the first.
-    follow: Follow | None = None
-
-    @property
-    def rows(self) -> int:
-        """Stored states after the first; the last state is always stored."""
-        return -(-self.steps // self.every) if self.marks is None else len(self.marks)
-
-    def fed(self, inputs: Inputs | None) -> Run:
-        """Return the run with inputs; its parameters have those that stay, and nan for others."""
-        if inputs is None:
-            return self
-        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
-
-    def at_step(self, step: int) -> Run:
-        """Return the run whose parameters have the inputs of a step."""
-        if self.inputs is None or not self.steps:
-            return self
-        row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
-        return replace(self, parameters=self.parameters | row)
-
-    def until(self, steps: int) -> Run:
-        """Return its first steps as a run."""
-        marks = None if self.marks is None else np.unique(np.minimum(self.marks, steps))
-        return replace(self, steps=steps, marks=marks if marks is None else marks[marks > 0])
-
-    def stored(self, done: int) -> int:
-        """Return how many of them there are after so many steps."""
-        if self.marks is not None:
-            return int(np.searchsorted(self.marks, done, side="right"))
-        return self.rows if done == self.steps else done // self.every
-
-    def steps_of_rows(self, done: int) -> Array:
-        """Return after how many steps the start and each stored state are, after so many done."""
-        stored = self.stored(done)
-        if self.marks is not None:
-            return np.concatenate([[0], self.marks[:stored]])
-        return np.minimum(np.arange(stored + 1) * self.every, done)
-
-    def most(self, done: int, most: int) -> int:
-        """Return how many of so many steps may be done with the same parameters."""
-        return most if self.follow is None else min(most, self.follow.left(done))
 
 
 @dataclass(frozen=True)
@@ -162,7 +98,7 @@ class Pace:
 def integrate(
     binding: Binding,
     manifest: dict[str, Any],
-    run: Run,
+    run: RunArguments,
     progress: Callable[[int], None] | None = None,
 ) -> Trajectory:
     """Return the trajectory of a run.
@@ -197,7 +133,7 @@ def ended_at(done: int, steps: int) -> str:
 
 
 def course(
-    binding: Binding, manifest: dict[str, Any], run: Run, stop: Callable[[], bool],
+    binding: Binding, manifest: dict[str, Any], run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Trajectory, int]:
     """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
@@ -209,7 +145,7 @@ def course(
 
 
 def fill(
-    binding: Binding, run: Run, rows: Rows, q: Array, p: Array, report: Any,
+    binding: Binding, run: RunArguments, rows: Rows, q: Array, p: Array, report: Any,
     stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
 ) -> int:
     """Fill the rows of a run, up to its end or as ``course`` does; (q, p) goes there.
@@ -237,7 +173,7 @@ def fill(
     return status
 
 
-def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
+def failure_of(run: RunArguments, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
     """Return the error of a run whose next step has no solution."""
     done = trajectory.report.steps
     return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), trajectory=trajectory,
@@ -245,8 +181,8 @@ def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed
 
 
 def advance(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     """Advance (q, p) in place by up to ``steps`` steps with the run's solver; return the status.
 
@@ -257,8 +193,8 @@ def advance(
 
 
 def advance_watched(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     """Do what ``advance`` does, with the run's watch looking at every state.
 
@@ -304,7 +240,7 @@ def thin(seen: tuple[Array, ...], done: int, every: int, out: tuple[Array, ...])
         part[:count] = most if found is None else found[every - 1 : done : every]
 
 
-def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
+def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
     """Return how many steps to do next, and how often to store; the very last is stored too.
 
     ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
@@ -323,8 +259,8 @@ def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple
 
 
 def _compiled_chunk(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
     return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
@@ -332,8 +268,8 @@ def _compiled_chunk(
 
 
 def _python_chunk(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     """Do what the compiled chunk does, with ``newton_step`` for each step."""
     if report.steps == 0:  # the compiled code starts the record; no step is taken
@@ -378,7 +314,7 @@ def _observe(
 
 
 def trajectory_of(
-    binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any,
+    binding: Binding, manifest: dict[str, Any], run: RunArguments, rows: Rows, report: Any,
     q: Array, p: Array,
 ) -> Trajectory:
     """Return the rows that were filled."""

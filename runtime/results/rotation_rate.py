@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..compilation.body_columns import bodies_of
 
 if TYPE_CHECKING:
@@ -62,10 +62,10 @@ class Turning:
         """Warn where it is more than the method can bear, and return whether it is."""
         if self.radians <= self.borne:
             return False
-        remark(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
-               f"method of order {self.order} bears {self.borne:g} at the most: the motion is "
-               "lost within some turns. Take a dt well below "
-               f"{abs(self.dt) * self.borne / self.radians:.2g}.")
+        warn(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
+             f"method of order {self.order} bears {self.borne:g} at the most: the motion is "
+             "lost within some turns. Take a dt well below "
+             f"{abs(self.dt) * self.borne / self.radians:.2g}.")
         return True
 
 

@@ -24,8 +24,8 @@ from ..events.detection import Levels
 from ..events.location import crossings_of, watches_of
 from ..integration.failure import Diagnosis
 from ..integration.lanes import Course, fill_course, threads_of
-from ..integration.parameters import refuse_auto, refuse_choice
-from ..integration.run_arguments import Given, checked_runs
+from ..integration.parameters import refuse_auto, refuse_choice, warn_of_negative
+from ..integration.run_arguments import RawArguments, checked_runs
 from ..integration.step_loop import failure_of, trajectory_of
 from ..results import ensemble_table
 from ..results.crossings import Crossings, CrossingsOfMany
@@ -179,13 +179,14 @@ def integrate_members(
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
     size = len(starts)
-    given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
+    given = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
-                  _each_parameters(stepper.fed(parameters, inputs), size))
+                  _each_parameters(stepper.fed(parameters, inputs), size), options)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]), hold,
                     size)
     given = _with_frames(stepper, given, fed)
-    runs = replace(checked_runs(stepper, given, options), inputs=fed)
+    runs = replace(checked_runs(stepper, given), inputs=fed)
+    warn_of_negative(runs.parameters)
     levels = _levels(stepper, events)
     if runs.first.steps:
         stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
@@ -245,7 +246,7 @@ def _ensemble(
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
-def _with_frames(stepper: Stepper, given: Given, inputs: Inputs | None) -> Given:
+def _with_frames(stepper: Stepper, given: RawArguments, inputs: Inputs | None) -> RawArguments:
     """Return what is given with each start's own least squares where a frame is asked for."""
     def rates(i: int) -> dict[str, float]:
         own = given.parameters_of(i)

@@ -17,7 +17,7 @@ from ..bindings.binding import REASONS, Binding
 from ..bindings.compiled_constraints import CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
-from ..integration.parameters import as_parameters
+from ..integration.parameters import as_parameters, warn_of_negative
 from ..tuning.manifest_symmetries import symmetries_of
 
 __all__ = ["Evaluation"]
@@ -246,6 +246,7 @@ class Evaluation:
     def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
         number = self.binding.number
         values = as_parameters(given, self.parameter_domains, number, self.symmetries)
+        warn_of_negative(values)
         return self.binding.parameters(values, as_real("t", t, number))
 
     def _at(

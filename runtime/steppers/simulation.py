@@ -27,8 +27,9 @@ from ..bindings.binding import Binding
 from ..bindings.inputs import Inputs
 from ..integration.consistency import refuse_inconsistent
 from ..integration.failure import diagnose
-from ..integration.parameters import as_parameters
-from ..integration.step_loop import FIRST_STEPS, Pace, Rows, Run, advance, ended_at, trajectory_of
+from ..integration.parameters import as_parameters, warn_of_negative
+from ..integration.run_arguments import RunArguments
+from ..integration.step_loop import FIRST_STEPS, Pace, Rows, advance, ended_at, trajectory_of
 from ..results.diagnostics import Report
 from ..results.run_arrays import place_of_quantity
 from ..results.trajectory import Trajectory
@@ -44,7 +45,7 @@ Array = NDArray[Any]
 class Held:
     """A run in its own memory: ``steps``, ``q`` and ``p`` are what compiled code makes of them."""
 
-    def __init__(self, binding: Binding, run: Run) -> None:
+    def __init__(self, binding: Binding, run: RunArguments) -> None:
         self.run, self.binding = run, binding
         self.q, self.p = run.q.copy(), run.p.copy()
         self.work = binding.work()
@@ -110,7 +111,7 @@ class Held:
 class LastStep(Held):
     """A trajectory that is taken one step at a time by a caller who gives all anew each time."""
 
-    def __init__(self, binding: Binding, run: Run, given: tuple[Any, ...]) -> None:
+    def __init__(self, binding: Binding, run: RunArguments, given: tuple[Any, ...]) -> None:
         super().__init__(binding, run)
         #: What the caller gave beside the state, as given: a call that gives the same goes on.
         *self._given, self._given_parameters = *given[:-1], dict(given[-1])
@@ -127,7 +128,7 @@ class LastStep(Held):
             and _same_numbers(given[-1], self._given_parameters)
         )
 
-    def run_from(self, q: Any, p: Any, t0: Any) -> Run:
+    def run_from(self, q: Any, p: Any, t0: Any) -> RunArguments:
         """Return a run of one step from these, which the caller gave and were checked."""
         return replace(self.run, q=np.array(q, self.q.dtype), p=np.array(p, self.p.dtype), t0=t0)
 
@@ -135,7 +136,7 @@ class LastStep(Held):
 class Recorded(Held):
     """A run that keeps each of its states: the steps of ``integrate``, a piece at a time."""
 
-    def __init__(self, binding: Binding, run: Run) -> None:
+    def __init__(self, binding: Binding, run: RunArguments) -> None:
         super().__init__(binding, run)
         self._report, self._failed = binding.report(), False
         self._rows = Rows.room(binding, FIRST_STEPS)
@@ -231,7 +232,7 @@ class Simulation:
         The time step, in the stepper's own type.
     """
 
-    def __init__(self, stepper: Stepper, run: Run, record: bool = False) -> None:
+    def __init__(self, stepper: Stepper, run: RunArguments, record: bool = False) -> None:
         self._stepper = stepper
         self._held = (Recorded if record else Held)(stepper.binding, run)
         self._in_use = threading.Lock()
@@ -391,6 +392,7 @@ class Simulation:
         held, stepper = self._held, self._stepper
         made = as_parameters(parameters, stepper.parameter_domains, held.binding.number,
                              stepper.symmetries)
+        warn_of_negative(made)
         deciding = stepper.manifest["system"]["start_parameters"]
         if any(made[name] != held.run.parameters[name] for name in deciding):
             refuse_inconsistent(held.binding, stepper.manifest,
@@ -441,7 +443,7 @@ class Simulation:
 
 
 def _simulation(
-    stepper: Stepper, run: Run, image: tuple[Any, ...], record: bool
+    stepper: Stepper, run: RunArguments, image: tuple[Any, ...], record: bool
 ) -> Simulation:
     """Return a simulation that goes on from an image of another one."""
     made = Simulation(stepper, run, record)
@@ -450,7 +452,7 @@ def _simulation(
 
 
 def _unpickled(
-    stepper: Stepper, provenance: dict[str, str], run: Run, image: tuple[Any, ...],
+    stepper: Stepper, provenance: dict[str, str], run: RunArguments, image: tuple[Any, ...],
     record: bool = False,
 ) -> Simulation:
     """Return a simulation in another process; the memory means the same to the same code alone."""

@@ -14,17 +14,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...core.errors import StepFailed
-from ...core.exact_numbers import Number
-from ...core.warnings import listening
-from ..bindings.inputs import Inputs
 from ..rigid_body.gamma_rules import gamma_m
 from .frame_start import Direction
 from .motion_distance import MotionError
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
@@ -78,15 +76,12 @@ class FramePilots:
     """Makes short runs and remembers them; a choice is an array: rates, then γ_m/γ of each body."""
 
     def __init__(
-        self, stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: Any, steps: int,
-        parameters: Mapping[str, Any], directions: list[Direction],
-        bodies: Mapping[str, Any], t0: Number, inputs: Inputs | None = None,
+        self, stepper: Stepper, arguments: RunArguments, directions: list[Direction],
+        bodies: Mapping[str, Any],
     ) -> None:
-        self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps
-        self.directions, self.t0, self._bodies = directions, t0, bodies
-        self.inputs = inputs
+        self.stepper, self.arguments, self.steps = stepper, arguments, arguments.steps
+        self.directions, self._bodies = directions, bodies
         self.means = {name: float(gamma_m(inertia)) for name, inertia in bodies.items()}
-        self.parameters = dict(parameters)
         self.done: list[FramePilot] = []
         self._known: dict[bytes, tuple[int, Array | None]] = {}
         self._halves: list[float] = []
@@ -109,22 +104,18 @@ class FramePilots:
     def run(self, x: Array, finer: int = 1) -> Trajectory | None:
         """Return a run, with steps so many times finer; None where one did not converge."""
         try:
-            with listening():  # what is to be said is said of the run that is asked for
-                return self.stepper.integrate(
-                    self.q, self.p, dt=self.dt / finer, steps=self.steps * finer,
-                    every=finer * self.every, t0=self.t0,
-                    parameters=self.parameters | self.values(x),
-                    inputs=None if self.inputs is None else self.inputs.values[0], hold=finer)
+            return self.stepper.run(self.stepper.checked_run(replace(
+                self.arguments.refined(finer), every=finer * self.every,
+                parameters=self.arguments.parameters | self.values(x))))
         except StepFailed:
             return None
 
     def coarser(self) -> FramePilots:
         """Return runs over the same time by steps twice as long."""
-        inputs = self.inputs
-        if inputs is not None:
-            inputs = replace(inputs, values=inputs.values[:, ::2])
-        return FramePilots(self.stepper, self.q, self.p, 2 * self.dt, -(-self.steps // 2),
-                           self.parameters, self.directions, self._bodies, self.t0, inputs)
+        run = self.arguments
+        inputs = run.inputs and replace(run.inputs, values=run.inputs.values[:, ::2].copy())
+        return FramePilots(self.stepper, replace(run, dt=2 * run.dt, steps=-(-run.steps // 2),
+                                                 inputs=inputs), self.directions, self._bodies)
 
     @property
     def every(self) -> int:

@@ -114,8 +114,9 @@ class Search:
         self.none = np.concatenate([np.zeros(pilots.rates), self.ones])
         self.start = self.none
         if pilots.rates:
-            self.start = self._with(start_rates(velocities, pilots.directions, pilots.q, pilots.p,
-                                                pilots.dt)[0])
+            run = pilots.arguments
+            self.start = self._with(start_rates(velocities, pilots.directions, run.q, run.p,
+                                                run.dt)[0])
 
     def _with(self, rates: Array) -> Array:
         return np.concatenate([rates, self.ones])
@@ -125,8 +126,7 @@ class Search:
         pilots = self.pilots
         finest = pilots.set_reference(self.none, self.start)
         if finest is None:
-            pilots.stepper.integrate(pilots.q, pilots.p, dt=pilots.dt / 8, steps=8 * pilots.steps,
-                                     parameters=pilots.parameters, t0=pilots.t0)  # says why
+            pilots.stepper.run(pilots.stepper.checked_run(pilots.arguments.refined(8)))  # says why
             raise AssertionError("a step that failed has not failed again")
         best, reason, _ = self._best(finest)
         return self._chosen(0, best, reason)
@@ -196,7 +196,7 @@ class Search:
             q, p = (np.asarray(x, dtype=float) for x in (finest.q, finest.p))
             mean = least_squares(self.velocities, pilots.directions, q[rows], p[rows])
             found.append(("least squares of the motion", self._with(mean)))
-            lines = Lines(q, p, float(pilots.dt) * pilots.every,
+            lines = Lines(q, p, float(pilots.arguments.dt) * pilots.every,
                           [direction.A for direction in pilots.directions])
             order = pilots.stepper.order
             for k in {order // 2 + 1, order + 1} if lines.resolved else ():
@@ -225,7 +225,7 @@ class Search:
         label, damping = "searched for", 1e-3
         scale = np.ones_like(x)
         scale[: pilots.rates] = max(np.abs([x, self.start])[:, : pilots.rates].max(initial=0),
-                                    1 / (float(abs(pilots.dt)) * pilots.steps))
+                                    1 / (float(abs(pilots.arguments.dt)) * pilots.steps))
         errors = pilots.errors(x)
         for _ in range(_STEPS):
             slopes = self._slopes(x, scale)

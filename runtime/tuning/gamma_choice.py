@@ -14,24 +14,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.arguments import as_mapping, choose, shown
-from ...core.errors import InputError, Stopped
+from ...core.errors import InputError
 from ...core.exact_numbers import Number
-from ..bindings.array_checks import as_positive_count, as_step
+from ...core.interrupts import before_start
+from ..bindings.array_checks import as_positive_count
 from ..rigid_body.gamma_rules import AIMS, Aim, known_inertia, principal_moments
 from .gamma_error_law import REACH, Search
 from .gamma_pilots import WORTHWHILE, Pilot, Pilots
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..steppers.stepper import Stepper
 
-__all__ = ["PILOT_STEPS", "GammaChoice", "choose_gamma", "with_choice"]
+__all__ = ["PILOT_STEPS", "GammaChoice", "choose_gamma", "with_gamma"]
 
 #: Steps of a pilot run, unless the run itself is shorter.
 PILOT_STEPS = 1000
@@ -178,14 +180,33 @@ def choose_gamma(
         raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
                          "gyrospark.stepper.")
     parameters = as_mapping("parameters", parameters, "{'mgl': 0.4}")
-    known = _checked_bodies(stepper, parameters, bodies)
     count = as_positive_count("steps", steps, least=2)
-    pilots = Pilots(
-        stepper, q, p, as_step(dt, stepper.binding.number), count,
-        {name: value for name, value in parameters.items() if name not in known},
-        known, aim or _aim_said(parameters), t0,
-        longer=run_steps is None or as_positive_count("run_steps", run_steps) > count,
-    )
+    longer = run_steps is None or as_positive_count("run_steps", run_steps) > count
+    return _search(stepper, stepper.run_arguments(q, p, dt=dt, steps=count, parameters=parameters,
+                                                  t0=t0), bodies, aim, longer=longer)
+
+
+def with_gamma(stepper: Stepper, run: RunArguments) -> RunArguments:
+    """Return a run with every ``"auto"`` among its parameters replaced by its choice."""
+    parameters: Any = run.parameters
+    if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):
+        return run
+    pilot = run.pilot(min(max(run.steps, 2), PILOT_STEPS))
+    with before_start("γ"):
+        choice = _search(stepper, replace(pilot, inputs=None), None, None,
+                         longer=run.steps > pilot.steps)
+    return replace(run, parameters={**parameters, **choice.values})
+
+
+def _search(
+    stepper: Stepper, run: RunArguments, bodies: Mapping[str, Sequence[float]] | None,
+    aim: Aim | None, *, longer: bool,
+) -> GammaChoice:
+    """Return the choice by pilots with these arguments, for a run that may be longer."""
+    known = _checked_bodies(stepper, run.parameters, bodies)
+    others = {name: value for name, value in run.parameters.items() if name not in known}
+    pilots = Pilots(stepper, replace(run, parameters=others), known,
+                    aim or _aim_of(run.parameters), longer=longer)
     searches = [Search(pilots, f"1/{pilots.letter}")]
     if pilots.silence is None:
         searches[0].run()
@@ -197,23 +218,6 @@ def choose_gamma(
     if any(name.endswith("alpha") for name in known):
         _refuse_idle_alpha(stepper, pilots)
     return choice
-
-
-def with_choice(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Mapping[str, Any], t0: Number = 0.0,
-) -> Mapping[str, Any]:
-    """Return the parameters of a run with every ``"auto"`` replaced by its choice."""
-    if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):
-        return parameters
-    run = as_positive_count("steps", steps)
-    try:
-        choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters,
-                              steps=min(max(run, 2), PILOT_STEPS), run_steps=run, t0=t0)
-    except Stopped as stopped:  # its trajectory is a pilot's
-        raise Stopped("Stopped before the first step, while γ was chosen.", stopped.signal
-                      ) from None
-    return {**parameters, **choice.values}
 
 
 # ---------------------------------------------------------------- the verdict
@@ -305,7 +309,7 @@ def _is_auto(value: Any) -> bool:
     return isinstance(value, str) and value in AIMS
 
 
-def _aim_said(parameters: Mapping[str, Any]) -> Aim:
+def _aim_of(parameters: Mapping[str, Any]) -> Aim:
     """Return the aim that "auto" or "auto-energy" among the parameters names."""
     said = {value for value in parameters.values() if _is_auto(value)}
     if len(said) > 1:

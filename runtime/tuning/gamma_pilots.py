@@ -15,20 +15,18 @@ follows for a run that is longer than they.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...core.errors import StepFailed
-from ...core.exact_numbers import Number
-from ...core.warnings import listening
 from ..rigid_body.gamma_rules import MEANS_BY_SYMBOL, Aim
 from .motion_distance import MotionError, sizes
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
@@ -127,13 +125,12 @@ class Pilots:
     """Makes short runs and remembers them; γ of all bodies as an array in kg m²."""
 
     def __init__(
-        self, stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: float, steps: int,
-        parameters: Mapping[str, Any], bodies: dict[str, tuple[float, float, float]], aim: Aim,
-        t0: Number, *, longer: bool,
+        self, stepper: Stepper, arguments: RunArguments,
+        bodies: dict[str, tuple[float, float, float]], aim: Aim, *, longer: bool,
     ) -> None:
         """``longer``: the choice is for a run that goes on where these end."""
-        self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps
-        self.parameters, self.bodies, self.aim, self.t0 = parameters, bodies, aim, t0
+        self.stepper, self.arguments, self.steps = stepper, arguments, arguments.steps
+        self.bodies, self.aim = bodies, aim
         self.longer = longer
         self.letter = "α" if all(name.endswith("alpha") for name in bodies) else "γ"
         self.done: list[Pilot] = []
@@ -181,10 +178,9 @@ class Pilots:
         return {name: float(x) for name, x in zip(self.bodies, gammas, strict=True)}
 
     def _run(self, values: dict[str, float], finer: int = 1) -> Trajectory:
-        with listening():  # what is to be said is said of the run that is asked for
-            return self.stepper.integrate(
-                self.q, self.p, dt=self.dt / finer, steps=self.steps * finer, every=finer,
-                t0=self.t0, parameters={**self.parameters, **values})
+        run = self.arguments.refined(finer)
+        return self.stepper.run(self.stepper.checked_run(
+            replace(run, parameters={**run.parameters, **values})))
 
     def _add(
         self, label: str, values: dict[str, float], run: Trajectory | None,
