@@ -16,7 +16,7 @@ import click
 from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.exact_numbers import Rounded, decimal
-from ..core.file_formats import PICTURES, ending_of
+from ..core.file_formats import ending_of, endings
 from ..core.inertia import REPS
 from ..core.progress import TERMINAL
 from ..core.real_types import REALS
@@ -31,7 +31,7 @@ __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file"
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
 #: Endings of what is written to folders.
-_FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
+_FILES = (".c", ".h", ".json", ".html", ".csv", *endings("picture"))
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:

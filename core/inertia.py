@@ -21,7 +21,7 @@ from .errors import InputError
 from .exact_numbers import Rounded, exact, knowing
 from .warnings import warn
 
-__all__ = ["REPS", "RULES", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
+__all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
            "inverse_entries", "is_tensor", "moments_of", "quaternion_of_matrix", "real_array",
            "remark_on_angles", "tensor_of_inverse", "unit_quaternions"]
@@ -30,8 +30,6 @@ __all__ = ["REPS", "RULES", "Inertia", "InertiaLike", "Moments", "RepName", "Ten
 #: entries, for editors and type checkers.
 RepName = Literal["alpha", "gamma"]
 REPS: tuple[RepName, ...] = ("alpha", "gamma")
-#: Names that a value of γ or α may be given by: the means of the moments, and what a run chooses.
-RULES = ("m", "h", "mt", "ht", "auto", "auto-energy")
 
 Array = NDArray[np.float64]
 Moments: TypeAlias = tuple[float, float, float]

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arguments import why_unwritable
-from ..core.errors import InputError, MissingDependencyError, StorageError
-from ..core.extras import install
-from ..core.file_formats import ENDINGS, ending_of
+from ..core.errors import InputError, StorageError
+from ..core.file_formats import format_of
 from ..runtime.results.run_arrays import labels_of
 from ..runtime.results.state_columns import (
     beside,
@@ -36,7 +35,8 @@ if TYPE_CHECKING:
     from ..runtime.results.trajectory import Trajectory
     from .recording import Recording
 
-__all__ = ["check_angles", "check_export", "export", "save_table"]
+__all__ = ["check_angles", "check_export", "export", "export_csv", "export_netcdf",
+           "export_npz", "save_netcdf"]
 
 Array = NDArray[Any]
 
@@ -48,17 +48,7 @@ def check_export(path: Path) -> None:
     ------
     InputError, MissingDependencyError
     """
-    if ending_of(path) not in ENDINGS:
-        raise InputError(f"{str(path)!r} is no file to export to; give a name that ends in "
-                         f"{', '.join(ENDINGS)}.")
-    if ending_of(path) == ".nc":
-        try:
-            import h5netcdf  # noqa: F401
-            import h5py  # noqa: F401
-        except ImportError as error:
-            raise MissingDependencyError(
-                f"NetCDF needs h5netcdf; {install('netcdf')} brings it."
-            ) from error
+    format_of(path, "A run", "states").require_packages()
 
 
 def check_angles(path: Path, euler: str | None, *, degrees: bool) -> None:
@@ -70,7 +60,7 @@ def check_angles(path: Path, euler: str | None, *, degrees: bool) -> None:
     """
     if euler is not None:
         check_sequence(euler)
-        if ending_of(path) != ".csv":
+        if not format_of(path, "Euler angles", "states", "store").tabular:
             raise InputError(f"Euler angles are columns of a .csv file, and {path.name!r} is none; "
                              "end its name in .csv, or leave them out.")
     elif degrees:
@@ -102,19 +92,35 @@ def export(
     """
     check_export(path)
     check_angles(path, euler, degrees=degrees)
-    if columns is not None and ending_of(path) != ".csv":
+    form = format_of(path, "A run", "states")
+    if columns is not None and not form.tabular:
         raise InputError(f"columns are those of a .csv file, and {path.name!r} is none; end its "
                          "name in .csv, or leave them out.")
     if recording.report is None:
         raise InputError(f"{str(recording.path)!r} holds no state yet; go on with its run first.")
-    if ending_of(path) == ".npz":
-        return recording.trajectory().save(path)
     if euler is not None:
         return recording.trajectory().to_csv(path, euler=euler, degrees=degrees, columns=columns)
-    return _write(stored_table(recording), path, columns)
+    found: Path = form.writer("run")(recording, path, columns)
+    return found
 
 
-def save_table(trajectory: Trajectory, path: Path) -> Path:
+def export_npz(recording: Recording, path: Path, columns: Any) -> Path:
+    """Write a run as .npz."""
+    return recording.trajectory().save(path)
+
+
+def export_netcdf(recording: Recording, path: Path, columns: Any) -> Path:
+    """Write a run as .nc."""
+    return _write(stored_table(recording), path, _write_netcdf)
+
+
+def export_csv(recording: Recording, path: Path, columns: str | Iterable[str] | None) -> Path:
+    """Write a run as .csv, and its events as a second file."""
+    table = stored_table(recording)
+    return _write(table, path, partial(_write_csv, picks=_picks(table, columns)), events=True)
+
+
+def save_netcdf(trajectory: Trajectory, path: Path) -> Path:
     """Write a trajectory as .nc, as if it had been stored and exported.
 
     Raises
@@ -128,17 +134,14 @@ def save_table(trajectory: Trajectory, path: Path) -> Path:
             raise InputError(f"The event {name!r} names variables of a NetCDF file, where '/' "
                              'parts groups; give it another name, as in gs.Event(..., '
                              'name="landing"), or save the run as .npz or .csv.')
-    return _write(table_of(trajectory), path)
+    return _write(table_of(trajectory), path, _write_netcdf)
 
 
 def _write(
-    table: Table, path: Path, columns: str | Iterable[str] | None = None
+    table: Table, path: Path, write: Callable[[Table, Path], None], *, events: bool = False
 ) -> Path:
-    write: Callable[[Table, Path], None] = _write_netcdf
-    if ending_of(path) == ".csv":
-        write = partial(_write_csv, picks=_picks(table, columns))
     try:
-        if table.events and ending_of(path) == ".csv":
+        if table.events and events:
             with finished(beside(path)) as part:
                 _write_events(table, part)
         with finished(path) as part:

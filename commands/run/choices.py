@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from ...core.arguments import listed, proposal
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, decimal
-from ...runtime.rigid_body.gamma_rules import AIMS
+from ...core.registry import AIMS, GAMMA_RULES, RULES
 from ..options import real_number, whole_number
 
 if TYPE_CHECKING:
-    from ...runtime.rigid_body.gamma_rules import Aim
+    from ...core.registry import Aim
     from ...runtime.steppers.run_defaults import Start
     from ...runtime.steppers.stepper import Stepper
     from ...runtime.tuning.gamma_choice import GammaChoice
@@ -99,14 +99,14 @@ def _fast_gamma(step: Stepper, start: Start) -> float:
 
 
 def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
-    """Return γ or α from m, h, mt, ht or a number."""
-    from ...runtime.rigid_body.gamma_rules import MEANS
+    """Return γ or α from the name of a mean, or a number."""
+    if text in GAMMA_RULES and GAMMA_RULES[text].is_mean:
+        from ...runtime.rigid_body.gamma_rules import MEANS
 
-    if text in MEANS:
         return MEANS[text](inertia)
     value = decimal(text)
     if value is None:
-        choices = listed([*MEANS, *AIMS, "a number"])
+        choices = listed([*RULES, "a number"])
         raise InputError(f"--{name} {text!r} is none of {choices}.")
     value = value if isinstance(value, float) else Rounded(value)
     if not math.isfinite(value) or value == 0:

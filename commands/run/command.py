@@ -14,7 +14,7 @@ from ...core.arguments import listed, proposal
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
 from ...core.interrupts import watched
 from ...core.real_types import REALS
-from ...core.registry import MODELS, PROBLEMS, Entry, entry_named
+from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES, Entry, entry_named
 from ...core.warnings import capture_warnings, warn
 from ...generator.spec import is_model_file
 from ...runtime.bindings.binding import SOLVERS
@@ -72,12 +72,13 @@ class Run(Grouped):
                context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @stepper_options
-@click.option("--gamma", metavar="{m,h,mt,ht,auto,auto-energy,fast,NUMBER}",
+@click.option("--gamma", metavar=f"{{{','.join(GAMMA_RULES)},NUMBER}}",
+              shell_complete=completing(GAMMA_RULES),
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m; without "
                    "--scheme auto for a single body); auto: smallest error of the motion in short "
                    "pilot runs, γ_m if any axis would get worse; auto-energy: smallest energy "
                    "error; fast: fewest sweeps, from 6 stages on.")
-@click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
+@click.option("--alpha", metavar=f"{{{','.join(RULES)},NUMBER}}", shell_complete=completing(RULES),
               help="The same for --rep alpha.")
 @click.option("--frame", "frames", metavar="{auto,start,follow,NAME=RATE,...}", multiple=True,
               help="Integrate in a co-moving frame along the system's symmetries: auto searches "

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ...core.event import Event, as_events, event_of_text
-from ...core.file_formats import ENDINGS, PAGES, ending_of
+from ...core.file_formats import ending_of, endings, format_of, with_ending
 from ...runtime.compilation.body_columns import bodies_of
 from ..options import check_ending, check_film, check_picture, check_writable
 
@@ -88,12 +88,12 @@ def check_targets(
     """Refuse what cannot be written before a long run, not after it."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
-        check_ending("--out", out, ("", *ENDINGS, ".zarr"))
+        check_ending("--out", out, ("", *endings("states", "store")))
     if plot is not None:
         check_picture(plot)
     if page is not None:
         check_writable("--view", page)
-        check_ending("--view", page, PAGES)
+        check_ending("--view", page, endings("page"))
     if film is not None:
         check_film(film)
     if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
@@ -119,17 +119,18 @@ def _named(text: str) -> Event:
 
 
 def _is_store(out: Path | None) -> bool:
-    return out is not None and ending_of(out) == ".zarr"
+    return out is not None and ending_of(out) in endings("store")
 
 
 def _is_exported(out: Path, *, resume: bool) -> bool:
     """Whether a file is made of a store that the run streams to.
 
-    CSV needs none: where stores cannot be written it is made of what is in memory.
+    A table needs none: where stores cannot be written it is made of what is in memory.
     """
-    if ending_of(out) == ".csv" and not resume:
+    form = format_of(with_ending(out, ".npz"), "A run", "states", "store")
+    if form.tabular and not resume:
         return all(find_spec(package) is not None for package in ("zarr", "filelock"))
-    return ending_of(out) in (".csv", ".nc")
+    return form.streamed
 
 
 def integrate_to(

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import StepFailed, Stopped
 from ...core.exact_numbers import digits_of
+from ...core.registry import AIMS
 from ...core.warnings import warn
 from ...generator.parsing.text_file import is_urdf
-from ...runtime.rigid_body.gamma_rules import AIMS
 
 if TYPE_CHECKING:
     from ...runtime.results.trajectory import Trajectory

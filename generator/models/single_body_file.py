@@ -16,7 +16,6 @@ import sympy as sp
 from ...core.errors import InputError
 from ...core.inertia import (
     REPS,
-    RULES,
     Inertia,
     Moments,
     as_inertia,
@@ -25,6 +24,7 @@ from ...core.inertia import (
     is_tensor,
     remark_on_angles,
 )
+from ...core.registry import RULES
 from ...core.warnings import warn
 from ..multibody import initial_poses, rigid_body
 from ..multibody.model import Model, whole_array

@@ -11,9 +11,10 @@ import numpy as np
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import as_double
+from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_real
-from ..rigid_body.gamma_rules import AIMS, has_inertia, is_weight, ruled
+from ..rigid_body.gamma_rules import has_inertia, is_weight, ruled
 from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 
 __all__ = ["as_parameters", "refuse_auto", "refuse_choice", "warn_of_negative"]

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.registry import AIMS
 from ..bindings.inputs import Inputs
-from ..rigid_body.gamma_rules import AIMS, inertia_names, ruled
+from ..rigid_body.gamma_rules import inertia_names, ruled
 from .consistency import defects_of_starts
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import as_path, choose, shown, why_unwritable
 from ...core.errors import GyrosparkError, InputError, MissingDependencyError
-from ...core.file_formats import FILMS, ending_of
+from ...core.file_formats import ending_of, format_of
 from ...core.inertia import real_array
 from .scene import SHAPES, Part, Scene, ShapeName, scene_of
 from .trajectory_plots import figure_class, thin
@@ -91,9 +91,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
         Without matplotlib, or ffmpeg.
     """
     target = as_path("path", path, "flip.gif")
-    if ending_of(target) not in FILMS:
-        raise InputError(f"A film cannot be written as {target.name!r}; end it in "
-                         f"{' or '.join(FILMS)}.")
+    format_of(target, "A film", "film")
     _writer(target, fps=20)
     return target
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.arguments import as_path, choose, why_unwritable
-from ...core.errors import GyrosparkError, InputError
-from ...core.file_formats import PAGES, ending_of
+from ...core.errors import GyrosparkError
+from ...core.file_formats import format_of
 from .scene import SHAPES, Scene, ShapeName, scene_of
 
 if TYPE_CHECKING:
@@ -100,9 +100,7 @@ def check_page(path: str | os.PathLike[str]) -> Path:
         For another ending than .html.
     """
     target = as_path("path", path, "top.html")
-    if ending_of(target) not in PAGES:
-        raise InputError(f"A page cannot be written as {target.name!r}; end it in "
-                         f"{', '.join(PAGES)}.")
+    format_of(target, "A page", "page")
     return target
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.arguments import as_path, why_unwritable
-from ...core.errors import GyrosparkError, InputError, MissingDependencyError
+from ...core.errors import GyrosparkError, MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import PICTURES, ending_of
+from ...core.file_formats import format_of
 from ...core.real_types import REALS
 from ..compilation.body_columns import bodies_of
 
@@ -83,9 +83,7 @@ def check_target(path: str | os.PathLike[str]) -> Path:
         Without matplotlib.
     """
     target = as_path("path", path, "top.png")
-    if ending_of(target) not in PICTURES:
-        raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
-                         f"{', '.join(PICTURES)}.")
+    format_of(target, "A picture", "picture")
     figure_class()
     return target
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,10 @@ from ...core.inertia import (
     real_array,
     tensor_of_inverse,
 )
+from ...core.registry import GAMMA_RULES, RULES
 
 __all__ = [
-    "AIMS", "MEANS", "MEANS_BY_SYMBOL", "Aim", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
+    "MEANS", "MEANS_BY_SYMBOL", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
     "gamma_m_tilde", "has_inertia", "is_weight", "known_inertia", "principal_moments", "ruled",
 ]
 
@@ -83,14 +84,10 @@ def gamma_h_tilde(inertia: InertiaLike) -> float:
     return _mean(inertia, _two_or_three(inertia), _harmonic, largest=2)
 
 
-#: The four by the names that options and files give them, and by the paper's symbols.
+#: The means of the registry by their names, and by the paper's symbols.
 MEANS: dict[str, Callable[[InertiaLike], float]] = {
-    "m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
-MEANS_BY_SYMBOL = dict(zip(("γ_m", "γ_h", "γ̃_m", "γ̃_h"), MEANS.values(), strict=True))
-
-#: What a chosen value is to make small, by the names that stand for "choose it".
-Aim = Literal["motion", "energy"]
-AIMS: dict[str, Aim] = {"auto": "motion", "auto-energy": "energy"}
+    rule.name: globals()[rule.function] for rule in GAMMA_RULES.values() if rule.is_mean}
+MEANS_BY_SYMBOL = {GAMMA_RULES[name].symbol: mean for name, mean in MEANS.items()}
 
 
 def gamma_fast(inertia: InertiaLike, omega: Sequence[float]) -> float:
@@ -163,7 +160,7 @@ def ruled(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
     """
     if rule not in MEANS:
         raise InputError(f"Parameter {name} = {shown(rule)} is neither a number nor one of the "
-                         f"rules {listed([*MEANS, *AIMS])}.")
+                         f"rules {listed(RULES)}.")
     return MEANS[rule](known_inertia(name, parameters))
 
 

@@ -21,9 +21,10 @@ from ...core.arguments import as_mapping, choose, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ...core.interrupts import before_start
+from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count
-from ..rigid_body.gamma_rules import AIMS, gamma_m, known_inertia, principal_moments, ruled
+from ..rigid_body.gamma_rules import gamma_m, known_inertia, principal_moments, ruled
 from .frame_pilots import FramePilots
 from .frame_search import FrameChoice, Search
 from .frame_start import Velocities, directions_of, start_rates

@@ -24,8 +24,9 @@ from ...core.arguments import as_mapping, choose, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ...core.interrupts import before_start
+from ...core.registry import AIMS, Aim
 from ..bindings.array_checks import as_positive_count
-from ..rigid_body.gamma_rules import AIMS, Aim, known_inertia, principal_moments
+from ..rigid_body.gamma_rules import known_inertia, principal_moments
 from .gamma_error_law import REACH, Search
 from .gamma_pilots import WORTHWHILE, Pilot, Pilots
 

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import StepFailed
-from ..rigid_body.gamma_rules import MEANS_BY_SYMBOL, Aim
+from ...core.registry import Aim
+from ..rigid_body.gamma_rules import MEANS_BY_SYMBOL
 from .motion_distance import MotionError, sizes
 
 if TYPE_CHECKING:

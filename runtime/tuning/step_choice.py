@@ -22,8 +22,8 @@ from ...core.arguments import shown
 from ...core.errors import InputError, StepFailed
 from ...core.exact_numbers import Number, as_double, exact
 from ...core.interrupts import before_start
+from ...core.registry import AIMS
 from ..bindings.array_checks import as_real
-from ..rigid_body.gamma_rules import AIMS
 from .motion_distance import MotionError
 
 if TYPE_CHECKING:

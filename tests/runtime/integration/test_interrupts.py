@@ -197,7 +197,7 @@ def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
     assert said["stopped"] == {"step": steps, "signal": number}
     assert said["out"] == name
     assert stderr.count("\n") == 1
-    assert f"step {steps} of 90,000,000" in stderr
+    assert f"step {steps:,} of 90,000,000" in stderr
     exact = gl3.integrate(**START, steps=steps, every=1000).q[: steps // 1000 + 1]
     if name.endswith(".npz"):
         assert f"in '{name}'" in stderr
