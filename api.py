@@ -22,6 +22,7 @@ from .core.projection import Projection, project
 from .core.real_types import RealName
 from .core.registry import MODELS
 from .core.warnings import capture_warnings, warn
+from .engine.amalgamate import complete
 from .generator.parsing.text_file import UnusableFileError, is_urdf, model_text, read_text
 from .generator.schemes.named_schemes import SCHEMES, SchemeName
 from .generator.spec import Spec
@@ -367,7 +368,7 @@ def checked_in_files(name: str) -> dict[str, str] | None:
     paths = [ROOT / "generated" / f"{name}.{end}" for end in ("h", "c", "json")]
     if not all(path.is_file() for path in paths):
         return None
-    return {path.name: path.read_text(encoding="utf-8") for path in paths}
+    return complete({path.name: path.read_text(encoding="utf-8") for path in paths})
 
 
 def _source_key(spec: Spec, *texts: object) -> str:
@@ -378,7 +379,8 @@ def _source_key(spec: Spec, *texts: object) -> str:
 def _generator_fingerprint() -> str:
     """Return a hash of the generator's own text, so that no old source outlives a change to it."""
     paths = [*(ROOT / "core").glob("*.py"), *(ROOT / "generator").rglob("*.py"),
-             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").glob("*.h")]
+             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"),
+             ROOT / "engine" / "amalgamate.py"]
     return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
 
 

@@ -44,12 +44,16 @@ __all__ = ["generate"]
 @click.option("--check", is_flag=True,
               help="Write nothing; fail with a diff if the files in DIR are not up to date.")
 @click.option("--all", "everything", is_flag=True, help="Every stepper of the paper.")
-@click.option("--no-compile", is_flag=True, help="Only write the C; it builds with cc alone.")
+@click.option("--no-compile", is_flag=True,
+              help="Only write the C; cc -I \"$(gyrospark include)\" builds it.")
+@click.option("--standalone", is_flag=True,
+              help="Put the engine into the C, which cc then builds alone; profiles control "
+                   "and run are always written so.")
 @click.option("--allow-invalid", is_flag=True,
               help="Generate from a tableau although it violates required conditions.")
 def generate(
     profile: str | None, out: Path, check: bool, everything: bool, no_compile: bool,
-    allow_invalid: bool, **choice: Any,
+    standalone: bool, allow_invalid: bool, **choice: Any,
 ) -> int:
     """Write DIR/<name>.h, .c and .json for a stepper, and compile it.
 
@@ -73,19 +77,22 @@ def generate(
         specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
     if check:
-        return max(check_files(spec, out, allow_invalid) for spec in specs)
+        return max(check_files(spec, out, allow_invalid, standalone) for spec in specs)
     for spec in specs:
         write_stepper(spec, out, compile_it=not no_compile and spec.profile == "full",
-                      allow_invalid=allow_invalid)
+                      allow_invalid=allow_invalid,
+                      standalone=standalone)
     return 0
 
 
-def write_stepper(spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool) -> None:
+def write_stepper(
+    spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool, standalone: bool
+) -> None:
     """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
     with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
         made = _generate(spec, allow_invalid)
-        write_files(made.source.files(), out)
+        write_files(made.source.files(standalone=standalone), out)
         derived = time.perf_counter()
         if compile_it:
             from ..api import keep_files
@@ -124,11 +131,11 @@ def sum_operations(manifest: str) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items()) + " operations"
 
 
-def check_files(spec: Spec, out: Path, allow_invalid: bool) -> int:
+def check_files(spec: Spec, out: Path, allow_invalid: bool, standalone: bool) -> int:
     """Compare freshly generated text with the files in ``out``; print a unified diff."""
     made = _generate(spec, allow_invalid)
     stale = 0
-    for name, text in made.source.files().items():
+    for name, text in made.source.files(standalone=standalone).items():
         path = out / name
         old = _text_of(path)
         diff = list(difflib.unified_diff(

@@ -159,7 +159,7 @@ int heavy_top_gl1_alpha_integrate(const heavy_top_gl1_alpha_parameters *paramete
  * Whether a record and work memory that were kept on a disk have whole numbers as steps leave them:
  * heavy_top_gl1_alpha_integrate counts and chooses by these, and does not look at them again.
  */
-int heavy_top_gl1_alpha_is_sound(const heavy_top_gl1_alpha_report *report,
+int heavy_top_gl1_alpha_is_valid(const heavy_top_gl1_alpha_report *report,
     heavy_top_gl1_alpha_work *work);
 
 /*
@@ -229,7 +229,7 @@ double heavy_top_gl1_alpha_increment_size(double dt, const double q[4], const do
     const double x[9],
     const double dx[9], const heavy_top_gl1_alpha_work *work);
 /* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
-int heavy_top_gl1_alpha_lands(double dt, const double q[4], const double x[9],
+int heavy_top_gl1_alpha_satisfies_constraints(double dt, const double q[4], const double x[9],
     heavy_top_gl1_alpha_work *work);
 /* The size of the last increment that full Newton made with this work memory. */
 double heavy_top_gl1_alpha_last_increment(const heavy_top_gl1_alpha_work *work);
@@ -289,8 +289,8 @@ struct heavy_top_gl1_alpha_work {
         heavy_top_gl1_alpha_report report;
         double dt, start; /* the time step, and the time at the start */
         double q[4], p[4];
-        int is_new; /* whether what sweeps keep is another state, or of other parameters */
-    } held;
+        int state_changed; /* whether what sweeps keep is another state, or of other parameters */
+    } simulation;
 };
 #endif
 

@@ -159,7 +159,7 @@ int heavy_top_gl4_gamma_integrate(const heavy_top_gl4_gamma_parameters *paramete
  * Whether a record and work memory that were kept on a disk have whole numbers as steps leave them:
  * heavy_top_gl4_gamma_integrate counts and chooses by these, and does not look at them again.
  */
-int heavy_top_gl4_gamma_is_sound(const heavy_top_gl4_gamma_report *report,
+int heavy_top_gl4_gamma_is_valid(const heavy_top_gl4_gamma_report *report,
     heavy_top_gl4_gamma_work *work);
 
 /*
@@ -229,7 +229,7 @@ double heavy_top_gl4_gamma_increment_size(double dt, const double q[4], const do
     const double x[36],
     const double dx[36], const heavy_top_gl4_gamma_work *work);
 /* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
-int heavy_top_gl4_gamma_lands(double dt, const double q[4], const double x[36],
+int heavy_top_gl4_gamma_satisfies_constraints(double dt, const double q[4], const double x[36],
     heavy_top_gl4_gamma_work *work);
 /* The size of the last increment that full Newton made with this work memory. */
 double heavy_top_gl4_gamma_last_increment(const heavy_top_gl4_gamma_work *work);
@@ -289,8 +289,8 @@ struct heavy_top_gl4_gamma_work {
         heavy_top_gl4_gamma_report report;
         double dt, start; /* the time step, and the time at the start */
         double q[4], p[4];
-        int is_new; /* whether what sweeps keep is another state, or of other parameters */
-    } held;
+        int state_changed; /* whether what sweeps keep is another state, or of other parameters */
+    } simulation;
 };
 #endif
 

@@ -160,7 +160,7 @@ int heavy_top_liiiab5_alpha_integrate(const heavy_top_liiiab5_alpha_parameters *
  * Whether a record and work memory that were kept on a disk have whole numbers as steps leave them:
  * heavy_top_liiiab5_alpha_integrate counts and chooses by these, and does not look at them again.
  */
-int heavy_top_liiiab5_alpha_is_sound(const heavy_top_liiiab5_alpha_report *report,
+int heavy_top_liiiab5_alpha_is_valid(const heavy_top_liiiab5_alpha_report *report,
     heavy_top_liiiab5_alpha_work *work);
 
 /*
@@ -231,7 +231,7 @@ double heavy_top_liiiab5_alpha_increment_size(double dt, const double q[4], cons
     const double x[44],
     const double dx[44], const heavy_top_liiiab5_alpha_work *work);
 /* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
-int heavy_top_liiiab5_alpha_lands(double dt, const double q[4], const double x[44],
+int heavy_top_liiiab5_alpha_satisfies_constraints(double dt, const double q[4], const double x[44],
     heavy_top_liiiab5_alpha_work *work);
 /* The size of the last increment that full Newton made with this work memory. */
 double heavy_top_liiiab5_alpha_last_increment(const heavy_top_liiiab5_alpha_work *work);
@@ -291,8 +291,8 @@ struct heavy_top_liiiab5_alpha_work {
         heavy_top_liiiab5_alpha_report report;
         double dt, start; /* the time step, and the time at the start */
         double q[4], p[4];
-        int is_new; /* whether what sweeps keep is another state, or of other parameters */
-    } held;
+        int state_changed; /* whether what sweeps keep is another state, or of other parameters */
+    } simulation;
 };
 #endif
 

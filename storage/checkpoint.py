@@ -7,7 +7,7 @@ rate at which sweeps converge) in its work memory, and that is kept byte for byt
 
 The digest detects damage, not intent: anyone can compute it. Every integer that indexes, counts or
 selects is therefore checked against its range before a run continues, those of work memory by the
-compiled function ``is_sound``, which knows where they are.
+compiled function ``is_valid``, which knows where they are.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
         image = binding.image(struct)
         image[:] = take(image.size)
     if not (0 <= most < 2**31 and (-events <= status <= 0 or status in REASONS)
-            and binding.function("is_sound")(report, work)):
+            and binding.function("is_valid")(report, work)):
         raise ValueError(_UNSOUND)
     if not events:
         return State(q, p, report, work, most, status)

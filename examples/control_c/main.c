@@ -1,7 +1,7 @@
 /*
  * A control loop: wheels turn a satellite until its axes are those of space, at ten looks a second,
  * for 600 s.
- * No allocation, a known number of sweeps a step; as it is it runs on a microcontroller.
+ * No allocation, a known number of iterations a step; as it is it runs on a microcontroller.
  *
  *   generate --system satellite.toml --scheme G-L --stages 2 --real float --profile control --out .
  *   cc -std=c11 -O2 main.c wheeled_satellite_gl2_gamma_float.c -lm -o satellite && ./satellite
@@ -25,7 +25,7 @@ int main(void)
 {
     static SATELLITE(work) work;
     SATELLITE(parameters) satellite = { .I1 = 12, .I2 = 10, .I3 = 3, .gamma = 25.0f/3 };
-    const SATELLITE(options) options = { .tolerance = 0, .max_sweeps = 12 };
+    const SATELLITE(options) options = { .tolerance = 0, .max_iterations = 12 };
     float q[4] = { 0.5f, 0.5f, -0.5f, 0.5f }, p[4] = { 0.2f, 0.1f, 0.1f, -0.2f };
     int most = 0, status = 0;
 
@@ -51,9 +51,9 @@ int main(void)
                 (double)SATELLITE(change)(&work));
             break;
         }
-        most = SATELLITE(sweeps)(&work) > most ? SATELLITE(sweeps)(&work) : most;
+        most = SATELLITE(iterations)(&work) > most ? SATELLITE(iterations)(&work) : most;
     }
-    printf("at most %d sweeps a step, %u bytes of memory\n", most,
+    printf("at most %d iterations a step, %u bytes of memory\n", most,
         (unsigned)SATELLITE(work_size)());
     return status;
 }

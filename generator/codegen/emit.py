@@ -14,11 +14,11 @@ import sympy as sp
 
 from ..._version import __version__
 from ...core.real_types import REALS, Real, round_binary
+from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
 from ..schemes.frame_kernels import Turning
-from ..schemes.lagrangian_midpoint import LagrangianEMS
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
 from ..symmetry.frame_symmetries import Frame
@@ -29,14 +29,13 @@ from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from .bytecode import Bytecode
 from .c_lines import fitted
-from .emit_control import beside, control_context, work_files
+from .emit_control import beside, control_context
 from .emit_fast import fast_context, structured_fast_context
 from .emit_manifest import frame_manifest, hidden_constraints, manifest_text
 from .emit_mass import mass_context
 from .emit_structure import structure_context
-from .engine import Proved, engine_of
+from .engine import ENGINE_VERSION, features
 from .profiles import ProfileName
-from .reachable import reachable
 from .solver_costs import solver_costs
 
 __all__ = ["Source", "emit"]
@@ -46,18 +45,26 @@ TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 
 @dataclass(frozen=True)
 class Source:
-    """The three files of a stepper, as text."""
+    """The three files of a stepper, as text.
+
+    The C includes headers of the engine, but for profiles ``control`` and ``run``: it has them in it.
+    """
 
     name: str
     header: str
     source: str
     manifest: str
 
-    def files(self) -> dict[str, str]:
-        """Return file name → text."""
+    def files(self, *, standalone: bool = True) -> dict[str, str]:
+        """Return file name → text.
+
+        ``standalone`` puts the engine into the C. This text is what is compiled, and what keys of
+        the cache and identities of stored runs are hashes of: another engine is another stepper.
+        """
+        source = amalgamate(self.source) if standalone else self.source
         return {
             f"{self.name}.h": self.header,
-            f"{self.name}.c": self.source,
+            f"{self.name}.c": source,
             f"{self.name}.json": self.manifest,
         }
 
@@ -107,20 +114,10 @@ def emit(
         "kernels": kernels, "costs": solver_costs(scheme, known, forms), "full": True,
         "run_constants": []}
     context |= _frame_context(frame, name, system, real)
-    context["engine"] = engine_of(name, real, fast.get("one", ""), fast.get("many", ""),
-                                  timed=system.is_timed, fed=bool(system.inputs),
-                                  framed=frame is not None, carried=carried)
-    constant, scalar, separable = (bool(fast.get(name)) for name in (
-        "constant_schur", "correction", "separable"))
-    proved = Proved(system.n, system.m, isinstance(scheme, SparkScheme), structured,
-                    bool(system.forces), constant, scalar, separable, system.is_timed,
-                    bool(system.inputs), lagrangian, frame is not None,
-                    bool(fast.get("half_tables")), isinstance(scheme, LagrangianEMS),
-                    definite=not isinstance(system, LagrangianSystem) or system.is_definite)
-    context["system_lane_files"] = proved.legendre_lane_files()
-    context |= proved.scheme_files() | proved.solver_files(fast["fast"])
-    context |= proved.sweep_files(fast["one"], fast["many"]) if fast["fast"] else {
-        "batch_files": []}
+    context["profile"] = "full"
+    context["features"] = features(
+        scheme, system, real, fast, structured=structured, frame=frame,
+        rotates=bool(context.get("frame_turns_multipliers")))
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
     if quantities is not None:
         context["own_switches"] |= quantities.functions & SWITCHES
@@ -146,7 +143,8 @@ def _emit_control(
     own = control_context(scheme, constants, real, "control")
     forms: dict[str, Any] = {"structured": False}
     context = _context(name, method, scheme, system, constants, real, own["known"], forms) | own
-    context["engine"] = engine_of(name, real)
+    context |= {"profile": "control",
+                "features": features(scheme, system, real, own, profile="control")}
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
     if quantities is not None:
         context["own_switches"] |= quantities.functions & SWITCHES
@@ -154,7 +152,7 @@ def _emit_control(
     return Source(
         name,
         fitted(environment.get_template("control.h.jinja").render(context)),
-        fitted(environment.get_template("control.c.jinja").render(context)),
+        amalgamate(fitted(environment.get_template("control.c.jinja").render(context))),
         manifest_text(name, method, scheme, system, constants, real, own["kernels"],
                       own["proved"], forms, "control"),
     )
@@ -176,14 +174,12 @@ def _emit_run(
     beside_them, renamed = beside(kernels, own["kernels"])
     context = _context(name, method, scheme, system, constants, real, [*kernels, *own["known"]],
                        forms) | own
-    spark = isinstance(scheme, SparkScheme)
-    proved = Proved(system.n, system.m, spark, structured=False, forced=bool(system.forces))
-    context |= proved.scheme_files() | proved.solver_files(fast=False) | {
+    context |= {
         "full": False, "fast": True, "inputs": [], "kernels": kernels, "sweep_kernels": beside_them,
-        "costs": solver_costs(scheme, kernels, forms), "batch_files": [],
+        "costs": solver_costs(scheme, kernels, forms),
         "run_constants": [*own["folded"].items(), *own["run_constants"]],
-        "work_files": work_files(stages=spark, bound=system.m > 0, forced=bool(system.forces)),
-        "engine": engine_of(name, real, own=renamed)}
+        "renamed": renamed, "profile": "run",
+        "features": features(scheme, system, real, own, profile="run")}
     quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
     if quantities is not None:
         context["own_switches"] |= quantities.functions & SWITCHES
@@ -193,7 +189,7 @@ def _emit_run(
     return Source(
         name,
         fitted(header),
-        fitted(reachable(text, header)),
+        amalgamate(fitted(text)),
         manifest_text(name, method, scheme, system, constants, real, kernels, own["proved"], forms,
                       "run"),
     )
@@ -242,6 +238,9 @@ def _context(
     return forms | {
         "name": name,
         "version": __version__,
+        "engine_version": ENGINE_VERSION,
+        "include_check": INCLUDE_CHECK,
+        "renamed": {},
         "title": f"{method} for {system.name.replace('_', ' ')}",
         "hamiltonian": "" if forms["structured"] else comment(
             legendre.texts()[0] if legendre else
@@ -294,12 +293,12 @@ def _frame_context(frame: Frame | None, name: str, system: System, real: Real) -
     target = Target(real.c_type, "parameters_t", "")
     rates = [f"product_of({wide.literal(a)}, par->{frame.groups[g][0].name})"
              if turning.axes[g] is None else
-             f"times((twofold){{ {wide.literal(a)}, 0 }}, omega{turning.axes[g]})"
+             f"times((double_word){{ {wide.literal(a)}, 0 }}, omega{turning.axes[g]})"
              for g, a in turning.angles]
     return {
         "framed": True,
         "turning": wide.c_type,
-        "turning_engine": engine_of(name, wide),
+        "turning_suffix": wide.suffix.lower(),
         "frame_quarter": _quarter(wide),
         "frame_groups": [{"names": [symmetry.name for symmetry in group], "axis": axis}
                          for group, axis in zip(frame.groups, turning.axes, strict=True)],

@@ -21,7 +21,7 @@ from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.lagrangian import LagrangianSystem
 from .profiles import ProfileName
 
-__all__ = ["beside", "control_context", "control_files", "work_files"]
+__all__ = ["beside", "control_context"]
 
 #: Differences of the past that starting values are made of.
 _ORDERS = 8
@@ -82,8 +82,6 @@ def control_context(
         "proved": {"fast": True, "constant_schur": m and constant, "correction": m and scalar,
                    "separable": system.is_separable, "lane_kernels": []},
         "eliminates": bool(m) and (spark or not constant),
-        "plain_files": control_files(stages=spark, bound=m > 0, constant=constant, scalar=scalar,
-                               separable=system.is_separable),
     }
 
 
@@ -105,36 +103,6 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) 
     if refusal is not None:
         raise InputError(f"Profile {profile} solves by sweeps, which this tableau does not allow: "
                          f"{refusal}; choose profile full.")
-
-
-def control_files(
-    *, stages: bool, bound: bool, constant: bool, scalar: bool, separable: bool
-) -> list[str]:
-    """Return the files of the engine: of stages or of one mean value, with constraints or without.
-
-    ``constant``, ``scalar`` and ``separable`` are what ``FastSystem`` has proved.
-    """
-    schur = "constant" if constant else "varying"
-    respond = "scalar" if scalar else "again"
-    if stages:
-        own = ["control_forces", f"control_schur_{schur}", "control_nodes", "control_look",
-               "control_land", f"control_respond_{respond}"]
-        files = ["control_stages", *(own if bound else ["control_free", "control_stages_free"]),
-                 "control_seidel" if separable else "control_jacobi", "control_sweep"]
-    else:
-        own = [f"control_mean_schur_{schur}", "control_look", f"control_mean_respond_{respond}",
-               "control_mean_bound"]
-        files = ["control_mean", *(own if bound else ["control_free", "control_mean_free"]),
-                 "control_mean_sweep"]
-    return [*files, "control_predict", "control_judge", "control_solve"]
-
-
-def work_files(*, stages: bool, bound: bool, forced: bool) -> list[str]:
-    """Return the files by which sweeps tell the work of the forces, of profile ``run``."""
-    if not forced:
-        return ["run_no_work"]
-    unscale = f"control_unscale{'' if bound else '_free'}" if stages else "control_mean_unscale"
-    return [unscale, "run_work"]
 
 
 def beside(

@@ -41,18 +41,18 @@ def composed_operations(
     factor = own["mass_matrix"] + Counter(div=n, mul=products, add=products)
     below = system.elimination.entries - n if system.is_definite else n * n
     solve = own["rest_momentum"] + Counter(mul=2 * below + n, add=2 * below + n)
-    column = own["slope_change"] + own["force_change"] + solve
+    column = own["force_derivative"] + own["applied_force_derivative"] + solve
     newton = Counter({name: 2 * n * count for name, count in column.items()}
                      ) + Counter(mul=n**3, add=n**3)
-    made = {"velocity": factor + solve, "force": solve + own["push"],
-            "gradient": factor + solve + own["push"], "hessian": factor + newton}
+    made = {"velocity": factor + solve, "force": solve + own["generalised_force"],
+            "gradient": factor + solve + own["generalised_force"], "hessian": factor + newton}
     mean = {"mean_velocity": made["velocity"], "mean_force": made["gradient"],
             "mean_gradient": made["gradient"], "mean_jacobian": made["hessian"]}
-    if "mean_push" in own:  # EMS: the velocities of both ends
+    if "mean_generalised_force" in own:  # EMS: the velocities of both ends
         both = Counter({name: 2 * count for name, count in made["velocity"].items()})
-        change = own["slope_change"] + own["mean_push_change"] + own["mean_push_change"] + solve
+        change = own["force_derivative"] + own["mean_generalised_force_derivative"] + own["mean_generalised_force_derivative"] + solve
         columns = Counter({name: n * count for name, count in change.items()})
-        mean = {"mean_velocity": both, "mean_force": both + own["mean_push"],
-                "mean_gradient": both + own["mean_push"],
+        mean = {"mean_velocity": both, "mean_force": both + own["mean_generalised_force"],
+                "mean_gradient": both + own["mean_generalised_force"],
                 "mean_jacobian": both + columns + Counter(mul=n**3, add=n**3)}
     return {name: dict(count) for name, count in (made | mean).items()}

@@ -158,7 +158,7 @@ def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed
                         BOTH))
         second |= ({"H_pq": part.H_pq} if form.q else {}) | {"H_pp": part.H_pp}
     if form.time is not None and not between:
-        kernels.append((Kernel("drive", "H_t", at, {"H_t": part.H_t}), BOTH))
+        kernels.append((Kernel("energy_rate", "H_t", at, {"H_t": part.H_t}), BOTH))
     kernels.append((Kernel("hessian", "second derivatives of H", at, second), NUMBERS))
     dropped = {"gradient", "hessian"} if between else set()
     if not constrained:
@@ -216,7 +216,7 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     second = {"D_qq": by_q(D_q) if nq else [], "D_qp": by_p(D_q) if nq and np else [],
               "D_pq": by_q(D_p) if nq and np else [], "D_pp": by_p(D_p) if np else []}
     drive = [] if form.time is None else [
-        (Kernel("mean_drive", "mean of dH/dt between two states", at,
+        (Kernel("mean_energy_rate", "mean of dH/dt between two states", at,
                 {"D_t": mean_slopes_of(form.system, (qm, pm), (dq, dp), discrete)[-1]
                  if form.system.is_timed else sp.Integer(0)}), BOTH)]
     kernels = [

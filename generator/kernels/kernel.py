@@ -130,7 +130,7 @@ class Target:
     @classmethod
     def lanes(cls, names: Mapping[sp.Symbol, str]) -> Target:
         """As many states a call as a vector register holds."""
-        return cls("lanes", "lane_constants", "lanes_", names)
+        return cls("lanes", "lanes_constants", "lanes_", names)
 
 
 def emit_kernel(

@@ -74,14 +74,14 @@ class Turning:
         """Return the kernels of coordinates, momenta and, where g turns, multipliers."""
         n, m, groups = self.system.n, self.system.m, self.frame.groups
         made = [
-            self._kernel("turn_coordinates", "e^(omega t A) q", n,
+            self._kernel("rotate_coordinates", "e^(omega t A) q", n,
                          [[s.rotation for s in group] for group in groups]),
-            self._kernel("turn_momenta", "e^(-omega t A^T) p", n,
+            self._kernel("rotate_momenta", "e^(-omega t A^T) p", n,
                          [[s.rotation.dual for s in group] for group in groups]),
         ]
         if self.turns_multipliers:
             made.append(self._kernel(
-                "turn_multipliers", "C^(-T) lambda, where g(e^(theta A) q) = C g(q)", m,
+                "rotate_multipliers", "C^(-T) lambda, where g(e^(theta A) q) = C g(q)", m,
                 [[s.turns or Rotation({}) for s in group] for group in groups]))
         return made
 

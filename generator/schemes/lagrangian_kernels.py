@@ -40,8 +40,8 @@ def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
     at = {"q": list(system.q), "v": list(system.velocities)}
     less = " + F" if system.forces else ""
     kernels = [
-        Kernel("push", f"R = dL/dq{less} at fixed v", at | time_input(system), {"R": system.push}),
-        *([Kernel("drive_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L", at,
+        Kernel("generalised_force", f"R = dL/dq{less} at fixed v", at | time_input(system), {"R": system.push}),
+        *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L", at,
                   {"H_t": system.H_t})] if system.is_timed else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
@@ -53,9 +53,9 @@ def newton_kernels(system: LagrangianSystem) -> list[Kernel]:
     dq, dv = vector("dq", system.n), vector("dv", system.n)
     at = {"q": list(system.q), "v": list(system.velocities)}
     way = {"dq": dq, "dv": dv}
-    kernels = [Kernel("slope_change", "d(dL/dq) along (dq, dv)", at | way,
+    kernels = [Kernel("force_derivative", "d(dL/dq) along (dq, dv)", at | way,
                       {"dR": along([-e for e in system.H_q], symbols, [*dq, *dv])})]
     if system.forces:
-        kernels.append(Kernel("force_change", "dF along (dq, dv)", at | time_input(system) | way,
+        kernels.append(Kernel("applied_force_derivative", "dF along (dq, dv)", at | time_input(system) | way,
                               {"dF": along(system.forces, symbols, [*dq, *dv])}))
     return [replace(k, factors=not system.is_long) for k in kernels]

@@ -153,10 +153,10 @@ class LagrangianEMS(LagrangianIMS):
         """Return D_qΛ + F, and D_tH, at the velocities of both ends."""
         at = self._at
         less = " + F at the means" if self.system.forces else ""
-        kernels = [Kernel("mean_push", f"R = D_q(v0^T M v1/2 + b.v - V){less}",
+        kernels = [Kernel("mean_generalised_force", f"R = D_q(v0^T M v1/2 + b.v - V){less}",
                           at | time_input(self.system), {"R": self.mean_push})]
         if self.system.is_timed:
-            kernels.append(Kernel("mean_drive_of_velocities",
+            kernels.append(Kernel("mean_energy_rate_of_velocities",
                                   "D_t: mean of dH/dt between the ends", at,
                                   {"D_t": self.mean_drive}))
         return self._as_long(kernels)
@@ -167,9 +167,9 @@ class LagrangianEMS(LagrangianIMS):
         wq, wv = vector("wq", n), vector("wv", n)
         moving = [*self.means[0], *self.differences[0], *self.ends[1]]
         change = along(self.mean_push, moving, [*(x / 2 for x in wq), *wq, *wv])
-        slope = [k for k in newton_kernels(self.system) if k.name == "slope_change"]
+        slope = [k for k in newton_kernels(self.system) if k.name == "force_derivative"]
         return [*slope, *self._as_long([
-            Kernel("mean_push_change", "dR as q1 and v1 move along (wq, wv)",
+            Kernel("mean_generalised_force_derivative", "dR as q1 and v1 move along (wq, wv)",
                    self._at | time_input(self.system) | {"wq": wq, "wv": wv}, {"dR": change})])]
 
     @property

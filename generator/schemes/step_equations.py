@@ -63,7 +63,7 @@ def common_kernels(system: System) -> list[Kernel]:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
     if isinstance(system, MovingSystem) and system.carried:
-        kernels.append(Kernel("carried", "sum omega_i A_i q, by which the frame moves q",
+        kernels.append(Kernel("frame_velocity", "sum omega_i A_i q, by which the frame moves q",
                               {"q": list(system.q)}, {"v": list(system.carried)}))
     if system.m == 0:
         return kernels
@@ -309,7 +309,7 @@ class MeanScheme:
     def drive_kernels(self) -> list[Kernel]:
         """Return what drives H between the ends, where time stands in H or g."""
         (qm, pm), (dq, dp) = self.means, self.differences
-        return [Kernel("mean_drive", "D_t: mean of dH/dt between the ends",
+        return [Kernel("mean_energy_rate", "D_t: mean of dH/dt between the ends",
                        {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_drive})
                 ] if self.system.is_timed else []
 
@@ -340,7 +340,7 @@ class MeanScheme:
 
 def drive_kernels(system: System) -> list[Kernel]:
     """Return what drives H at a time, where it stands in H or g."""
-    return [Kernel("drive", "H_t, the power of what drives H",
+    return [Kernel("energy_rate", "H_t, the power of what drives H",
                    {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})
             ] if system.is_timed else []
 
@@ -362,7 +362,7 @@ def with_drive(system: System) -> System:
 def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
-    clock = {system.time: "_t", LATE: "_late"} if system.is_timed else {}
+    clock = {system.time: "_t", LATE: "_dt"} if system.is_timed else {}
     constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
     defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)

@@ -17,7 +17,7 @@ __all__ = ["LATE", "constraint_increment", "discrete_jacobian", "discrete_slopes
            "mean_gradient_of", "mean_slopes_of", "vector", "with_time"]
 
 #: How much later the other end of a difference is, where H or g depends on time.
-LATE = sp.Symbol("_late", real=True)
+LATE = sp.Symbol("_dt", real=True)
 
 
 def vector(name: str, count: int) -> list[sp.Symbol]:

@@ -62,9 +62,10 @@ class Binding(Compiled):
         size = self.increment_size(dt, q, p, x, r, work)
         return abs(float(dt)) * size if self.solves_increments else size
 
-    def lands(self, dt: float, q: Array, x: Array, work: Any) -> int:
-        """Return the status of unknowns that ought to end a step on the constraints."""
-        return int(self.function("lands")(dt, self.pointer(q), self.pointer(x), work))
+    def check_constraints(self, dt: float, q: Array, x: Array, work: Any) -> int:
+        """Return the status of unknowns whose step must end on the constraints."""
+        check = self.function("satisfies_constraints")
+        return int(check(dt, self.pointer(q), self.pointer(x), work))
 
     def step(
         self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any

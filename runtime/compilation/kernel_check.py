@@ -82,8 +82,8 @@ class CheckFunction:
         value, step = ("lanes", "LANES") if lanes else ("real", "1")
         sizes = [f"{{ {len(inputs_of(kernel))}, {len(outputs_of(kernel))} }}"
                  for kernel in self.kernels]
-        get = "part(y + e, l)" if lanes else "y[e]"
-        put = ("set_part(x + e, l, (real)in[(i + l)*size[0] + e]);" if lanes
+        get = "lane_get(y + e, l)" if lanes else "y[e]"
+        put = ("lane_set(x + e, l, (real)in[(i + l)*size[0] + e]);" if lanes
                else "x[e] = (real)in[(i + l)*size[0] + e];")
         cases = "".join(self._case(number, kernel) for number, kernel in enumerate(self.kernels))
         return f"""

@@ -25,7 +25,7 @@ __all__ = ["Arithmetic", "Bounded", "KernelText", "RunningError", "arithmetic", 
 _KERNEL = re.compile(
     r"^(?:static |inline |INLINE |NOINLINE |ONCE |LANES_ONCE )*"
     r"(?P<returns>void|float|double|long double|_Float\d+|lanes) (?P<name>\w+)\(\s*"
-    r"const (?P<constants>constants|lane_constants|parameters_t) \*c(?P<arrays>[^(){};]*)\)\n"
+    r"const (?P<constants>constants|lanes_constants|parameters_t) \*c(?P<arrays>[^(){};]*)\)\n"
     r"{\n(?P<body>.*?)^}\n", re.MULTILINE | re.DOTALL)
 _PREPARE = re.compile(
     r"^static void prepare\(const parameters_t \*par, constants \*c\)\n{\n(?P<body>.*?)^}\n",
@@ -63,7 +63,7 @@ class KernelText:
 
     name: str
     returns: str
-    #: Type of ``c``: ``constants``, ``lane_constants``, ``parameters_t``.
+    #: Type of ``c``: ``constants``, ``lanes_constants``, ``parameters_t``.
     constants: str
     #: Name → shape of each array, in the order of the arguments.
     inputs: dict[str, tuple[int, ...]]
@@ -75,7 +75,7 @@ class KernelText:
     @property
     def on_lanes(self) -> bool:
         """Whether it computes with lanes of numbers."""
-        return self.constants == "lane_constants"
+        return self.constants == "lanes_constants"
 
     @property
     def fields(self) -> tuple[str, ...]:

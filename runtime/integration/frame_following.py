@@ -64,7 +64,7 @@ class Follow:
         binding = self.stepper.binding
         made = binding.parameters(run.parameters, run.t0)
         if done % self.hold:
-            binding.function("moving")(work, made)
+            binding.function("frame_parameters")(work, made)
             return made
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
         others = {name: x for name, x in run.at_step(done).parameters.items() if name not in rates}

@@ -12,6 +12,7 @@ from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
+from ...engine.amalgamate import complete
 from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding
 from ..bindings.compiled_constraints import CompiledConstraints
@@ -30,9 +31,9 @@ class Evaluation:
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
         self.name = name
-        self.files = dict(files)
-        self.manifest = read_manifest(name, files)
-        self.binding = self._bound(load_module(name, files))
+        self.files = complete(files)
+        self.manifest = read_manifest(name, self.files)
+        self.binding = self._bound(load_module(name, self.files))
         self._binding_of_many: list[Binding] = []
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns

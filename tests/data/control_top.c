@@ -52,9 +52,9 @@ int main(void)
 {
     const CALL(NAME, parameters) top = { .I1 = (REAL)0.002, .I2 = (REAL)0.002, .I3 = (REAL)0.0008,
         .mgl = (REAL)0.3924, .gamma = (REAL)0.0016 };
-    const CALL(NAME, options) options = { .tolerance = 0, .max_sweeps = 20 };
+    const CALL(NAME, options) options = { .tolerance = 0, .max_iterations = 20 };
     REAL q[4] = { 1, 0, 0, 0 }, p[4] = { 0, (REAL)0.02, 0, (REAL)0.2 };
-    unsigned long sum = 0, sweeps = 0;
+    unsigned long sum = 0, iterations = 0;
     unsigned most = 0;
 
     start_clock();
@@ -66,13 +66,13 @@ int main(void)
         const unsigned taken = (clock_now() - start) & 0xFFFFFF;
         sum += taken;
         most = taken > most ? taken : most;
-        sweeps += (unsigned)CALL(NAME, sweeps)(&work);
+        iterations += (unsigned)CALL(NAME, iterations)(&work);
         if (k % 100 == 0) {
             print(q);
             print(p);
         }
     }
-    printf("%lu sweeps, %lu ticks, at most %u a step, %u bytes\n", sweeps, sum, most,
+    printf("%lu iterations, %lu ticks, at most %u a step, %u bytes\n", iterations, sum, most,
         (unsigned)CALL(NAME, work_size)());
     return 0;
 }

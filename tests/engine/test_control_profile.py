@@ -62,11 +62,11 @@ class Control:
     def __getattr__(self, function):
         return getattr(self.library, f"{self.name}_{function}")
 
-    def begin(self, parameters, q, p, dt, *, tolerance=0.0, max_sweeps=50):
+    def begin(self, parameters, q, p, dt, *, tolerance=0.0, max_iterations=50):
         self.work = self.ffi.new("char[]", self.work_size())
         self.w = self.ffi.cast(f"{self.name}_work *", self.work)
         self.q, self.p = np.array(q, self.type), np.array(p, self.type)
-        options = self.ffi.new(f"{self.name}_options *", [tolerance, max_sweeps])
+        options = self.ffi.new(f"{self.name}_options *", [tolerance, max_iterations])
         begin = getattr(self.library, f"{self.name}_begin")
         begin(self.w, self.parameters(parameters), options, dt, self.pointer(self.q),
               self.pointer(self.p))
@@ -179,7 +179,7 @@ def test_needs_nothing_but_the_maths_library(tmp_path):
     assert {words[-2] for words in lines} <= set("TtrU")
     assert {words[-1] for words in lines if words[-2] == "T"} == {
         f"{source.name}_{function}" for function in
-        ("begin", "advance", "set_parameters", "sweeps", "change", "work_size")}
+        ("begin", "advance", "set_parameters", "iterations", "change", "work_size")}
     assert {words[-1] for words in lines if words[-2] == "U"} <= {
         "fmaf", "fmaxf", "sqrtf", "memset", "memcpy", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
 
@@ -189,10 +189,10 @@ def test_a_step_takes_no_more_sweeps_than_allowed(most, small):
     """Too few are told; the step is done all the same, about as far off as the status's size."""
     eps = float(np.finfo(np.float32).eps)
     exact, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(1)
-    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, max_sweeps=most)
+    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, max_iterations=most)
     status = small.step()
     assert status == (NOT_CONVERGED if most < 3 else OK)
-    assert small.sweeps(small.w) <= most
+    assert small.iterations(small.w) <= most
     assert abs(small.q - exact[-1]).max() <= 2 * small.change(small.w) + eps
     assert eps < small.change(small.w) < 0.02 or status == OK
 
@@ -200,17 +200,17 @@ def test_a_step_takes_no_more_sweeps_than_allowed(most, small):
 def test_tolerance_saves_sweeps(small):
     def sweeps(tolerance):
         small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, tolerance=tolerance)
-        return sum(small.step() + small.sweeps(small.w) for _ in range(50))
+        return sum(small.step() + small.iterations(small.w) for _ in range(50))
 
     assert sweeps(1e-3) < sweeps(1e-5) < sweeps(0.0)
 
 
 def test_a_step_that_fails_leaves_the_state(small):
     """Sweeps diverge at so long a step; the next call with a state it can do goes on."""
-    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1.0, max_sweeps=20)
+    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1.0, max_iterations=20)
     q, p = small.q.copy(), small.p.copy()
     assert small.step() == DIVERGED
-    assert small.sweeps(small.w) <= 20
+    assert small.iterations(small.w) <= 20
     assert np.array_equal(small.q, q)
     assert np.array_equal(small.p, p)
 
@@ -302,7 +302,7 @@ def test_example_of_a_control_loop(gyrospark, tmp_path):
     assert angles == sorted(angles, reverse=True)
     assert angles[0] > 70
     assert angles[-1] < 1e-9  # a number near 0 has all its digits on a float too
-    assert re.search(r"\b[3-8] sweeps .*\b[0-9]{3,4} bytes", said[-1])
+    assert re.search(r"\b[3-8] iterations .*\b[0-9]{3,4} bytes", said[-1])
 
 
 # ---------------------------------------------------------------- other machines

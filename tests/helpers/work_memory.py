@@ -34,7 +34,7 @@ def integers_of(name: str, files: dict[str, str], folder: Path) -> dict[str, lis
     (folder / "seen.c").write_text(f'{work}\n#include "{name}.c"\n', encoding="utf-8")
     seen = _run([*command, *flags, "-E", "-P", "seen.c"], folder)
     structs = _structs(seen.replace("long double", "longdouble"))
-    roots = {"report": f"{name}_report", "work": f"{name}_work", "fast": "fast_t"}
+    roots = {"report": f"{name}_report", "work": f"{name}_work", "fast": "fixed_point_t"}
     found = [(kind, root, path) for kind, root in roots.items() if root in structs
              for path in _integers(structs, root)]
     lines = "\n".join(

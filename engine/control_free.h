@@ -1,5 +1,0 @@
-/* There are no constraints to look at. */
-static void look(state_t *w)
-{
-    w->defect = 0;
-}

@@ -1,0 +1,166 @@
+/* Projection onto g(q) = 0 and f(q, p) = 0. */
+#ifndef GS_CONSTRAINTS_PROJECTION_H
+#define GS_CONSTRAINTS_PROJECTION_H
+
+#include "gyrospark/linear_algebra/norms.h"
+
+#if GS_ELEMENTS
+/* ------------------------------------------------------------------ constraints: G cell by cell */
+
+/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
+enum { SLACK_OF_PLACE = 1024, SLACK_OF_MOMENTUM = 1024 };
+
+/* f <- W^-1 f with W = G H_pp G^T */
+static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
+{
+    real W[FACTOR];
+    schur(c, q, p, W);
+    factor(W);
+    substitute(W, f);
+    return isfinite(norm(M, f)) ? OK : SINGULAR;
+}
+
+/* g <- (G G^T)^-1 g */
+static int solve_place(const constants *c, const real q[N], real g[M])
+{
+    real W[FACTOR];
+    gram(c, q, W);
+    factor(W);
+    substitute(W, g);
+    return isfinite(norm(M, g)) ? OK : SINGULAR;
+}
+#else
+#include "gyrospark/linear_algebra/dense_lu.h"
+
+/* ---------------------------------------------------------------- constraints: G as m rows of n */
+
+/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
+enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
+
+/* G^T lambda */
+static void constraint_force(const constants *c, const real q[N], const real lambda[M],
+    real force[N])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int a = 0; a < N; ++a) {
+        force[a] = 0;
+        for (int mu = 0; mu < M; ++mu)
+            force[a] += G[mu][a]*lambda[mu];
+    }
+}
+
+/* The largest entry of each row of G. */
+static void constraint_reach(const constants *c, const real q[N], real reach[M])
+{
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        reach[mu] = norm(N, G[mu]);
+}
+
+/* f <- W^-1 f with W = (df/dp) G^T */
+static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
+{
+    real W[M][M];
+    int exponents[M], pivots[M];
+    hidden_matrix(c, q, p, W);
+    return solve(M, &W[0][0], f, exponents, pivots);
+}
+
+/* g <- (G G^T)^-1 g */
+static int solve_place(const constants *c, const real q[N], real g[M])
+{
+    real G[M][N], W[M][M];
+    int exponents[M], pivots[M];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu) {
+            W[mu][nu] = 0;
+            for (int a = 0; a < N; ++a)
+                W[mu][nu] += G[mu][a]*G[nu][a];
+        }
+    return solve(M, &W[0][0], g, exponents, pivots);
+}
+#endif
+
+/* ------------------------------------------------------------------------- onto the constraints */
+
+/*
+ * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
+ * round-off; impulse is the sum of all W^-1 f. One step is exact when H is quadratic in p, the
+ * next one removes its round-off.
+ */
+static int project_momentum(const constants *c, const real q[N], real p[N], real impulse[M])
+{
+    real previous = HUGE_VAL;
+    for (int mu = 0; mu < M; ++mu)
+        impulse[mu] = 0;
+    for (int iteration = 0; iteration < 20; ++iteration) {
+        real f[M], change[N];
+        hidden_constraint(c, q, p, f);
+        const int status = solve_momentum(c, q, p, f);
+        if (status != OK)
+            return status;
+        constraint_force(c, q, f, change);
+        for (int a = 0; a < N; ++a)
+            p[a] -= change[a];
+        for (int mu = 0; mu < M; ++mu)
+            impulse[mu] += f[mu];
+        const real step = norm(N, change), floor = epsilon*norm(N, p);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= floor/2 || (step <= SLACK_OF_MOMENTUM*floor && step >= previous/2))
+            return OK;
+        previous = step;
+    }
+    return NOT_CONVERGED;
+}
+
+/* Moves q along G^T onto g(q) = 0: q <- q - G^T (G G^T)^-1 g. */
+static int project_coordinates(const constants *c, real q[N])
+{
+    real previous = HUGE_VAL;
+    for (int iteration = 0; iteration < 50; ++iteration) {
+        real g[M], change[N];
+        constraint(c, q, g);
+        const int status = solve_place(c, q, g);
+        if (status != OK)
+            return status;
+        constraint_force(c, q, g, change);
+        for (int a = 0; a < N; ++a)
+            q[a] -= change[a];
+        const real step = norm(N, change), floor = epsilon*norm(N, q);
+        if (!isfinite(step))
+            return NOT_FINITE;
+        if (step <= 2*floor || (step <= SLACK_OF_PLACE*floor && step >= previous/2))
+            return OK;
+        previous = step;
+    }
+    return NOT_CONVERGED;
+}
+
+int NAME(project)(const parameters_t *parameters, real q[N], real p[N])
+{
+    constants c;
+    real impulse[M];
+    prepare(parameters, &c);
+    const int status = project_coordinates(AT(&c, start_time(parameters)), q);
+    return status == OK ? project_momentum(&c, q, p, impulse) : status;
+}
+
+#if !GS_PROFILE_RUN
+void NAME(defects)(const parameters_t *parameters, long count, IF_TIME(
+    const real *t,) const real *q, const real *p,
+    real *g, real *f)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i) {
+        constraint(AT(&c, time_of(parameters, t, i)), q + i*N, g + i*M);
+        hidden_constraint(&c, q + i*N, p + i*N, f + i*M);
+    }
+}
+#endif
+
+#endif

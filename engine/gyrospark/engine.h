@@ -1,0 +1,155 @@
+/*
+ * The engine of gyrospark: what every stepper includes first.
+ *
+ * A generated file defines its features, NAME(f), MATH(f), LIMIT(f) and its sizes, includes this
+ * header and, between its kernels, the headers of the algorithms. engine/README.md lists what the
+ * headers expect of the generated file. A feature is 1 where a generated file defines it, else 0.
+ */
+#ifndef GS_ENGINE_H
+#define GS_ENGINE_H
+
+#define GS_ENGINE_VERSION 1 /* of the interface between generated files and the engine */
+#ifndef GS_ENGINE
+#error "Include this header from a file that gyrospark has generated."
+#elif GS_ENGINE != GS_ENGINE_VERSION
+#error "This file and the folder of -I are of different versions of gyrospark; generate it again."
+#endif
+
+#ifndef GS_CONSTRAINED /* there are constraints g(q) = 0 */
+#define GS_CONSTRAINED 0
+#endif
+#ifndef GS_SEVERAL_CONSTRAINTS /* there are at least two */
+#define GS_SEVERAL_CONSTRAINTS 0
+#endif
+#ifndef GS_SPARK /* a SPARK method with stages; else IMS or EMS, one mean value a step */
+#define GS_SPARK 0
+#endif
+#ifndef GS_ELEMENTS /* H and g are sums over element templates; else written out in full */
+#define GS_ELEMENTS 0
+#endif
+#ifndef GS_FORCES /* forces F(q, p, t) act */
+#define GS_FORCES 0
+#endif
+#ifndef GS_TIME_DEPENDENT /* t occurs in H or in g */
+#define GS_TIME_DEPENDENT 0
+#endif
+#ifndef GS_INPUTS /* the system has inputs, which are held over a step */
+#define GS_INPUTS 0
+#endif
+#ifndef GS_LAGRANGIAN /* H is the Legendre transform of a Lagrangian */
+#define GS_LAGRANGIAN 0
+#endif
+#ifndef GS_ENERGY_MOMENTUM /* EMS of a Lagrangian, in the velocities of both ends */
+#define GS_ENERGY_MOMENTUM 0
+#endif
+#ifndef GS_INDEFINITE_MASS /* the mass matrix was not proved to be positive definite */
+#define GS_INDEFINITE_MASS 0
+#endif
+#ifndef GS_FRAME /* a co-moving frame */
+#define GS_FRAME 0
+#endif
+#ifndef GS_FRAME_WORK /* forces do work along the motion of the frame */
+#define GS_FRAME_WORK 0
+#endif
+#ifndef GS_ROTATING_MULTIPLIERS /* the multipliers rotate with the frame */
+#define GS_ROTATING_MULTIPLIERS 0
+#endif
+#ifndef GS_FIXED_POINT /* the tableau permits the fixed-point iteration */
+#define GS_FIXED_POINT 0
+#endif
+#ifndef GS_CONSTANT_SCHUR /* W = G H_pp G^T is constant where g = 0 */
+#define GS_CONSTANT_SCHUR 0
+#endif
+#ifndef GS_SCALAR_SCHUR /* H_pp G^T = c G^T */
+#define GS_SCALAR_SCHUR 0
+#endif
+#ifndef GS_FACTORS /* W is factorised */
+#define GS_FACTORS 0
+#endif
+#ifndef GS_SEPARABLE /* H_pq = 0: Gauss-Seidel ordering */
+#define GS_SEPARABLE 0
+#endif
+#ifndef GS_EVEN_ODD /* the tableau is symmetric in time: products with it are split in even and odd parts */
+#define GS_EVEN_ODD 0
+#endif
+#ifndef GS_WIDE_REAL /* no machine has vector registers for the type */
+#define GS_WIDE_REAL 0
+#endif
+#ifndef GS_COMPENSATED_LANES /* kernels on lanes sum products in twice the working precision */
+#define GS_COMPENSATED_LANES 0
+#endif
+#ifndef GS_PROFILE_RUN /* profile run: no multipliers are returned, no batches */
+#define GS_PROFILE_RUN 0
+#endif
+#ifndef GS_PROFILE_CONTROL /* profile control: begin and advance alone */
+#define GS_PROFILE_CONTROL 0
+#endif
+
+#if !GS_PROFILE_CONTROL
+/* Statements and arguments of one feature. */
+#if GS_TIME_DEPENDENT
+#define IF_TIME(...) __VA_ARGS__
+#define AT(c, t) at_time(c, t)
+#define BETWEEN(c, t, late) between(c, t, late)
+#define LANES_AT(c, t) lanes_at_time(c, t)
+#define LANES_BETWEEN(c, t, late) lanes_between(c, t, late)
+#else
+#define IF_TIME(...)
+#define AT(c, t) c
+#define BETWEEN(c, t, late) c
+#define LANES_AT(c, t) c
+#define LANES_BETWEEN(c, t, late) c
+#endif
+#if GS_INPUTS
+#define IF_INPUTS(...) __VA_ARGS__
+#else
+#define IF_INPUTS(...)
+#endif
+#if GS_FRAME
+#define IF_FRAME(...) __VA_ARGS__
+#else
+#define IF_FRAME(...)
+#endif
+#if GS_FRAME_WORK
+#define IF_FRAME_WORK(...) __VA_ARGS__
+#else
+#define IF_FRAME_WORK(...)
+#endif
+#endif
+
+typedef NAME(parameters) parameters_t;
+typedef NAME(constants) constants;
+typedef NAME(options) options_t;
+#if GS_PROFILE_CONTROL
+typedef NAME(work) state_t;
+#else
+typedef NAME(report) report_t;
+typedef NAME(work) work_t;
+#if GS_PROFILE_RUN
+typedef NAME(state) state_t;
+#elif GS_FIXED_POINT
+typedef NAME(batch) batch_memory;
+#endif
+#endif
+
+/* The status of a step, as in the public header. */
+enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
+#if !GS_PROFILE_CONTROL
+/* How a step is solved. */
+enum { NEWTON = 1, FIXED_POINT };
+#endif
+
+static const real epsilon = LIMIT(EPSILON);
+
+#if GS_FIXED_POINT
+/* Functions of the fixed-point iteration: of one trajectory, and of a batch of trajectories. */
+#if GS_SPARK
+#define SINGLE(f) single_##f
+#define BATCH(f) batch_##f
+#else
+#define SINGLE(f) midpoint_##f
+#define BATCH(f) midpoint_##f
+#endif
+#endif
+
+#endif

@@ -1,0 +1,258 @@
+/* Multipliers in the fixed-point iteration. */
+
+#if GS_CONSTRAINED
+/* Multipliers of lane i, from its impulses. */
+static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
+{
+    const lanes *impulse = w->now.x + SOLVER(IMPULSE);
+    for (int mu = 0; mu < M; ++mu) {
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % SOLVER(PER);
+            multipliers[l*M + mu] = lane_get(&impulse[node/SOLVER(PER)*M + mu], at)
+                /(lane_get(&w->h, lane)*tableau.b_tilde[l]);
+        }
+        multipliers[P*M + mu] = lane_get(&w->constraint_state.last_impulse[mu], lane)
+            /(lane_get(&w->h, lane)*tableau.b_tilde[P]);
+    }
+}
+
+/* The impulses of a lane from its multipliers. */
+static void SOLVER(set_impulses)(SOLVER(t) *w, int lane, const real *multipliers)
+{
+    lanes *impulse = w->now.x + SOLVER(IMPULSE);
+    for (int mu = 0; mu < M; ++mu)
+        for (int l = 0; l < P; ++l) {
+            const int node = l == 0 ? P - 1 : l - 1, at = lane + node % SOLVER(PER);
+            lane_set(&impulse[node/SOLVER(PER)*M + mu], at,
+                multipliers[l*M + mu]*lane_get(&w->h, lane)*tableau.b_tilde[l]);
+        }
+}
+
+#if GS_ELEMENTS
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
+{
+    SOLVER(constraint_state) *at = &w->constraint_state;
+    lanes_constraint(&w->constants, w->q, at->g_rounded);
+    lanes_constraint_change(&w->constants, w->q, w->q_low, at->g, at->row_weight);
+    for (int mu = 0; mu < M; ++mu) {
+        at->g[mu] += at->g_rounded[mu];
+        at->row_weight[mu] = 1/at->row_weight[mu];
+    }
+}
+#else
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
+{
+    lanes G[M][N];
+    lanes_constraint(&w->constants, w->q, w->constraint_state.g_rounded);
+    lanes_constraint_jacobian(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(LIMIT(MIN));
+        w->constraint_state.g[mu] = w->constraint_state.g_rounded[mu];
+        for (int a = 0; a < N; ++a) {
+            w->constraint_state.g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->constraint_state.row_weight[mu] = 1/square;
+    }
+}
+#endif
+
+#if GS_CONSTANT_SCHUR
+/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
+{
+    (void)w;
+}
+
+/* impulse += (h W)^-1 defect at the nodes */
+INLINE void SOLVER(apply_schur_inverse)(const SOLVER(t) *w, const lanes *defect, lanes *impulse)
+{
+    for (int j = 0; j < SOLVER(P); ++j)
+        for (int mu = 0; mu < M; ++mu)
+            for (int nu = 0; nu < M; ++nu)
+                impulse[j*M + mu] += w->constraint_state.W_inverse[mu][nu]*defect[j*M + nu];
+}
+
+#if GS_SCALAR_SCHUR
+/* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
+static void SOLVER(prepare_schur)(SOLVER(t) *w)
+{
+    lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->constraint_state.W_inverse[mu][nu] *= w->h_inverse;
+    w->constraint_state.correction = lanes_correction(&w->constants);
+}
+#else
+/* (h W)^-1 of the run */
+static void SOLVER(prepare_schur)(SOLVER(t) *w)
+{
+    lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            w->constraint_state.W_inverse[mu][nu] *= w->h_inverse;
+}
+#endif
+#else
+/* W = G H_pp G^T at the nodes, factorised */
+INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
+{
+    for (int j = 0; j < SOLVER(P); ++j) {
+        lanes place[N];
+        SOLVER(node_position)(w, j, place);
+        lanes_schur(LANES_AT(&w->constants,
+            w->t + w->force_time[j]*w->step), place, w->p, w->now.factor[j]);
+        lanes_factor(w->now.factor[j]);
+    }
+}
+
+/* impulse += (h W)^-1 defect at the nodes */
+INLINE void SOLVER(apply_schur_inverse)(SOLVER(t) *w, lanes *defect, lanes *impulse)
+{
+    lanes_substitute_all(SOLVER(P), w->now.factor, defect);
+    for (int e = 0; e < SOLVER(P)*M; ++e)
+        impulse[e] += w->h_inverse*defect[e];
+}
+
+static void SOLVER(prepare_schur)(SOLVER(t) *w)
+{
+    (void)w;
+}
+#endif
+
+/*
+ * C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j) at the nodes, which are at
+ * Q~_l = q + D_l, D_l = sum_j nu_lj L_j
+ */
+INLINE void SOLVER(constraint_forces)(SOLVER(t) *w, lanes *C)
+{
+    const lanes *impulse = w->now.x + SOLVER(IMPULSE);
+    for (int j = 0; j < SOLVER(P); ++j) {
+        lanes place[N], *Y = w->now.Y + j*N;
+        SOLVER(node_position)(w, j, place);
+        lanes_constraint_force(LANES_AT(&w->constants,
+            w->t + w->force_time[j]*w->step), place, impulse + j*M, Y);
+        for (int a = 0; a < N; ++a)
+            Y[a] = -Y[a];
+    }
+    SOLVER(add_constraint_forces)(w, w->now.Y, C);
+}
+
+/* From starting values: the places of the nodes and the constraint forces there. */
+INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
+{
+    SOLVER(node_displacements)(w, w->now.x, w->now.D);
+    SOLVER(constraint_forces)(w, w->now.C);
+    SOLVER(factorise_schur)(w);
+}
+
+/* P_i = C_i + sum_j mu^_ij L^_j */
+INLINE void SOLVER(stage_momenta)(const SOLVER(t) *w, const lanes *L_hat, lanes *momentum)
+{
+    SOLVER(add_momentum_rates)(w, w->now.C, N, L_hat, momentum);
+}
+
+/*
+ * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
+ * w->bound.defect is how far from g = 0 the nodes were before.
+ */
+INLINE void SOLVER(correct_multipliers)(SOLVER(t) *w, const lanes *L, lanes *C)
+{
+    lanes g[SOLVER(P)*M], defect[SOLVER(P)*M];
+    SOLVER(node_displacements)(w, L, w->now.D);
+    for (int l = 0; l < SOLVER(P); ++l) {
+        lanes increment[M];
+        lanes_constraint_increment(LANES_BETWEEN(&w->constants,
+            w->t, w->constraint_time[l]*w->step), w->q, w->now.D + l*N, increment);
+        for (int mu = 0; mu < M; ++mu)
+            g[l*M + mu] = w->constraint_state.g[mu] + increment[mu];
+    }
+    w->constraint_state.defect = splat(0);
+    for (int mu = 0; mu < M; ++mu) {
+        lanes square = splat(0);
+        for (int l = 0; l < SOLVER(P); ++l)
+            square += g[l*M + mu]*g[l*M + mu];
+        w->constraint_state.defect += square*w->constraint_state.row_weight[mu];
+    }
+    w->constraint_state.defect *= w->q_weight;
+    SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(inverse), g, defect);
+    SOLVER(apply_schur_inverse)(w, defect, w->now.x + SOLVER(IMPULSE));
+    SOLVER(constraint_forces)(w, C);
+}
+
+/* dp += what the impulses did, and what rounding left of the last step */
+INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
+{
+    lanes impulse[N];
+    SOLVER(sum_rows)(P, N, w->now.Y, impulse);
+    for (int a = 0; a < N; ++a)
+        dp[a] += impulse[a] + w->p_low[a];
+}
+
+/* The polynomial through the last impulses, one step on. */
+INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values, lanes *extrapolated)
+{
+    SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(onward_nodes), values, extrapolated);
+}
+#else
+/* Without constraints there is nothing to begin with, to correct, or to look at. */
+INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
+{
+    (void)w;
+}
+
+INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
+{
+    (void)w;
+}
+
+INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
+{
+    w->constraint_state.defect = splat(0);
+}
+
+INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values, lanes *extrapolated)
+{
+    (void)w, (void)values, (void)extrapolated;
+}
+
+static void SOLVER(set_nodes)(SOLVER(t) *w)
+{
+    (void)w;
+}
+
+static void SOLVER(prepare_schur)(SOLVER(t) *w)
+{
+    (void)w;
+}
+
+static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
+{
+    (void)w, (void)lane, (void)multipliers;
+}
+
+static void SOLVER(set_impulses)(SOLVER(t) *w, int lane, const real *multipliers)
+{
+    (void)w, (void)lane, (void)multipliers;
+}
+
+/* P_i = p + sum_j mu^_ij L^_j */
+INLINE void SOLVER(stage_momenta)(const SOLVER(t) *w, const lanes *L_hat, lanes *momentum)
+{
+    SOLVER(add_momentum_rates)(w, w->p, 0, L_hat, momentum);
+}
+
+/* dp += what rounding left of the last step */
+INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
+{
+    for (int a = 0; a < N; ++a)
+        dp[a] += w->p_low[a];
+}
+
+INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], lanes dp[N])
+{
+    (void)w, (void)q, (void)dp;
+}
+#endif

@@ -1,0 +1,215 @@
+/* A step by fixed-point iteration, with Newton's method where it fails or costs more. */
+#ifndef GS_FIXED_POINT_FALLBACK_H
+#define GS_FIXED_POINT_FALLBACK_H
+
+#include "gyrospark/fixed_point/single.h"
+#include "gyrospark/newton/simplified.h"
+#include "gyrospark/run/record.h"
+
+/* --------------------------------------------------- one trajectory: sweeps, Newton behind them */
+
+/* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
+enum { FIXED_POINT_FIRST, NEWTON_FIRST };
+
+/* What a caller's work memory holds of the fast path. */
+typedef struct {
+    SINGLE(t) solver;
+    int failures; /* steps in a row whose sweeps gave up */
+    int newton_steps_left;     /* steps to take with Newton before sweeping again */
+    int method;      /* SWEEPS_FIRST or NEWTON_FIRST */
+    int steps;    /* done in this way */
+    int retry_after; /* steps until the other way is tried again */
+    real effort[2]; /* of a step, lately, in either way; 0 where that is not known */
+} fixed_point_t;
+
+_Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
+
+static fixed_point_t *fixed_point_of(work_t *w)
+{
+    return (fixed_point_t *)(((size_t)w->memory + 63) & ~(size_t)63);
+}
+
+/* Why sweeps were given up after a change and the one before, squares. */
+static int failure_reason(real change, real previous)
+{
+    return failure_status(MATH(sqrt)(change), previous > 0 ? MATH(sqrt)(change/previous) : 0);
+}
+
+/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+NOINLINE void iterate_noinline(SINGLE(t) *w)
+{
+    SINGLE(iterate_once)(w);
+}
+
+/* Sweeps from the starting values until they have converged: OK, or why they have not. */
+static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int predicted, int *iteration_count)
+{
+    progress_t progress = initial_progress();
+    const real far = (real)0.02;
+    convergence_t result;
+    int iteration = 0;
+    SINGLE(start_iteration)(w, predicted);
+    do {
+        iterate_noinline(w);
+        const real change = SINGLE(sum_lanes)(&w->change);
+        const real defect = SINGLE(sum_lanes)(&w->constraint_state.defect);
+        ++iteration;
+        if (needs_round_off_estimate(&progress, change)) {
+            SEPARATE(estimate_round_off)(w);
+            set_round_off_floor(&progress, 1, SINGLE(sum_lanes)(&w->round_off));
+        }
+        result = test_convergence(&progress, change, defect, lane_get(&w->step_squared, 0), options->tolerance,
+            options->max_iterations, updates_rates(&w->predictor),
+            (real *)w->predictor.rate + rate_index(iteration));
+        for (int i = 0; i < LANES && predicted && iteration == 1; ++i)
+            w->predictor.first[i] = change;
+        if (predicted && iteration == 1 && change > far*far)
+            result.ended = result.failed = 1; /* a far prediction may lead to another root */
+        if (!predicted && !result.ended && (iteration == 1 || iteration == 3)) {
+            SINGLE(update_scales)(w); /* what is at rest has none before it moves */
+            SINGLE(factorise_schur)(w);
+        }
+    } while (!result.ended);
+    *iteration_count += iteration;
+    return result.failed ? failure_reason(progress.change, progress.previous) : OK;
+}
+
+/*
+ * The step's unknowns by Newton: from the prediction if that is close, else in full from the rates
+ * at the start of the step, as solver NEWTON does: a far prediction may lead to another root.
+ */
+static int solve_by_newton(work_t *w, const options_t *options, real dt, int *iterations)
+{
+    SINGLE(t) *s = &fixed_point_of(w)->solver;
+    real q[N], p[N];
+    int taken, status = NOT_CONVERGED;
+    for (int a = 0; a < N; ++a) {
+        q[a] = lane_get(&s->q[a], 0);
+        p[a] = lane_get(&s->p[a], 0);
+    }
+    if (s->predictor.count > 0) {
+        SINGLE(start_iteration)(s, 1);
+        SINGLE(get_unknowns)(s, w->x);
+        status = simplified_newton(w, options, dt, q, p, w->x, &taken);
+        *iterations += taken;
+    }
+    if (status != OK) {
+        status = newton(w, options, dt, q, p, w->x, &taken);
+        *iterations += taken;
+    }
+    if (status != OK)
+        return status;
+    SINGLE(set_unknowns)(s, 0, w->x);
+    SINGLE(begin_iteration)(s);
+    return OK;
+}
+
+/*
+ * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed
+ * to be three residuals and a Jacobian. The other way is tried again ever more rarely.
+ */
+static void choose_method(fixed_point_t *f, long effort)
+{
+    real *known = &f->effort[f->method];
+    *known = *known > 0 ? *known + ((real)effort - *known)/8 : (real)effort;
+    if (++f->steps < (f->solver.predictor.fitted ? 8 : 80)) /* first steps say little of later ones */
+        return;
+    const real other = f->method == FIXED_POINT_FIRST && !(f->effort[NEWTON_FIRST] > 0)
+        ? 3*RESIDUAL_COST + JACOBIAN_COST : f->effort[!f->method];
+    const int retry = f->steps >= f->retry_after;
+    if (*known > (real)1.5*other || (f->method == NEWTON_FIRST && retry)) {
+        f->method = !f->method;
+        f->steps = 0;
+        f->effort[f->method] = 0;
+        if (f->retry_after < 1 << 16)
+            f->retry_after *= 2;
+    } else if (retry) { /* what was once seen of Newton is forgotten */
+        f->effort[NEWTON_FIRST] = 0;
+        f->steps = 0;
+    }
+}
+
+/*
+ * One step of the state in the work memory: sweeps, and Newton where they do not converge or cost
+ * more.
+ */
+static int advance_fixed_point(work_t *w, const options_t *options, real dt, int *iterations,
+    report_t *report)
+{
+    fixed_point_t *f = fixed_point_of(w);
+    *iterations = 0;
+    w->effort = 0;
+    f->solver.t = splat(w->t);
+    IF_INPUTS(for (int i = 0; i < LANES; ++i))
+        IF_INPUTS(lanes_set_inputs(&f->solver.constants, i, &w->constants);)
+    IF_TIME(f->solver.step = splat(w->step);)
+    const int predicted = f->solver.predictor.count > 0, only_fixed_point = options->solver == FIXED_POINT;
+    const int iterates = only_fixed_point || (f->method == FIXED_POINT_FIRST && f->newton_steps_left == 0);
+    int status = NOT_CONVERGED;
+    if (iterates && predicted)
+        status = solve_fixed_point(&f->solver, options, 1, iterations);
+    if (iterates && status != OK)
+        status = solve_fixed_point(&f->solver, options, 0, iterations);
+    const long iteration_count = *iterations;
+    if (status != OK) {
+        if (!only_fixed_point)
+            status = solve_by_newton(w, options, dt, iterations);
+        if (status != OK)
+            return status;
+        ++report->newton_steps;
+        if (f->newton_steps_left > 0)
+            --f->newton_steps_left;
+        else if (iterates)
+            f->newton_steps_left = (1 << (f->failures < 6 ? f->failures++ : 6)) - 1;
+    } else
+        f->failures = 0;
+    choose_method(f, iteration_count*ITERATION_COST + w->effort);
+    SINGLE(t) *s = &f->solver;
+    SEPARATE(record_step)(s);
+    SINGLE(finish)(s);
+    real size = 0;
+    for (int a = 0; a < N; ++a)
+        size += lane_get(&s->q[a], 0) + lane_get(&s->p[a], 0);
+    return isfinite(size) ? OK : NOT_FINITE;
+}
+
+static void begin_fixed_point(work_t *w, real dt, const real q[N], const real p[N])
+{
+    fixed_point_t *f = fixed_point_of(w);
+    f->failures = f->newton_steps_left = f->method = f->steps = 0;
+    f->retry_after = 32;
+    f->effort[FIXED_POINT_FIRST] = f->effort[NEWTON_FIRST] = 0;
+    f->solver.constants._used = SINGLE(used_lanes)();
+    for (int i = 0; i < LANES; ++i)
+        SINGLE(prepare)(&f->solver, i, &w->constants, dt);
+    for (int a = 0; a < N; ++a) {
+        f->solver.q[a] = splat(q[a]);
+        f->solver.p[a] = splat(p[a]);
+    }
+    IF_TIME(f->solver.t = splat(w->t);)
+    SEPARATE(initialise)(&f->solver);
+}
+
+static void get_state(work_t *w, real q[N], real p[N])
+{
+    const SINGLE(t) *s = &fixed_point_of(w)->solver;
+    for (int a = 0; a < N; ++a) {
+        q[a] = lane_get(&s->q[a], 0);
+        p[a] = lane_get(&s->p[a], 0);
+    }
+}
+
+/* Adds the state in the work memory to the record, as observe does. */
+static void observe_fixed_point(work_t *w, report_t *report)
+{
+    SINGLE(t) *s = &fixed_point_of(w)->solver;
+    const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
+    set_work(report, lane_get(&s->work, 0), lane_get(&s->work_low, 0));
+    const real gain = lane_get(&H, 0) - report->energy_start;
+    const real error = MATH(fabs)(gain - total_work(report));
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+    SINGLE(observe_constraint_errors)(s, report);
+}
+
+#endif

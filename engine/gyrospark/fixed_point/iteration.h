@@ -1,0 +1,167 @@
+/* SPARK: one fixed-point iteration, and the end of the step. */
+
+/* Starting values without a past: the rates at the start of the step, no impulse. */
+INLINE void SOLVER(euler_start)(SOLVER(t) *w)
+{
+    lanes H_q[N], H_p[N], shared[SHARED];
+    first_rates(LANES_AT(&w->constants, w->t), w->q, w->p, H_p, shared);
+    second_rates(&w->constants, w->q, w->p, &w->t, shared, H_p, H_q);
+    for (int i = 0; i < SOLVER(S); ++i)
+        for (int a = 0; a < N; ++a) {
+            w->now.x[i*N + a] = w->h_b[i]*H_p[a];
+            w->now.x[SOLVER(HAT) + i*N + a] = -w->h_b_hat[i]*H_q[a];
+        }
+    for (int e = SOLVER(IMPULSE); e < SOLVER(X); ++e)
+        w->now.x[e] = splat(0);
+}
+
+/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
+INLINE void SOLVER(iterate_once)(SOLVER(t) *w)
+{
+    lanes Q[SOLVER(S)*N], momentum[SOLVER(S)*N], L_new[SOLVER(S)*N], shared[SOLVER(S)][SHARED];
+    lanes q_change = splat(0), p_change = splat(0);
+    SOLVER(stage_positions)(w, w->now.x, Q);
+    SOLVER(stage_momenta)(w, w->now.x + SOLVER(HAT), momentum);
+    for (int i = 0; i < SOLVER(S); ++i) {
+        lanes H_p[N];
+        first_rates(LANES_AT(&w->constants,
+            w->t + w->stage_time[i]), Q + i*N, momentum + i*N, H_p, shared[i]);
+        for (int a = 0; a < N; ++a)
+            L_new[i*N + a] = w->h_b[i]*H_p[a];
+    }
+    SOLVER(update_rates)(w, Q, momentum, L_new, shared, &q_change, &p_change);
+    w->change = q_change*w->q_weight + p_change*w->p_weight;
+}
+
+/* H_p and H_q - F of the stages of item i at given places and momenta. */
+INLINE void SOLVER(stage_rates)(const SOLVER(t) *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p,
+    lanes *H_q)
+{
+    lanes shared[SHARED];
+    const lanes t = w->t + w->stage_time[i];
+    first_rates(&w->constants, Q, momentum, H_p, shared);
+    second_rates(&w->constants, Q, momentum, &t, shared, H_p, H_q);
+}
+
+/*
+ * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that
+ * it makes to the rates when a state is moved by two units in the last place, the mean of four
+ * times, and what rounding the rates makes. The state is that at the start of the step, for sweeps
+ * that have gone astray prove nothing.
+ */
+NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
+{
+    w->round_off = splat(0);
+    for (int i = 0; i < SOLVER(S); ++i) {
+        lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
+        unsigned chance = 1;
+        IF_TIME(lanes_at_time(&w->constants, w->t + w->stage_time[i]);)
+        SOLVER(stage_rates)(w, i, w->q, w->p, H_p, H_q);
+        for (int attempt = 0; attempt < 4; ++attempt) {
+            lanes place[N], momentum[N], H_p_near[N], H_q_near[N];
+            for (int a = 0; a < N; ++a) {
+                place[a] = w->q[a] + perturbation(&chance)*w->q[a];
+                momentum[a] = w->p[a] + perturbation(&chance)*w->p[a];
+            }
+            SOLVER(stage_rates)(w, i, place, momentum, H_p_near, H_q_near);
+            for (int a = 0; a < N; ++a) {
+                const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&chance)*H_p[a];
+                const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&chance)*H_q[a];
+                dq += by_p*by_p;
+                dp += by_q*by_q;
+            }
+        }
+        w->round_off += (real)0.25*(w->h_b[i]*w->h_b[i]*w->q_weight*dq
+            + w->h_b_hat[i]*w->h_b_hat[i]*w->p_weight*dp);
+    }
+}
+
+/* T2: the end of the step from the converged stages, in compensated sums. */
+INLINE void SOLVER(finish)(SOLVER(t) *w)
+{
+    IF_FRAME(const SOLVER(state) before = SOLVER(current_state)(w);)
+    lanes dq[N], dp[N], q[N], p[N];
+    SOLVER(add_work)(w);
+    SOLVER(sum_rows)(S, N, w->now.x, dq);
+    SOLVER(sum_rows)(S, N, w->now.x + SOLVER(HAT), dp);
+    SOLVER(add_impulses)(w, dp);
+    for (int a = 0; a < N; ++a) {
+        dq[a] += w->q_low[a];
+        two_sum(w->q[a], dq[a], &q[a], &w->q_low[a]);
+        w->q[a] = q[a];
+    }
+    IF_TIME(lanes_at_time(&w->constants, w->t + w->step);)
+    SOLVER(project_momentum_increment)(w, q, dp);
+    for (int a = 0; a < N; ++a) {
+        two_sum(w->p[a], dp[a], &p[a], &w->p_low[a]);
+        w->p[a] = p[a];
+    }
+    IF_TIME(SOLVER(add_final_constraint_work)(w);)
+    IF_FRAME(SOLVER(hold_equilibrium)(w, &before);)
+    SOLVER(evaluate_constraints)(w);
+}
+
+/* Lane i of a run: its constants and time step. */
+static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
+{
+    set_constants(&w->constants, lane, c);
+    lane_set(&w->h, lane, h);
+    lane_set(&w->h_inverse, lane, 1/h);
+}
+
+/* What follows from the constants and steps of all lanes. */
+static void SOLVER(initialise)(SOLVER(t) *w)
+{
+    SOLVER(set_weights)(w);
+    SOLVER(set_nodes)(w);
+    SOLVER(prepare_schur)(w);
+    IF_FRAME(SOLVER(release_equilibrium)(w);)
+    SOLVER(reset_history)(w);
+    for (int a = 0; a < N; ++a)
+        w->q_low[a] = w->p_low[a] = w->zero[a] = splat(0);
+    w->work = w->work_low = splat(0);
+    IF_TIME(lanes_at_time(&w->constants, w->t);)
+    SOLVER(evaluate_constraints)(w);
+}
+
+/* What changes are relative to: the state and the step's own length. */
+INLINE void SOLVER(update_scales)(SOLVER(t) *w)
+{
+    lanes dq[N], dp[N], q_square = splat(LIMIT(MIN)), p_square = splat(LIMIT(MIN));
+    lanes q_increment = splat(0), p_increment = splat(0);
+    SOLVER(sum_rows)(S, N, w->now.x, dq);
+    SOLVER(sum_rows)(S, N, w->now.x + SOLVER(HAT), dp);
+    for (int a = 0; a < N; ++a) {
+        q_increment += dq[a]*dq[a];
+        p_increment += dp[a]*dp[a];
+        q_square += w->q[a]*w->q[a];
+        p_square += w->p[a]*w->p[a];
+    }
+    w->q_weight = 1/(q_square + q_increment);
+    w->p_weight = 1/(p_square + p_increment);
+    w->step_squared = q_increment*w->q_weight + p_increment*w->p_weight;
+}
+
+/* Starting values of the next step. */
+NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int predicted)
+{
+    if (predicted)
+        SOLVER(predict_unknowns)(w);
+    else
+        SOLVER(euler_start)(w);
+    SOLVER(update_scales)(w);
+    SOLVER(begin_iteration)(w);
+}
+
+/* The scaled unknowns of a lane from (B.2). */
+static void SOLVER(set_unknowns)(SOLVER(t) *w, int lane, const real x[U])
+{
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            const int item = i/SOLVER(PER), place = item*N + a, at = lane + i % SOLVER(PER);
+            const lanes *h_b = &w->h_b[item], *h_b_hat = &w->h_b_hat[item];
+            lane_set(&w->now.x[place], at, x[i*N + a]*lane_get(h_b, at));
+            lane_set(&w->now.x[SOLVER(HAT) + place], at, x[K_HAT + i*N + a]*lane_get(h_b_hat, at));
+        }
+    SOLVER(set_impulses)(w, lane, x + LAMBDA);
+}

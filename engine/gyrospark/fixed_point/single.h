@@ -1,0 +1,138 @@
+/* One trajectory, with its stages in lanes (SPARK); what it has beside the iteration. */
+#ifndef GS_FIXED_POINT_SINGLE_H
+#define GS_FIXED_POINT_SINGLE_H
+
+#if GS_SPARK
+#include "gyrospark/predictor/least_squares.h"
+
+#include "gyrospark/simd/small_lu.h"
+
+#define GS_STAGES_IN_LANES 1
+#define SOLVER(f) SINGLE(f)
+#define TABLE(name) w->name
+
+#include "gyrospark/fixed_point/state.h"
+
+#include "gyrospark/fixed_point/constraints.h"
+
+#include "gyrospark/fixed_point/update.h"
+
+#include "gyrospark/fixed_point/work.h"
+
+#include "gyrospark/predictor/select.h"
+
+#if GS_FRAME
+#include "gyrospark/frames/relative_equilibrium.h"
+#endif
+
+#include "gyrospark/fixed_point/iteration.h"
+
+/* The unknowns (B.2) from the scaled ones. */
+static void SINGLE(get_unknowns)(const SINGLE(t) *w, real x[U])
+{
+    real multipliers[ROOM];
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            const int item = i/SINGLE(PER), place = item*N + a, at = i % SINGLE(PER);
+            const lanes *h_b = &w->h_b[item], *h_b_hat = &w->h_b_hat[item];
+            x[i*N + a] = lane_get(&w->now.x[place], at)/lane_get(h_b, at);
+            x[K_HAT + i*N + a] = lane_get(&w->now.x[SINGLE(HAT) + place], at)/lane_get(h_b_hat, at);
+        }
+    SINGLE(multipliers)(w, 0, multipliers);
+    for (int l = 0; l < P*M; ++l)
+        x[LAMBDA + l] = multipliers[l];
+}
+
+#undef GS_STAGES_IN_LANES
+#undef SOLVER
+#undef TABLE
+#else
+#include "gyrospark/midpoint/fixed_point.h"
+#endif
+
+#if GS_SPARK
+/* A number of the one trajectory from its lanes, which hold a part each. */
+INLINE real SINGLE(sum_lanes)(const lanes *x)
+{
+    real sum = lane_get(x, 0);
+    for (int i = 1; i < LANES; ++i)
+        sum += lane_get(x, i);
+    return sum;
+}
+
+/* How many lanes differ. */
+static int SINGLE(used_lanes)(void)
+{
+    const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
+    return most < LANES ? most : LANES;
+}
+#else
+/* A number of the one trajectory from its lanes, which are all the same. */
+INLINE real SINGLE(sum_lanes)(const lanes *x)
+{
+    return lane_get(x, 0);
+}
+
+/* How many lanes differ. */
+static int SINGLE(used_lanes)(void)
+{
+    return 1;
+}
+#endif
+
+#if GS_CONSTRAINED
+/* Adds what is left of the constraints at the one trajectory's state to the record. */
+static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *report)
+{
+    lanes f[M];
+    real g_size = 0, f_size = 0;
+    lanes_hidden_constraint(&s->constants, s->q, s->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = larger(MATH(fabs)(lane_get(&s->constraint_state.g_rounded[mu], 0)), g_size);
+        f_size = larger(MATH(fabs)(lane_get(&f[mu], 0)), f_size);
+    }
+    observe_constraint_errors(g_size, f_size, report);
+}
+#else
+static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *report)
+{
+    (void)s, (void)report;
+}
+#endif
+
+/* ------------------------------------------- what a run is set up with, and learns of its past */
+
+/*
+ * The same of what runs of one trajectory call once a run, once a step or seldom, never in a sweep:
+ * with GYROSPARK_OBJECT 4 it is compiled beside their sweeps.
+ */
+#if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
+void NAME(object_initialise)(SINGLE(t) *w);
+void NAME(object_estimate_round_off)(SINGLE(t) *w);
+void NAME(object_record_step)(SINGLE(t) *w);
+
+#if GYROSPARK_OBJECT == 4 /* __GNUC__ */
+void NAME(object_initialise)(SINGLE(t) *w)
+{
+    SINGLE(initialise)(w);
+}
+
+void NAME(object_estimate_round_off)(SINGLE(t) *w)
+{
+    SINGLE(estimate_round_off)(w);
+}
+
+void NAME(object_record_step)(SINGLE(t) *w)
+{
+    SINGLE(record_step)(w);
+}
+#endif
+#endif
+
+#if defined(__GNUC__) && defined(GYROSPARK_OBJECT) && GYROSPARK_OBJECT == 2
+#define SEPARATE(f) NAME(object_##f)
+#else /* __GNUC__ */
+#define SEPARATE(f) SINGLE(f)
+#endif
+
+#endif

@@ -1,0 +1,509 @@
+/* Scaled unknowns and state of the fixed-point iteration, and products with the tableau. */
+
+#if GS_STAGES_IN_LANES
+/* ------------------------------------------------------ sweeps: the stages of one step in lanes */
+
+/*
+ * Items of as many stages as lanes, or of constraint nodes 1..P-1 and last P (where g is asked for)
+ * or 0 (where a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by
+ * item, then h b~ Lambda.
+ */
+enum { SOLVER(PER) = LANES, SOLVER(S) = (S + LANES - 1)/LANES, SOLVER(P) = (P + LANES - 1)/LANES };
+enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N, SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
+static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
+static const int SOLVER(group_rows)[GROUPS] = { N, N, M };
+#else
+/* -------------------------------------------------------- sweeps: several trajectories in lanes */
+
+/*
+ * Each stage and each node is an item, of several trajectories. The scaled unknowns L = h b k and
+ * L^ = h b^ k^ stand item by item, then h b~ Lambda.
+ */
+enum { SOLVER(PER) = 1, SOLVER(S) = S, SOLVER(P) = P };
+enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N, SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
+static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
+static const int SOLVER(group_rows)[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N, (P > 1 ? 2 : 1)*M };
+#endif
+
+#if !GS_CONSTRAINED
+/* What a sweep improves, and what the end of the step needs of it. */
+typedef struct {
+    lanes x[SOLVER(X)];
+} SOLVER(unknowns);
+
+enum { SOLVER(RESULT) = SOLVER(X) };
+
+/* There are no constraints. */
+typedef struct {
+    lanes defect; /* none */
+} SOLVER(constraint_state);
+#else
+#if GS_CONSTANT_SCHUR
+/* What a sweep improves, and what the end of the step needs of it: W is constant. */
+typedef struct {
+    lanes x[SOLVER(X)];
+    lanes Y[SOLVER(P)*N];
+    lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* not needed once converged, but C for the work of forces */
+} SOLVER(unknowns);
+
+enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
+
+/* What is known of the constraints. */
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes last_impulse[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes W_inverse[M][M]; /* by h */
+    lanes correction;      /* c, with H_pp G^T = c G^T */
+} SOLVER(constraint_state);
+#else
+/* What a sweep improves, and what the end of the step needs of it: W differs from node to node. */
+typedef struct {
+    lanes x[SOLVER(X)];
+    lanes Y[SOLVER(P)*N];
+    lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* not needed once converged, but C for the work of forces */
+    schur_t factor[SOLVER(P)];
+} SOLVER(unknowns);
+
+enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
+
+/* What is known of the constraints. */
+typedef struct {
+    lanes defect;       /* of the constraints in the last sweep */
+    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes last_impulse[M]; /* the last impulse, h b~_P Lambda_P */
+} SOLVER(constraint_state);
+#endif
+#endif
+
+/* What was learnt of each trajectory in lanes. */
+enum { SOLVER(TRAJECTORIES) = LANES/SOLVER(PER) };
+
+typedef struct {
+    lanes coefficients[REGRESSORS*2*SOLVER(S)];  /* the function for L and L^, of L and L^ in turn */
+    lanes multiplier_coefficients[ORDER];           /* the recurrence of all multipliers */
+    lanes candidate[SOLVER(X)];        /* two predictions, on trial */
+    lanes baseline[SOLVER(IMPULSE)];
+    real error[SOLVER(TRAJECTORIES)];  /* of the function, squared, when it was on trial */
+    int lags, order;          /* the most in use */
+    int selected[SOLVER(TRAJECTORIES)];   /* whether a trajectory goes by its function */
+    int permanent[SOLVER(TRAJECTORIES)]; /* whether it does for good */
+    int pending[SOLVER(TRAJECTORIES)];   /* whether the next step shows which prediction is better */
+    long last_fit[SOLVER(TRAJECTORIES)]; /* when the function was fitted */
+} SOLVER(least_squares);
+
+#if GS_STAGES_IN_LANES
+typedef struct {
+    lanes_constants constants;
+    lanes h, h_inverse;
+    lanes zero[N];
+    lanes q[N], p[N];         /* the state, rounded, */
+    lanes q_low[N], p_low[N]; /* and what rounding left over */
+    lanes q_weight, p_weight;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes step_squared;              /* |dq|^2 and |dp|^2 relative to these */
+    lanes t;                  /* at the start of the step */
+    IF_TIME(lanes step;)
+    IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
+    lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
+    lanes stage_time[SOLVER(S)];    /* h c: stages after the start of the step */
+    lanes work, work_low;  /* done by the forces since the start */
+    lanes mu[S*SOLVER(S)], mu_hat[S*SOLVER(S)], onward[S*SOLVER(S)];
+    lanes nu[S*SOLVER(P)], nu_tilde[P*SOLVER(S)], inverse[P*SOLVER(P)], onward_nodes[P*SOLVER(P)];
+    lanes node_free[SOLVER(P)]; /* 0 at node 0, which stays where the step starts */
+    lanes change, round_off; /* of the last sweep; what rounding is worth in one */
+    IF_FRAME(int stationary[LANES];)
+    SOLVER(unknowns) now;
+    SOLVER(constraint_state) constraint_state;
+    SOLVER(least_squares) least_squares;
+    predictor_t predictor;
+    lanes extrapolated[SOLVER(X)]; /* the polynomial through the last stages, one step on */
+    lanes history[HISTORY*SOLVER(X)];
+} SOLVER(t);
+
+/*
+ * y_i = base_i + sum_j table_ij x_j over items of as many rows as lanes: `width` numbers each row,
+ * `columns` of them. Four numbers at a time: as many sums as a register file holds, and enough of
+ * them to hide latency.
+ */
+INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count, const lanes *restrict base,
+    int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
+{
+    /*
+     * Few numbers at a time take several sums each: additions wait for one another. The base, which
+     * is large, comes last: so the sum is rounded to it once.
+     */
+    const int sums = count == 1 ? 4 : count == 2 ? 2 : 1;
+    lanes sum[4][4][SOLVER(S) > SOLVER(P) ? SOLVER(S) : SOLVER(P)];
+    LOAD_AGAIN(x);
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < rows; ++i)
+            for (int k = 0; k < sums; ++k)
+                sum[k][a][i] = splat(0);
+    for (int from = 0; from < columns; from += LANES, x += width)
+        for (int j = 0; j < LANES && from + j < columns; ++j, table += rows)
+            for (int a = 0; a < count; ++a) {
+                const lanes value = splat(lane_get(&x[a], j));
+                for (int i = 0; i < rows; ++i)
+                    sum[j % sums][a][i] += table[i]*value;
+            }
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < rows; ++i) {
+            lanes total = sum[0][a][i];
+            if (sums > 1)
+                total += sum[1][a][i];
+            if (sums > 2)
+                total += sum[2][a][i] + sum[3][a][i];
+            y[i*width + a] = base[i*stride + a] + total;
+        }
+}
+
+INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base, int stride,
+    const lanes *table, const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= width; start += 4)
+        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
+    if (width % 4 > 0)
+        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+PRODUCT void SOLVER(stages_of_stages)(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(S), S, N, base, stride, table, x, y);
+}
+
+/* sum over the `count` rows of x */
+INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
+{
+    for (int a = 0; a < width; ++a) {
+        real sum = lane_get(&x[a], 0);
+        for (int j = 1; j < count; ++j)
+            sum += lane_get(&x[j/LANES*width + a], j % LANES);
+        total[a] = splat(sum);
+    }
+}
+
+static void SOLVER(fill)(lanes *to, int rows, int columns, const real *from)
+{
+    const int items = (rows + LANES - 1)/LANES;
+    for (int j = 0; j < columns; ++j)
+        for (int i = 0; i < items*LANES; ++i)
+            lane_set(&to[j*items + i/LANES], i % LANES, i < rows ? from[i*columns + j] : 0);
+}
+
+/* The weights and tables of all lanes. */
+static void SOLVER(set_weights)(SOLVER(t) *w)
+{
+    SOLVER(fill)(w->mu, S, S, &table_mu[0][0]);
+    SOLVER(fill)(w->mu_hat, S, S, &table_mu_hat[0][0]);
+    SOLVER(fill)(w->onward, S, S, &table_onward[0][0]);
+    for (int i = 0; i < SOLVER(S)*LANES; ++i) {
+        lane_set(&w->h_b[i/LANES], i % LANES, i < S ? lane_get(&w->h, 0)*tableau.b[i] : 0);
+        lane_set(&w->h_b_hat[i/LANES], i % LANES, i < S ? lane_get(&w->h, 0)*tableau.b_hat[i] : 0);
+        lane_set(&w->stage_time[i/LANES], i % LANES, i < S ? lane_get(&w->h, 0)*tableau.c[i] : 0);
+    }
+}
+#else
+typedef struct {
+    lanes_constants constants;
+    lanes h, h_inverse;
+    lanes zero[N];
+    lanes q[N], p[N];         /* the state, rounded, */
+    lanes q_low[N], p_low[N]; /* and what rounding left over */
+    lanes q_weight, p_weight;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
+    lanes step_squared;              /* |dq|^2 and |dp|^2 relative to these */
+    lanes t;                  /* at the start of the step */
+    IF_TIME(lanes step;)
+    IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
+    lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
+    lanes stage_time[SOLVER(S)];    /* h c: stages after the start of the step */
+    lanes work, work_low;  /* done by the forces since the start */
+    lanes change, round_off; /* of the last sweep; what rounding is worth in one */
+    IF_FRAME(int stationary[LANES];)
+    SOLVER(unknowns) now;
+    SOLVER(constraint_state) constraint_state;
+    SOLVER(least_squares) least_squares;
+    predictor_t predictor;
+    lanes extrapolated[SOLVER(X)]; /* the polynomial through the last stages, one step on */
+    lanes history[HISTORY*SOLVER(X)];
+} SOLVER(t);
+
+/*
+ * y_i = base_i + sum_j table_ij x_j, `width` numbers each row. Two rows by four numbers at a time:
+ * then multiply-adds, not loads, are the limit.
+ */
+INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count, const lanes *restrict base,
+    int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
+{
+    for (int i = 0; i < rows; i += 2) {
+        const int coefficients = i + 1 < rows ? i + 1 : i;
+        const real *first = table + i*columns, *second = table + coefficients*columns;
+        LOAD_AGAIN(x);
+        lanes upper[4], lower[4];
+        for (int a = 0; a < count; ++a) {
+            upper[a] = base[i*stride + a];
+            lower[a] = base[coefficients*stride + a];
+        }
+        for (int j = 0; j < columns; ++j)
+            for (int a = 0; a < count; ++a) {
+                upper[a] += splat(first[j])*x[j*width + a];
+                lower[a] += splat(second[j])*x[j*width + a];
+            }
+        for (int a = 0; a < count; ++a) {
+            y[i*width + a] = upper[a];
+            y[coefficients*width + a] = lower[a];
+        }
+    }
+}
+
+INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base, int stride,
+    const real *table, const lanes *x, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= width; start += 4)
+        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
+    if (width % 4 > 0)
+        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table, x + start,
+            y + start);
+}
+
+NOINLINE void SOLVER(stages_of_stages)(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(S), S, N, base, stride, table, x, y);
+}
+
+/* sum over the `count` rows of x */
+INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
+{
+    for (int a = 0; a < width; ++a) {
+        total[a] = x[a];
+        for (int j = 1; j < count; ++j)
+            total[a] += x[j*width + a];
+    }
+}
+
+/* The weights of all lanes. */
+static void SOLVER(set_weights)(SOLVER(t) *w)
+{
+    for (int i = 0; i < S; ++i) {
+        w->h_b[i] = w->h*tableau.b[i];
+        w->h_b_hat[i] = w->h*tableau.b_hat[i];
+        w->stage_time[i] = w->h*tableau.c[i];
+    }
+}
+#endif
+
+#if GS_EVEN_ODD && !GS_STAGES_IN_LANES
+/*
+ * y = base + T x for a table that is symmetric in time, T_ij + T_i'j' = 1 where i', j' count from
+ * the other end: half of the sum of x, and what differences x_j - x_j' and sums x_j + x_j' add to
+ * it, with half as many coefficients. They stand row by row, those of differences first, then of
+ * sums, then of the column in the middle. A column more is all ones, so is a row more.
+ */
+INLINE void SOLVER(even_odd_columns)(int rows, int columns, int more_columns, int more_rows, int count,
+    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x,
+    lanes *restrict y)
+{
+    enum { PAIRS = S/2 > 0 ? S/2 : 1 };
+    const int pairs = columns/2, last_impulse = columns*N, below = (rows - 1)*N;
+    lanes odd[PAIRS][2], even[PAIRS][2], centre[2], sum[2], half[2];
+    for (int a = 0; a < count; ++a) {
+        centre[a] = columns % 2 > 0 ? x[pairs*N + a] : splat(0);
+        sum[a] = centre[a];
+        for (int j = 0; j < pairs; ++j) {
+            odd[j][a] = x[j*N + a] - x[(columns - 1 - j)*N + a];
+            even[j][a] = x[j*N + a] + x[(columns - 1 - j)*N + a];
+            sum[a] += even[j][a];
+        }
+        half[a] = more_columns > 0 ? (real)0.5*sum[a] + x[last_impulse + a] : (real)0.5*sum[a];
+    }
+    for (int i = 0; i < rows/2; ++i, table += columns) {
+        lanes by_odd[2], by_even[2];
+        for (int a = 0; a < count; ++a) {
+            by_odd[a] = half[a];
+            by_even[a] = splat(0);
+        }
+        for (int j = 0; j < pairs; ++j)
+            for (int a = 0; a < count; ++a) {
+                by_odd[a] += splat(table[j])*odd[j][a];
+                by_even[a] += splat(table[pairs + j])*even[j][a];
+            }
+        for (int a = 0; a < count; ++a) {
+            if (columns % 2 > 0)
+                by_even[a] += splat(table[2*pairs])*centre[a];
+            y[i*N + a] = base[i*stride + a] + (by_odd[a] + by_even[a]);
+            y[below - i*N + a] = base[(rows - 1 - i)*stride + a] + (by_odd[a] - by_even[a]);
+        }
+    }
+    for (int a = 0; a < count; ++a) {
+        lanes by_odd = half[a];
+        for (int j = 0; j < pairs && rows % 2 > 0; ++j)
+            by_odd += splat(table[j])*odd[j][a];
+        if (rows % 2 > 0)
+            y[rows/2*N + a] = base[rows/2*stride + a] + by_odd;
+        if (more_rows > 0)
+            y[rows*N + a] = base[rows*stride + a] + sum[a];
+    }
+}
+
+/* Two numbers at a time: what sums and differences of more take is not in registers. */
+INLINE void SOLVER(even_odd_product)(int rows, int columns, int more_columns, int more_rows, const lanes *base,
+    int stride, const real *table, const lanes *x, lanes *y)
+{
+    for (int a = 0; a < N; a += 2) {
+        const real *again = table;
+        LOAD_AGAIN(again);
+        if (a + 2 <= N)
+            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 2, base + a, stride, again, x + a,
+                y + a);
+        else
+            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 1, base + a, stride, again, x + a,
+                y + a);
+    }
+}
+
+NOINLINE void SOLVER(even_odd_stages)(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(even_odd_product)(S, S, 0, 0, base, stride, table, x, y);
+}
+
+/* Q_i = q + sum_j mu_ij L_j */
+INLINE void SOLVER(stage_positions)(const SOLVER(t) *w, const lanes *L, lanes *Q)
+{
+    SOLVER(even_odd_stages)(w->q, 0, &even_odd_mu[0][0], L, Q);
+}
+
+/* base_i + sum_j mu^_ij L^_j */
+INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
+    lanes *momentum)
+{
+    (void)w;
+    SOLVER(even_odd_stages)(base, stride, &even_odd_mu_hat[0][0], L_hat, momentum);
+}
+#else
+/* Q_i = q + sum_j mu_ij L_j */
+INLINE void SOLVER(stage_positions)(const SOLVER(t) *w, const lanes *L, lanes *Q)
+{
+    SOLVER(stages_of_stages)(w->q, 0, TABLE(mu), L, Q);
+}
+
+/* base_i + sum_j mu^_ij L^_j */
+INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
+    lanes *momentum)
+{
+    (void)w;
+    SOLVER(stages_of_stages)(base, stride, TABLE(mu_hat), L_hat, momentum);
+}
+#endif
+
+#if GS_CONSTRAINED
+#if GS_STAGES_IN_LANES
+PRODUCT void SOLVER(nodes_of_stages)(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(P), S, N, base, stride, table, x, y);
+}
+
+PRODUCT void SOLVER(stages_of_nodes)(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(S), P, N, base, stride, table, x, y);
+}
+
+PRODUCT void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const lanes *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(P), P, M, base, stride, table, x, y);
+}
+
+/* The place of the nodes of item j, where multipliers act: node 0 is at q. */
+INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *place)
+{
+    for (int a = 0; a < N; ++a)
+        place[a] = w->q[a] + w->node_free[j]*w->now.D[j*N + a];
+}
+
+static void SOLVER(set_nodes)(SOLVER(t) *w)
+{
+    SOLVER(fill)(w->nu, P, S, &table_nu[0][0]);
+    SOLVER(fill)(w->nu_tilde, S, P, &table_nu_tilde[0][0]);
+    SOLVER(fill)(w->inverse, P, P, &table_inverse[0][0]);
+    SOLVER(fill)(w->onward_nodes, P, P, &table_onward_nodes[0][0]);
+    for (int l = 0; l < SOLVER(P)*LANES; ++l)
+        lane_set(&w->node_free[l/LANES], l % LANES, l < P - 1);
+    IF_TIME(for (int l = 0; l < SOLVER(P)*LANES; ++l) {)
+        IF_TIME(const real stage_time = l < P ? tableau.c_tilde[l + 1] : 0;)
+        IF_TIME(lane_set(&w->constraint_time[l/LANES], l % LANES, stage_time);)
+        IF_TIME(lane_set(&w->force_time[l/LANES], l % LANES, l < P - 1 ? stage_time : 0);)
+    IF_TIME(})
+}
+#else
+NOINLINE void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(P), P, M, base, stride, table, x, y);
+}
+
+/* The place of node j, where multipliers act: node 0 comes last, and is at q. */
+INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *place)
+{
+    for (int a = 0; a < N; ++a)
+        place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
+}
+
+static void SOLVER(set_nodes)(SOLVER(t) *w)
+{
+    (void)w;
+    IF_TIME(for (int l = 0; l < P; ++l) {)
+        IF_TIME(w->constraint_time[l] = splat(tableau.c_tilde[l + 1]);)
+        IF_TIME(w->force_time[l] = splat(l < P - 1 ? tableau.c_tilde[l + 1] : 0);)
+    IF_TIME(})
+}
+
+#if !GS_EVEN_ODD
+NOINLINE void SOLVER(nodes_of_stages)(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(P), S, N, base, stride, table, x, y);
+}
+
+NOINLINE void SOLVER(stages_of_nodes)(const lanes *base, int stride, const real *table,
+    const lanes *x, lanes *y)
+{
+    SOLVER(product)(SOLVER(S), P, N, base, stride, table, x, y);
+}
+#endif
+#endif
+
+#if GS_EVEN_ODD && !GS_STAGES_IN_LANES
+/* D_l = sum_j nu_lj L_j */
+NOINLINE void SOLVER(node_displacements)(const SOLVER(t) *w, const lanes *L, lanes *D)
+{
+    SOLVER(even_odd_product)(P - 1, S, 0, 1, w->zero, 0, &even_odd_nu[0][0], L, D);
+}
+
+/* C_i = p + sum_j nu~_ij Y_j */
+NOINLINE void SOLVER(add_constraint_forces)(const SOLVER(t) *w, const lanes *Y, lanes *C)
+{
+    SOLVER(even_odd_product)(S, P - 1, 1, 0, w->p, 0, &even_odd_nu_tilde[0][0], Y, C);
+}
+#else
+/* D_l = sum_j nu_lj L_j */
+INLINE void SOLVER(node_displacements)(const SOLVER(t) *w, const lanes *L, lanes *D)
+{
+    SOLVER(nodes_of_stages)(w->zero, 0, TABLE(nu), L, D);
+}
+
+/* C_i = p + sum_j nu~_ij Y_j */
+INLINE void SOLVER(add_constraint_forces)(const SOLVER(t) *w, const lanes *Y, lanes *C)
+{
+    SOLVER(stages_of_nodes)(w->p, 0, TABLE(nu_tilde), Y, C);
+}
+#endif
+#endif

@@ -1,0 +1,123 @@
+/* Detection of relative equilibria, whose round-off drift is suppressed. */
+
+#if GS_SPARK
+/* H_p and H_q - F of a state. */
+static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
+    lanes H_q[N])
+{
+    lanes shared[SHARED];
+    first_rates(&w->constants, q, p, H_p, shared);
+    second_rates(&w->constants, q, p, &w->t, shared, H_p, H_q);
+}
+#else
+/* H_p and H_q - F of a state. */
+static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
+    lanes H_q[N])
+{
+    lanes zero[N];
+    for (int a = 0; a < N; ++a)
+        zero[a] = splat(0);
+    lanes_mean_velocity(&w->constants, q, p, zero, zero, H_p);
+    lanes_mean_force(&w->constants, q, p, zero, zero, &w->t, H_q);
+}
+#endif
+
+/* The state, and what rounding left over. */
+typedef struct {
+    lanes q[N], p[N], q_low[N], p_low[N];
+} SOLVER(state);
+
+INLINE SOLVER(state) SOLVER(current_state)(const SOLVER(t) *w)
+{
+    SOLVER(state) now;
+    for (int a = 0; a < N; ++a) {
+        now.q[a] = w->q[a];
+        now.p[a] = w->p[a];
+        now.q_low[a] = w->q_low[a];
+        now.p_low[a] = w->p_low[a];
+    }
+    return now;
+}
+
+/*
+ * How far rounding may take a step, squared, in each set of coordinates that turn into each other:
+ * what nudges of the state and of its rates do, the mean of four times.
+ */
+static void SOLVER(estimate_drift)(const SOLVER(t) *w, const SOLVER(state) *at, lanes q_drift[N], lanes p_drift[N])
+{
+    lanes H_p[N], H_q[N];
+    unsigned chance = 1;
+    SOLVER(evaluate_rates)(w, at->q, at->p, H_p, H_q);
+    for (int a = 0; a < N; ++a)
+        q_drift[a] = p_drift[a] = splat(0);
+    for (int attempt = 0; attempt < 4; ++attempt) {
+        lanes q[N], p[N], H_p_near[N], H_q_near[N];
+        for (int a = 0; a < N; ++a) {
+            q[a] = at->q[a] + perturbation(&chance)*at->q[a];
+            p[a] = at->p[a] + perturbation(&chance)*at->p[a];
+        }
+        SOLVER(evaluate_rates)(w, q, p, H_p_near, H_q_near);
+        for (int a = 0; a < N; ++a) {
+            const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&chance)*H_p[a];
+            const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&chance)*H_q[a];
+            q_drift[rotation_group[a]] += (real)0.25*w->h*w->h*by_p*by_p;
+            p_drift[rotation_group[a]] += (real)0.25*w->h*w->h*by_q*by_q;
+        }
+    }
+}
+
+/* From here on a state is looked at anew. */
+static void SOLVER(release_equilibrium)(SOLVER(t) *w)
+{
+    for (int i = 0; i < LANES; ++i)
+        w->stationary[i] = 0;
+}
+
+/* Notes the lanes whose last step came no further than rounding does. */
+static void SOLVER(detect_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
+{
+    const real threshold = 65536*epsilon;
+    lanes dq[N], dp[N], q_drift[N], p_drift[N], increment = splat(0);
+    int any = 0, released[LANES];
+    for (int a = 0; a < N; ++a) {
+        const lanes dq_a = w->q[a] - before->q[a], dp_a = w->p[a] - before->p[a];
+        increment += dq_a*dq_a*w->q_weight + dp_a*dp_a*w->p_weight;
+        dq[a] = dp[a] = splat(0);
+    }
+    for (int i = 0; i < LANES; ++i) {
+        released[i] = RATES_STAY_ZERO && w->stationary[i];
+        w->stationary[i] = released[i] || lane_get(&increment, i) < threshold*threshold;
+        any |= w->stationary[i] && !released[i];
+    }
+    if (!any)
+        return;
+    for (int a = 0; a < N; ++a) {
+        const lanes dq_a = w->q[a] - before->q[a] + (w->q_low[a] - before->q_low[a]);
+        const lanes dp_a = w->p[a] - before->p[a] + (w->p_low[a] - before->p_low[a]);
+        dq[rotation_group[a]] += dq_a*dq_a;
+        dp[rotation_group[a]] += dp_a*dp_a;
+    }
+    SOLVER(estimate_drift)(w, before, q_drift, p_drift);
+    for (int i = 0; i < LANES; ++i)
+        for (int a = 0; a < N && !released[i]; ++a)
+            w->stationary[i] &= lane_get(&dq[a], i) <= 64*lane_get(&q_drift[a], i)
+                && lane_get(&dp[a], i) <= 64*lane_get(&p_drift[a], i);
+}
+
+/*
+ * On a relative equilibrium nothing is left of the rates but rounding. Where a step came no further
+ * than sixteen units in the last place of the state account for, as little as sweeps may leave, a
+ * state as near as that stands still, and so does this one, in all steps to come: it would stray
+ * otherwise, for what rounding does adds up.
+ */
+static void SOLVER(hold_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
+{
+    SOLVER(detect_equilibrium)(w, before);
+    for (int i = 0; i < LANES; ++i)
+        for (int a = 0; a < N && w->stationary[i]; ++a) {
+            lane_set(&w->q[a], i, lane_get(&before->q[a], i));
+            lane_set(&w->p[a], i, lane_get(&before->p[a], i));
+            lane_set(&w->q_low[a], i, lane_get(&before->q_low[a], i));
+            lane_set(&w->p_low[a], i, lane_get(&before->p_low[a], i));
+        }
+}

@@ -1,0 +1,105 @@
+/* Factorisation of the mass matrix M(q) of a Lagrangian. */
+
+#if GS_INDEFINITE_MASS
+/*
+ * A <- M(q) and behind it M = Q R by modified Gram-Schmidt: the columns of Q, and R with 1/|q_k|^2
+ * on its diagonal. For an indefinite M, L D L^T without pivots loses digits. Here nothing branches,
+ * so that lanes do the same, and b as one more column makes it backward stable (Bjorck, 1967).
+ */
+static void TYPED(factor_mass)(const TYPED(constants) *c, const NUMBER q[N], NUMBER A[MASS])
+{
+    const NUMBER zero = { 0 };
+    const int *row = mass_row, *slot = mass_slot;
+    NUMBER *Q = A + MASS_ENTRIES, *R = Q + N*N;
+    TYPED(mass_matrix)(c, q, A);
+    for (int e = 0; e < N*N; ++e)
+        Q[e] = zero;
+    for (int k = 0; k < N; ++k) {
+        const int pivot = mass_order[k];
+        Q[pivot*N + pivot] = A[pivot];
+        for (int i = 0; i < mass_rows[k]; ++i, ++row, ++slot)
+            Q[pivot*N + *row] = Q[*row*N + pivot] = A[*slot];
+    }
+    for (int k = 0; k < N; ++k)
+        for (int j = k; j < N; ++j) {
+            NUMBER sum = Q[k*N]*Q[j*N];
+            for (int a = 1; a < N; ++a)
+                sum += Q[k*N + a]*Q[j*N + a];
+            R[k*N + j] = j == k ? 1/sum : sum*R[k*N + k];
+            for (int a = 0; a < N && j != k; ++a)
+                Q[j*N + a] -= R[k*N + j]*Q[k*N + a];
+        }
+}
+
+/* x <- M^-1 x from the factors */
+static void TYPED(solve_mass)(const NUMBER A[MASS], NUMBER x[N])
+{
+    const NUMBER *Q = A + MASS_ENTRIES, *R = Q + N*N;
+    NUMBER y[N];
+    for (int k = 0; k < N; ++k) {
+        NUMBER sum = Q[k*N]*x[0];
+        for (int a = 1; a < N; ++a)
+            sum += Q[k*N + a]*x[a];
+        y[k] = sum*R[k*N + k];
+        for (int a = 0; a < N; ++a)
+            x[a] -= y[k]*Q[k*N + a];
+    }
+    for (int k = N - 1; k >= 0; --k) {
+        x[k] = y[k];
+        for (int j = k + 1; j < N; ++j)
+            x[k] -= R[k*N + j]*x[j];
+    }
+}
+#else
+/* A <- the factors of M(q) = L D L^T without its zeros: 1/D on the diagonal, L below it. */
+static void TYPED(factor_mass)(const TYPED(constants) *c, const NUMBER q[N], NUMBER A[MASS])
+{
+    const int *row = mass_row, *slot = mass_slot, *target = mass_target;
+    TYPED(mass_matrix)(c, q, A);
+    for (int k = 0; k < N; ++k) {
+        const int pivot = mass_order[k], rows = mass_rows[k];
+        const NUMBER inverse = 1/A[pivot];
+        A[pivot] = inverse;
+        for (int i = 0; i < rows; ++i) {
+            const NUMBER l = A[slot[i]]*inverse;
+            for (int j = 0; j < i; ++j)
+                A[*target++] -= l*A[slot[j]];
+            A[row[i]] -= l*A[slot[i]];
+        }
+        for (int i = 0; i < rows; ++i)
+            A[slot[i]] *= inverse;
+        row += rows;
+        slot += rows;
+    }
+}
+
+/* x <- M^-1 x from the factors */
+static void TYPED(solve_mass)(const NUMBER A[MASS], NUMBER x[N])
+{
+    const int *row = mass_row, *slot = mass_slot;
+    for (int k = 0; k < N; ++k) {
+        const NUMBER part_of_it = x[mass_order[k]];
+        for (int i = 0; i < mass_rows[k]; ++i)
+            x[*row++] -= A[*slot++]*part_of_it;
+    }
+    for (int k = N - 1; k >= 0; --k) {
+        const int pivot = mass_order[k];
+        NUMBER sum = x[pivot]*A[pivot];
+        row -= mass_rows[k];
+        slot -= mass_rows[k];
+        for (int i = 0; i < mass_rows[k]; ++i)
+            sum -= A[slot[i]]*x[row[i]];
+        x[pivot] = sum;
+    }
+}
+#endif
+
+/* v with M v = p - b, from the factors of M */
+static void TYPED(velocities)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N],
+    const NUMBER A[MASS], NUMBER v[N])
+{
+    TYPED(rest_momentum)(c, q, v);
+    for (int a = 0; a < N; ++a)
+        v[a] = p[a] - v[a];
+    TYPED(solve_mass)(A, v);
+}

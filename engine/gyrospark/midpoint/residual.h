@@ -1,0 +1,149 @@
+/* IMS and EMS: mean values and the residual. */
+#ifndef GS_MIDPOINT_RESIDUAL_H
+#define GS_MIDPOINT_RESIDUAL_H
+
+#include "gyrospark/linear_algebra/norms.h"
+
+#if GS_LAGRANGIAN
+#include "gyrospark/lagrangian/derivatives.h"
+#endif
+
+#if GS_CONSTRAINED
+#include "gyrospark/constraints/projection.h"
+#endif
+
+#if GS_CONSTRAINED
+#if GS_ELEMENTS
+/* force += G^T lambda, with G between two states */
+static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
+    const real lambda[M], real force[N])
+{
+    real pull[N];
+    mean_pull(c, qm, dq, lambda, pull);
+    for (int a = 0; a < N; ++a)
+        force[a] += pull[a];
+}
+#else
+/* force += G^T lambda, with G between two states */
+static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
+    const real lambda[M], real force[N])
+{
+    real G[M][N];
+    mean_constraint(c, qm, dq, G);
+    for (int a = 0; a < N; ++a)
+        for (int mu = 0; mu < M; ++mu)
+            force[a] += G[mu][a]*lambda[mu];
+}
+#endif
+
+/* What constraints add to the residual: the pull of the multipliers, and g at the end. */
+static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
+{
+    real g[M], dg[M];
+    add_mean_constraint_force(&w->constants, w->q_mean, x, x + 2*N, r + N);
+    constraint(AT(&w->constants, w->t), q, g);
+    constraint_increment(BETWEEN(&w->constants, w->t, w->step), q, x, dg);
+    for (int mu = 0; mu < M; ++mu)
+        r[2*N + mu] = g[mu] + dg[mu];
+}
+
+/* q1 - q */
+static void displacement(real dt, const real x[U], real d[N])
+{
+    (void)dt;
+    for (int a = 0; a < N; ++a)
+        d[a] = x[a];
+}
+
+/* The multipliers of a step, from its unknowns. */
+static void step_multipliers(const real x[U], real multipliers[ROOM])
+{
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[mu] = x[2*N + mu];
+}
+#else
+/* Without constraints nothing pulls, and no multiplier is found. */
+static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
+{
+    (void)w, (void)q, (void)x, (void)r;
+}
+
+static void step_multipliers(const real x[U], real multipliers[ROOM])
+{
+    (void)x, (void)multipliers;
+}
+#endif
+
+/* ------------------------------------------------------------------------ one mean value a step */
+
+/* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
+enum { DP = N, LAMBDA = 2*N };
+
+/* Starting guess: an explicit Euler step, no constraint force. */
+static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])
+{
+    const real zero[N] = { 0 };
+    real D_q[N], D_p[N];
+    mean_gradient(AT(&w->constants, w->t), q, p, zero, zero, &w->t, D_q, D_p);
+    for (int a = 0; a < N; ++a) {
+        x[a] = dt*D_p[a];
+        x[DP + a] = -dt*D_q[a];
+    }
+    for (int l = LAMBDA; l < U; ++l)
+        x[l] = 0;
+}
+
+/* The same of a momentum that stays. */
+static void zero_force_start(real x[U])
+{
+    for (int e = DP; e < LAMBDA; ++e)
+        x[e] = 0;
+}
+
+/* q_mean, p_mean (51) */
+static void mean_values(work_t *w, const real q[N], const real p[N], const real x[U])
+{
+    for (int a = 0; a < N; ++a) {
+        w->q_mean[a] = q[a] + x[a]/2;
+        w->p_mean[a] = p[a] + x[DP + a]/2;
+    }
+}
+
+/*
+ * r = [dq/dt - D_p; dp/dt + D_q - F + G^T lambda; g(q + dq)], F at the means and t + dt/2,
+ * G between the two ends
+ */
+static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real r[U])
+{
+    real D_q[N], D_p[N];
+    const real t = w->t + dt/2;
+    mean_values(w, q, p, x);
+    mean_gradient(BETWEEN(&w->constants,
+        w->t, w->step), w->q_mean, w->p_mean, x, x + DP, &t, D_q, D_p);
+    for (int a = 0; a < N; ++a) {
+        r[a] = x[a]/dt - D_p[a];
+        r[DP + a] = x[DP + a]/dt + D_q[a];
+    }
+    constraint_rows(w, q, x, r);
+}
+
+/* The increment relative to the state; the multipliers do not count. */
+static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real dx[U])
+{
+    (void)w, (void)dt;
+    const real q_weight = larger(norm(N, q), norm(N, x));
+    const real p_weight = larger(norm(N, p), norm(N, x + DP));
+    const real dq = norm(N, dx), dp = norm(N, dx + DP);
+    return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
+}
+
+/* The same of a residual, which is by dt; what is left of the constraints does not count. */
+static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real r[U])
+{
+    return MATH(fabs)(dt)*increment_size(w, dt, q, p, x, r);
+}
+
+#endif

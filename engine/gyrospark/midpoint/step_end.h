@@ -1,0 +1,79 @@
+/* IMS and EMS: the end of the step, and the work of a step. */
+#ifndef GS_MIDPOINT_STEP_END_H
+#define GS_MIDPOINT_STEP_END_H
+
+#include "gyrospark/midpoint/residual.h"
+
+/* T2 has nothing left to solve: the unknowns are the step. */
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
+{
+    (void)w, (void)dt;
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q[a] + x[a];
+        p1[a] = p[a] + x[DP + a];
+    }
+    step_multipliers(x, multipliers);
+    return isfinite(norm(N, q1) + norm(N, p1)) ? OK : NOT_FINITE;
+}
+
+#if GS_TIME_DEPENDENT
+#if GS_CONSTRAINED
+/* lambda.g_t: the power of a drive through the constraints, g_t between the two ends */
+static real constraint_power(work_t *w, const real x[U])
+{
+    real rate[M], sum = 0;
+    mean_constraint_rate(&w->constants, w->q_mean, x, rate);
+    for (int mu = 0; mu < M; ++mu)
+        sum += x[2*N + mu]*rate[mu];
+    return sum;
+}
+#else
+/* There is no constraint that a drive could move. */
+static real constraint_power(work_t *w, const real x[U])
+{
+    (void)w, (void)x;
+    return 0;
+}
+#endif
+#endif
+
+#if GS_FORCES
+#if GS_ENERGY_MOMENTUM
+/* F.dq: the work of the forces at the mean velocity dq/dt. It is what H gains, exactly. */
+static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    real F[N], v[N], sum = 0;
+    const real t = w->t + dt/2;
+    mean_values(w, q, p, x);
+    for (int a = 0; a < N; ++a)
+        v[a] = x[a]/dt;
+    force_of_velocity(BETWEEN(&w->constants, w->t, w->step), w->q_mean, v, &t, F);
+    for (int a = 0; a < N; ++a)
+        sum += F[a]*x[a];
+    IF_TIME(sum += w->step*mean_energy_rate(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
+    IF_TIME(sum += w->step*constraint_power(w, x);)
+    return sum;
+}
+#else
+/* F.dq: the work of the forces. For a discrete gradient it is what H gains, exactly. */
+static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    real F[N], sum = 0;
+    IF_FRAME_WORK(real v[N];)
+    const real t = w->t + dt/2;
+    mean_values(w, q, p, x);
+    applied_force(BETWEEN(&w->constants, w->t, w->step), w->q_mean, w->p_mean, &t, F);
+    for (int a = 0; a < N; ++a)
+        sum += F[a]*x[a];
+    IF_FRAME_WORK(frame_velocity(&w->constants, w->q_mean, v);)
+    IF_FRAME_WORK(for (int a = 0; a < N; ++a))
+        IF_FRAME_WORK(sum += dt*F[a]*v[a];)
+    IF_TIME(sum += w->step*mean_energy_rate(&w->constants, w->q_mean, w->p_mean, x, x + DP);)
+    IF_TIME(sum += w->step*constraint_power(w, x);)
+    return sum;
+}
+#endif
+#endif
+
+#endif

@@ -1,0 +1,54 @@
+/* T1 by simplified Newton, from a close prediction. */
+#ifndef GS_NEWTON_SIMPLIFIED_H
+#define GS_NEWTON_SIMPLIFIED_H
+
+#include "gyrospark/newton/newton.h"
+
+/*
+ * Simplified Newton from the guess in x: the Jacobian is factorised at the guess, once, and again
+ * only where the increments do not shrink fast enough. Gives up early: the caller has full Newton
+ * behind it, from a start that cannot lead to another root.
+ */
+static int simplified_newton(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real x[U], int *iterations)
+{
+    const real far = (real)0.02, slow = (real)0.1;
+    real previous = 0;
+    int stale = 1;
+    *iterations = 0;
+    while (*iterations < options->max_iterations) {
+        residual(w, dt, q, p, x, w->r);
+        int status = OK;
+        if (stale) {
+            jacobian(w, dt, q, p, x, w->J);
+            status = factorise_jacobian(w);
+            w->effort += JACOBIAN_COST + w->products/2;
+        }
+        if (status == OK)
+            status = solve_jacobian(w, w->r);
+        if (status != OK)
+            return status;
+        ++*iterations;
+        w->effort += RESIDUAL_COST;
+        const real size = increment_size(w, dt, q, p, x, w->r);
+        if (!(size < far))
+            return NOT_CONVERGED;
+        for (int e = 0; e < U; ++e)
+            x[e] -= w->r[e];
+        if (size <= options->tolerance)
+            return satisfies_constraints(w, dt, q, x);
+        const real ratio = *iterations > 1 ? size/previous : 1;
+        if (*iterations > 1 && ratio >= (real)0.5 && is_round_off(w, dt, q, p, size))
+            return satisfies_constraints(w, dt, q, x);
+        if (*iterations > 1 && !(options->tolerance > 0) && ratio < (real)0.5
+            && size*ratio < epsilon/64)
+            return satisfies_constraints(w, dt, q, x);
+        if (*iterations > 2 && ratio > 1)
+            return NOT_CONVERGED;
+        stale = *iterations > 1 && ratio > slow;
+        previous = size;
+    }
+    return NOT_CONVERGED;
+}
+
+#endif

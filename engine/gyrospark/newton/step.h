@@ -1,0 +1,140 @@
+/* One step by Newton's method, and the functions that expose its parts. */
+#ifndef GS_NEWTON_STEP_H
+#define GS_NEWTON_STEP_H
+
+#include "gyrospark/newton/newton.h"
+#include "gyrospark/run/record.h"
+
+/* One step; the constants of the run are prepared. */
+static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    real q_end[N], p_end[N];
+    int status = newton(w, options, dt, q, p, w->x, iterations);
+    if (status == OK)
+        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (status != OK)
+        return status;
+    store_work(w, dt, q, p, w->x);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
+
+#if !GS_PROFILE_RUN
+#if GS_FRAME
+/* --------------------------------------------------------------------------- one step by Newton */
+
+int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
+    const real p[N], real x[U], int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    return newton(work, options, dt, q, p, x, iterations);
+}
+
+/* Its frame stands still at the start of the step, where x is; the end is turned back. */
+int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    const int status = finish(work, dt, q, p, x, q1, p1, multipliers);
+    if (status == OK)
+        rotate_step(parameters, dt, q1, p1, multipliers);
+    return status;
+}
+#else
+/* --------------------------------------------------------------------------- one step by Newton */
+
+int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
+    const real p[N], real x[U], int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    return newton(work, options, dt, q, p, x, iterations);
+}
+
+int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    return finish(work, dt, q, p, x, q1, p1, multipliers);
+}
+#endif
+
+void NAME(guess)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    real x[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    euler_start(work, dt, q, p, x);
+}
+
+void NAME(residual)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real r[U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    residual(work, dt, q, p, x, r);
+}
+
+/* The Jacobian row by row, in the order of the unknowns. */
+static void spread_jacobian(const real *J, real *dense)
+{
+#if GS_ELEMENTS
+    band_spread(J, dense);
+#else
+    for (int e = 0; e < U*U; ++e)
+        dense[e] = J[e];
+#endif
+}
+
+void NAME(jacobian)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real J[U*U], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    residual(work, dt, q, p, x, work->r);
+    jacobian(work, dt, q, p, x, work->J);
+    spread_jacobian(work->J, J);
+}
+
+real NAME(increment_size)(real dt, const real q[N], const real p[N], const real x[U],
+    const real dx[U], const work_t *work)
+{
+    return increment_size(work, dt, q, p, x, dx);
+}
+
+int NAME(satisfies_constraints)(real dt, const real q[N], const real x[U], work_t *work)
+{
+    return satisfies_constraints(work, dt, q, x);
+}
+
+real NAME(last_increment)(const work_t *work)
+{
+    return work->increment;
+}
+
+void NAME(hamiltonian)(const parameters_t *parameters, long count, IF_TIME(
+    const real *t,) const real *q, const real *p,
+    real *H)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i)
+        H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
+}
+#endif
+
+#endif

@@ -1,0 +1,400 @@
+/* The least-squares predictor, and its selection. */
+
+/* How many trajectories differ. */
+INLINE int SOLVER(trajectories)(const SOLVER(t) *w)
+{
+    return SOLVER(PER) == 1 ? w->constants._used : 1;
+}
+
+INLINE int SOLVER(history_length)(const SOLVER(t) *w)
+{
+    return w->predictor.count < HISTORY ? (int)w->predictor.count : HISTORY;
+}
+
+/* The values of m steps ago, m = 0 for the next. */
+INLINE const lanes *SOLVER(history_values)(const SOLVER(t) *w, int m)
+{
+    return w->history + ((w->predictor.count + 1 - m) & (HISTORY - 1))*SOLVER(X);
+}
+
+/* Number a of stage j of a trajectory; of a node where `width` is M. */
+INLINE real SOLVER(value_at)(const lanes *x, int trajectory, int j, int width, int a)
+{
+    return lane_get(&x[j/SOLVER(PER)*width + a], trajectory + j % SOLVER(PER));
+}
+
+/* The same number in all lanes of a trajectory. */
+INLINE void SOLVER(set_trajectory)(lanes *x, int trajectory, real value)
+{
+    for (int i = 0; i < SOLVER(PER); ++i)
+        lane_set(x, trajectory + i, value);
+}
+
+INLINE real SOLVER(sum_over_trajectory)(const lanes *x, int trajectory)
+{
+    real sum = lane_get(x, trajectory);
+    for (int i = 1; i < SOLVER(PER); ++i)
+        sum += lane_get(x, trajectory + i);
+    return sum;
+}
+
+/* The ridge: round-off of the `count` items at x, of one trajectory. */
+static real SOLVER(ridge)(const lanes *x, int count, int trajectory)
+{
+    lanes square = splat(0);
+    for (int e = 0; e < count; ++e)
+        square += x[e]*x[e];
+    return 4*epsilon*MATH(sqrt)(SOLVER(sum_over_trajectory)(&square, trajectory)) + MATH(sqrt)(LIMIT(MIN))*1024;
+}
+
+#if GS_CONSTRAINED
+/* The order of a recurrence of all multipliers that there are equations for. */
+static int SOLVER(max_order)(long steps)
+{
+    int order = ORDER;
+    while (order > 1 && (steps - order)*P*M < 2*order)
+        --order;
+    return order;
+}
+
+/* The recurrence of the multipliers of one trajectory, from equations of all nodes. */
+static void SOLVER(fit_multipliers)(SOLVER(t) *w, least_squares_t *l, int trajectory)
+{
+    const int steps = SOLVER(history_length)(w), order = SOLVER(max_order)(steps);
+    const int available = (steps - order)*P*M, stride = stride_of(available, order);
+    const real ridge = SOLVER(ridge)(SOLVER(history_values)(w, 1) + SOLVER(IMPULSE), SOLVER(X) - SOLVER(IMPULSE), trajectory);
+    begin_least_squares(l, order, 1, (const real[2]){ ridge, ridge });
+    for (int e = 0; e < available; e += stride) {
+        const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
+        real *row = next_equation(l);
+        for (int k = 0; k < order; ++k)
+            row[k] = SOLVER(value_at)(SOLVER(history_values)(w, ago + 1 + k) + SOLVER(IMPULSE), trajectory, j, M, mu);
+        row[right_side_start(l)] = SOLVER(value_at)(SOLVER(history_values)(w, ago) + SOLVER(IMPULSE), trajectory, j, M, mu);
+    }
+    solve_least_squares(l);
+    for (int k = 0; k < ORDER; ++k)
+        SOLVER(set_trajectory)(&w->least_squares.multiplier_coefficients[k], trajectory, coefficient_value(l, k, 0));
+    w->least_squares.order = order;
+}
+
+/* The multipliers of the next step by it. */
+INLINE void SOLVER(predict_multipliers)(const SOLVER(t) *w, lanes *x)
+{
+    const SOLVER(least_squares) *s = &w->least_squares;
+    const lanes *before[ORDER];
+    for (int m = 0; m < s->order; ++m)
+        before[m] = SOLVER(history_values)(w, 1 + m) + SOLVER(IMPULSE);
+    for (int e = 0; e < SOLVER(X) - SOLVER(IMPULSE); ++e) {
+        lanes even = splat(0), odd = splat(0);
+        for (int m = 0; m + 1 < s->order; m += 2) {
+            even += s->multiplier_coefficients[m]*before[m][e];
+            odd += s->multiplier_coefficients[m + 1]*before[m + 1][e];
+        }
+        if (s->order % 2 == 1)
+            even += s->multiplier_coefficients[s->order - 1]*before[s->order - 1][e];
+        x[e] = even + odd;
+    }
+}
+#else
+/* Without constraints there are no multipliers to learn of. */
+static void SOLVER(fit_multipliers)(const SOLVER(t) *w, const least_squares_t *l, int trajectory)
+{
+    (void)w, (void)l, (void)trajectory;
+}
+
+INLINE void SOLVER(predict_multipliers)(const SOLVER(t) *w, const lanes *x)
+{
+    (void)w, (void)x;
+}
+#endif
+
+#if GS_STAGES_IN_LANES
+/* Where the coefficient of regressor k for an item of L (group 0) or L^ (1) stands. */
+INLINE int SOLVER(coefficient_index)(int k, int group, int item)
+{
+    return (2*k + group)*SOLVER(S) + item;
+}
+
+/* Numbers start..start + count - 1 of the stages of the next step, `count` of each. */
+INLINE void SOLVER(predict_four)(const lanes *coefficients, const lanes *const *before, int lags, int start,
+    int count, lanes *y)
+{
+    lanes sum[2][4][2*SOLVER(S)]; /* of L and of L^ as regressors */
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < 2*SOLVER(S); ++i)
+            sum[0][a][i] = sum[1][a][i] = splat(0);
+    for (int k = 0; k < 2*LAST; ++k, coefficients += 2*SOLVER(S))
+        for (int a = 0; a < count; ++a) {
+            const int j = regressor_stage(k/2), item = k % 2*SOLVER(HAT) + j/LANES*N;
+            const lanes value = splat(lane_get(&before[0][item + start + a], j % LANES));
+            for (int i = 0; i < 2*SOLVER(S); ++i)
+                sum[k % 2][a][i] += coefficients[i]*value;
+        }
+    for (int m = 1; m <= lags; ++m)
+        for (int group = 0; group < 2; ++group, coefficients += 2*SOLVER(S))
+            for (int a = 0; a < count; ++a) {
+                const lanes value = splat(lane_get(&before[m][group*SOLVER(HAT) + start + a], 0));
+                for (int i = 0; i < 2*SOLVER(S); ++i)
+                    sum[group][a][i] += coefficients[i]*value;
+            }
+    for (int a = 0; a < count; ++a)
+        for (int i = 0; i < 2*SOLVER(S); ++i)
+            y[i*N + start + a] = sum[0][a][i] + sum[1][a][i];
+}
+
+INLINE void SOLVER(predict_stages)(const lanes *coefficients, const lanes *const *before, int lags, lanes *y)
+{
+    int start = 0;
+    for (; start + 4 <= N; start += 4)
+        SOLVER(predict_four)(coefficients, before, lags, start, 4, y);
+    if (N % 4 > 0)
+        SOLVER(predict_four)(coefficients, before, lags, start, N % 4, y);
+}
+#else
+/* Coefficients of four rows stand together; rows are the stages of L, then those of L^. */
+enum { SOLVER(ROWS) = 2*SOLVER(S), SOLVER(BLOCK) = 4 };
+
+/* Where the coefficient of regressor k for a stage of L (group 0) or L^ (1) stands. */
+INLINE int SOLVER(coefficient_index)(int k, int group, int item)
+{
+    const int row = group*SOLVER(S) + item, first = row - row % SOLVER(BLOCK);
+    const int rows = SOLVER(ROWS) - first < SOLVER(BLOCK) ? SOLVER(ROWS) - first : SOLVER(BLOCK);
+    return first*REGRESSORS + k*rows + row % SOLVER(BLOCK);
+}
+
+/*
+ * Numbers start..start + count - 1 of the rows row..row + rows - 1 of the next step: sums in
+ * registers, each coefficient read once.
+ */
+INLINE void SOLVER(predict_block)(const lanes *coefficients, const lanes *const *before, int lags, int row,
+    int rows, int start, int count, lanes *y)
+{
+    lanes sum[SOLVER(BLOCK)][4];
+    LOAD_AGAIN(coefficients);
+    for (int i = 0; i < rows; ++i)
+        for (int a = 0; a < count; ++a)
+            sum[i][a] = splat(0);
+    for (int k = 0; k < 2*LAST; ++k, coefficients += rows) {
+        const lanes *x = before[0] + k % 2*SOLVER(HAT) + regressor_stage(k/2)*N + start;
+        for (int i = 0; i < rows; ++i)
+            for (int a = 0; a < count; ++a)
+                sum[i][a] += coefficients[i]*x[a];
+    }
+    for (int m = 1; m <= lags; ++m)
+        for (int group = 0; group < 2; ++group, coefficients += rows) {
+            const lanes *x = before[m] + group*SOLVER(HAT) + start;
+            for (int i = 0; i < rows; ++i)
+                for (int a = 0; a < count; ++a)
+                    sum[i][a] += coefficients[i]*x[a];
+        }
+    for (int i = 0; i < rows; ++i)
+        for (int a = 0; a < count; ++a)
+            y[(row + i)*N + start + a] = sum[i][a];
+}
+
+INLINE void SOLVER(predict_rows)(const lanes *coefficients, const lanes *const *before, int lags, int row,
+    int rows, lanes *y)
+{
+    int start = 0;
+    coefficients += row*REGRESSORS;
+    for (; start + 4 <= N; start += 4)
+        SOLVER(predict_block)(coefficients, before, lags, row, rows, start, 4, y);
+    if (N % 4 > 0)
+        SOLVER(predict_block)(coefficients, before, lags, row, rows, start, N % 4, y);
+}
+
+INLINE void SOLVER(predict_stages)(const lanes *coefficients, const lanes *const *before, int lags, lanes *y)
+{
+    int row = 0;
+    for (; row + SOLVER(BLOCK) <= SOLVER(ROWS); row += SOLVER(BLOCK))
+        SOLVER(predict_rows)(coefficients, before, lags, row, SOLVER(BLOCK), y);
+    if (SOLVER(ROWS) % SOLVER(BLOCK) > 0)
+        SOLVER(predict_rows)(coefficients, before, lags, row, SOLVER(ROWS) % SOLVER(BLOCK), y);
+}
+#endif
+
+/* The function for L and L^ of one trajectory, from equations of all coordinates. */
+static void SOLVER(fit_stages)(SOLVER(t) *w, least_squares_t *l, int trajectory, int lags)
+{
+    SOLVER(least_squares) *s = &w->least_squares;
+    const int steps = SOLVER(history_length)(w), unknowns = 2*(LAST + lags);
+    const int available = (steps - 1 - lags)*N, stride = stride_of(available, unknowns);
+    const lanes *newest = SOLVER(history_values)(w, 1);
+    begin_least_squares(l, unknowns, 2*S, (const real[2]){ SOLVER(ridge)(newest, SOLVER(HAT), trajectory),
+        SOLVER(ridge)(newest + SOLVER(HAT), SOLVER(HAT), trajectory) });
+    for (int e = 0; e < available; e += stride) {
+        const int ago = 1 + e/N, a = e % N;
+        real *row = next_equation(l), *right = row + right_side_start(l);
+        for (int group = 0; group < 2; ++group) {
+            const int at = group*SOLVER(HAT);
+            const lanes *x = SOLVER(history_values)(w, ago) + at, *last = SOLVER(history_values)(w, ago + 1) + at;
+            for (int j = 0; j < S; ++j)
+                right[group*S + j] = SOLVER(value_at)(x, trajectory, j, N, a);
+            for (int j = 0; j < LAST; ++j)
+                row[2*j + group] = SOLVER(value_at)(last, trajectory, regressor_stage(j), N, a);
+            for (int m = 0; m < lags; ++m)
+                row[2*(LAST + m) + group] = SOLVER(value_at)(SOLVER(history_values)(w, ago + 2 + m) + at, trajectory,
+                    0, N, a);
+        }
+    }
+    solve_least_squares(l);
+    for (int k = 0; k < REGRESSORS; ++k)
+        for (int j = 0; j < 2*S; ++j)
+            lane_set(&s->coefficients[SOLVER(coefficient_index)(k, j/S, j % S/SOLVER(PER))], trajectory + j % S % SOLVER(PER),
+                coefficient_value(l, k, j));
+}
+
+/* A lesson of one trajectory, and from then on a trial. */
+NOINLINE void SOLVER(fit)(SOLVER(t) *w, int trajectory)
+{
+    SOLVER(least_squares) *s = &w->least_squares;
+    const int lags = max_lags(SOLVER(history_length)(w));
+    least_squares_t problem;
+    if (lags < 0)
+        return;
+    SOLVER(fit_stages)(w, &problem, trajectory, lags);
+    SOLVER(fit_multipliers)(w, &problem, trajectory);
+    s->lags = lags;
+    s->last_fit[trajectory] = w->predictor.count;
+    s->pending[trajectory] = 1;
+}
+
+/* What was learnt, one step on. */
+NOINLINE void SOLVER(evaluate_least_squares)(const SOLVER(t) *w, lanes *x)
+{
+    const SOLVER(least_squares) *s = &w->least_squares;
+    const lanes *before[LAGS + 1];
+    for (int m = 0; m <= s->lags; ++m)
+        before[m] = SOLVER(history_values)(w, 1 + m);
+    SOLVER(predict_stages)(s->coefficients, before, s->lags, x);
+    SOLVER(predict_multipliers)(w, x + SOLVER(IMPULSE));
+}
+
+/* Starting values by polynomials or a recurrence. */
+INLINE void SOLVER(extrapolate)(SOLVER(t) *w)
+{
+    if (!w->predictor.fitted) {
+        const lanes *x = SOLVER(history_values)(w, 1);
+        SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x, w->extrapolated);
+        SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x + SOLVER(HAT), w->extrapolated + SOLVER(HAT));
+        SOLVER(extrapolate_multipliers)(w, x + SOLVER(IMPULSE), w->extrapolated + SOLVER(IMPULSE));
+    }
+    predict(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), w->extrapolated, w->now.x);
+}
+
+/* Whether all trajectories go by their functions for good: no recurrence is asked for any more. */
+INLINE int SOLVER(all_permanent)(const SOLVER(t) *w)
+{
+    int permanent = 1;
+    for (int i = 0; i < SOLVER(trajectories)(w); ++i)
+        permanent &= w->least_squares.permanent[i];
+    return permanent;
+}
+
+/* Starting values from the past, of each trajectory by what is better for it. */
+INLINE void SOLVER(predict_unknowns)(SOLVER(t) *w)
+{
+    SOLVER(least_squares) *s = &w->least_squares;
+    const int trajectories = SOLVER(trajectories)(w);
+    int selected = 0, pending = 0;
+    for (int i = 0; i < trajectories; ++i) {
+        selected += s->selected[i];
+        pending += s->pending[i];
+    }
+    if (SOLVER(all_permanent)(w) || (pending == 0 && selected == trajectories && w->predictor.fitted)) {
+        SOLVER(evaluate_least_squares)(w, w->now.x);
+        for (int e = 0; e < SOLVER(IMPULSE) && pending > 0; ++e)
+            s->candidate[e] = w->now.x[e];
+        return;
+    }
+    SOLVER(extrapolate)(w);
+    if (pending == 0 && selected == 0)
+        return;
+    SOLVER(evaluate_least_squares)(w, s->candidate);
+    for (int e = 0; e < SOLVER(IMPULSE); ++e)
+        s->baseline[e] = w->now.x[e];
+    for (int i = 0; i < trajectories; ++i)
+        for (int e = 0; e < SOLVER(X) && s->selected[i]; ++e)
+            for (int j = i; j < i + SOLVER(PER); ++j)
+                lane_set(&w->now.x[e], j, lane_get(&s->candidate[e], j));
+}
+
+/*
+ * The trials that the step just done decides: what was learnt must be clearly better. That of the
+ * second lesson decides for good, while nobody has trained a recurrence: a trajectory that goes by
+ * what it learns does so whatever its mates do.
+ */
+static void SOLVER(compare_candidates)(SOLVER(t) *w)
+{
+    SOLVER(least_squares) *s = &w->least_squares;
+    const real rough = 256*epsilon;
+    lanes candidate = splat(0), baseline = splat(0);
+    for (int e = 0; e < SOLVER(IMPULSE); ++e) {
+        const lanes size = e < SOLVER(HAT) ? w->q_weight : w->p_weight;
+        const lanes by_candidate = s->candidate[e] - w->now.x[e], by_baseline = s->baseline[e] - w->now.x[e];
+        candidate += size*by_candidate*by_candidate;
+        baseline += size*by_baseline*by_baseline;
+    }
+    for (int i = 0; i < SOLVER(trajectories)(w); ++i) {
+        if (!s->pending[i])
+            continue;
+        const real error = SOLVER(sum_over_trajectory)(&baseline, i);
+        s->error[i] = SOLVER(sum_over_trajectory)(&candidate, i);
+        if (!s->permanent[i])
+            s->selected[i] = 64*s->error[i] < error && error > rough*rough;
+        if (s->last_fit[i] == SECOND_FIT && w->predictor.count == SECOND_FIT)
+            s->permanent[i] = s->selected[i];
+        s->pending[i] = 0;
+    }
+}
+
+/*
+ * Records the step just done; for a recurrence only while somebody may ask for it. Lessons are few:
+ * a motion that stays what it was needs no other, and none is given early where predictions are
+ * close without. Where predictions have become much worse than they were there is one more.
+ */
+NOINLINE void SOLVER(record_step)(SOLVER(t) *w)
+{
+    const real low = 64*epsilon, far = 16777216*epsilon;
+    SOLVER(least_squares) *s = &w->least_squares;
+    predictor_t *predictor = &w->predictor;
+    const int fitted = predictor->fitted, trajectories = SOLVER(trajectories)(w);
+    int pending = 0;
+    for (int i = 0; i < trajectories; ++i)
+        pending += s->pending[i];
+    if (pending > 0)
+        SOLVER(compare_candidates)(w);
+    if (SOLVER(all_permanent)(w))
+        store_values(predictor, w->history, SOLVER(X), w->now.x);
+    else
+        record_values(predictor, w->history, SOLVER(X), SOLVER(group_ends), SOLVER(group_rows), w->extrapolated, w->now.x);
+    const long count = predictor->count;
+    const int early = count == FIRST_FIT || count == SECOND_FIT;
+    for (int i = 0; i < trajectories; ++i) {
+        const int worse = s->selected[i] && count >= s->last_fit[i] + HISTORY
+            && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
+        const int rough = s->last_fit[i] > 0 || !(predictor->first[i] < far*far);
+        if ((early && rough) || count == 24*HISTORY || worse)
+            SOLVER(fit)(w, i);
+        else if (s->last_fit[i] > 0 && fitted != predictor->fitted)
+            s->pending[i] = 1;
+    }
+}
+
+/* What is known of the past. */
+static void SOLVER(reset_history)(SOLVER(t) *w)
+{
+    SOLVER(least_squares) *s = &w->least_squares;
+    reset_predictor(&w->predictor);
+    s->lags = s->order = 0;
+    w->predictor.fit_start = SECOND_FIT + 3; /* when it is known who needs a recurrence */
+    for (int i = 0; i < SOLVER(TRAJECTORIES); ++i) {
+        s->selected[i] = s->permanent[i] = s->pending[i] = 0;
+        s->last_fit[i] = 0;
+        s->error[i] = 0;
+    }
+    for (int k = 0; k < REGRESSORS*2*SOLVER(S); ++k)
+        s->coefficients[k] = splat(0);
+    for (int k = 0; k < ORDER; ++k)
+        s->multiplier_coefficients[k] = splat(0);
+}

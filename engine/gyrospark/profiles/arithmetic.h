@@ -1,0 +1,70 @@
+/* Profiles control and run: compensated sums, factors of W. */
+#ifndef GS_PROFILES_ARITHMETIC_H
+#define GS_PROFILES_ARITHMETIC_H
+
+#include "gyrospark/engine.h"
+
+/* --------------------------------------------------------------------------- sums and rounding */
+
+/* sum_j x_j over rows of N */
+static void total(int rows, const real *x, real sum[N])
+{
+    for (int a = 0; a < N; ++a) {
+        sum[a] = x[a];
+        for (int j = 1; j < rows; ++j)
+            sum[a] += x[j*N + a];
+    }
+}
+
+/* old + change = end + low exactly, for a rounded end: what rounding leaves over is not lost. */
+static void add_compensated(const real old[N], const real change[N], real end[N], real low[N])
+{
+    for (int a = 0; a < N; ++a) {
+        const real sum = old[a] + change[a], share = sum - old[a];
+        low[a] = (old[a] - (sum - share)) + (change[a] - share);
+        end[a] = sum;
+    }
+}
+
+#if GS_FACTORS
+#if GS_SEVERAL_CONSTRAINTS
+/* LU factors of W, m x m, in its place, without pivoting: W = G H_pp G^T is positive definite. */
+static void factorise(real W[M][M])
+{
+    for (int k = 0; k < M; ++k) {
+        W[k][k] = 1/W[k][k];
+        for (int i = k + 1; i < M; ++i) {
+            W[i][k] *= W[k][k];
+            for (int j = k + 1; j < M; ++j)
+                W[i][j] -= W[i][k]*W[k][j];
+        }
+    }
+}
+
+/* b <- W^-1 b from the factors */
+static void substitute(real W[M][M], real b[M])
+{
+    for (int i = 1; i < M; ++i)
+        for (int j = 0; j < i; ++j)
+            b[i] -= W[i][j]*b[j];
+    for (int i = M - 1; i >= 0; --i) {
+        for (int j = i + 1; j < M; ++j)
+            b[i] -= W[i][j]*b[j];
+        b[i] *= W[i][i];
+    }
+}
+#else
+/* W, one number, is factorised by its inverse, in its place. */
+static void factorise(real W[M][M])
+{
+    W[0][0] = 1/W[0][0];
+}
+
+static void substitute(real W[M][M], real b[M])
+{
+    b[0] *= W[0][0];
+}
+#endif
+#endif
+
+#endif

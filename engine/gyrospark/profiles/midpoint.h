@@ -1,0 +1,221 @@
+/* Profiles control and run: IMS and EMS by fixed-point iteration. */
+#ifndef GS_PROFILES_MIDPOINT_H
+#define GS_PROFILES_MIDPOINT_H
+
+#include "gyrospark/profiles/arithmetic.h"
+
+/* --------------------------------------------------------------- a sweep: one mean value a step */
+
+/* The unknowns x are the increments dq and dp of the step, and the impulses h lambda. */
+enum { HAT = N, IMPULSE = 2*N, X = 2*N + M };
+
+/* The means of the ends (51). */
+static void means(const state_t *w, const real x[X], real q_mean[N], real p_mean[N])
+{
+    for (int a = 0; a < N; ++a) {
+        q_mean[a] = w->q[a] + (real)0.5*x[a];
+        p_mean[a] = w->p[a] + (real)0.5*x[HAT + a];
+    }
+}
+
+/* dq = h D_p between the state and the end that x says. */
+static void position_increment(const state_t *w, real x[X])
+{
+    real q_mean[N], p_mean[N], rate[N];
+    means(w, x, q_mean, p_mean);
+    mean_velocity(&w->constants, q_mean, p_mean, x, x + HAT, rate);
+    for (int a = 0; a < N; ++a)
+        x[a] = w->h*rate[a];
+}
+
+/* dp = -h (D_q - F) there, with F in the middle of the step; constraint forces are left out. */
+static void momentum_increment(const state_t *w, const real x[X], real dp[N])
+{
+    real q_mean[N], p_mean[N], rate[N];
+    const real t = w->t + (real)0.5*w->h;
+    means(w, x, q_mean, p_mean);
+    mean_force(&w->constants, q_mean, p_mean, x, x + HAT, &t, rate);
+    for (int a = 0; a < N; ++a)
+        dp[a] = -w->h*rate[a];
+}
+
+/* Starting values without a past: an explicit Euler step, no impulse. */
+static void initial_unknowns(state_t *w)
+{
+    real dp[N];
+    for (int e = 0; e < X; ++e)
+        w->x[e] = 0;
+    momentum_increment(w, w->x, dp);
+    position_increment(w, w->x);
+    for (int a = 0; a < N; ++a)
+        w->x[HAT + a] = dp[a];
+}
+
+#if GS_CONSTRAINED
+#if GS_CONSTANT_SCHUR
+/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+static void begin_iteration(state_t *w)
+{
+    (void)w;
+}
+
+/* impulse += 2 (h W)^-1 g */
+static void apply_schur_inverse(const state_t *w, const real g[M], real impulse[M])
+{
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += 2*w->h_inverse*w->constants.W_inverse[mu][nu]*g[nu];
+}
+#else
+/* W = G H_pp G^T at the end of the step, factorised */
+static void begin_iteration(state_t *w)
+{
+    real q[N], p[N];
+    for (int a = 0; a < N; ++a) {
+        q[a] = w->q[a] + w->x[a];
+        p[a] = w->p[a] + w->x[HAT + a];
+    }
+    schur(&w->constants, q, p, w->factors[0]);
+    factorise(w->factors[0]);
+}
+
+/* impulse += 2 (h W)^-1 g */
+static void apply_schur_inverse(state_t *w, real g[M], real impulse[M])
+{
+    substitute(w->factors[0], g);
+    for (int mu = 0; mu < M; ++mu)
+        impulse[mu] += 2*w->h_inverse*g[mu];
+}
+#endif
+
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+static void evaluate_constraints(state_t *w)
+{
+    real G[M][N];
+    KERNEL(constraint)(&w->constants, w->q, w->g);
+    KERNEL(constraint_jacobian)(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        real square = LIMIT(MIN);
+        for (int a = 0; a < N; ++a) {
+            w->g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->row_weight[mu] = 1/square;
+    }
+}
+
+#if GS_SCALAR_SCHUR
+/* H_pp G^T = c G^T: a pull changes the velocity by c times what it changes the momenta by. */
+static void correct_increments(const state_t *w, int a, real force, real x[X])
+{
+    x[HAT + a] -= force;
+    x[a] -= (real)0.5*w->h*w->constants.correction*force;
+}
+
+static void update_position_increment(const state_t *w, real x[X])
+{
+    (void)w, (void)x;
+}
+#else
+/* What a pull changes of the velocity is found by another look at it. */
+static void correct_increments(const state_t *w, int a, real force, real x[X])
+{
+    (void)w;
+    x[HAT + a] -= force;
+}
+
+static void update_position_increment(const state_t *w, real x[X])
+{
+    position_increment(w, x);
+}
+#endif
+
+/*
+ * Corrects the impulses, so that the end is on the constraints, and both increments with them;
+ * w->defect is how far from g = 0 the end was before. G is that between the ends.
+ */
+static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
+{
+    real q_mean[N], p_mean[N], g[M], old[M];
+    means(w, x, q_mean, p_mean);
+    KERNEL(mean_constraint)(&w->constants, q_mean, x, G);
+    KERNEL(constraint_increment)(&w->constants, w->q, x, g);
+    w->defect = 0;
+    for (int mu = 0; mu < M; ++mu) {
+        g[mu] += w->g[mu];
+        w->defect += g[mu]*g[mu]*w->row_weight[mu]*w->q_weight;
+        old[mu] = x[IMPULSE + mu];
+    }
+    apply_schur_inverse(w, g, x + IMPULSE);
+    for (int mu = 0; mu < M; ++mu)
+        for (int a = 0; a < N; ++a)
+            correct_increments(w, a, G[mu][a]*(x[IMPULSE + mu] - old[mu]), x);
+    update_position_increment(w, x);
+}
+
+/* force -= G^T impulse */
+static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real force[N])
+{
+    for (int a = 0; a < N; ++a)
+        for (int mu = 0; mu < M; ++mu)
+            force[a] -= G[mu][a]*impulse[mu];
+}
+#else
+/* There are no constraints to look at. */
+static void evaluate_constraints(state_t *w)
+{
+    w->defect = 0;
+}
+
+static void begin_iteration(state_t *w)
+{
+    (void)w;
+}
+
+static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
+{
+    (void)w, (void)x, (void)G;
+}
+
+static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real force[N])
+{
+    (void)G, (void)impulse, (void)force;
+}
+#endif
+
+/*
+ * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
+ * dp from them. Returns the sum of squares of what it changed, relative to the state.
+ */
+static real iterate_once(state_t *w)
+{
+    real x[X], G[ROOM][N], force[N], q_change = 0, p_change = 0;
+    for (int e = 0; e < X; ++e)
+        x[e] = w->x[e];
+    position_increment(w, x);
+    correct_multipliers(w, x, G);
+    momentum_increment(w, x, force);
+    subtract_constraint_force(G, x + IMPULSE, force);
+    for (int a = 0; a < N; ++a) {
+        x[HAT + a] = force[a];
+        q_change += (x[a] - w->x[a])*(x[a] - w->x[a]);
+        p_change += (force[a] - w->x[HAT + a])*(force[a] - w->x[HAT + a]);
+    }
+    for (int e = 0; e < X; ++e)
+        w->x[e] = x[e];
+    return q_change*w->q_weight + p_change*w->p_weight;
+}
+
+/* The end of the step, `low` what rounding leaves over. */
+static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
+{
+    real dq[N], dp[N];
+    for (int a = 0; a < N; ++a) {
+        dq[a] = w->x[a] + w->q_low[a];
+        dp[a] = w->x[HAT + a] + w->p_low[a];
+    }
+    add_compensated(w->q, dq, q, q_low);
+    add_compensated(w->p, dp, p, p_low);
+}
+
+#endif

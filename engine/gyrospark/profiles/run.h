@@ -1,0 +1,151 @@
+/* Profile run: a step by fixed-point iteration, with Newton's method where it fails. */
+#ifndef GS_PROFILES_RUN_H
+#define GS_PROFILES_RUN_H
+
+#include "gyrospark/profiles/solve.h"
+#include "gyrospark/newton/step.h"
+
+#if GS_FORCES
+#if GS_SPARK
+#if GS_CONSTRAINED
+/* The unknowns (B.2) from the scaled ones. */
+static void get_unknowns(const state_t *w, real x[U])
+{
+    for (int e = 0; e < S*N; ++e) {
+        x[e] = w->x[e]/(w->h*weights[e/N]);
+        x[K_HAT + e] = w->x[HAT + e]/(w->h*weights_hat[e/N]);
+    }
+    for (int e = 0; e < P*M; ++e) {
+        const int l = e/M, node = l == 0 ? P - 1 : l - 1;
+        x[LAMBDA + e] = w->x[IMPULSE + node*M + e % M]/(w->h*tableau.b_tilde[l]);
+    }
+}
+#else
+/* The unknowns (B.2) from the scaled ones. */
+static void get_unknowns(const state_t *w, real x[U])
+{
+    for (int e = 0; e < S*N; ++e) {
+        x[e] = w->x[e]/(w->h*weights[e/N]);
+        x[K_HAT + e] = w->x[HAT + e]/(w->h*weights_hat[e/N]);
+    }
+}
+#endif
+#else
+/* The unknowns from those of the sweeps: a multiplier is an impulse by h. */
+static void get_unknowns(const state_t *w, real x[U])
+{
+    for (int e = 0; e < X; ++e)
+        x[e] = w->x[e]/(e < IMPULSE ? 1 : w->h);
+}
+#endif
+
+/* The work of the step that sweeps have just done, from their unknowns. */
+static void store_iteration_work(work_t *w, const real q[N], const real p[N])
+{
+    get_unknowns(&w->state, w->x);
+    store_work(w, w->state.h, q, p, w->x);
+}
+#else
+/* Without forces no work is done. */
+static void store_iteration_work(work_t *w, const real q[N], const real p[N])
+{
+    (void)w, (void)q, (void)p;
+}
+#endif
+
+/* ---------------------------------------------------------- a run: sweeps, Newton behind them */
+
+/* Rounding errors are forgotten where the state is another one. */
+static void set_state(work_t *w, const real q[N], const real p[N])
+{
+    state_t *s = &w->state;
+    s->constants = w->constants;
+    for (int a = 0; a < N; ++a) {
+        if (!(s->q[a] == q[a]))
+            s->q_low[a] = 0;
+        if (!(s->p[a] == p[a]))
+            s->p_low[a] = 0;
+        s->q[a] = q[a];
+        s->p[a] = p[a];
+    }
+}
+
+/* After a step that sweeps have not done: starting values come from the steps behind it. */
+static void reset_iteration(work_t *w)
+{
+    w->state.history_length = w->state.order = 0;
+}
+
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    state_t *s = &w->state;
+    s->tolerance = options->tolerance;
+    s->max_iterations = options->max_iterations;
+    s->h = dt;
+    s->h_inverse = 1/dt;
+    s->constants = w->constants;
+    w->failures = w->newton_steps_left = s->history_length = s->order = 0;
+    for (int a = 0; a < N; ++a) {
+        s->q[a] = q[a];
+        s->p[a] = p[a];
+        s->q_low[a] = s->p_low[a] = 0;
+    }
+}
+
+/* One step by sweeps alone; one that is not done leaves the state. */
+static int advance_by_fixed_point(work_t *w, real q[N], real p[N])
+{
+    state_t *s = &w->state;
+    real q_end[N], p_end[N], q_low[N], p_low[N];
+    s->t = w->t;
+    evaluate_constraints(s);
+    const int status = solve_fixed_point(s);
+    if (status != OK)
+        return status;
+    end_of_step(s, q_end, p_end, q_low, p_low);
+    if (!isfinite(norm(N, q_end) + norm(N, p_end)))
+        return NOT_FINITE;
+    store_iteration_work(w, q, p);
+    record_unknowns(s);
+    for (int a = 0; a < N; ++a) {
+        q[a] = s->q[a] = q_end[a];
+        p[a] = s->p[a] = p_end[a];
+        s->q_low[a] = q_low[a];
+        s->p_low[a] = p_low[a];
+    }
+    return OK;
+}
+
+/* One step of a run, counted and observed: by Newton where sweeps fail, and some steps after. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
+{
+    const int only_fixed_point = options->solver == FIXED_POINT, iterates = options->solver != NEWTON
+        && (only_fixed_point || w->newton_steps_left == 0);
+    int status = NOT_CONVERGED, taken = 0;
+    *iterations = 0;
+    if (iterates) {
+        status = advance_by_fixed_point(w, q, p);
+        *iterations = w->state.iterations;
+        w->failures = status == OK ? 0 : w->failures;
+    }
+    if (status != OK) {
+        if (!only_fixed_point)
+            status = advance(w, options, dt, q, p, q, p, multipliers, &taken);
+        *iterations += taken;
+        if (status != OK)
+            return status;
+        if (options->solver != NEWTON) {
+            ++report->newton_steps;
+            w->newton_steps_left = iterates ? (1 << (w->failures < 6 ? w->failures++ : 6)) - 1 : w->newton_steps_left - 1;
+            set_state(w, q, p);
+            reset_iteration(w);
+        }
+    }
+    add_step_work(w, report);
+    observe(&w->constants, q, p, report);
+    return OK;
+}
+
+#endif

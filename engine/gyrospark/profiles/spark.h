@@ -1,0 +1,287 @@
+/* Profiles control and run: SPARK by fixed-point iteration. */
+#ifndef GS_PROFILES_SPARK_H
+#define GS_PROFILES_SPARK_H
+
+#include "gyrospark/profiles/arithmetic.h"
+
+/* ------------------------------------------------------------------ a sweep over all the stages */
+
+/*
+ * The scaled unknowns x are L = h b k and L^ = h b^ k^ of the stages, then the impulses h b~ Lambda
+ * of the constraint nodes 1..P-1 and last P, where g is asked for, or 0, where a multiplier acts.
+ */
+enum { HAT = S*N, IMPULSE = 2*S*N, X = 2*S*N + P*M };
+
+/* y_i = base_i + sum_j table_ij x_j: rows of `width` numbers, those of the base `stride` apart. */
+static void multiply_table(int rows, int columns, int width, const real *base, int stride,
+    const real *table, const real *x, real *y)
+{
+    for (int i = 0; i < rows; ++i)
+        for (int a = 0; a < width; ++a) {
+            real sum = base == NULL ? 0 : base[i*stride + a];
+            for (int j = 0; j < columns; ++j)
+                sum += table[i*columns + j]*x[j*width + a];
+            y[i*width + a] = sum;
+        }
+}
+
+/* Starting values without a past: the rates at the start of the step, no impulse. */
+static void initial_unknowns(state_t *w)
+{
+    real H_q[N], H_p[N], shared[SHARED];
+    first_rates(&w->constants, w->q, w->p, H_p, shared);
+    second_rates(&w->constants, w->q, w->p, &w->t, shared, H_q);
+    for (int e = 0; e < S*N; ++e) {
+        w->x[e] = w->h*weights[e/N]*H_p[e % N];
+        w->x[HAT + e] = -(w->h*weights_hat[e/N])*H_q[e % N];
+    }
+    for (int e = IMPULSE; e < X; ++e)
+        w->x[e] = 0;
+}
+
+#if GS_CONSTRAINED
+/* The place of the node where impulse l acts: of the last it is the start of the step. */
+static void node_position(const state_t *w, int l, real place[N])
+{
+    for (int a = 0; a < N; ++a)
+        place[a] = w->q[a] + (l < P - 1 ? w->D[l*N + a] : 0);
+}
+
+/* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j) */
+static void constraint_forces(state_t *w, real C[S*N])
+{
+    for (int j = 0; j < P; ++j) {
+        const real *impulse = w->x + IMPULSE + j*M;
+        real place[N], G[M][N];
+        node_position(w, j, place);
+        KERNEL(constraint_jacobian)(&w->constants, place, G);
+        for (int a = 0; a < N; ++a) {
+            w->Y[j*N + a] = 0;
+            for (int mu = 0; mu < M; ++mu)
+                w->Y[j*N + a] -= G[mu][a]*impulse[mu];
+        }
+    }
+    multiply_table(S, P, N, w->p, 0, &table_nu_tilde[0][0], w->Y, C);
+}
+
+#if GS_CONSTANT_SCHUR
+/* From starting values: the nodes Q~_l = q + D_l, D_l = sum_j nu_lj L_j, and the forces there. */
+static void begin_iteration(state_t *w)
+{
+    multiply_table(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
+    constraint_forces(w, w->C);
+}
+
+/* impulse += (h W)^-1 defect at node j: W is constant where g = 0. */
+static void apply_schur_inverse(const state_t *w, int j, const real defect[M], real impulse[M])
+{
+    (void)j;
+    for (int mu = 0; mu < M; ++mu)
+        for (int nu = 0; nu < M; ++nu)
+            impulse[mu] += w->h_inverse*w->constants.W_inverse[mu][nu]*defect[nu];
+}
+#else
+/*
+ * From starting values: the nodes Q~_l = q + D_l, D_l = sum_j nu_lj L_j, and the forces and factors
+ * of W = G H_pp G^T there.
+ */
+static void begin_iteration(state_t *w)
+{
+    multiply_table(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
+    constraint_forces(w, w->C);
+    for (int j = 0; j < P; ++j) {
+        real place[N];
+        node_position(w, j, place);
+        schur(&w->constants, place, w->p, w->factors[j]);
+        factorise(w->factors[j]);
+    }
+}
+
+/* impulse += (h W)^-1 defect at node j */
+static void apply_schur_inverse(state_t *w, int j, real defect[M], real impulse[M])
+{
+    substitute(w->factors[j], defect);
+    for (int mu = 0; mu < M; ++mu)
+        impulse[mu] += w->h_inverse*defect[mu];
+}
+#endif
+
+/*
+ * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
+ * w->defect is how far from g = 0 the nodes were before.
+ */
+static void correct_multipliers(state_t *w, const real L[S*N], real C[S*N])
+{
+    real g[P*M], defect[P*M];
+    multiply_table(P, S, N, NULL, 0, &table_nu[0][0], L, w->D);
+    w->defect = 0;
+    for (int l = 0; l < P; ++l) {
+        KERNEL(constraint_increment)(&w->constants, w->q, w->D + l*N, g + l*M);
+        for (int mu = 0; mu < M; ++mu) {
+            const real rest = g[l*M + mu] += w->g[mu];
+            w->defect += rest*rest*w->row_weight[mu]*w->q_weight;
+        }
+    }
+    multiply_table(P, P, M, NULL, 0, &table_inverse[0][0], g, defect);
+    for (int j = 0; j < P; ++j)
+        apply_schur_inverse(w, j, defect + j*M, w->x + IMPULSE + j*M);
+    constraint_forces(w, C);
+}
+
+/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+static void evaluate_constraints(state_t *w)
+{
+    real G[M][N];
+    KERNEL(constraint)(&w->constants, w->q, w->g);
+    KERNEL(constraint_jacobian)(&w->constants, w->q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        real square = LIMIT(MIN);
+        for (int a = 0; a < N; ++a) {
+            w->g[mu] += G[mu][a]*w->q_low[a];
+            square += G[mu][a]*G[mu][a];
+        }
+        w->row_weight[mu] = 1/square;
+    }
+}
+
+/* T2: dp, with the impulses, becomes such that p + dp is on the constraint on the momenta at q. */
+static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
+{
+    real G[M][N], pushed[N];
+    KERNEL(constraint_jacobian)(&w->constants, q, G);
+    total(P, w->Y, pushed);
+    for (int a = 0; a < N; ++a)
+        dp[a] += pushed[a] + w->p_low[a];
+    for (int round = 0; round < ROUNDS; ++round) {
+        real f[M], p[N], W[M][M];
+        for (int a = 0; a < N; ++a)
+            p[a] = w->p[a] + dp[a];
+        KERNEL(hidden_constraint)(&w->constants, q, p, f);
+        KERNEL(hidden_matrix)(&w->constants, q, p, W);
+        factorise(W);
+        substitute(W, f);
+        for (int mu = 0; mu < M; ++mu)
+            for (int a = 0; a < N; ++a)
+                dp[a] -= G[mu][a]*f[mu];
+    }
+}
+
+#if GS_SCALAR_SCHUR
+/* The impulses, and what they change of P_i and L_i: H_pp G^T = c G^T, so of H_p c times that. */
+static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+{
+    real C[S*N];
+    (void)Q;
+    correct_multipliers(w, L, C);
+    for (int e = 0; e < S*N; ++e) {
+        const real force_change = C[e] - w->C[e];
+        momentum[e] += force_change;
+        w->C[e] = C[e];
+        L[e] += w->h*weights[e/N]*w->constants.correction*force_change;
+    }
+}
+#else
+/* The impulses, what they change of P_i, and H_p once more for these. */
+static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+{
+    real C[S*N], H_p[N], shared[SHARED];
+    correct_multipliers(w, L, C);
+    for (int e = 0; e < S*N; ++e) {
+        momentum[e] += C[e] - w->C[e];
+        w->C[e] = C[e];
+    }
+    for (int i = 0; i < S; ++i) {
+        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared);
+        for (int a = 0; a < N; ++a)
+            L[i*N + a] = w->h*weights[i]*H_p[a];
+    }
+}
+#endif
+#else
+/* There are no constraints to look at. */
+static void evaluate_constraints(state_t *w)
+{
+    w->defect = 0;
+}
+
+/* C_i = p: no impulses change the momenta. */
+static void begin_iteration(state_t *w)
+{
+    for (int e = 0; e < S*N; ++e)
+        w->C[e] = w->p[e % N];
+}
+
+static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
+{
+    (void)w, (void)Q, (void)momentum, (void)L;
+}
+
+static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
+{
+    (void)q;
+    for (int a = 0; a < N; ++a)
+        dp[a] += w->p_low[a];
+}
+#endif
+
+#if GS_SEPARABLE
+/* H_pq = 0: H_q at the places just found squares the contraction (Gauss-Seidel). */
+static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
+{
+    multiply_table(S, S, N, w->q, 0, &table_mu[0][0], L, Q);
+}
+#else
+/* H_q is taken where H_p was. */
+static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
+{
+    (void)w, (void)L, (void)Q;
+}
+#endif
+
+/*
+ * One sweep: new rates k_i = H_p and k^_i = -H_q of all stages, with the impulses corrected in
+ * between. Returns the sum of squares of what it changed, relative to the state.
+ */
+static real iterate_once(state_t *w)
+{
+    real Q[S*N], momentum[S*N], L[S*N], shared[S][SHARED], q_change = 0, p_change = 0;
+    multiply_table(S, S, N, w->q, 0, &table_mu[0][0], w->x, Q);
+    multiply_table(S, S, N, w->C, N, &table_mu_hat[0][0], w->x + HAT, momentum);
+    for (int i = 0; i < S; ++i) {
+        real H_p[N];
+        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
+        for (int a = 0; a < N; ++a)
+            L[i*N + a] = w->h*weights[i]*H_p[a];
+    }
+    correct_stages(w, Q, momentum, L);
+    update_positions(w, L, Q);
+    for (int i = 0; i < S; ++i) {
+        const real t = w->t + w->h*nodes[i];
+        real H_q[N];
+        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_q);
+        for (int a = 0; a < N; ++a) {
+            const int e = i*N + a;
+            const real force = -(w->h*weights_hat[i])*H_q[a];
+            q_change += (L[e] - w->x[e])*(L[e] - w->x[e]);
+            p_change += (force - w->x[HAT + e])*(force - w->x[HAT + e]);
+            w->x[e] = L[e];
+            w->x[HAT + e] = force;
+        }
+    }
+    return q_change*w->q_weight + p_change*w->p_weight;
+}
+
+/* T2: the end of the step from the converged stages, `low` what rounding leaves over. */
+static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
+{
+    real dq[N], dp[N];
+    total(S, w->x, dq);
+    total(S, w->x + HAT, dp);
+    for (int a = 0; a < N; ++a)
+        dq[a] += w->q_low[a];
+    add_compensated(w->q, dq, q, q_low);
+    project_momentum_increment(w, q, dp);
+    add_compensated(w->p, dp, p, p_low);
+}
+
+#endif

@@ -1,0 +1,93 @@
+/* One step of a run: fixed-point iteration or Newton's method. */
+#ifndef GS_RUN_ADVANCE_H
+#define GS_RUN_ADVANCE_H
+
+#include "gyrospark/newton/step.h"
+
+#if GS_FIXED_POINT
+/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
+
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    if (!BY_NEWTON(options))
+        begin_fixed_point(w, dt, q, p);
+}
+
+/* One step of a run, counted and observed. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
+{
+    if (BY_NEWTON(options)) {
+        const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
+        if (status != OK)
+            return status;
+        add_step_work(w, report);
+        observe(AT(&w->constants, w->t + w->step), q, p, report);
+        return OK;
+    }
+    const int status = advance_fixed_point(w, options, dt, iterations, report);
+    if (status != OK)
+        return status;
+    observe_fixed_point(w, report);
+    get_state(w, q, p);
+    return OK;
+}
+
+/* The multipliers of the last step; Newton has put them there. */
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    if (!BY_NEWTON(options))
+        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);
+}
+
+/* A step with no past and no future. */
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    if (BY_NEWTON(options))
+        return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+    report_t report = { 0 };
+    begin_fixed_point(w, dt, q, p);
+    const int status = advance_fixed_point(w, options, dt, iterations, &report);
+    if (status == OK) {
+        get_state(w, q1, p1);
+        SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);
+    }
+    return status;
+}
+#else
+/* ------------------------------------------------------------------ a run: Newton at every step */
+
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    (void)w, (void)options, (void)dt, (void)q, (void)p;
+}
+
+/* One step of a run, counted and observed. */
+static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
+    real multipliers[ROOM], int *iterations, report_t *report)
+{
+    const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
+    if (status != OK)
+        return status;
+    add_step_work(w, report);
+    observe(AT(&w->constants, w->t + w->step), q, p, report);
+    return OK;
+}
+
+/* The multipliers of the last step are where it has put them. */
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    (void)w, (void)options, (void)multipliers;
+}
+
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
+}
+#endif
+
+#endif

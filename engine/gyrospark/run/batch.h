@@ -1,0 +1,345 @@
+/* Several trajectories, one in each lane. */
+#ifndef GS_RUN_BATCH_H
+#define GS_RUN_BATCH_H
+
+#include "gyrospark/fixed_point/batch.h"
+#include "gyrospark/fixed_point/fallback.h"
+#include "gyrospark/run/integrate.h"
+
+/* --------------------------------------------------------------- several trajectories at a time */
+
+/* What a caller's batch memory holds. */
+typedef struct {
+    BATCH(t) solver;
+    BATCH(unknowns) converged; /* lanes that converged before their mates, or are to be kept */
+    lanes energy_start, energy_error_max, energy_error_sum;
+    lanes start; /* the time at the start of the run */
+    long done;   /* steps since then */
+    lanes g_max, g_sum, f_max, f_sum;
+} ensemble_t;
+
+_Static_assert(sizeof(ensemble_t) + 64 <= sizeof(((batch_memory *)0)->memory),
+    "batch memory is too small");
+
+static ensemble_t *ensemble_of(batch_memory *memory)
+{
+    return (ensemble_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
+}
+
+enum { UNKNOWNS = sizeof(BATCH(unknowns))/sizeof(lanes) };
+
+/* The first `count` numbers of an iterate, in the lanes of m. */
+INLINE void select_lanes(lanes_mask m, int count, const BATCH(unknowns) *from, BATCH(unknowns) *to)
+{
+    assign_lanes(m, count, (const lanes *)(const void *)from, (lanes *)(void *)to);
+}
+
+/*
+ * The lanes in `fresh` begin at the rates at the start of the step (or, with x given, at those
+ * unknowns); the others are not touched, to the bit.
+ */
+static void restart_lanes(ensemble_t *b, lanes_mask fresh, const real *x)
+{
+    b->converged = b->solver.now;
+    if (x == NULL)
+        BATCH(euler_start)(&b->solver);
+    for (int i = 0; i < LANES; ++i)
+        if (x != NULL && mask_get(&fresh, i))
+            BATCH(set_unknowns)(&b->solver, i, x);
+    BATCH(begin_iteration)(&b->solver);
+    select_lanes(lanes_mask_not(fresh), UNKNOWNS, &b->converged, &b->solver.now);
+}
+
+/*
+ * Sweeps until every lane has converged or given up. A lane ends with the sweep that is its own
+ * last one: what it computes does not depend on its mates. lost[i] says why lane i gave up.
+ */
+static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, const int *alive, int *failed,
+    int *iterations)
+{
+    BATCH(t) *solver = &b->solver;
+    const lanes far = splat((real)0.02);
+    const int predicted = solver->predictor.count > 0, updates = updates_rates(&solver->predictor);
+    lanes iterations_taken = splat(0), alive_count = splat(0);
+    for (int i = 0; i < LANES; ++i) {
+        lane_set(&alive_count, i, (real)alive[i]);
+        failed[i] = OK;
+    }
+    lanes_progress_t progress = lanes_initial_progress();
+    lanes_mask active = alive_count > splat(0), finished = active & lanes_mask_not(active);
+    BATCH(start_iteration)(solver, predicted);
+    for (int iteration = 1; lanes_any(active); ++iteration) {
+        BATCH(iterate_once)(solver);
+        const lanes change = solver->change;
+        const lanes_mask on = lanes_is_contracting(&progress, change, options->tolerance,
+            options->max_iterations);
+        if (!updates && !lanes_any(active & lanes_mask_not(on))) {
+            lanes_update_contracting(&progress, change, solver->constraint_state.defect);
+            iterations_taken = lanes_select_value(active, iterations_taken + 1, iterations_taken);
+            continue;
+        }
+        const lanes_mask estimates = active & lanes_needs_round_off_estimate(&progress, change);
+        if (lanes_any(estimates)) {
+            BATCH(estimate_round_off)(solver);
+            lanes_set_round_off_floor(&progress, estimates, solver->round_off);
+        }
+        lanes *rates = solver->predictor.rate + rate_index(iteration);
+        const lanes rate[2] = { rates[0], rates[1] };
+        lanes_convergence_t result = lanes_test_convergence(&progress, change, solver->constraint_state.defect, solver->step_squared,
+            options->tolerance, options->max_iterations, updates, rates);
+        assign_lanes(lanes_mask_not(active), 2, rate, rates);
+        iterations_taken = lanes_select_value(active, iterations_taken + 1, iterations_taken);
+        if (predicted && iteration == 1) {
+            const lanes_mask fresh = active & lanes_mask_not(change < far*far);
+            for (int i = 0; i < LANES; ++i)
+                if (mask_get(&active, i))
+                    solver->predictor.first[i] = lane_get(&change, i);
+            if (lanes_any(fresh)) { /* a far prediction may lead to another root */
+                const lanes_progress_t start = lanes_initial_progress();
+                assign_lanes(fresh, sizeof(progress)/sizeof(lanes), &start.iterations, &progress.iterations);
+                restart_lanes(b, fresh, NULL);
+            }
+            result.ended &= lanes_mask_not(fresh);
+        }
+        const lanes_mask ends = active & result.ended;
+        for (int i = 0; i < LANES; ++i)
+            if (mask_get(&ends, i) && mask_get(&result.failed, i))
+                failed[i] = failure_reason(lane_get(&progress.change, i), lane_get(&progress.previous, i));
+        active &= lanes_mask_not(ends);
+        if (lanes_any(ends) && lanes_any(active)) {
+            finished |= ends;
+            select_lanes(ends, BATCH(RESULT), &solver->now, &b->converged);
+        }
+        if (!predicted && lanes_any(active) && (iteration == 1 || iteration == 3)) {
+            BATCH(update_scales)(solver);
+            BATCH(factorise_schur)(solver);
+        }
+    }
+    for (int i = 0; i < LANES; ++i)
+        iterations[i] += (int)lane_get(&iterations_taken, i);
+    if (lanes_any(finished))
+        select_lanes(finished, BATCH(RESULT), &b->converged, &solver->now);
+}
+
+/* Lane i by full Newton, as solver NEWTON does it. */
+static int solve_lane_by_newton(ensemble_t *b, const options_t *options, int lane, int *iterations, work_t *w)
+{
+    real q[N], p[N];
+    int iterations_taken;
+    get_constants(&b->solver.constants, lane, &w->constants);
+    for (int a = 0; a < N; ++a) {
+        q[a] = lane_get(&b->solver.q[a], lane);
+        p[a] = lane_get(&b->solver.p[a], lane);
+    }
+    const real dt = lane_get(&b->solver.h, lane);
+    w->t = lane_get(&b->solver.t, lane);
+    IF_TIME(w->step = lane_get(&b->solver.step, lane);)
+    const int status = newton(w, options, dt, q, p, w->x, &iterations_taken);
+    *iterations += iterations_taken;
+    if (status != OK)
+        return status;
+    lanes number = splat(0);
+    lane_set(&number, lane, 1);
+    restart_lanes(b, number > splat(0), w->x);
+    return OK;
+}
+
+INLINE lanes lanes_size(lanes a)
+{
+    return lanes_larger(a, -a);
+}
+
+#if GS_CONSTRAINED
+static void observe_lane_errors(ensemble_t *b)
+{
+    BATCH(t) *solver = &b->solver;
+    lanes f[M], g_size = splat(0), f_size = splat(0);
+    lanes_hidden_constraint(&solver->constants, solver->q, solver->p, f);
+    for (int mu = 0; mu < M; ++mu) {
+        g_size = lanes_larger(g_size, lanes_size(solver->constraint_state.g_rounded[mu]));
+        f_size = lanes_larger(f_size, lanes_size(f[mu]));
+    }
+    b->g_max = lanes_larger(g_size, b->g_max);
+    b->g_sum += g_size;
+    b->f_max = lanes_larger(f_size, b->f_max);
+    b->f_sum += f_size;
+}
+#else
+static void observe_lane_errors(ensemble_t *b)
+{
+    (void)b;
+}
+#endif
+
+#if GS_INPUTS
+/* The inputs of the next step of each trajectory; lanes beyond the last repeat the first. */
+static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count)
+{
+    constants c;
+    for (int i = 0; i < LANES && inputs->values != NULL; ++i) {
+        set_step_inputs(&c, inputs, i < count ? i : 0, b->done);
+        lanes_set_inputs(&b->solver.constants, i, &c);
+    }
+}
+#endif
+
+static void observe_lanes(ensemble_t *b)
+{
+    BATCH(t) *solver = &b->solver;
+    const lanes error = lanes_size(lanes_hamiltonian(&solver->constants, solver->q, solver->p)
+        - b->energy_start - solver->work);
+    b->energy_error_max = lanes_larger(error, b->energy_error_max);
+    b->energy_error_sum += error;
+    observe_lane_errors(b);
+}
+
+/* The record of a lane, between memory and report. */
+static void write_report(const ensemble_t *b, int lane, report_t *report)
+{
+    set_work(report, lane_get(&b->solver.work, lane), lane_get(&b->solver.work_low, lane));
+    report->energy_error_max = lane_get(&b->energy_error_max, lane);
+    report->energy_error_sum = lane_get(&b->energy_error_sum, lane);
+    report->constraint_max = lane_get(&b->g_max, lane);
+    report->constraint_sum = lane_get(&b->g_sum, lane);
+    report->hidden_max = lane_get(&b->f_max, lane);
+    report->hidden_sum = lane_get(&b->f_sum, lane);
+}
+
+/* State and record of a lane, for the caller. */
+static void write_state(const ensemble_t *b, int lane, const lanes *from_q, const lanes *from_p,
+    real *q, real *p, report_t *report)
+{
+    write_report(b, lane, report);
+    for (int a = 0; a < N; ++a) {
+        q[lane*N + a] = lane_get(&from_q[a], lane);
+        p[lane*N + a] = lane_get(&from_p[a], lane);
+    }
+}
+
+static int is_finite_lane(const BATCH(t) *solver, int lane)
+{
+    real size = 0;
+    for (int a = 0; a < N; ++a)
+        size += lane_get(&solver->q[a], lane) + lane_get(&solver->p[a], lane);
+    return isfinite(size);
+}
+
+/* Lanes beyond the last trajectory repeat the first: they cost nothing and disturb nobody. */
+static void begin_ensemble(ensemble_t *b, int count, const parameters_t *parameters, const real *dt,
+    const real *q, const real *p)
+{
+    b->solver.constants._used = count < LANES ? count : LANES;
+    for (int i = 0; i < LANES; ++i) {
+        const int from = i < count ? i : 0;
+        constants c;
+        prepare(&parameters[from], &c);
+        BATCH(prepare)(&b->solver, i, &c, dt[from]);
+        lane_set(&b->start, i, start_time(&parameters[from]));
+        for (int a = 0; a < N; ++a) {
+            lane_set(&b->solver.q[a], i, q[from*N + a]);
+            lane_set(&b->solver.p[a], i, p[from*N + a]);
+        }
+    }
+    IF_TIME(b->solver.t = b->start;)
+    BATCH(initialise)(&b->solver);
+    b->done = 0;
+    b->energy_start = lanes_hamiltonian(&b->solver.constants, b->solver.q, b->solver.p);
+    b->energy_error_max = b->energy_error_sum = splat(0);
+    b->g_max = b->g_sum = b->f_max = b->f_sum = splat(0);
+    observe_lanes(b);
+}
+
+int NAME(lanes)(void)
+{
+    return LANES;
+}
+
+static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
+    IF_INPUTS(inputs_t inputs,)
+    const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    ensemble_t *b = ensemble_of(batch);
+    BATCH(t) *solver = &b->solver;
+    int alive[LANES], most[LANES] = { 0 }, alive_count = 0;
+    if (count <= 0)
+        return;
+    if (reports[0].steps == 0 && status[0] == OK) {
+        begin_ensemble(b, count, parameters, dt, q, p);
+        for (int i = 0; i < count; ++i) {
+            reports[i].energy_start = lane_get(&b->energy_start, i);
+            write_report(b, i, &reports[i]);
+        }
+    }
+    for (int i = 0; i < LANES; ++i) {
+        alive[i] = i < count && status[i] == OK;
+        alive_count += alive[i];
+    }
+    for (long k = 1; k <= steps && alive_count > 0; ++k) {
+        int failed[LANES], iterations_taken[LANES] = { 0 };
+        IF_INPUTS(set_lane_inputs(b, &inputs, count);)
+        solver->t = b->start + (real)b->done++*solver->h;
+        IF_TIME(solver->step = b->start + (real)b->done*solver->h - solver->t;)
+        solve_fixed_point_lanes(b, options, alive, failed, iterations_taken);
+        for (int i = 0; i < LANES; ++i) {
+            if (!failed[i])
+                continue;
+            if (options->solver != FIXED_POINT) {
+                failed[i] = solve_lane_by_newton(b, options, i, &iterations_taken[i], work);
+                reports[i].newton_steps += failed[i] == OK;
+            }
+            if (failed[i] != OK) {
+                status[i] = failed[i];
+                alive[i] = 0;
+                --alive_count;
+                write_state(b, i, solver->q, solver->p, q, p, &reports[i]);
+            }
+        }
+        lanes q_before[N], p_before[N];
+        for (int a = 0; a < N; ++a) {
+            q_before[a] = solver->q[a];
+            p_before[a] = solver->p[a];
+        }
+        const lanes work_before = solver->work;
+        BATCH(record_step)(solver);
+        BATCH(finish)(solver);
+        for (int i = 0; i < count; ++i)
+            if (alive[i] && !is_finite_lane(solver, i)) {
+                status[i] = NOT_FINITE;
+                alive[i] = 0;
+                --alive_count;
+                write_state(b, i, q_before, p_before, q, p, &reports[i]);
+                restore_work(&reports[i], lane_get(&work_before, i));
+            }
+        observe_lanes(b);
+        for (int i = 0; i < count; ++i) {
+            if (!alive[i])
+                continue;
+            report_t *report = &reports[i];
+            ++report->steps;
+            report->iterations += iterations_taken[i];
+            if (iterations_taken[i] > report->iterations_max)
+                report->iterations_max = iterations_taken[i];
+            if (iterations_taken[i] > most[i])
+                most[i] = iterations_taken[i];
+            if (k == steps)
+                write_state(b, i, solver->q, solver->p, q, p, report);
+            if (k % every != 0)
+                continue;
+            const long row = i*rows + k/every - 1;
+            for (int a = 0; a < N && out.q != NULL; ++a)
+                out.q[row*N + a] = lane_get(&solver->q[a], i);
+            for (int a = 0; a < N && out.p != NULL; ++a)
+                out.p[row*N + a] = lane_get(&solver->p[a], i);
+            if (MULTIPLIERS > 0 && out.multipliers != NULL)
+                BATCH(multipliers)(solver, i, out.multipliers + row*MULTIPLIERS);
+            if (out.iterations != NULL)
+                out.iterations[row] = most[i];
+            if (out.work != NULL)
+                out.work[row] = lane_get(&solver->work, i);
+            most[i] = 0;
+        }
+    }
+}
+
+#endif

@@ -1,0 +1,136 @@
+/* A trajectory that is kept between calls: begin, advance, set_parameters. */
+#ifndef GS_RUN_BEGIN_ADVANCE_H
+#define GS_RUN_BEGIN_ADVANCE_H
+
+#include "gyrospark/run/integrate.h"
+
+#if !GS_PROFILE_RUN
+#if GS_FIXED_POINT
+/* The state of a run becomes (q, p); where that is new, nothing is left over of rounding. */
+static void set_state(work_t *w, const real q[N], const real p[N])
+{
+    SINGLE(t) *s = &fixed_point_of(w)->solver;
+    for (int a = 0; a < N; ++a) {
+        if (!(lane_get(&s->q[a], 0) == q[a])) {
+            s->q[a] = splat(q[a]);
+            s->q_low[a] = splat(0);
+        }
+        if (!(lane_get(&s->p[a], 0) == p[a])) {
+            s->p[a] = splat(p[a]);
+            s->p_low[a] = splat(0);
+        }
+    }
+    for (int i = 0; i < LANES; ++i)
+        SINGLE(prepare)(s, i, &w->constants, w->simulation.dt);
+    IF_FRAME(SINGLE(release_equilibrium)(s);)
+    SINGLE(prepare_schur)(s);
+    IF_TIME(lanes_at_time(&s->constants, splat(w->t));)
+    SINGLE(evaluate_constraints)(s);
+}
+
+/* After a step that failed: what it left behind is forgotten. */
+static void reset_iteration(work_t *w)
+{
+    SINGLE(t) *s = &fixed_point_of(w)->solver;
+    SINGLE(reset_history)(s);
+    s->work = splat(total_work(&w->simulation.report));
+    s->work_low = splat(0);
+}
+#else
+/* Newton keeps nothing from step to step. */
+static void set_state(work_t *w, const real q[N], const real p[N])
+{
+    (void)w, (void)q, (void)p;
+}
+
+static void reset_iteration(work_t *w)
+{
+    (void)w;
+}
+#endif
+
+#if GS_FRAME
+#include "gyrospark/frames/trajectory.h"
+#endif
+#endif
+
+size_t NAME(work_size)(void)
+{
+    return sizeof(work_t);
+}
+
+const report_t *NAME(report_of)(const work_t *work)
+{
+    return &work->simulation.report;
+}
+
+void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N], const real p[N])
+{
+    w->simulation.options = *options;
+    w->simulation.dt = dt;
+    w->simulation.start = start_time(parameters);
+    w->simulation.state_changed = 0;
+    prepare(parameters, &w->constants);
+    IF_TIME(w->t = w->simulation.start;)
+    begin(w, options, dt, q, p, &w->simulation.report);
+    for (int a = 0; a < N; ++a) {
+        w->simulation.q[a] = q[a];
+        w->simulation.p[a] = p[a];
+    }
+    IF_FRAME(begin_frame(w, parameters);)
+}
+
+void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
+{
+    IF_TIME(w->t = w->simulation.start + (real)w->simulation.report.steps*w->simulation.dt;)
+    const real before = hamiltonian(AT(&w->constants, w->t), w->simulation.q, w->simulation.p);
+    prepare(parameters, &w->constants);
+    w->simulation.report.energy_start += hamiltonian(AT(&w->constants,
+        w->t), w->simulation.q, w->simulation.p) - before;
+    w->simulation.state_changed = 1;
+    IF_FRAME(change_frame(w, parameters);)
+}
+
+int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
+{
+    const rows_t none = { 0 };
+    IF_INPUTS(const inputs_t no_inputs = { 0 };)
+    real *old_q = w->simulation.q, *old_p = w->simulation.p, jump = 0;
+    const int by_fixed_point = w->simulation.options.solver != NEWTON;
+    int step_squared = 0;
+    for (int a = 0; a < N; ++a)
+        step_squared |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
+    IF_TIME(w->t = w->simulation.start + (real)w->simulation.report.steps*w->simulation.dt;)
+    IF_TIME(at_time(&w->constants, w->t);)
+    if (step_squared) /* by the caller: that is no error */
+        jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
+    w->simulation.report.energy_start += jump;
+    IF_FRAME(into_frame(w, q, p);)
+    if (by_fixed_point && (step_squared || w->simulation.state_changed))
+        set_state(w, q, p);
+    w->simulation.state_changed = 0;
+    const int status = run_on(&w->simulation.options, IF_INPUTS(
+        no_inputs,) w->simulation.start, w->simulation.dt, steps, 1, q, p, none,
+        &w->simulation.report, w);
+    IF_FRAME(out_of_frame(w, q, p);)
+    for (int a = 0; a < N; ++a) {
+        old_q[a] = q[a];
+        old_p[a] = p[a];
+    }
+    if (status != OK) {
+        w->simulation.state_changed = 1;
+        if (by_fixed_point)
+            reset_iteration(w);
+    }
+    return status;
+}
+
+#if GS_INPUTS
+void NAME(set_inputs)(work_t *w, const real u[INPUTS])
+{
+    set_inputs(&w->constants, u);
+}
+#endif
+
+#endif

@@ -1,0 +1,140 @@
+/* Whole runs of one trajectory. */
+#ifndef GS_RUN_INTEGRATE_H
+#define GS_RUN_INTEGRATE_H
+
+#include "gyrospark/run/record.h"
+
+#if GS_PROFILE_RUN
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p;
+    int *iterations;
+    real *work;
+} rows_t;
+
+/* A row: the state, and the most iterations since the row before. */
+static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
+    const options_t *options, real forces[ROOM], int most, const report_t *report)
+{
+    (void)w, (void)options, (void)forces;
+    for (int a = 0; a < N && out.q != NULL; ++a)
+        out.q[row*N + a] = q[a];
+    for (int a = 0; a < N && out.p != NULL; ++a)
+        out.p[row*N + a] = p[a];
+    if (out.iterations != NULL)
+        out.iterations[row] = most;
+    if (out.work != NULL)
+        out.work[row] = total_work(report);
+}
+#else
+/* Where a run stores its rows; NULL where they are not wanted. */
+typedef struct {
+    real *q, *p, *multipliers;
+    int *iterations;
+    real *work;
+} rows_t;
+
+/* A row: the state, what the last step took, and the most iterations since the row before. */
+static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
+    const options_t *options, real forces[ROOM], int most, const report_t *report)
+{
+    if (out.multipliers != NULL)
+        multipliers_of_run(w, options, forces);
+    for (int a = 0; a < N && out.q != NULL; ++a)
+        out.q[row*N + a] = q[a];
+    for (int a = 0; a < N && out.p != NULL; ++a)
+        out.p[row*N + a] = p[a];
+    for (int l = 0; l < MULTIPLIERS && out.multipliers != NULL; ++l)
+        out.multipliers[row*MULTIPLIERS + l] = forces[l];
+    if (out.iterations != NULL)
+        out.iterations[row] = most;
+    if (out.work != NULL)
+        out.work[row] = total_work(report);
+}
+#endif
+
+#if !GS_PROFILE_RUN
+#if GS_FRAME
+/* ------------------------------------------------------------------------- the public functions */
+
+int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
+    int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    const int status = single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
+    if (status == OK)
+        rotate_step(parameters, dt, q1, p1, multipliers);
+    return status;
+}
+#else
+/* ------------------------------------------------------------------------- the public functions */
+
+int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
+    int *iterations, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    return single_step(work, options, dt, q, p, q1, p1, multipliers, iterations);
+}
+#endif
+#endif
+
+/* A run begins: its record, in which the start counts once, and what its steps keep. */
+static void begin(work_t *work, const options_t *options, real dt, const real q[N],
+    const real p[N], report_t *report)
+{
+    const report_t nothing = { 0 };
+    *report = nothing;
+    report->energy_start = hamiltonian(AT(&work->constants, work->t), q, p);
+    observe(&work->constants, q, p, report);
+    begin_run(work, options, dt, q, p);
+}
+
+/* Steps of a run that has begun at the time `start`. */
+static int run_on(const options_t *options, IF_INPUTS(
+    inputs_t inputs,) real start, real dt, long steps, long every,
+    real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
+    int most = 0;
+    for (long k = 1; k <= steps; ++k) {
+        real forces[ROOM];
+        int taken;
+        work->t = start + (real)report->steps*dt;
+        IF_TIME(work->step = start + (real)(report->steps + 1)*dt - work->t;)
+        IF_INPUTS(set_step_inputs(&work->constants, &inputs, 0, report->steps);)
+        const int status = advance_run(work, options, dt, q, p, forces, &taken, report);
+        if (status != OK)
+            return status;
+        ++report->steps;
+        report->iterations += taken;
+        if (taken > report->iterations_max)
+            report->iterations_max = taken;
+        if (taken > most)
+            most = taken;
+        if (k % every != 0)
+            continue;
+        store(out, k/every - 1, q, p, work, options, forces, most, report);
+        most = 0;
+    }
+    return OK;
+}
+
+/* Steps from the state (q, p), which becomes the end; see the header. */
+static int integrate(const parameters_t *parameters, const options_t *options, IF_INPUTS(
+    inputs_t inputs,) real dt, long steps,
+    long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)
+{
+    prepare(parameters, &work->constants);
+    IF_TIME(work->t = start_time(parameters);)
+    if (report->steps == 0)
+        begin(work, options, dt, q, p, report);
+    return run_on(options, IF_INPUTS(
+        inputs,) start_time(parameters), dt, steps, every, q, p, out, report, work);
+}
+
+#endif

@@ -1,0 +1,127 @@
+/* The running record of an integration: energy error, constraint errors, work. */
+#ifndef GS_RUN_RECORD_H
+#define GS_RUN_RECORD_H
+
+#include "gyrospark/linear_algebra/norms.h"
+
+#if GS_FORCES
+/* Adds the work of a step to the record, in a compensated sum. */
+static void add_work(report_t *report, real done)
+{
+    const real share = done + report->work_low, total = report->work + share;
+    const real part = total - report->work;
+    report->work_low = (report->work - (total - part)) + (share - part);
+    report->work = total;
+}
+
+/* The work of the step with the unknowns x is kept until the step is counted. */
+static void store_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    w->work_done = step_work(w, dt, q, p, x);
+}
+
+static void add_step_work(const work_t *w, report_t *report)
+{
+    add_work(report, w->work_done);
+}
+
+/* What the forces have done since the start. */
+static inline real total_work(const report_t *report)
+{
+    return report->work;
+}
+
+#if GS_FIXED_POINT
+/* The record's work is what lanes have summed up. */
+static inline void set_work(report_t *report, real work, real low)
+{
+    report->work = work;
+    report->work_low = low;
+}
+
+/* Takes back the work of a step that came to nothing. */
+static inline void restore_work(report_t *report, real work)
+{
+    report->work = work;
+}
+#endif
+
+#if !GS_PROFILE_RUN
+void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], real work_done[1], work_t *work)
+{
+    prepare(parameters, &work->constants);
+    work->t = start_time(parameters);
+    IF_TIME(work->step = dt;)
+    *work_done = step_work(work, dt, q, p, x);
+}
+#endif
+#else
+/* Without forces no work is done. */
+static inline void store_work(work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U])
+{
+    (void)w, (void)dt, (void)q, (void)p, (void)x;
+}
+
+static inline void add_step_work(const work_t *w, report_t *report)
+{
+    (void)w, (void)report;
+}
+
+static inline real total_work(const report_t *report)
+{
+    (void)report;
+    return 0;
+}
+
+#if GS_FIXED_POINT
+static inline void set_work(report_t *report, real work, real low)
+{
+    (void)report, (void)work, (void)low;
+}
+
+static inline void restore_work(report_t *report, real work)
+{
+    (void)report, (void)work;
+}
+#endif
+#endif
+
+/* Adds the energy of the state (q, p) to the record. */
+static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    const real gain = hamiltonian(c, q, p) - report->energy_start;
+    const real error = MATH(fabs)(gain - total_work(report));
+    report->energy_error_max = larger(error, report->energy_error_max);
+    report->energy_error_sum += error;
+}
+
+#if GS_CONSTRAINED
+/* Adds what is left of the constraints to the record. */
+static void observe_constraint_errors(real g_size, real f_size, report_t *report)
+{
+    report->constraint_max = larger(g_size, report->constraint_max);
+    report->constraint_sum += g_size;
+    report->hidden_max = larger(f_size, report->hidden_max);
+    report->hidden_sum += f_size;
+}
+
+/* Adds the state (q, p) to the record. */
+static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    real g[M], f[M];
+    observe_energy(c, q, p, report);
+    constraint(c, q, g);
+    hidden_constraint(c, q, p, f);
+    observe_constraint_errors(norm(M, g), norm(M, f), report);
+}
+#else
+/* Adds the state (q, p) to the record. */
+static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
+{
+    observe_energy(c, q, p, report);
+}
+#endif
+
+#endif

@@ -1,0 +1,132 @@
+/* SPARK: the Jacobian of T1. */
+#ifndef GS_SPARK_JACOBIAN_H
+#define GS_SPARK_JACOBIAN_H
+
+#include "gyrospark/spark/residual.h"
+
+#if !GS_LAGRANGIAN
+#if GS_FORCES
+/* H_qq and H_qp are those of H_q - F: H_qp is no transpose. */
+static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
+    const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
+{
+    hessian(c, q, p, t, H_qq, H_qp, H_pq, H_pp);
+}
+#else
+/* Without forces H_qp is the transpose of H_pq. */
+static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
+    const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
+{
+    hessian(c, q, p, t, H_qq, H_pq, H_pp);
+    for (int a = 0; a < N; ++a)
+        for (int b = 0; b < N; ++b)
+            H_qp[a][b] = H_pq[b][a];
+}
+#endif
+#endif
+
+#if GS_CONSTRAINED
+/*
+ * dr/dx at the stage values of the last residual. With dP_i/dk_j,
+ * B_ij = -dt^2 sum_l a~_il a-_lj K_l:
+ *   d(k_i row)/dk_j = delta - dt a_ij H_pq - H_pp B_ij,   d/dk^_j = -dt a^_ij H_pp,
+ *   d(k^_i row)/dk_j = dt a_ij H_qq + H_qp B_ij,          d/dk^_j = delta + dt a^_ij H_qp,
+ * and by Lambda_l the same with -dt a~_il G_l^T for B.
+ */
+static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real J[U*U])
+{
+    (void)q, (void)p;
+    for (int e = 0; e < U*U; ++e)
+        J[e] = 0;
+    for (int l = 0; l <= P; ++l)
+        constraint_jacobian(AT(&w->constants, w->t + w->node_time[l]), w->Q_tilde[l], w->G[l]);
+    for (int l = 0; l < P; ++l)
+        constraint_curvature(AT(&w->constants,
+            w->t + w->node_time[l]), w->Q_tilde[l], x + LAMBDA + l*M, w->K[l]);
+    for (int i = 0; i < S; ++i) {
+        real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
+        const real t = w->t + dt*tableau.c[i];
+        rates_by_state(AT(&w->constants,
+            t), w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
+        for (int j = 0; j < S; ++j) {
+            const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
+            real B[N][N];
+            for (int a = 0; a < N; ++a)
+                for (int b = 0; b < N; ++b) {
+                    real sum = 0;
+                    for (int l = 0; l < P; ++l)
+                        sum += tableau.A_tilde[i][l]*tableau.A_bar[l][j]*w->K[l][a][b];
+                    B[a][b] = -dt*dt*sum;
+                }
+            for (int a = 0; a < N; ++a) {
+                real *upper = J + (i*N + a)*U, *lower = J + (K_HAT + i*N + a)*U;
+                for (int b = 0; b < N; ++b) {
+                    const real one = i == j && a == b ? 1 : 0;
+                    real by_k = a_ij*H_pq[a][b], by_k_lower = a_ij*H_qq[a][b];
+                    for (int e = 0; e < N; ++e) {
+                        by_k += H_pp[a][e]*B[e][b];
+                        by_k_lower += H_qp[a][e]*B[e][b];
+                    }
+                    upper[j*N + b] = one - by_k;
+                    upper[K_HAT + j*N + b] = -a_hat*H_pp[a][b];
+                    lower[j*N + b] = by_k_lower;
+                    lower[K_HAT + j*N + b] = one + a_hat*H_qp[a][b];
+                }
+            }
+        }
+        for (int l = 0; l < P; ++l)
+            for (int mu = 0; mu < M; ++mu)
+                for (int a = 0; a < N; ++a) {
+                    const int column = LAMBDA + l*M + mu;
+                    real by_p = 0, by_p_lower = 0;
+                    for (int e = 0; e < N; ++e) {
+                        by_p += H_pp[a][e]*w->G[l][mu][e];
+                        by_p_lower += H_qp[a][e]*w->G[l][mu][e];
+                    }
+                    const real a_tilde = dt*tableau.A_tilde[i][l];
+                    J[(i*N + a)*U + column] = a_tilde*by_p;
+                    J[(K_HAT + i*N + a)*U + column] = -a_tilde*by_p_lower;
+                }
+    }
+    for (int l = 1; l <= P; ++l)
+        for (int mu = 0; mu < M; ++mu) {
+            real *row = J + (LAMBDA + (l - 1)*M + mu)*U;
+            for (int j = 0; j < S; ++j)
+                for (int b = 0; b < N; ++b)
+                    row[j*N + b] = dt*tableau.A_bar[l][j]*w->G[l][mu][b];
+        }
+}
+#else
+/*
+ * dr/dx at the stage values of the last residual, without constraints:
+ *   d(k_i row)/dk_j = delta - dt a_ij H_pq,   d/dk^_j = -dt a^_ij H_pp,
+ *   d(k^_i row)/dk_j = dt a_ij H_qq,          d/dk^_j = delta + dt a^_ij H_qp
+ */
+static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real J[U*U])
+{
+    (void)q, (void)p, (void)x;
+    for (int i = 0; i < S; ++i) {
+        real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
+        const real t = w->t + dt*tableau.c[i];
+        rates_by_state(AT(&w->constants,
+            t), w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
+        for (int j = 0; j < S; ++j) {
+            const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
+            for (int a = 0; a < N; ++a) {
+                real *upper = J + (i*N + a)*U, *lower = J + (K_HAT + i*N + a)*U;
+                for (int b = 0; b < N; ++b) {
+                    const real one = i == j && a == b ? 1 : 0;
+                    upper[j*N + b] = one - a_ij*H_pq[a][b];
+                    upper[K_HAT + j*N + b] = -a_hat*H_pp[a][b];
+                    lower[j*N + b] = a_ij*H_qq[a][b];
+                    lower[K_HAT + j*N + b] = one + a_hat*H_qp[a][b];
+                }
+            }
+        }
+    }
+}
+#endif
+
+#endif

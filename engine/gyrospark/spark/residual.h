@@ -1,0 +1,159 @@
+/* SPARK: stage values and the residual of T1, (A.7) and (B.1). */
+#ifndef GS_SPARK_RESIDUAL_H
+#define GS_SPARK_RESIDUAL_H
+
+#include "gyrospark/linear_algebra/norms.h"
+
+#if GS_LAGRANGIAN
+#include "gyrospark/lagrangian/derivatives.h"
+#endif
+
+#if GS_CONSTRAINED
+#include "gyrospark/constraints/projection.h"
+#endif
+
+#if GS_CONSTRAINED
+/* At how many nodes multipliers act, l = 0..P-1 */
+enum { ACTING = P };
+
+/* G(Q~_l)^T Lambda_l at the nodes l = 0..P-1, where multipliers act */
+static void node_forces(work_t *w, const real q[N], const real x[U])
+{
+    const real *lambda = x + 2*S*N;
+    for (int l = 0; l <= P; ++l)
+        for (int a = 0; a < N; ++a)
+            w->Q_tilde[l][a] = q[a] + w->D[l][a];
+    for (int l = 0; l < P; ++l)
+        constraint_force(AT(&w->constants,
+            w->t + w->node_time[l]), w->Q_tilde[l], lambda + l*M, w->force[l]);
+}
+
+/* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */
+static void node_residuals(work_t *w, const real q[N], real r[P*M])
+{
+    real g[M];
+    constraint(AT(&w->constants, w->t), q, g);
+    for (int l = 1; l <= P; ++l) {
+        real dg[M];
+        constraint_increment(BETWEEN(&w->constants, w->t, w->node_time[l]), q, w->D[l], dg);
+        for (int mu = 0; mu < M; ++mu)
+            r[(l - 1)*M + mu] = g[mu] + dg[mu];
+    }
+}
+#else
+/* Without constraints no force acts at the nodes, and nothing is asked for there. */
+enum { ACTING = 0 };
+
+static void node_forces(work_t *w, const real q[N], const real x[U])
+{
+    (void)w, (void)q, (void)x;
+}
+
+static void node_residuals(work_t *w, const real q[N], real *r)
+{
+    (void)w, (void)q, (void)r;
+}
+#endif
+
+/* Where the unknowns (B.2) stand in x: k_1..k_S, k^_1..k^_S, Lambda_0..Lambda_(P-1). */
+enum { K_HAT = S*N, LAMBDA = 2*S*N };
+
+/* Starting guess: the rates at the start of the step, no constraint force. */
+static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])
+{
+    real H_q[N], H_p[N];
+    (void)dt;
+    gradient(AT(&w->constants, w->t), q, p, &w->t, H_q, H_p);
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            x[i*N + a] = H_p[a];
+            x[K_HAT + i*N + a] = -H_q[a];
+        }
+    for (int l = LAMBDA; l < U; ++l)
+        x[l] = 0;
+}
+
+/* The same of a momentum that stays. */
+static void zero_force_start(real x[U])
+{
+    for (int e = K_HAT; e < LAMBDA; ++e)
+        x[e] = 0;
+}
+
+/* D_l = dt sum a-_lj k_j, the way to the constraint nodes Q~_l = q + D_l (A.7) */
+static void node_places(work_t *w, real dt, const real x[U])
+{
+    IF_TIME(for (int l = 0; l <= P; ++l))
+        IF_TIME(w->node_time[l] = w->step*tableau.c_tilde[l];)
+    for (int l = 0; l <= P; ++l)
+        for (int a = 0; a < N; ++a) {
+            real sum = 0;
+            for (int j = 0; j < S; ++j)
+                sum += tableau.A_bar[l][j]*x[j*N + a];
+            w->D[l][a] = dt*sum;
+        }
+}
+
+/*
+ * (A.7): Q_i = q + dt sum a_ij k_j,
+ *        P_i = p + dt sum a^_ij k^_j - dt sum a~_il G(Q~_l)^T Lambda_l
+ */
+static void stage_values(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    node_places(w, dt, x);
+    node_forces(w, q, x);
+    for (int i = 0; i < S; ++i)
+        for (int a = 0; a < N; ++a) {
+            real rate = 0, force = 0;
+            for (int j = 0; j < S; ++j) {
+                rate += tableau.A[i][j]*x[j*N + a];
+                force += tableau.A_hat[i][j]*x[K_HAT + j*N + a];
+            }
+            w->stage_q[i][a] = q[a] + dt*rate;
+            for (int l = 0; l < ACTING; ++l)
+                force -= tableau.A_tilde[i][l]*w->force[l][a];
+            w->stage_p[i][a] = p[a] + dt*force;
+        }
+}
+
+/* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i) - F(Q_i, P_i, t_i); g(Q~_l), l = 1..P] */
+static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real r[U])
+{
+    stage_values(w, dt, q, p, x);
+    for (int i = 0; i < S; ++i) {
+        real H_q[N], H_p[N];
+        const real t = w->t + dt*tableau.c[i];
+        gradient(AT(&w->constants, t), w->stage_q[i], w->stage_p[i], &t, H_q, H_p);
+        for (int a = 0; a < N; ++a) {
+            r[i*N + a] = x[i*N + a] - H_p[a];
+            r[K_HAT + i*N + a] = x[K_HAT + i*N + a] + H_q[a];
+        }
+    }
+    node_residuals(w, q, r + LAMBDA);
+}
+
+/*
+ * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p, which
+ * is that of the stages of the last residual too: a body at rest has no other.
+ * Multipliers do not count: their round-off grows like 1/dt^2 and does not reach the state.
+ */
+static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real dx[U])
+{
+    const real step = MATH(fabs)(dt);
+    const real q_weight = larger(norm(N, q), step*norm(K_HAT, x));
+    const real p_stages = larger(norm(S*N, &w->stage_p[0][0]), step*norm(K_HAT, x + K_HAT));
+    const real p_weight = larger(norm(N, p), p_stages);
+    const real dq = step*norm(K_HAT, dx), dp = step*norm(K_HAT, dx + K_HAT);
+    return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
+}
+
+/* The same of a residual; what is left of the constraints does not count. */
+static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
+    const real x[U], const real r[U])
+{
+    return increment_size(w, dt, q, p, x, r);
+}
+
+#endif

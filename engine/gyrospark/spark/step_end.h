@@ -1,0 +1,111 @@
+/* SPARK: T2, the end of the step, and the work of a step. */
+#ifndef GS_SPARK_STEP_END_H
+#define GS_SPARK_STEP_END_H
+
+#include "gyrospark/spark/residual.h"
+
+#if GS_CONSTRAINED
+/* q1 - q (A.3) */
+static void displacement(real dt, const real x[U], real d[N])
+{
+    for (int a = 0; a < N; ++a) {
+        real sum = 0;
+        for (int j = 0; j < S; ++j)
+            sum += tableau.b[j]*x[j*N + a];
+        d[a] = dt*sum;
+    }
+}
+
+/*
+ * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l,
+ * and the last multiplier from the constraint on the momenta (A.5), (A.6).
+ */
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
+{
+    stage_values(w, dt, q, p, x);
+    for (int a = 0; a < N; ++a) {
+        real force = 0;
+        for (int j = 0; j < S; ++j)
+            force += tableau.b_hat[j]*x[K_HAT + j*N + a];
+        for (int l = 0; l < ACTING; ++l)
+            force -= tableau.b_tilde[l]*w->force[l][a];
+        q1[a] = q[a] + w->D[P][a];
+        p1[a] = p[a] + dt*force;
+    }
+    for (int l = 0; l < P*M; ++l)
+        multipliers[l] = x[LAMBDA + l];
+    const int status = project_momentum(AT(&w->constants,
+        w->t + w->step), q1, p1, multipliers + P*M);
+    for (int mu = 0; mu < M; ++mu)
+        multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
+    return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
+}
+#else
+/* T2 without constraints: q1 = q + dt sum b_j k_j, p1 = p + dt sum b^_j k^_j (A.3). */
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
+{
+    (void)multipliers;
+    stage_values(w, dt, q, p, x);
+    for (int a = 0; a < N; ++a) {
+        real force = 0;
+        for (int j = 0; j < S; ++j)
+            force += tableau.b_hat[j]*x[K_HAT + j*N + a];
+        q1[a] = q[a] + w->D[P][a];
+        p1[a] = p[a] + dt*force;
+    }
+    return isfinite(norm(N, q1) + norm(N, p1)) ? OK : NOT_FINITE;
+}
+#endif
+
+#if GS_TIME_DEPENDENT
+#if GS_CONSTRAINED
+/* sum b~_l Lambda_l.g_t(Q~_l, t_l): what a drive does through the constraints, by dt. */
+static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    real q1[N], p1[N], multipliers[ROOM], rate[M], sum = 0;
+    if (finish(w, dt, q, p, x, q1, p1, multipliers) != OK)
+        return NAN;
+    for (int l = 0; l <= P; ++l) {
+        constraint_rate(AT(&w->constants, w->t + w->node_time[l]), w->Q_tilde[l], rate);
+        for (int mu = 0; mu < M; ++mu)
+            sum += tableau.b_tilde[l]*multipliers[l*M + mu]*rate[mu];
+    }
+    return sum;
+}
+#else
+/* There is no constraint that a drive could move. */
+static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    (void)w, (void)dt, (void)q, (void)p, (void)x;
+    return 0;
+}
+#endif
+#endif
+
+#if GS_FORCES
+/* dt sum b_i F(Q_i, P_i, t_i).k_i: the work of the forces, of the order of the method. */
+static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
+{
+    real sum = 0;
+    stage_values(w, dt, q, p, x);
+    for (int i = 0; i < S; ++i) {
+        real F[N], power = 0;
+        IF_FRAME_WORK(real v[N];)
+        const real t = w->t + dt*tableau.c[i];
+        applied_force(AT(&w->constants, t), w->stage_q[i], w->stage_p[i], &t, F);
+        for (int a = 0; a < N; ++a)
+            power += F[a]*x[i*N + a];
+        IF_FRAME_WORK(frame_velocity(&w->constants, w->stage_q[i], v);)
+        IF_FRAME_WORK(for (int a = 0; a < N; ++a))
+            IF_FRAME_WORK(power += F[a]*v[a];)
+        IF_TIME(power += energy_rate(&w->constants, w->stage_q[i], w->stage_p[i]);)
+        sum += tableau.b[i]*power;
+    }
+    IF_TIME(sum += node_power(w, dt, q, p, x);)
+    return dt*sum;
+}
+#endif
+
+#endif
