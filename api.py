@@ -28,8 +28,8 @@ from .generator.schemes.named_schemes import SCHEMES, SchemeName
 from .generator.spec import Spec
 from .runtime.bindings.array_checks import as_array, as_real
 from .runtime.bindings.real_numbers import rounding
-from .runtime.compilation.build_cache import digest, keep, kept
-from .runtime.steppers.run_defaults import Start
+from .runtime.compilation.build_cache import digest, read_cache, write_cache
+from .runtime.steppers.run_defaults import RunDefaults
 from .runtime.steppers.stepper import Stepper
 
 if TYPE_CHECKING:
@@ -230,7 +230,7 @@ def _named_stepper(spec: Spec) -> Stepper:
 
 def model_stepper(
     spec: Spec, allow_invalid: bool = False, settings: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a spec with a model file, and the numbers of the file.
 
     Both are kept: the second time the same file asks for the same stepper, no SymPy is imported;
@@ -255,8 +255,8 @@ def model_stepper(
     beside = is_urdf(spec.model or "") and "loops" in settings
     loops = [model_text(settings["loops"])] if beside else []
 
-    def found(changes: Mapping[str, str]) -> tuple[Stepper, Start]:
-        return _kept_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
+    def found(changes: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
+        return _cached_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
                            lambda: _model_of_file(spec, text, changes), allow_invalid)
 
     numbers = {key: number for key, value in settings.items()
@@ -271,7 +271,7 @@ def model_stepper(
 
 def named_model_stepper(
     spec: Spec, name: str, options: Mapping[str, Any], allow_invalid: bool = False
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of one of ``gyrospark.models``, and the model's numbers; both are kept.
 
     ``options`` are arguments of the model's function.
@@ -280,25 +280,25 @@ def named_model_stepper(
         arguments = {**options, **({"rep": spec.rep} if spec.rep else {})}
         return MODELS[name].make(**arguments), []
 
-    return _kept_model(("named", name, allow_invalid, sorted(options.items())), spec, make,
+    return _cached_model(("named", name, allow_invalid, sorted(options.items())), spec, make,
                        allow_invalid)
 
 
-def _kept_model(
+def _cached_model(
     what: tuple[Any, ...], spec: Spec, make: Callable[[], tuple[Model, list[str]]],
     allow_invalid: bool,
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a model and its numbers as they are kept, or make and keep them."""
     own = "" if spec.tableau is None else _text_of(spec.tableau)
     key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
-    found = kept(key)
+    found = read_cache(key)
     if found is None:
         with capture_warnings() as heard:
             name, files, start = _generate_model(spec, make, allow_invalid)
         start = replace(start, remarks=heard)
-        keep(key, [name, files, start.as_json()])
+        write_cache(key, [name, files, start.as_json()])
     else:
-        name, files, start = found[0], found[1], Start.from_json(found[2])
+        name, files, start = found[0], found[1], RunDefaults.from_json(found[2])
     for said in start.remarks:
         warn(said)
     return Stepper(name, files), start
@@ -306,14 +306,14 @@ def _kept_model(
 
 def _generate_model(
     spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool
-) -> tuple[str, dict[str, str], Start]:
+) -> tuple[str, dict[str, str], RunDefaults]:
     from .generator.pipeline import generate
 
     what = spec.model or spec.system
     with log_task(f"deriving {what} with {spec.method}", f"derived {what}"):
         model, free = make()
         source = generate(spec, model=model, allow_invalid=allow_invalid).source
-    return source.name, source.files(), replace(Start.of(model), free=free)
+    return source.name, source.files(), replace(RunDefaults.of(model), free=free)
 
 
 def _model_of_file(
@@ -347,19 +347,19 @@ def files_of(spec: Spec) -> dict[str, str]:
     found = checked_in_files(spec.name)
     if found is not None:
         return found
-    files: dict[str, str] | None = kept(_kept_name(spec))
+    files: dict[str, str] | None = read_cache(_cache_name(spec))
     if files is None:
         files = _generate(spec, None, None, False).source.files()
-        keep_files(spec, files)
+        cache_files(spec, files)
     return files
 
 
-def keep_files(spec: Spec, files: dict[str, str]) -> None:
+def cache_files(spec: Spec, files: dict[str, str]) -> None:
     """Keep generated files for later calls."""
-    keep(_kept_name(spec), files)
+    write_cache(_cache_name(spec), files)
 
 
-def _kept_name(spec: Spec) -> str:
+def _cache_name(spec: Spec) -> str:
     return f"{spec.name}-{_source_key(spec)}.source.json"
 
 

@@ -55,7 +55,7 @@ from ..runtime.compilation.object_files import Part, objects_of
 from ..runtime.compilation.verified_build import import_module
 from ..runtime.rigid_body.problems import fast_top, free_body
 
-__all__ = ["BUILDS", "Build", "Difference", "Source", "compare", "compare_kernels", "main",
+__all__ = ["BUILDS", "Build", "KernelMismatch", "Source", "compare", "compare_kernels", "main",
            "sources"]
 
 Array = NDArray[Any]
@@ -107,7 +107,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Difference:
+class KernelMismatch:
     """The entry of a function that is furthest from the exact one.
 
     Attributes
@@ -235,7 +235,7 @@ class _Functions:
 
 def compare(
     source: Source, builds: Sequence[Build] = BUILDS, points: int = POINTS
-) -> Iterator[Difference]:
+) -> Iterator[KernelMismatch]:
     """Yield for each build and function how far it is from the exact numbers."""
     with tempfile.TemporaryDirectory() as folder:
         exact = _compiled(source, Build(builds[0].kind, tuple(_EXACT), mended=False),
@@ -268,13 +268,13 @@ def compare(
                 error = np.abs(made.call(function, *at)[usable] - right).max(0)
                 error = np.where(np.isfinite(error), error, np.inf)
                 worst = int(np.argmax(error / np.maximum(bound, np.finfo(float).tiny)))
-                yield Difference(source.name, str(build), function, right.size,
+                yield KernelMismatch(source.name, str(build), function, right.size,
                                  float(error[worst]), float(bound[worst]), again)
 
 
 def compare_kernels(
     source: Source, builds: Sequence[Build] = BUILDS, points: int = POINTS
-) -> Iterator[Difference]:
+) -> Iterator[KernelMismatch]:
     """Yield for each build the kernels that differ from their statements, or that all agree."""
     name = next(f[:-2] for f in source.files if f.endswith(".c"))
     manifest = read_manifest(name, source.files)
@@ -288,10 +288,10 @@ def compare_kernels(
                 found, kernels = differences(import_module(name, path), checks,
                                              REALS[manifest["real"]], points - points % 16)
             entries = points * sum(kernels.values())
-            yield Difference(source.name, str(build), f"{len(kernels)} kernels of {part}", entries,
-                             0.0, 1.0, 0)
+            yield KernelMismatch(source.name, str(build), f"{len(kernels)} kernels of {part}",
+                                 entries, 0.0, 1.0, 0)
             for one in found:
-                yield Difference(source.name, str(build), one.kernel, points,
+                yield KernelMismatch(source.name, str(build), one.kernel, points,
                                  abs(one.compiled - one.expected), one.allowed, 0)
 
 

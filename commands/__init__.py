@@ -74,7 +74,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
         if isinstance(stream, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
             stream.reconfigure(errors="replace")
     try:
-        with terminal_messages(), _saying_remarks(name):
+        with terminal_messages(), _printing_warnings(name):
             result = command.main(prog_name=name, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -106,7 +106,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
 
 
 @contextlib.contextmanager
-def _saying_remarks(name: str) -> Iterator[None]:
+def _printing_warnings(name: str) -> Iterator[None]:
     """Have every remark on an input said in one line on stderr, each once."""
     said: set[str] = set()
 

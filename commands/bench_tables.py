@@ -10,7 +10,7 @@ import click
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
     from ..benchmarks.contest import Row
-    from ..benchmarks.drift import Course
+    from ..benchmarks.drift import EnsembleStates
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
@@ -72,17 +72,17 @@ def _iterations(cell: Cell, solver: str) -> str:
     return f" [{cell.iterations[solver]:.1f}]" if solver in cell.iterations else ""
 
 
-def _print_drift(courses: Sequence[Course]) -> None:
+def _print_drift(courses: Sequence[EnsembleStates]) -> None:
     from ..benchmarks.reference_states import TIMES
 
     times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]
     columns = [text for t in times for text in (f"ΔH/H\n{t} s", f"dx (m)\n{t} s")]
     grid = _grid("Drift", ["entry"], columns)
-    for course in courses:
-        at = {point.t: point for point in course.points}
+    for computed in courses:
+        at = {point.t: point for point in computed.points}
         cells = [_number(x, "{:.1e}") for t in times for x in (
             (at[t].energy_error, at[t].error) if t in at else (None, None))]
-        grid.add_row(course.name + (f"\n{course.note}" if course.note else ""), *cells)
+        grid.add_row(computed.name + (f"\n{computed.note}" if computed.note else ""), *cells)
     _show(grid)
 
 

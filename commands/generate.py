@@ -18,7 +18,7 @@ from ..core.lazy_imports import imported_for_good
 from ..core.progress import log_task
 from ..generator.codegen.profiles import PROFILES
 from ..generator.spec import PAPER_SPECS, Spec
-from ..runtime.compilation.manifest import remarks_of
+from ..runtime.compilation.manifest import manifest_warnings
 from .options import (
     check_no_file,
     completing,
@@ -95,12 +95,12 @@ def write_stepper(
         write_files(made.source.files(standalone=standalone), out)
         derived = time.perf_counter()
         if compile_it:
-            from ..api import keep_files
+            from ..api import cache_files
             from ..runtime.compilation.stepper_module import load_module
 
             load_module(made.source.name, made.source.files())
             if spec.tableau is None and spec.model is None:
-                keep_files(spec, made.source.files())
+                cache_files(spec, made.source.files())
     done = time.perf_counter()
     click.echo(summary(made, out, derived - start, done - derived if compile_it else None))
 
@@ -109,7 +109,7 @@ def summary(made: Generated, out: Path, derive: float, compile_seconds: float | 
     """Return what was made, in a few lines."""
     scheme = made.scheme
     operations = sum_operations(made.source.manifest)
-    said = remarks_of(json.loads(made.source.manifest))
+    said = manifest_warnings(json.loads(made.source.manifest))
     remarks = "".join(f"  {part}: {remark}\n" for part, remark in said)
     seconds = f"derived and written in {derive:.2f} s"
     if compile_seconds is not None:

@@ -195,7 +195,7 @@ def check_film(path: Path) -> None:
 
 def check_picture(path: Path) -> None:
     """Refuse a file of --plot that no picture can be written to."""
-    from ..runtime.plotting.trajectory_plots import check_target
+    from ..runtime.plotting.trajectory_plots import check_picture_path
 
     check_writable("--plot", path)
-    check_target(path)
+    check_picture_path(path)

@@ -24,7 +24,7 @@ from .warnings import warn
 __all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
            "inverse_entries", "is_tensor", "moments_of", "quaternion_of_matrix", "real_array",
-           "remark_on_angles", "tensor_of_inverse", "unit_quaternions"]
+           "tensor_of_inverse", "unit_quaternions", "warn_of_degrees"]
 
 #: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
 #: entries, for editors and type checkers.
@@ -225,12 +225,12 @@ def unit_quaternions(values: Any, what: str = "quaternion") -> Array:
     norms = np.linalg.norm(scaled, axis=-1, keepdims=True)
     lengths = norms * sizes
     unit: Array = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)  # or as it is
-    _remark_on_length(what, values, lengths.ravel())
-    _remark_on_order(what, values, unit)
+    _warn_of_length(what, values, lengths.ravel())
+    _warn_of_order(what, values, unit)
     return unit
 
 
-def _remark_on_length(what: str, values: Any, norms: Array) -> None:
+def _warn_of_length(what: str, values: Any, norms: Array) -> None:
     """Say that quaternions are far from length 1: further than rounding explains.
 
     Entries rounded to d decimals have errors of 10⁻ᵈ/2 each, and |q| one of 10⁻ᵈ at most; d = 2
@@ -247,7 +247,7 @@ def _remark_on_length(what: str, values: Any, norms: Array) -> None:
              "write a unit quaternion if another was meant.")
 
 
-def _remark_on_order(what: str, values: Any, unit: Array) -> None:
+def _warn_of_order(what: str, values: Any, unit: Array) -> None:
     """Say that quaternions look as if their scalar stood last.
 
     Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
@@ -297,7 +297,7 @@ def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
 # ---------------------------------------------------------------- angles
 
 
-def remark_on_angles(what: str, angles: Sequence[float], *, cure: str) -> None:
+def warn_of_degrees(what: str, angles: Sequence[float], *, cure: str) -> None:
     """Say that angles beyond a full turn look like degrees."""
     if any(abs(x) > 2 * math.pi for x in angles):
         listed = ", ".join(f"{x:.6g}" for x in angles)

@@ -11,7 +11,7 @@ from typing import Any
 
 from .errors import Stopped
 
-__all__ = ["Interrupts", "before_start", "ctrl_c", "watched"]
+__all__ = ["Interrupts", "before_start", "catch_ctrl_c", "catch_signals"]
 
 #: Ctrl-C, the end that a batch system announces, the terminal that goes away.
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -24,41 +24,41 @@ class Interrupts:
         self.signal = 0
 
     @property
-    def asked(self) -> bool:
+    def requested(self) -> bool:
         """Whether a signal has come."""
         return self.signal != 0
 
-    def hear(self, number: int, frame: FrameType | None) -> None:
+    def handle(self, number: int, frame: FrameType | None) -> None:
         """Take note of a signal; the second one ends the process at once."""
-        if self.asked:
+        if self.requested:
             raise KeyboardInterrupt
         self.signal = number
 
 
 #: What hears the main thread's signals at present: a watch within another one is the same.
-_watches: list[Interrupts] = []
+_active: list[Interrupts] = []
 
 
 @contextlib.contextmanager
-def watched() -> Iterator[Interrupts]:
+def catch_signals() -> Iterator[Interrupts]:
     """Yield what hears the signals that end a process; in threads beside the main one, nothing.
 
     Signals that are ignored (nohup, a shell's background) stay ignored. A second one raises
     ``KeyboardInterrupt``: what is stored stays whole.
     """
     numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
-    with _hearing([n for n in numbers if signal.getsignal(n) is not signal.SIG_IGN]) as interrupts:
+    with _handling([n for n in numbers if signal.getsignal(n) is not signal.SIG_IGN]) as interrupts:
         yield interrupts
 
 
 @contextlib.contextmanager
-def ctrl_c() -> Iterator[Interrupts]:
+def catch_ctrl_c() -> Iterator[Interrupts]:
     """Yield what hears Ctrl-C where Python would raise ``KeyboardInterrupt``, and nothing else.
 
     A program that has its own way with signals keeps it.
     """
     own = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    with _hearing([] if own else [signal.SIGINT]) as interrupts:
+    with _handling([] if own else [signal.SIGINT]) as interrupts:
         yield interrupts
 
 
@@ -73,20 +73,20 @@ def before_start(what: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _hearing(numbers: list[int]) -> Iterator[Interrupts]:
+def _handling(numbers: list[int]) -> Iterator[Interrupts]:
     if threading.current_thread() is not threading.main_thread():
         yield Interrupts()
         return
-    if _watches:
-        yield _watches[-1]
+    if _active:
+        yield _active[-1]
         return
     interrupts, before = Interrupts(), dict[int, Any]()
     try:
-        _watches.append(interrupts)
+        _active.append(interrupts)
         for number in numbers:
-            before[number] = signal.signal(number, interrupts.hear)
+            before[number] = signal.signal(number, interrupts.handle)
         yield interrupts
     finally:
-        _watches.clear()
+        _active.clear()
         for number, handler in reversed(before.items()):  # Ctrl-C last: it may be on its way
             signal.signal(number, handler)

@@ -18,15 +18,15 @@ import zarr
 
 from ..core.errors import InputError, Stopped
 from ..core.event import Event
-from ..core.interrupts import Interrupts, watched
+from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
-from ..runtime.events.observer import End, Observer
+from ..runtime.events.observer import Observer, TerminalEvent
 from ..runtime.integration.step_loop import (
-    Pace,
+    ChunkSize,
     Rows,
     RunArguments,
     advance,
-    advance_watched,
+    advance_with_events,
     ended_at,
     next_chunk,
 )
@@ -78,7 +78,7 @@ class Course:
         self.observer = Observer(stepper, run, self.events) if events else None
         self.state, self.first, self.rows = self._begun()
         self.committed = pack(self.binding, replace(self.state, seen=self._seen()))
-        self.pace = Pace(self.observer is not None)
+        self.pace = ChunkSize(self.observer is not None)
 
     # ------------------------------------------------------------ where it stands
 
@@ -179,12 +179,12 @@ class Course:
     def go(self, progress: Callable[[int], None] | None) -> None:
         """Compute and commit to the end of the run, to a step that fails, or to a signal."""
         with ExitStack() as stack:
-            interrupts = stack.enter_context(watched())
+            interrupts = stack.enter_context(catch_signals())
             writer = stack.enter_context(Writer(self.path, self.group, self.fields, self.binding,
                                                 self.run, self.block))
             self._compute(writer, interrupts, progress)
             self._commit(writer)
-        if interrupts.asked and self.state.status <= 0:
+        if interrupts.requested and self.state.status <= 0:
             ended = self.state.status < 0
             said = ended_at(self.state.steps, self.state.steps if ended else self.run.steps)
             rest = ("It is" if ended or self.state.steps == self.run.steps else
@@ -194,7 +194,7 @@ class Course:
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
         run, committed = self.run, time.monotonic()
-        while self.state.steps < run.steps and not self._over() and not interrupts.asked:
+        while self.state.steps < run.steps and not self._over() and not interrupts.requested:
             place = self.state.steps // run.every + 1 - self.first
             if place == self.block:
                 self._commit(writer)
@@ -228,7 +228,7 @@ class Course:
         count, every = next_chunk(run, state.steps, self.pace.begin(), self.block - place)
         parameters = self._parameters(state)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
-        step_on = advance if run.watch is None else advance_watched
+        step_on = advance if run.detector is None else advance_with_events
         status = step_on(self.binding, run, parameters, count, every, state.q, state.p,
                          _out(rows, place), state.report, state.work)
         rows.iterations[place] = max(most, rows.iterations[place])
@@ -254,12 +254,12 @@ class Course:
             return None
         copy = unpack(self.binding, pack(self.binding, replace(self.state, seen=None)))
         assert copy is not None
-        rows = Rows.room(self.binding, 1)
+        rows = Rows.allocate(self.binding, 1)
         status = advance(self.binding, self.run, self._parameters(copy), 1, 1, copy.q, copy.p,
                          rows.after(0), copy.report, copy.work)
         return None if status else (rows.q[1:], rows.p[1:])
 
-    def _end(self, end: End) -> None:
+    def _end(self, end: TerminalEvent) -> None:
         """End the run at an event, in the step behind the state where it is or an earlier one."""
         run, steps = self.run, int(end.at.steps[0])
         if steps < self.state.steps:  # a value that only touched its level: from the last commit

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.events.detection import Levels
-from ..runtime.events.location import crossings_of, watches_of
-from ..runtime.integration.lanes import Course
+from ..runtime.events.location import crossings_of, detectors_for
+from ..runtime.integration.lanes import EnsembleStates
 from ..runtime.integration.run_arguments import EnsembleArguments, RunArguments
 from ..runtime.steppers.stepper import Stepper
 from .study import Study
@@ -51,10 +51,10 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
     every = study.every or steps
     runs = _runs(study, stepper, steps, every, cells, group)
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
-    course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
-    _fill(course)
-    crossings = crossings_of(stepper, levels, runs, course.watches, _fill)
-    binding, rows = course.binding, steps // every + 1
+    computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
+    _fill(computed)
+    crossings = crossings_of(stepper, levels, runs, computed.detectors, _fill)
+    binding, rows = computed.binding, steps // every + 1
     found: dict[str, Array] = {}
     for event in study.events:
         own = [one[event.name] for one in crossings]
@@ -62,15 +62,15 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
                                                 for one in own])
         found[count_of(event.name)] = np.array([len(one) for one in own], dtype=float)
     reports = np.concatenate([np.frombuffer(binding.ffi.buffer(one), dtype=binding.report_type)
-                              for one in course.reports])
-    samples = course.rows.q[:, :rows], course.rows.p[:, :rows]
-    return Ends(course.q, course.p, reports, course.status, samples, found)
+                              for one in computed.reports])
+    samples = computed.rows.q[:, :rows], computed.rows.p[:, :rows]
+    return Ends(computed.q, computed.p, reports, computed.status, samples, found)
 
 
-def _fill(course: Course) -> None:
-    memory = course.memory()
-    for batch in range(len(course.reports)):
-        course.fill(batch, memory, lambda: False)
+def _fill(computed: EnsembleStates) -> None:
+    memory = computed.memory()
+    for batch in range(len(computed.reports)):
+        computed.fill(batch, memory, lambda: False)
 
 
 def _runs(

@@ -12,15 +12,15 @@ import click
 
 from ...core.arguments import listed, proposal
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
-from ...core.interrupts import watched
+from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
 from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES, Entry, entry_named
 from ...core.warnings import capture_warnings, warn
 from ...generator.spec import is_model_file
 from ...runtime.bindings.binding import SOLVERS
-from ...runtime.compilation.manifest import remarks_of
+from ...runtime.compilation.manifest import manifest_warnings
 from ...runtime.plotting.scene import check_bodies
-from ...runtime.steppers.run_defaults import Start
+from ...runtime.steppers.run_defaults import RunDefaults
 from ..options import (
     DEFAULT,
     Grouped,
@@ -34,7 +34,7 @@ from ..options import (
     with_default_scheme,
 )
 from .choices import aim_of, frame_for, gamma_for, parameters_for, step_for
-from .outputs import Angles, check_targets, events_of, integrate_to, where_it_is
+from .outputs import Angles, check_targets, events_of, integrate_to, stored_location
 from .report import (
     about_choice,
     as_text,
@@ -54,7 +54,7 @@ __all__ = ["run"]
 _BAR_FROM = 20_000
 
 
-class Run(Grouped):
+class RunCommand(Grouped):
     """``gyrospark run``."""
 
     groups: ClassVar = {
@@ -68,7 +68,7 @@ class Run(Grouped):
     }
 
 
-@click.command(cls=Run, no_args_is_help=True,
+@click.command(cls=RunCommand, no_args_is_help=True,
                context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @stepper_options
@@ -173,15 +173,15 @@ def run(
     choice, note = with_default_scheme(choice)
     choice["frame"] = "symmetries" if frames else None
     if chosen is not None:
-        step, start = _stepper(chosen, choice), Start.of_problem(chosen)
+        step, start = _stepper(chosen, choice), RunDefaults.of_problem(chosen)
     else:
         step, start = _model(problem, entry, options, settings, reference, choice)
     if page is not None:
         check_bodies(step.manifest)
     angles.check_bodies(step.manifest)
     if not as_json:  # before a step is taken
-        for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
-            click.echo(said)
+        for line in (*note, *map(": ".join, manifest_warnings(step.manifest))):
+            click.echo(line)
     parameters = parameters_for(step, start, gamma, alpha)
     begin = real_number("--t0", t0)
     (q0, p0), moved = start.state, 0.0
@@ -212,17 +212,17 @@ def run(
         **events_of(watched_for, start.events, step),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
-    with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes
+    with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
-            with _progress(count, quiet=as_json) as progress, capture_warnings() as heard:
+            with _progress(count, quiet=as_json) as progress, capture_warnings() as captured:
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
                                     progress=progress, angles=angles)
             trouble = done.trouble
-            for said in dict.fromkeys(heard):
+            for message in dict.fromkeys(captured):
                 if isinstance(trouble, StepFailed):
-                    trouble.add_note(said)  # a failure is one line on stderr
+                    trouble.add_note(message)  # a failure is one line on stderr
                 else:
-                    warn(said)
+                    warn(message)
             result = result_of(start, step, done, begin)
             result |= measured
             if moved:
@@ -245,9 +245,9 @@ def run(
             warn_of_rest(done.trajectory, problem)
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
         except KeyboardInterrupt:  # the second signal
-            click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
+            click.echo(f"gyrospark: Interrupted. {stored_location(out)}".rstrip(), err=True)
             return 130
-    if trouble is None and interrupts.asked:
+    if trouble is None and interrupts.requested:
         trouble = Stopped("Stopped while the report was made: the run is complete.",
                           interrupts.signal)
     if isinstance(trouble, Stopped):  # to click a KeyboardInterrupt is one like another
@@ -301,7 +301,7 @@ def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
 def _model(
     name: str, entry: Entry | None, options: dict[str, Any], settings: tuple[str, ...],
     reference: bool, choice: dict[str, Any],
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a named model, or of a model file, and the numbers of it."""
     from ...api import model_stepper, named_model_stepper
 
@@ -323,7 +323,7 @@ def _model(
 
 
 def _projected(
-    step: Stepper, start: Start, parameters: dict[str, float], t0: Any
+    step: Stepper, start: RunDefaults, parameters: dict[str, float], t0: Any
 ) -> tuple[Any, Any, float]:
     """Return the start on the constraints, and how far it was from there if a reader shall know.
 

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from ...runtime.steppers.stepper import Stepper
     from ...storage.recording import Recording
 
-__all__ = ["Angles", "Done", "check_targets", "events_of", "integrate_to", "where_it_is"]
+__all__ = ["Angles", "RunOutcome", "check_targets", "events_of", "integrate_to", "stored_location"]
 
 #: States in memory for pictures and errors of a stored run: more cannot be told apart.
 _SHOWN = 20_000
 
 
 @dataclass(frozen=True)
-class Done:
+class RunOutcome:
     """A run that came to an end, its own or another.
 
     Attributes
@@ -136,7 +136,7 @@ def _is_exported(out: Path, *, resume: bool) -> bool:
 def integrate_to(
     step: Stepper, out: Path | None, arguments: dict[str, Any], *, resume: bool, seed: int | None,
     progress: Callable[[int], None] | None, angles: Angles,
-) -> Done:
+) -> RunOutcome:
     """Integrate and write the states; what goes wrong on the way comes with all before it."""
     if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
         return _in_memory(step, out, arguments, progress, angles)
@@ -148,7 +148,7 @@ def integrate_to(
 def _exported(
     step: Stepper, out: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, angles: Angles, *, resume: bool, seed: int | None,
-) -> Done:
+) -> RunOutcome:
     """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
 
     Whatever ends the process, --resume goes on.
@@ -178,7 +178,7 @@ def store_beside(out: Path) -> Path:
     return out.with_name(f".{out.name}.zarr")
 
 
-def where_it_is(out: Path | None) -> str:
+def stored_location(out: Path | None) -> str:
     """Return a sentence on what a run that ended at once has left; empty if that is nothing."""
     if out is None:
         return ""
@@ -200,7 +200,7 @@ def _remove(store: Path) -> None:
 def _in_memory(
     step: Stepper, out: Path | None, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, angles: Angles,
-) -> Done:
+) -> RunOutcome:
     trouble: GyrosparkError | Stopped | None = None
     written = None
     started = time.perf_counter()
@@ -219,7 +219,7 @@ def _in_memory(
         trouble = trouble or error
     if isinstance(trouble, Stopped):
         trouble = _told(trouble, trajectory.report.steps, arguments["steps"], written)
-    return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
+    return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
                 _ended_by(trajectory, arguments))
 
 
@@ -242,7 +242,7 @@ def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopp
 def _stored(
     step: Stepper, store: Path, name: str, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
-) -> Done:
+) -> RunOutcome:
     from ...storage.record import record
 
     before = _open(store).steps_done if resume and store.exists() else 0
@@ -256,7 +256,7 @@ def _stored(
     seconds = time.perf_counter() - started
     shown = recording.trajectory(thin=-(-len(recording) // _SHOWN))
     last = recording.trajectory(first=len(recording) - 1)
-    return Done(shown, last, seconds, recording.steps_done - before, name, trouble,
+    return RunOutcome(shown, last, seconds, recording.steps_done - before, name, trouble,
                 _ended_by(shown, arguments))
 
 

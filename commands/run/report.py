@@ -15,10 +15,10 @@ from ...generator.parsing.text_file import is_urdf
 if TYPE_CHECKING:
     from ...runtime.results.trajectory import Trajectory
     from ...runtime.rigid_body.problems import Problem
-    from ...runtime.steppers.run_defaults import Start
+    from ...runtime.steppers.run_defaults import RunDefaults
     from ...runtime.steppers.stepper import Stepper
     from ...runtime.tuning.gamma_choice import GammaChoice
-    from .outputs import Done
+    from .outputs import RunOutcome
 
 __all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of", "warn_of_rest"]
 
@@ -47,10 +47,12 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
     }
 
 
-def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[str, Any]:
+def result_of(
+    start: RunDefaults, step: Stepper, done: RunOutcome, t0: float = 0.0
+) -> dict[str, Any]:
     """Return what is said of a run that began at t0."""
     from ...core.real_types import REALS  # and NumPy: not for --help
-    from ...runtime.results.rotation_rate import fastest_turning
+    from ...runtime.results.rotation_rate import fastest_rotation
 
     trajectory = done.last
     report = trajectory.report
@@ -83,7 +85,7 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work
-    turning = fastest_turning(done.trajectory)
+    turning = fastest_rotation(done.trajectory)
     if turning is not None:
         result["radians_per_step"] = turning.radians
         result["fastest_body"] = turning.body

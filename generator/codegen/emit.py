@@ -47,7 +47,8 @@ TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 class Source:
     """The three files of a stepper, as text.
 
-    The C includes headers of the engine, but for profiles ``control`` and ``run``: it has them in it.
+    The C includes headers of the engine, but for profiles ``control`` and ``run``: it has them in
+    it.
     """
 
     name: str

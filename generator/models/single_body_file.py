@@ -22,7 +22,7 @@ from ...core.inertia import (
     inertia_rows,
     inverse_entries,
     is_tensor,
-    remark_on_angles,
+    warn_of_degrees,
 )
 from ...core.registry import RULES
 from ...core.warnings import warn
@@ -169,7 +169,7 @@ def read_attitude(table: Table) -> list[float] | None:
         angles = table.vector(key, 3, ANGLES)
         if table.is_plain(key):
             degrees = ", ".join(f'"{x:.6g} deg"' for x in angles)
-            remark_on_angles(f"{table.where}euler", angles, cure=f"[{degrees}]")
+            warn_of_degrees(f"{table.where}euler", angles, cure=f"[{degrees}]")
         return start_attitude.from_euler(*angles)
     quaternion = table.vector(key, 4) if key == "quaternion" else None
     matrix = table.matrix(key, 3) if key == "rotation" else None

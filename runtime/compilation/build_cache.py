@@ -38,8 +38,8 @@ from . import gcc_permutations, kernel_check, kernel_text, object_files, quad_wr
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .object_files import Part
 
-__all__ = ["CacheError", "binary_key", "cache_folder", "distrusted", "is_trusted", "keep", "kept",
-           "publish", "workshop"]
+__all__ = ["CacheError", "binary_key", "build_folder", "cache_folder", "distrusted", "is_trusted",
+           "publish", "read_cache", "write_cache"]
 
 _STALE_SECONDS = 24 * 3600
 #: No build takes so long; ``clear`` takes it for ended.
@@ -165,7 +165,7 @@ def is_trusted(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def workshop() -> Iterator[Path]:
+def build_folder() -> Iterator[Path]:
     """Yield a private folder inside the cache, removed afterwards.
 
     Raises
@@ -212,15 +212,15 @@ def publish(made: Path, name: str) -> Path:
     return target
 
 
-def keep(name: str, content: Any) -> None:
+def write_cache(name: str, content: Any) -> None:
     """Keep what JSON can hold under a name, with its checksum."""
-    with workshop() as folder:
+    with build_folder() as folder:
         made = folder / "content.json"
         made.write_text(json.dumps([digest(content), content]), encoding="utf-8")
         publish(made, name)
 
 
-def kept(name: str) -> Any:
+def read_cache(name: str) -> Any:
     """Return what was kept under a name; None if it is not there, or not as it was written.
 
     What others could have written is as if it were not there.

@@ -29,7 +29,7 @@ from .kernel_text import (
     evaluate,
 )
 
-__all__ = ["CheckFunction", "Difference", "Kind", "check_functions", "differences"]
+__all__ = ["CheckFunction", "KernelMismatch", "Kind", "check_functions", "differences"]
 
 #: Kernels of numbers, or of lanes.
 Kind = Literal["numbers", "lanes"]
@@ -46,7 +46,7 @@ POSITIVE = (0.25, 1.0)
 
 
 @dataclass(frozen=True)
-class Difference:
+class KernelMismatch:
     """A kernel whose compiled value is not that of its statements."""
 
     kernel: str
@@ -194,7 +194,7 @@ def check_text(functions: Iterable[CheckFunction], source: str) -> str:
 
 def differences(
     module: Any, functions: Iterable[CheckFunction], real: Real, points: int = POINTS
-) -> tuple[list[Difference], dict[str, int]]:
+) -> tuple[list[KernelMismatch], dict[str, int]]:
     """Return the kernels that differ, with the place that differs most, and what was compared.
 
     ``points`` is how many random points are drawn: a multiple of 16.
@@ -219,7 +219,7 @@ def differences(
 def _compare(
     module: Any, function: CheckFunction, number: int, working: Arithmetic, wide: Arithmetic,
     real: Real, count: int,
-) -> tuple[Difference | None, int]:
+) -> tuple[KernelMismatch | None, int]:
     """Return the output of a kernel that is off most, if any is, and how many were compared."""
     kernel = function.kernels[number]
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
@@ -250,8 +250,8 @@ def _compare(
                     2.0 ** (1 - real.bits) * _doubles(bounds[place], count)[finite].max()))
             if off[at] > excess * allowed:
                 excess = off[at] / allowed
-                worst = Difference(kernel.name, place, _doubles(values[place], count)[finite][at],
-                                   exact[finite][at], allowed)
+                found = _doubles(values[place], count)[finite][at]
+                worst = KernelMismatch(kernel.name, place, found, exact[finite][at], allowed)
         if not missing:
             break
     return worst, len(outputs_of(kernel)) - len(missing)

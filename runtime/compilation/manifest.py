@@ -15,7 +15,7 @@ from ...core.errors import InputError
 from ...core.real_types import REALS
 from .body_columns import bodies_of, joints_of, placed_of
 
-__all__ = ["read_manifest", "remarks_of", "sizes_of"]
+__all__ = ["manifest_warnings", "read_manifest", "sizes_of"]
 
 _DOMAINS = ("positive", "nonzero", "real")
 _FRACTION = re.compile(r"-?\d{1,40}(/[1-9]\d{0,39})?")
@@ -51,7 +51,7 @@ def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
     return manifest
 
 
-def remarks_of(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+def manifest_warnings(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what is to be known before a step is taken: of the tableau, and of the system."""
     return [(part, remark) for part in ("tableau", "system")
             for remark in manifest.get(part, {}).get("remarks", ())]

@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event
-from ...core.interrupts import ctrl_c
+from ...core.interrupts import catch_ctrl_c
 from ..integration.dense_output import epsilon_of_times, partial_steps, run_together
-from ..integration.lanes import fill_course, threads_of
+from ..integration.lanes import fill_ensemble, threads_of
 from ..integration.run_arguments import EnsembleArguments, RunArguments
 from ..integration.step_loop import Rows, integrate
 from ..results.crossings import Crossings
 from ..results.run_arrays import OUTPUTS, States, value_of
 from ..results.trajectory import Trajectory
-from .detection import Brackets, Levels, Watch
+from .detection import Brackets, EventDetector, Levels
 from .root_finding import zeros
 
 if TYPE_CHECKING:
-    from ..integration.lanes import Course
+    from ..integration.lanes import EnsembleStates
     from ..steppers.stepper import Stepper
 
-__all__ = ["crossings_of", "ending", "observed", "row_of_event", "watches_of"]
+__all__ = ["crossings_of", "detectors_for", "ending", "observed", "row_of_event"]
 
 Array = NDArray[Any]
 
@@ -37,16 +37,16 @@ _LOOKS = 80
 
 
 def crossings_of(
-    stepper: Stepper, levels: Levels, runs: EnsembleArguments, watches: Sequence[Watch],
-    fill: Callable[[Course], None],
+    stepper: Stepper, levels: Levels, runs: EnsembleArguments, detectors: Sequence[EventDetector],
+    fill: Callable[[EnsembleStates], None],
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run by the events' names, of what its watch has seen."""
     if runs.inputs is not None:  # they are held throughout, as parameters are
         each = [runs[i] for i in range(len(runs))]
         runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
-    for watch in watches:
-        watch.close()
-    found = [watch.brackets for watch in watches]
+    for detector in detectors:
+        detector.close()
+    found = [detector.brackets for detector in detectors]
     seen = [(i, brackets) for i, brackets in enumerate(found) if brackets is not None]
     parts: list[_Roots] = []
     if seen:
@@ -59,13 +59,16 @@ def crossings_of(
     return _by_run(stepper, levels, parts, len(runs))
 
 
-def watches_of(stepper: Stepper, levels: Levels | None, runs: EnsembleArguments) -> list[Watch]:
+def detectors_for(
+    stepper: Stepper, levels: Levels | None, runs: EnsembleArguments
+) -> list[EventDetector]:
     """Return what looks at each run, nothing without events."""
     if levels is None:
         return []
     binding, found = stepper.binding, []
     for run in map(runs.__getitem__, range(len(runs))):
-        found.append(Watch(levels, binding.parameters(run.parameters, run.t0), run.t0, run.dt))
+        parameters = binding.parameters(run.parameters, run.t0)
+        found.append(EventDetector(levels, parameters, run.t0, run.dt))
     return found
 
 
@@ -77,20 +80,21 @@ def observed(
     if not events:
         return integrate(stepper.binding, stepper.manifest, run, progress)
     levels = Levels.of(stepper.binding, stepper.manifest, events)
-    (watch,) = watches_of(stepper, levels, EnsembleArguments.of([run], stepper.binding.number_type))
+    runs = EnsembleArguments.of([run], stepper.binding.number_type)
+    (detector,) = detectors_for(stepper, levels, runs)
     trouble: StepFailed | Stopped | None = None
     try:
-        trajectory = integrate(stepper.binding, stepper.manifest, replace(run, watch=watch),
+        trajectory = integrate(stepper.binding, stepper.manifest, replace(run, detector=detector),
                                progress)
     except (StepFailed, Stopped) as error:
         if error.trajectory is None:
             raise
         trouble, trajectory = error, error.trajectory
-    found = _solved(stepper, levels, run, watch, trajectory)
+    found = _solved(stepper, levels, run, detector, trajectory)
     name = ending(events, found, run.dt)
     if name is not None:
         last = found[name].first
-        trajectory = _ended(stepper, run, trajectory, watch.brackets, last)
+        trajectory = _ended(stepper, run, trajectory, detector.brackets, last)
         found = {key: crossings.until(last, run.dt) for key, crossings in found.items()}
     trajectory = replace(trajectory, events=found)
     if trouble is None or (name is not None and isinstance(trouble, StepFailed)):
@@ -100,7 +104,8 @@ def observed(
 
 
 def _solved(
-    stepper: Stepper, levels: Levels, run: RunArguments, watch: Watch, trajectory: Trajectory
+    stepper: Stepper, levels: Levels, run: RunArguments, detector: EventDetector,
+    trajectory: Trajectory,
 ) -> dict[str, Crossings]:
     """Return the crossings of a run that has ended.
 
@@ -110,11 +115,11 @@ def _solved(
         After Ctrl-C while they are solved for, with the states alone.
     """
     runs = replace(EnsembleArguments.of([run], stepper.binding.number_type), inputs=run.inputs)
-    with ctrl_c() as interrupts:
-        before = interrupts.asked  # that has ended the run, and not what is solved for now
-        found = crossings_of(stepper, levels, runs, [watch], lambda course: fill_course(
-            course, threads_of(None), lambda: interrupts.asked and not before))[0]
-    if interrupts.asked and not before:
+    with catch_ctrl_c() as interrupts:
+        before = interrupts.requested  # that has ended the run, and not what is solved for now
+        found = crossings_of(stepper, levels, runs, [detector], lambda computed: fill_ensemble(
+            computed, threads_of(None), lambda: interrupts.requested and not before))[0]
+    if interrupts.requested and not before:
         raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
                       trajectory=trajectory)
@@ -156,7 +161,7 @@ def row_of_event(stepper: Stepper, run: RunArguments, brackets: Brackets, event:
     parameters = {name: np.array([value], stepper.binding.number_type)
                   for name, value in run.at_step(int(event.steps[0])).parameters.items()}
     rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, event.t - t0, parameters,
-                        lambda course: fill_course(course, 1, lambda: False), 1).rows
+                        lambda computed: fill_ensemble(computed, 1, lambda: False), 1).rows
     return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
 
 
@@ -177,7 +182,7 @@ class _Work:
     runs: EnsembleArguments
     brackets: Brackets
     owner: Array
-    fill: Callable[[Course], None]
+    fill: Callable[[EnsembleStates], None]
 
     def t(self, which: Array) -> Array:
         """Return the times at the start of brackets."""

@@ -91,7 +91,7 @@ def follow_frame(stepper: Stepper, run: RunArguments) -> RunArguments:
     given = any(symmetry.name in parameters for symmetry in stepper.symmetries)
     if parameters["frame"] == "auto" and stepper.binding.has_forces and not given:
         run = _of_forced(stepper, run)
-    return replace(run, follow=_follow_of(stepper, run.parameters.get("frame")))
+    return replace(run, follow=_parsed_follow(stepper, run.parameters.get("frame")))
 
 
 def _of_forced(stepper: Stepper, run: RunArguments) -> RunArguments:
@@ -110,7 +110,7 @@ def _of_forced(stepper: Stepper, run: RunArguments) -> RunArguments:
     return replace(run, parameters=follows if clear[1] else none)
 
 
-def _follow_of(stepper: Stepper, frame: Any) -> Follow | None:
+def _parsed_follow(stepper: Stepper, frame: Any) -> Follow | None:
     if not isinstance(frame, str) or not frame.startswith(FOLLOW):
         return None
     found = _FOLLOW.fullmatch(frame)

@@ -14,7 +14,7 @@ from ...core.exact_numbers import as_double
 from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_real
-from ..rigid_body.gamma_rules import has_inertia, is_weight, ruled
+from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia, is_inertia_parameter
 from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 
 __all__ = ["as_parameters", "refuse_auto", "refuse_choice", "warn_of_negative"]
@@ -75,8 +75,8 @@ def _as_parameter(
 ) -> Any:
     value = given[name]
     refuse_auto(name, value)
-    if isinstance(value, str) and is_weight(name):
-        value = ruled(name, value, given)
+    if isinstance(value, str) and is_inertia_parameter(name):
+        value = gamma_by_rule(name, value, given)
     made = as_real(f"Parameter {name}", value, number)
     if domain == "positive" and made <= 0:
         raise InputError(f"Parameter {name} = {made} is not positive, as the system declares it; "

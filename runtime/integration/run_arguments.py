@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.registry import AIMS
 from ..bindings.inputs import Inputs
-from ..rigid_body.gamma_rules import inertia_names, ruled
+from ..rigid_body.gamma_rules import gamma_by_rule, inertia_names
 from .consistency import defects_of_starts
 
 if TYPE_CHECKING:
     from ..bindings.binding import SolverName
-    from ..events.detection import Watch
+    from ..events.detection import EventDetector
     from ..steppers.stepper import Stepper
     from .frame_following import Follow
 
@@ -56,16 +56,16 @@ class RunArguments:
     t0: Any = 0.0
     inputs: Inputs | None = None
     #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
-    marks: Array | None = None
+    stored_steps: Array | None = None
     #: What looks at every state for events; one for each trajectory.
-    watch: Watch | None = None
+    detector: EventDetector | None = None
     #: How a co-moving frame follows the motion; the rates among the parameters are the first.
     follow: Follow | None = None
 
     @property
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
-        return -(-self.steps // self.every) if self.marks is None else len(self.marks)
+        return -(-self.steps // self.every) if self.stored_steps is None else len(self.stored_steps)
 
     def pilot(self, steps: int) -> Self:
         """Return the arguments of a short run from the same start, with the default solver."""
@@ -79,7 +79,7 @@ class RunArguments:
                        every=self.every * factor,
                        inputs=None if self.inputs is None else self.inputs.refined(factor))
 
-    def fed(self, inputs: Inputs | None) -> RunArguments:
+    def with_inputs(self, inputs: Inputs | None) -> RunArguments:
         """Return the run with inputs; its parameters have those that stay, and nan for others."""
         if inputs is None:
             return self
@@ -94,20 +94,22 @@ class RunArguments:
 
     def until(self, steps: int) -> RunArguments:
         """Return its first steps as a run."""
-        marks = None if self.marks is None else np.unique(np.minimum(self.marks, steps))
-        return replace(self, steps=steps, marks=marks if marks is None else marks[marks > 0])
+        if self.stored_steps is None:
+            return replace(self, steps=steps)
+        stored = np.unique(np.minimum(self.stored_steps, steps))
+        return replace(self, steps=steps, stored_steps=stored[stored > 0])
 
     def stored(self, done: int) -> int:
         """Return how many of them there are after so many steps."""
-        if self.marks is not None:
-            return int(np.searchsorted(self.marks, done, side="right"))
+        if self.stored_steps is not None:
+            return int(np.searchsorted(self.stored_steps, done, side="right"))
         return self.rows if done == self.steps else done // self.every
 
     def steps_of_rows(self, done: int) -> Array:
         """Return after how many steps the start and each stored state are, after so many done."""
         stored = self.stored(done)
-        if self.marks is not None:
-            return np.concatenate([[0], self.marks[:stored]])
+        if self.stored_steps is not None:
+            return np.concatenate([[0], self.stored_steps[:stored]])
         return np.minimum(np.arange(stored + 1) * self.every, done)
 
     def most(self, done: int, most: int) -> int:
@@ -149,7 +151,7 @@ class EnsembleArguments:
                       for name, column in self.parameters.items()}
         inputs = None if self.inputs is None else self.inputs.of(i)
         run = replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters)
-        return run.fed(inputs)
+        return run.with_inputs(inputs)
 
     def columns(self, part: slice) -> dict[str, Array]:
         """Return the parameters of some of the runs."""
@@ -277,7 +279,7 @@ def _given(
 
 def _by_rule(name: str, value: Any, parameters: Mapping[str, Any]) -> Any:
     if isinstance(value, str) and value not in AIMS:
-        return ruled(name, value, parameters)
+        return gamma_by_rule(name, value, parameters)
     return value
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, StepFailed, Stopped
-from ...core.interrupts import Interrupts, ctrl_c
+from ...core.interrupts import Interrupts, catch_ctrl_c
 from ..bindings.binding import Binding
 from ..results.diagnostics import Report
 from ..results.run_arrays import OUTPUTS, States, defect_sizes, value_of
@@ -22,9 +22,9 @@ from .newton import newton_step
 from .run_arguments import RunArguments
 
 if TYPE_CHECKING:
-    from ..events.detection import Watch
+    from ..events.detection import EventDetector
 
-__all__ = ["FIRST_STEPS", "Pace", "Rows", "advance", "course", "defect_sizes", "ended_at",
+__all__ = ["FIRST_STEPS", "ChunkSize", "Rows", "advance", "course", "defect_sizes", "ended_at",
            "failure_of", "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
 
 Array = NDArray[Any]
@@ -32,7 +32,7 @@ Array = NDArray[Any]
 #: Steps between two looks at the progress bar and at signals: at first, at most.
 FIRST_STEPS, _CHUNK = 16, 4096
 #: The same, where what is seen between is looked at: that takes a while for a piece.
-_WATCHED = 2**14
+_CHUNK_WITH_EVENTS = 2**14
 #: Seconds between two looks, where a step does not take longer.
 _LOOK = 0.1
 
@@ -48,8 +48,8 @@ class Rows:
     work: Array
 
     @classmethod
-    def room(cls, binding: Binding, rows: int) -> Rows:
-        """Return empty rows, or say that there is no memory for them."""
+    def allocate(cls, binding: Binding, rows: int) -> Rows:
+        """Return empty rows, or raise InputError where there is no memory for them."""
         try:
             return cls(
                 binding.new(rows + 1, binding.n),
@@ -70,14 +70,14 @@ class Rows:
                 self.iterations[row:], self.work[row + 1 :])
 
 
-class Pace:
+class ChunkSize:
     """How many steps compiled code does between two looks at signals: some tenths of a second.
 
     Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
     """
 
-    def __init__(self, watched: bool = False) -> None:
-        self._largest = _WATCHED if watched else _CHUNK
+    def __init__(self, catch_signals: bool = False) -> None:
+        self._largest = _CHUNK_WITH_EVENTS if catch_signals else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
         self._began = time.thread_time()
 
@@ -111,15 +111,15 @@ def integrate(
         After Ctrl-C, with everything computed until then.
     """
     # One step is done or not: there is nothing to lose.
-    with ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
-        trajectory, status = course(binding, manifest, run, lambda: interrupts.asked, progress)
+    with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
+        trajectory, status = course(binding, manifest, run, lambda: interrupts.requested, progress)
     if status:
         last = trajectory.report
         q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
         found = diagnose(binding, manifest, run.at_step(last.steps), status, q, p,
                          run.t0 + last.steps * run.dt)
         raise failure_of(run, trajectory, found)
-    if interrupts.asked:
+    if interrupts.requested:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
                       ".trajectory.", interrupts.signal, trajectory=trajectory)
     return trajectory
@@ -137,7 +137,7 @@ def course(
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Trajectory, int]:
     """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
-    rows = Rows.room(binding, run.rows)
+    rows = Rows.allocate(binding, run.rows)
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
     status = fill(binding, run, rows, q, p, report, stop, progress)
@@ -153,10 +153,10 @@ def fill(
     Returns the status.
     """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
-    pace = Pace(run.watch is not None)
+    pace = ChunkSize(run.detector is not None)
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
-    step_on = advance if run.watch is None else advance_watched
-    ended = run.watch is not None and run.watch.ends_in is not None
+    step_on = advance if run.detector is None else advance_with_events
+    ended = run.detector is not None and run.detector.ends_in is not None
     while report.steps < run.steps and status == 0 and not ended and not stop():
         row = run.stored(int(report.steps))
         count, every = next_chunk(run, int(report.steps), pace.begin())
@@ -165,7 +165,7 @@ def fill(
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
-        ended = run.watch is not None and run.watch.ends_in is not None
+        ended = run.detector is not None and run.detector.ends_in is not None
         rows.iterations[row] = max(most, rows.iterations[row])
         pace.end(count)
         if progress is not None:
@@ -192,7 +192,7 @@ def advance(
     return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
 
 
-def advance_watched(
+def advance_with_events(
     binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
     p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
@@ -200,18 +200,18 @@ def advance_watched(
 
     Where it sees the run's end within a step, the state before that step is the last one.
     """
-    watch = run.watch
-    assert watch is not None
+    detector = run.detector
+    assert detector is not None
     begun, start = int(report.steps), (q.copy(), p.copy())
-    images = [binding.image(struct) for struct in (report, work)] if watch.terminal else []
+    images = [binding.image(struct) for struct in (report, work)] if detector.terminal else []
     before = [image.copy() for image in images]
-    seen = out if every == 1 else _room(binding, watch, steps)
+    seen = out if every == 1 else _room(binding, detector, steps)
     status = advance(binding, run, parameters, steps, 1, q, p, seen, report, work)
     done = int(report.steps) - begun
-    watch.look(begun, start[0][None], start[1][None])
-    watch.look(begun + 1, seen[0][:done], seen[1][:done])
-    if watch.ends_in is not None:
-        status, done = 0, watch.ends_in - begun
+    detector.detect(begun, start[0][None], start[1][None])
+    detector.detect(begun + 1, seen[0][:done], seen[1][:done])
+    if detector.ends_in is not None:
+        status, done = 0, detector.ends_in - begun
         q[:], p[:] = start
         for image, kept in zip(images, before, strict=True):
             image[:] = kept
@@ -222,11 +222,11 @@ def advance_watched(
     return status
 
 
-def _room(binding: Binding, watch: Watch, steps: int) -> tuple[Array, ...]:
+def _room(binding: Binding, detector: EventDetector, steps: int) -> tuple[Array, ...]:
     """Return room for the states of so many steps: that of the piece before, if it is enough."""
-    if watch.room is None or len(watch.room.iterations) < steps:
-        watch.room = Rows.room(binding, steps)
-    room: Rows = watch.room
+    if detector.buffer is None or len(detector.buffer.iterations) < steps:
+        detector.buffer = Rows.allocate(binding, steps)
+    room: Rows = detector.buffer
     return room.after(0)
 
 
@@ -248,8 +248,8 @@ def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None)
     """
     left, most = run.steps - done, run.most(done, most)
     to_row = min(run.every - done % run.every, left)
-    if run.marks is not None:
-        piece = min(int(run.marks[run.stored(done)]) - done, most)
+    if run.stored_steps is not None:
+        piece = min(int(run.stored_steps[run.stored(done)]) - done, most)
         return piece, piece
     if to_row < run.every or run.every > most:
         piece = min(to_row, most)

@@ -13,7 +13,7 @@ from ...core.arguments import as_path, choose, shown, why_unwritable
 from ...core.errors import GyrosparkError, InputError, MissingDependencyError
 from ...core.file_formats import ending_of, format_of
 from ...core.inertia import real_array
-from .scene import SHAPES, Part, Scene, ShapeName, scene_of
+from .scene import SHAPES, Scene, ScenePart, ShapeName, scene_of
 from .trajectory_plots import figure_class, thin
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ def _upright(up: Array) -> Array:
     return np.stack([first, np.cross(up, first), up])
 
 
-def _faces(part: Part, shape: ShapeName) -> Array:
+def _faces(part: ScenePart, shape: ShapeName) -> Array:
     """Return the faces of a body in body axes, shape (number, 4, 3)."""
     if shape == "box":
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import as_items, choose
-from .trajectory_plots import check_target, figure_class, save, thin
+from .trajectory_plots import check_picture_path, figure_class, save, thin
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -24,7 +24,7 @@ _LINES, _PANELS = 200, 6
 
 def draw(ensemble: Ensemble, values: Sequence[str], path: str | os.PathLike[str] | None) -> Any:
     """Draw values against time, a line for each trajectory; see ``Ensemble.plot``."""
-    target = None if path is None else check_target(path)
+    target = None if path is None else check_picture_path(path)
     first = ensemble.members[0]
     known = [*first.quantities, *first.coordinates, *first.momenta]
     wanted = as_items("values", values, "names of quantities, coordinates or momenta")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
-from .trajectory_plots import check_target, figure_class, save
+from .trajectory_plots import check_picture_path, figure_class, save
 
 if TYPE_CHECKING:
     from ..events.poincare_section import Section
@@ -18,7 +18,7 @@ _MANY = 20_000
 
 def draw(section: Section, x: str, y: str, path: str | os.PathLike[str] | None) -> Any:
     """Draw the points of a section by two of their values; see ``Section.plot``."""
-    target = None if path is None else check_target(path)
+    target = None if path is None else check_picture_path(path)
     across, up = section.values(x).astype(float), section.values(y).astype(float)
     figure = figure_class()(figsize=(7, 6), layout="constrained")
     axes = figure.add_subplot()

@@ -18,7 +18,7 @@ from ..compilation.body_columns import bodies_of
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["check_target", "draw", "figure_class", "save", "thin"]
+__all__ = ["check_picture_path", "draw", "figure_class", "save", "thin"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
@@ -50,7 +50,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     MissingDependencyError
         Without matplotlib.
     """
-    target = None if path is None else check_target(path)
+    target = None if path is None else check_picture_path(path)
     more = trajectory.panels()
     rows = 2 + len(more)
     figure = figure_class()(figsize=(11, 2.3 * rows), layout="constrained")
@@ -72,7 +72,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     return figure
 
 
-def check_target(path: str | os.PathLike[str]) -> Path:
+def check_picture_path(path: str | os.PathLike[str]) -> Path:
     """Return the path if a picture can be written as such a file, and drawn at all.
 
     Raises

@@ -94,10 +94,10 @@ class JointMotion:
         t, rate = self._run.t.astype(float), self._rate(e)
         made = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
         turn = np.unwrap(turn - made) + made
-        self._remark_on_turns(np.diff(t), rate, np.diff(turn - made))
+        self._warn_of_turns(np.diff(t), rate, np.diff(turn - made))
         return turn * (np.degrees(1.0) if as_flag("degrees", degrees) else 1.0)
 
-    def _remark_on_turns(self, spans: Array, rate: Array, off: Array) -> None:
+    def _warn_of_turns(self, spans: Array, rate: Array, off: Array) -> None:
         """Say where states are too far apart for their rates to tell whole turns.
 
         ``off`` is by how much more b has turned in each span than the mean of its rates makes.

@@ -28,10 +28,9 @@ from ...core.inertia import (
 )
 from ...core.registry import GAMMA_RULES, RULES
 
-__all__ = [
-    "MEANS", "MEANS_BY_SYMBOL", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
-    "gamma_m_tilde", "has_inertia", "is_weight", "known_inertia", "principal_moments", "ruled",
-]
+__all__ = ["MEANS", "MEANS_BY_SYMBOL", "gamma_by_rule", "gamma_fast", "gamma_h", "gamma_h_tilde",
+           "gamma_m", "gamma_m_tilde", "has_inertia", "is_inertia_parameter", "known_inertia",
+           "principal_moments"]
 
 
 def gamma_m(inertia: InertiaLike) -> float:
@@ -132,7 +131,7 @@ def principal_moments(inertia: InertiaLike) -> Moments:
     return moments_of(as_moments_or_tensor(inertia))
 
 
-def is_weight(name: str) -> bool:
+def is_inertia_parameter(name: str) -> bool:
     """Whether a parameter has the name of a body's γ or α: gamma, a_gamma, …"""
     return name.rpartition("_")[2] in ("gamma", "alpha")
 
@@ -140,7 +139,8 @@ def is_weight(name: str) -> bool:
 def has_inertia(name: str, parameters: Mapping[str, Any]) -> bool:
     """Whether a parameter is γ or α of a body whose inertia is among the parameters too."""
     prefix = name.removesuffix("gamma").removesuffix("alpha")
-    return is_weight(name) and not parameters.keys().isdisjoint((f"{prefix}I1", f"{prefix}K11"))
+    return is_inertia_parameter(name) and not parameters.keys().isdisjoint(
+        (f"{prefix}I1", f"{prefix}K11"))
 
 
 def inertia_names(name: str) -> tuple[list[str], list[str]]:
@@ -150,7 +150,7 @@ def inertia_names(name: str) -> tuple[list[str], list[str]]:
             [f"{prefix}K{pair}" for pair in ("11", "12", "13", "22", "23", "33")])
 
 
-def ruled(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
+def gamma_by_rule(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
     """Return γ or α by one of the rules m, h, mt and ht, from the inertia beside it.
 
     Raises

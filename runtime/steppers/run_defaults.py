@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
     Array = NDArray[Any]
 
-__all__ = ["Start"]
+__all__ = ["RunDefaults"]
 
 #: The fields of a start with numbers in them.
 _NUMBERS = ("parameters", "q0", "p0", "bodies", "dt")
 
 
 @dataclass(frozen=True)
-class Start:
+class RunDefaults:
     """Parameters and the state at t = 0, in doubles that know what was typed in a file.
 
     Attributes
@@ -68,14 +68,14 @@ class Start:
                 "parameters>")
 
     @classmethod
-    def of_problem(cls, problem: Problem) -> Start:
+    def of_problem(cls, problem: Problem) -> RunDefaults:
         """Return the numbers of a built-in problem, one rigid body."""
         inertia = list(problem.inertia)
         return cls(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
                    problem.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
 
     @classmethod
-    def of(cls, model: Any) -> Start:
+    def of(cls, model: Any) -> RunDefaults:
         """Return the numbers of a model, a ``gyrospark.Model`` or what has its attributes."""
         return cls(
             model.name, model.description, {k: knowing(x) for k, x in model.parameters.items()},
@@ -102,7 +102,7 @@ class Start:
             "events": events}
 
     @classmethod
-    def from_json(cls, content: dict[str, Any]) -> Start:
+    def from_json(cls, content: dict[str, Any]) -> RunDefaults:
         """Return what ``as_json`` was made of."""
         events = tuple(Event(**one | {"level": Fraction(one["level"])})
                        for one in content["events"])

@@ -20,11 +20,11 @@ from ...core.html import card, table
 from ..bindings.array_checks import as_callback, as_positive_count, as_real
 from ..bindings.binding import SOLVERS, SolverName
 from ..bindings.inputs import Inputs, as_inputs
-from ..compilation.manifest import remarks_of
+from ..compilation.manifest import manifest_warnings
 from ..compilation.stepper_module import provenance
 from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
-from ..integration.dense_output import between, marks_of
+from ..integration.dense_output import between, stored_steps_at
 from ..integration.frame_following import follow_frame
 from ..integration.parameters import as_parameters, warn_of_negative
 from ..integration.run_arguments import RunArguments
@@ -36,7 +36,7 @@ from ..tuning.frame_choice import choose_parameters
 from ..tuning.step_choice import step_choice
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
-from .simulation import LastStep, Simulation
+from .simulation import ContinuedStep, Simulation
 
 __all__ = ["SOLVERS", "Stepper"]
 
@@ -75,7 +75,7 @@ class Stepper(Evaluation):
     def __init__(self, name: str, files: dict[str, str]) -> None:
         super().__init__(name, files)
         self.order = int(self.manifest["scheme"]["order"])
-        self.remarks = [remark for _, remark in remarks_of(self.manifest)]
+        self.remarks = [remark for _, remark in manifest_warnings(self.manifest)]
         #: How far bodies turn in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
@@ -138,18 +138,18 @@ class Stepper(Evaluation):
                 "parameters", parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names}
         given = (dt, solver, tolerance, max_iterations, parameters)
-        held: LastStep | None = getattr(self._local, "held", None)
+        held: ContinuedStep | None = getattr(self._local, "held", None)
         self._local.held = None
-        if held is None or not held.goes_on(q, p, t0, given):
+        if held is None or not held.continues(q, p, t0, given):
             run = self.checked_run(self.run_arguments(
                 q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver,
                 tolerance=tolerance, max_iterations=max_iterations))
             self.warned(run)
-            held = LastStep(self.binding, run, given) if solver != "python" else None
+            held = ContinuedStep(self.binding, run, given) if solver != "python" else None
         if held is not None and fed is not None:
             held.feed(fed.at(0))
         if held is None or held.advance(1):
-            run = run if held is None else held.run_from(q, p, t0).fed(fed)
+            run = run if held is None else held.run_from(q, p, t0).with_inputs(fed)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
         self._local.held = held
@@ -292,7 +292,7 @@ class Stepper(Evaluation):
         run = self.resolved(self.run_arguments(q, p, dt=dt_, steps=count, every=every,
                                                inputs=inputs, hold=hold, **given))
         if t_eval is not None:
-            run = replace(run, marks=marks_of(self, run, t_eval))
+            run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
         # Pilots have measured the error of a step that they have found.
         warned = not run.steps or choice is not None or self.warned(run)
         found = observed(self, run, as_events(events, self.manifest["system"]),
@@ -382,7 +382,7 @@ class Stepper(Evaluation):
 
     # ------------------------------------------------------------ inside
 
-    def fed(self, parameters: Any, inputs: Any) -> Any:
+    def parameters_with_inputs(self, parameters: Any, inputs: Any) -> Any:
         """Return parameters with a number for each input, where those of the steps are given."""
         some = inputs.first if isinstance(inputs, Inputs) else dict.fromkeys(
             self.binding.input_names if inputs is not None else (), 1.0)
@@ -417,7 +417,7 @@ class Stepper(Evaluation):
         fed = as_inputs(inputs, self.binding, count, hold)
         return RunArguments(
             *self._state(q, p), self._step(dt), count, as_positive_count("every", every, least=1),
-            self.fed(parameters, fed), solver, bound,
+            self.parameters_with_inputs(parameters, fed), solver, bound,
             as_positive_count("max_iterations", max_iterations, least=1),
             as_real("t0", t0, number), fed)
 
@@ -436,7 +436,7 @@ class Stepper(Evaluation):
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
             refuse_singular_mass(self.binding, self.manifest, run)
             refuse_inconsistent(self.binding, self.manifest, run)
-        return run.fed(run.inputs)
+        return run.with_inputs(run.inputs)
 
     def run(self, run: RunArguments) -> Trajectory:
         """Return the trajectory of a checked run, without warnings and events: for pilot runs."""

@@ -24,9 +24,9 @@ from ...core.interrupts import before_start
 from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count
-from ..rigid_body.gamma_rules import gamma_m, known_inertia, principal_moments, ruled
+from ..rigid_body.gamma_rules import gamma_by_rule, gamma_m, known_inertia, principal_moments
 from .frame_pilots import FramePilots
-from .frame_search import FrameChoice, Search
+from .frame_search import FrameChoice, FrameSearch
 from .frame_start import Velocities, directions_of, start_rates
 from .gamma_choice import PILOT_STEPS, with_gamma
 
@@ -117,10 +117,10 @@ def search_frame(
                            _mean_of(name, inertia) for name, inertia in bodies.items()}}
     run = replace(run.pilot(run.steps), parameters=numbers)
     stepper.checked_run(run)
-    numbers = _ruled(numbers)
+    numbers = _without_rules(numbers)
     pilots = FramePilots(stepper, replace(run, parameters=numbers),
                          directions_of(stepper, run.q, run.p, numbers), bodies)
-    return Search(pilots, Velocities(stepper, numbers, run.t0)).choice()
+    return FrameSearch(pilots, Velocities(stepper, numbers, run.t0)).choice()
 
 
 def start_frame(
@@ -136,7 +136,7 @@ def start_frame(
     InputError
         For a stepper without symmetries.
     """
-    known = _ruled(_usable(stepper, parameters))
+    known = _without_rules(_usable(stepper, parameters))
     found = {symmetry.name: 0.0 for symmetry in stepper.symmetries}
     directions = directions_of(stepper, q, p, known)
     if not directions:
@@ -201,9 +201,9 @@ def _usable(stepper: Stepper, parameters: Any) -> dict[str, Any]:
     return dict(as_mapping("parameters", parameters, "{'mgl': 0.4}"))
 
 
-def _ruled(parameters: Mapping[str, Any]) -> dict[str, Any]:
+def _without_rules(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters with rules as numbers; "auto" stands for γ_m as yet."""
-    return {name: ruled(name, "m" if value in AIMS else value, parameters)
+    return {name: gamma_by_rule(name, "m" if value in AIMS else value, parameters)
             if isinstance(value, str) else value for name, value in parameters.items()}
 
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from .frame_pilots import FramePilot, FramePilots
-from .frame_spectrum import Lines
+from .frame_spectrum import SpectralLines
 from .frame_start import Velocities, least_squares, start_rates
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["FrameChoice", "Search"]
+__all__ = ["FrameChoice", "FrameSearch"]
 
 Array = NDArray[Any]
 
@@ -105,7 +105,7 @@ class FrameChoice:
         return "\n".join(rows)
 
 
-class Search:
+class FrameSearch:
     """What is tried, and what of it is chosen."""
 
     def __init__(self, pilots: FramePilots, velocities: Velocities) -> None:
@@ -173,7 +173,7 @@ class Search:
         """Return the choice of longer steps: of the same polynomial of ω, clear of rounding."""
         if self.pilots.steps < _FEW:
             return None
-        search = Search(self.pilots.coarser(), self.velocities)
+        search = FrameSearch(self.pilots.coarser(), self.velocities)
         finest = search.pilots.set_reference(search.none, search.start)
         return None if finest is None else search._best(finest)[2]
 
@@ -196,7 +196,7 @@ class Search:
             q, p = (np.asarray(x, dtype=float) for x in (finest.q, finest.p))
             mean = least_squares(self.velocities, pilots.directions, q[rows], p[rows])
             found.append(("least squares of the motion", self._with(mean)))
-            lines = Lines(q, p, float(pilots.arguments.dt) * pilots.every,
+            lines = SpectralLines(q, p, float(pilots.arguments.dt) * pilots.every,
                           [direction.A for direction in pilots.directions])
             order = pilots.stepper.order
             for k in {order // 2 + 1, order + 1} if lines.resolved else ():

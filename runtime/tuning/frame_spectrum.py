@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lines"]
+__all__ = ["SpectralLines"]
 
 Array = NDArray[Any]
 
@@ -27,7 +27,7 @@ _FAINT = 1e-13
 _FOLDED = 1e-10
 
 
-class Lines:
+class SpectralLines:
     """The lines of q and p of a motion, sampled evenly.
 
     Parameters

@@ -27,7 +27,7 @@ from ...core.interrupts import before_start
 from ...core.registry import AIMS, Aim
 from ..bindings.array_checks import as_positive_count
 from ..rigid_body.gamma_rules import known_inertia, principal_moments
-from .gamma_error_law import REACH, Search
+from .gamma_error_law import REACH, GammaSearch
 from .gamma_pilots import WORTHWHILE, Pilot, Pilots
 
 if TYPE_CHECKING:
@@ -208,14 +208,14 @@ def _search(
     others = {name: value for name, value in run.parameters.items() if name not in known}
     pilots = Pilots(stepper, replace(run, parameters=others), known,
                     aim or _aim_of(run.parameters), longer=longer)
-    searches = [Search(pilots, f"1/{pilots.letter}")]
-    if pilots.silence is None:
+    searches = [GammaSearch(pilots, f"1/{pilots.letter}")]
+    if pilots.inconclusive is None:
         searches[0].run()
         unsettled = pilots.best() < pilots.rules and not searches[0].right
         if searches[0].clipped is not None or unsettled:
-            searches.append(Search(pilots, pilots.letter))
+            searches.append(GammaSearch(pilots, pilots.letter))
             searches[1].run()
-    choice = _judged(pilots, searches)
+    choice = _choice_of(pilots, searches)
     if any(name.endswith("alpha") for name in known):
         _refuse_idle_alpha(stepper, pilots)
     return choice
@@ -224,11 +224,11 @@ def _search(
 # ---------------------------------------------------------------- the verdict
 
 
-def _judged(pilots: Pilots, searches: list[Search]) -> GammaChoice:
+def _choice_of(pilots: Pilots, searches: list[GammaSearch]) -> GammaChoice:
     """Return the best run as the choice; a recommendation nearly as good is preferred."""
-    best = pilots.base if pilots.silence else pilots.best()
+    best = pilots.base if pilots.inconclusive else pilots.best()
     least_rule = min(range(pilots.rules), key=pilots.score)
-    if not pilots.silence and WORTHWHILE * pilots.score(least_rule) <= pilots.score(best):
+    if not pilots.inconclusive and WORTHWHILE * pilots.score(least_rule) <= pilots.score(best):
         best = least_rule
     used = next((s for s in searches if best in s.runs), searches[0])
     promised = [pilots.done[n].expected for n in used.runs[:1]]
@@ -248,10 +248,10 @@ def _ratio(start: float, end: float) -> float:
     return math.inf if end == 0 else start / end
 
 
-def _reason(pilots: Pilots, best: int, used: Search) -> str:
+def _reason(pilots: Pilots, best: int, used: GammaSearch) -> str:
     what, chosen = _ERRORS[pilots.aim], pilots.done[best]
-    if pilots.silence is not None:
-        return f"{chosen.label}: {pilots.silence}"
+    if pilots.inconclusive is not None:
+        return f"{chosen.label}: {pilots.inconclusive}"
     if best < pilots.rules:
         return f"{chosen.label}{_reason_of_rule(pilots, best, used)}"
     name = chosen.label if chosen.expected is not None else \
@@ -259,10 +259,10 @@ def _reason(pilots: Pilots, best: int, used: Search) -> str:
     return f"{name} of the {what}{_price(pilots, chosen)}{_limits(used)}"
 
 
-def _reason_of_rule(pilots: Pilots, best: int, used: Search) -> str:
+def _reason_of_rule(pilots: Pilots, best: int, used: GammaSearch) -> str:
     """Return why a recommendation is chosen: what the law's minimum lacks."""
     what = _ERRORS[pilots.aim]
-    ratios = [pilots.yardstick.ratios(e) for e in map(pilots.aimed, range(len(pilots.done)))
+    ratios = [pilots.error_scale.ratios(e) for e in map(pilots.aimed, range(len(pilots.done)))
               if e is not None]
     if np.max(ratios) < 1 / WORTHWHILE * np.min(ratios):
         return f": the {what} hardly depends on it"
@@ -282,7 +282,7 @@ def _price(pilots: Pilots, chosen: Pilot) -> str:
     return f"; the error of the motion grows up to {chosen.worst:.3g} times"
 
 
-def _limits(used: Search) -> str:
+def _limits(used: GammaSearch) -> str:
     if used.clipped is None:
         return ""
     asked = ", ".join(f"{x:.3g}" for x in used.clipped)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..rigid_body.gamma_rules import gamma_m
 from .gamma_pilots import WORTHWHILE, Pilots, mean_of
 
-__all__ = ["REACH", "Search", "least"]
+__all__ = ["REACH", "GammaSearch", "least"]
 
 Array = NDArray[Any]
 
@@ -39,7 +39,7 @@ _ROUNDS = 4
 _PROMISE = 0.98 * WORTHWHILE
 
 
-class Search:
+class GammaSearch:
     """The law in one variable: u_b = γ_m/γ_b or γ_b/γ_m, near 1 for every body."""
 
     def __init__(self, pilots: Pilots, law: str) -> None:
@@ -97,16 +97,16 @@ class Search:
 
     def _size(self, errors: Array) -> float:
         """Return the size of errors as a pilot has it."""
-        yardstick = self.pilots.yardstick
-        ratios = yardstick.ratios(errors)
-        return mean_of(ratios) * (float(yardstick.size[0]) if self.pilots.aim == "energy" else 1.0)
+        scale = self.pilots.error_scale
+        unit = float(scale.size[0]) if self.pilots.aim == "energy" else 1.0
+        return mean_of(scale.ratios(errors)) * unit
 
     def _forms(self, errors: Array, slopes: Array) -> Array:
         """Return the quadratic form in (1, x) of each path's error, in units of the base."""
         base, forms = self.pilots.aimed(self.pilots.base), []
         assert base is not None
         joined = np.concatenate([errors[..., None], slopes], axis=-1)
-        for path in self.pilots.yardstick.paths:
+        for path in self.pilots.error_scale.paths:
             columns = joined[:, path].reshape(-1, joined.shape[-1])
             forms.append(columns.T @ columns / (base[:, path] ** 2).sum())
         return np.array(forms)

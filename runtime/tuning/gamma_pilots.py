@@ -6,7 +6,7 @@ path by path (``motion_distance``), with q(t) extrapolated from the same method 
 of the first run that converges, the base, by rule that of γ_m: the ratio of errors that grow like t
 stays what it is however long a run becomes.
 
-What these runs cannot tell is said (``Pilots.silence``): an error that is round-off counts for
+What these runs cannot tell is said (``Pilots.inconclusive``): an error that is round-off counts for
 nothing; where the base is turned by more than 0.3 rad no law is linear, and rows are left out;
 where the error does not grow like t (a motion slower than the pilots, or a chaotic one) nothing
 follows for a run that is longer than they.
@@ -79,7 +79,7 @@ class Pilot:
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class ErrorScale:
     """How errors are measured: columns of each path, their size in the base, its doubt.
 
     ``doubt`` is the part of each size that may be the reference's error, or round-off; ``quarters``
@@ -136,7 +136,7 @@ class Pilots:
         self.letter = "α" if all(name.endswith("alpha") for name in bodies) else "γ"
         self.done: list[Pilot] = []
         self.errors: list[dict[Aim, Array] | None] = []
-        self.silence: str | None = None
+        self.inconclusive: str | None = None
         self._measure_rules()
 
     # ------------------------------------------------------------ runs
@@ -170,7 +170,7 @@ class Pilots:
             assert failure is not None
             raise failure
         self.base = next(i for i, (v, _) in enumerate(runs.values()) if v == base[0])
-        self._set_yardsticks(*base)
+        self._set_error_scales(*base)
         for label, (values, run) in runs.items():
             self._add(label, values, run)
         self.rules = len(self.done)
@@ -191,7 +191,7 @@ class Pilots:
         self.errors.append(errors)
         numbers = (math.inf,) * 3
         if errors is not None:
-            ratios = self.yardsticks["motion"].ratios(errors["motion"])
+            ratios = self.error_scales["motion"].ratios(errors["motion"])
             numbers = (mean_of(ratios), float(ratios.max()) if len(ratios) else math.nan,
                        float(sizes(errors["energy"], [[0]])[0]))
         self.done.append(Pilot(label, values, *numbers, expected))
@@ -203,7 +203,7 @@ class Pilots:
         energy = np.asarray(run.energy_error()[1:], dtype=float)[:, None]
         return {"motion": self._motion(run.q)[1 : self.rows + 1], "energy": energy}
 
-    def _set_yardsticks(self, values: dict[str, float], base: Trajectory) -> None:
+    def _set_error_scales(self, values: dict[str, float], base: Trajectory) -> None:
         """Make the reference of the motion, and what both errors are held against."""
         order = self.stepper.order
         half, quarter = (self._run(values, finer).q for finer in (2, 4))
@@ -220,27 +220,28 @@ class Pilots:
         lacks = sizes(lower, self._motion.paths) / 2 ** (order + 2)
         H = np.abs(np.asarray(base.energies, dtype=float)).max(keepdims=True)
         whole = self.rows == self.steps and not self.longer
-        self.yardsticks: dict[Aim, Yardstick] = {
-            "motion": _yardstick(errors["motion"], self._motion.paths, rounding, rounding + lacks,
+        self.error_scales: dict[Aim, ErrorScale] = {
+            "motion": _error_scale(errors["motion"], self._motion.paths, rounding, rounding + lacks,
                                  quarters=self.longer and self.rows >= _FEWEST),
-            "energy": _yardstick(errors["energy"], [[0]], epsilon * H, 0 * H),
+            "energy": _error_scale(errors["energy"], [[0]], epsilon * H, 0 * H),
         }
         if self.aim == "motion" and self.rows < _FEWEST and not whole:
-            self.silence = (f"pilots of {self.steps} steps say nothing of a run that is longer"
+            self.inconclusive = (f"pilots of {self.steps} steps say nothing of a run that is longer"
                             if self.rows == self.steps else
                             f"with it the motion is lost within {self.rows + 1} steps")
-        elif not self.yardstick.paths:
-            self.silence = "the error is round-off"
-        elif not self.yardstick.steady:
-            self.silence = ("the error of the motion does not grow like t, and pilots say nothing "
-                            "of a run that is longer; give steps that see its slowest period")
+        elif not self.error_scale.paths:
+            self.inconclusive = "the error is round-off"
+        elif not self.error_scale.steady:
+            self.inconclusive = (
+                "the error of the motion does not grow like t, and pilots say nothing of a run "
+                "that is longer; give steps that see its slowest period")
 
     # ------------------------------------------------------------ judging
 
     @property
-    def yardstick(self) -> Yardstick:
+    def error_scale(self) -> ErrorScale:
         """What the aimed error is measured by."""
-        return self.yardsticks[self.aim]
+        return self.error_scales[self.aim]
 
     def aimed(self, number: int) -> Array | None:
         """Return the aimed error of a run, rows over time; None if it failed."""
@@ -256,7 +257,7 @@ class Pilots:
         errors = self.aimed(number)
         if number == self.base:
             return 1.0
-        return math.inf if errors is None else self.yardstick.score(errors)
+        return math.inf if errors is None else self.error_scale.score(errors)
 
     def best(self) -> int:
         """Return the number of the best run."""
@@ -269,12 +270,12 @@ def _extrapolated(coarse: Array, fine: Array, order: int) -> Array:
     return extrapolated
 
 
-def _yardstick(
+def _error_scale(
     base: Array, paths: list[list[int]], rounding: Array, doubt: Array, *, quarters: bool = False
-) -> Yardstick:
+) -> ErrorScale:
     """Return the yardstick of a base run; paths whose error is round-off are left out."""
     size = sizes(base, paths)
     at = [i for i in range(len(paths)) if size[i] > rounding[i]]
     kept = [paths[i] for i in at]
-    return Yardstick(kept, size[at], doubt[at] / size[at],
+    return ErrorScale(kept, size[at], doubt[at] / size[at],
                      quarters_of(base, kept) if quarters else None)

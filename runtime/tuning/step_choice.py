@@ -127,10 +127,10 @@ def choose_dt(
     span = end - begin
     run = stepper.run_arguments(q, p, dt=span, steps=1, t0=t0, parameters=parameters, **options)
     with before_start("dt"):
-        return _Search(stepper, span, wanted, run).choice()
+        return StepSearch(stepper, span, wanted, run).choice()
 
 
-class _Search:
+class StepSearch:
     """Makes the runs and remembers their errors."""
 
     def __init__(

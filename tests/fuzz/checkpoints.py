@@ -133,7 +133,7 @@ def forged_checkpoint(choices: Choices, one: Case) -> str:
         return "refused"
     if state is None or state.status or state.steps > 2**40:
         return "accepted"
-    rows = Rows.room(one.binding, STEPS)
+    rows = Rows.allocate(one.binding, STEPS)
     status = advance(one.binding, one.run, one.binding.parameters(one.run.parameters, 0.0), STEPS,
                      1, state.q, state.p, rows.after(0), state.report, state.work)
     return "went on" if status == 0 else "step failed"
