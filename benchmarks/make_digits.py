@@ -99,7 +99,7 @@ def _wide(value: Any) -> Any:
 
 def _stepped(steps: int) -> Way:
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
-        made = f"float128, 8-G-L, {2 * steps} steps, beside {steps}"
+        made = f"float128, 8-G-L, {2 * steps} steps, compared with {steps}"
         return made, (_run(problem, 2 * steps), _run(problem, steps))
 
     return way
@@ -107,7 +107,7 @@ def _stepped(steps: int) -> Way:
 
 def _closed(name: str, steps: int) -> Way:
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
-        made = f"closed form, mpmath, beside float128, 8-G-L, {steps} steps"
+        made = f"closed form, mpmath, compared with float128, 8-G-L, {steps} steps"
         return made, (CLOSED[name](mp.mpf(problem.seconds)), _run(problem, steps))
 
     return way
@@ -118,18 +118,18 @@ def _loop(motion: Callable[[Any], Numbers], steps: int) -> Way:
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         with mp.workdps(40):
             found = motion(mp.mpf(problem.seconds))
-        made = f"quadrature of one coordinate, mpmath, beside float128, 8-G-L, {steps} steps"
+        made = f"quadrature of one coordinate, mpmath, compared with float128, 8-G-L, {steps} steps"
         return made, (found, _run(problem, steps))
 
     return way
 
 
 def _four_bars(count: int) -> Way:
-    """Return sin φ and cos φ, beside those of t(φ)."""
+    """Return sin φ and cos φ, compared with t(φ) by quadrature."""
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         t = mp.mpf(problem.seconds)
         closed = {"positions": forms.four_bars(count, t)}
-        return ("closed form, mpmath, beside t(φ) by quadrature",
+        return ("closed form, mpmath, compared with t(φ) by quadrature",
                 (closed, loops.four_bars(forms.four_bar_constant(count), t)))
 
     return way
@@ -142,7 +142,7 @@ def _series(motion: Callable[[], tuple[Callable[..., Any], Sequence[Any]]], step
             rates, start = motion()
             end = iter(mp.odefun(rates, 0, start)(mp.mpf(problem.seconds)))
             second = {group: [next(end) for _ in names] for group, names in problem.groups.items()}
-        made = f"float128, 8-G-L, {steps} steps, beside Taylor series by mpmath"
+        made = f"float128, 8-G-L, {steps} steps, compared with Taylor series by mpmath"
         return made, (_run(problem, steps), second)
 
     return way
@@ -161,7 +161,8 @@ def _midpoint(motion: Callable[[], equations.Motion], parts: Sequence[tuple[str,
                 state = extrapolated(rates, state, mp.mpf(seconds) / count, count, 14)
             end = iter(state)
             second = {group: [next(end) for _ in names] for group, names in problem.groups.items()}
-        made = f"float128, 8-G-L, {steps} steps, beside the extrapolated midpoint rule by mpmath"
+        made = (f"float128, 8-G-L, {steps} steps, compared with the extrapolated midpoint rule by "
+                "mpmath")
         return made, (_run(problem, steps), second)
 
     return way

@@ -11,7 +11,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from .arguments import listed
 from .errors import InputError, MissingDependencyError
 from .extras import install
 
@@ -110,7 +109,7 @@ def format_of(path: Path, what: str, *kinds: Kind) -> FileFormat:
         if one.kind in kinds and one.ending == ending_of(path):
             return one
     raise InputError(f"{what} cannot be written as {path.name!r}; end it in "
-                     f"{listed(endings(*kinds))}.")
+                     f"{', '.join(endings(*kinds))}.")
 
 
 def with_ending(path: Path, ending: str) -> Path:

@@ -1,4 +1,4 @@
-"""The site: ``make docs``. Nothing is fetched, warnings are errors, cells are run and kept."""
+"""The site: ``make docs``. Nothing is fetched, warnings are errors, cells are run, cached."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-sys.path.insert(0, str(HERE))  # site_pages, beside this file
+sys.path.insert(0, str(HERE))  # site_pages, in this folder
 
 project = "gyrospark"
 author = "the gyrospark authors"
@@ -19,17 +19,18 @@ exclude_patterns = ["writing.md", "reference/parts"]
 
 
 def digest() -> str:
-    """Return a digest of what cells compute with: kept outputs are those of this very package."""
+    """Return a digest of the package, which identifies the cached outputs of the cells."""
     found = hashlib.sha256()
-    rooms = [room for room in ROOT.iterdir() if room.is_dir() and room.name[0] != "."
-             and room.name not in ("build", "dist", "docs", "tests")]
-    for path in sorted([*ROOT.glob("*.py"), *(p for room in rooms for p in room.rglob("*"))]):
+    packages = [path for path in ROOT.iterdir() if path.is_dir() and path.name[0] != "."
+                and path.name not in ("build", "dist", "docs", "tests")]
+    inside = [path for package in packages for path in package.rglob("*")]
+    for path in sorted([*ROOT.glob("*.py"), *inside]):
         if path.suffix in (".py", ".h", ".jinja", ".toml", ".html", ".js"):
             found.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return found.hexdigest()[:16]
 
 
-# Cells run in a folder of their own; a page whose cells did not change keeps what they gave.
+# Cells run in their own folder; the outputs of unchanged cells are cached.
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "cells" / digest())
 nb_execution_in_temp = True

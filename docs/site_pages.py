@@ -1,10 +1,10 @@
-"""What the site makes of the package: tables, cross-references, pictures' words, and MathJax.
+"""Sphinx extension: tables of the package, cross-references, alternative texts, and MathJax.
 
-    {{ name }}     on a page is replaced by what ``tables`` makes of the package
-    docstrings     of public names, and commands, end with the pages and examples that use them
-    g_q, e^{hA}    in running text are set as signs with what stands below and above them
+    {{ name }}     on a page is replaced by a table of ``site_tables``
+    docstrings     of public names, and commands, end with a list of their users
+    g_q, e^{hA}    in running text get subscripts and superscripts
     gallery        its list of pages shows the first picture of each
-    pictures       without words for those who do not see them are a warning, hence an error
+    pictures       without an alternative text are a warning, hence an error
     progress       a line for each page that is read, its cells with it
 """
 
@@ -28,10 +28,10 @@ from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
 
 LOGGER = logging.getLogger(__name__)
-#: A letter, perhaps with a mark above it, and what is written below it or above it.
+#: A letter with an optional combining mark, and its subscript or superscript.
 SIGNS = re.compile(r"(?<![^\W\d])(?<![/.<-])([^\W\d_][\u0300-\u036f]?)"
                    r"(?:_(?:\{([^}]*)\}|([A-Za-z0-9]{1,5}))|\^\{([^}]*)\})(?![A-Za-z0-9_=])")
-#: What the theme leaves out for those who do not see a page, or have no mouse.
+#: Accessibility attributes that the theme lacks (screen readers, keyboard).
 MENDED = {
     '<p class="caption" role="heading">': '<p class="caption" role="heading" aria-level="2">',
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="All pages">',
@@ -41,17 +41,17 @@ MENDED = {
     "<table>": '<table tabindex="0">',
     '<th class="head"><p></p></th>': "<td></td>",
 }
-#: What MathJax needs in a browser, of the files that its package has.
+#: Files of the MathJax package that a browser needs.
 MATHJAX = ("tex-chtml.js", "output/chtml", "input/tex/extensions", "a11y/assistive-mml.js",
            "ui")
 
-#: Pages read so far, in all processes that read them, and how many there are to read.
+#: Number of pages read so far, in all processes, and the total number.
 READ = multiprocessing.Value("i", 0)
 TO_READ = multiprocessing.Value("i", 0)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Tell Sphinx what is done when."""
+    """Connect the handlers to Sphinx's events."""
     app.connect("builder-inited", prepare_cells)
     app.connect("env-before-read-docs", count_pages)
     app.connect("doctree-read", show_progress)
@@ -67,7 +67,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 
 def prepare_cells(app: Sphinx) -> None:
-    """Make what the processes that run cells share, and the kernels' connection private.
+    """Create the cache that the cell processes share, and encrypt the kernels' connections.
 
     The tables of jupyter-cache: two processes that find none both make them, and one fails.
     Notebook kernels warn of an unencrypted connection, so those that support encryption use it.
@@ -80,11 +80,11 @@ def prepare_cells(app: Sphinx) -> None:
     get_cache(app.config.nb_execution_cache_path).db.dispose()
     if hasattr(KernelManager, "transport_encryption"):
         KernelManager.transport_encryption.default_value = "auto"
-    python_logging.getLogger("traitlets").setLevel("WARNING")  # each kernel tells that it runs
+    python_logging.getLogger("traitlets").setLevel("WARNING")  # each kernel logs its start
 
 
 def count_pages(app: Sphinx, env: BuildEnvironment, names: list[str]) -> None:
-    """Keep how many pages are to be read."""
+    """Store the number of pages to be read."""
     READ.value, TO_READ.value = 0, len(names)
 
 
@@ -104,7 +104,7 @@ def fill_in(app: Sphinx, name: str, source: list[str]) -> None:
 
 def end_docstring(app: Sphinx, what: str, name: str, thing: Any, options: Any,
                   lines: list[str]) -> None:
-    """Escape bars, which are absolute values, and say who uses a public name."""
+    """Escape bars, which are absolute values, and list the users of a public name."""
     lines[:] = [re.sub(r"(?<!\\)\|", r"\\|", line) for line in lines]
     users = site_uses.users_of(name)
     if users:
@@ -112,17 +112,17 @@ def end_docstring(app: Sphinx, what: str, name: str, thing: Any, options: Any,
 
 
 def end_command(app: Sphinx, context: Any, lines: list[str]) -> None:
-    """Say which pages type a command."""
+    """List the pages that contain a command."""
     users = site_uses.users_of_command(context.command.name)
     if users and context.parent is not None:
         lines += ["", "Used in " + ", ".join(users) + ".", ""]
 
 
 def ask_for_words(app: Sphinx, tree: nodes.document, name: str) -> None:
-    """Warn of pictures without words."""
+    """Warn of pictures without an alternative text."""
     for picture in tree.findall(nodes.image):
         if not picture.get("alt"):
-            LOGGER.warning("the picture %s has no words for those who do not see it; see "
+            LOGGER.warning("the picture %s has no alternative text; see "
                            "docs/writing.md", picture["uri"], location=name)
 
 

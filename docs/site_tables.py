@@ -1,4 +1,4 @@
-"""Tables and lists that pages have of the package: ``{{ name }}`` on a line of its own."""
+"""Tables and lists of the package for pages: ``{{ name }}`` on its own line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["API", "TABLES"]
 
 ROOT = Path(__file__).resolve().parent.parent
 
-#: Page of the reference → what it tells, in order. Every public name is on one of them.
+#: Page of the reference → its names, in order. Every public name is on one page.
 API = {
     "runs": [
         "stepper", "Stepper", "Trajectory", "gyrospark.runtime.results.body_motion.BodyMotion",
@@ -32,7 +32,7 @@ API = {
         "System", "from_mechanics", "Model", "Multibody", "body_system", "symbols", "load_model",
         "load_urdf", "read_urdf", "models", "problems", "references", "exact", "tableau",
         "consistent", "Projection"],
-    "choices": [
+    "tuning": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
@@ -42,8 +42,8 @@ API = {
 
 def api(page: str) -> str:
     """Return the directives of a page of the reference."""
-    told = {name for names in API.values() for name in names if "." not in name}
-    missing = set(gs.__all__) - told - {"__version__"}
+    listed = {name for names in API.values() for name in names if "." not in name}
+    missing = set(gs.__all__) - listed - {"__version__"}
     assert not missing, f"site_tables.API has no place for {sorted(missing)}"
     return "\n".join(["```{eval-rst}", *(_directive(name) for name in API[page]), "```"])
 
@@ -68,14 +68,14 @@ def joints() -> str:
     for kind, parameters in JOINTS.items():
         keys = [f"`{key}`" + ("" if one.default is one.empty else " (or not)")
                 for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY]
-        told = (inspect.getdoc(getattr(Multibody, kind)) or "").partition("\n")[0]
-        rows.append([f"`{kind}`", told, ", ".join(keys), _files("joints", kind)])
-    return _table(["type", "does", "keys beside `name` and "
+        summary = (inspect.getdoc(getattr(Multibody, kind)) or "").partition("\n")[0]
+        rows.append([f"`{kind}`", summary, ", ".join(keys), _files("joints", kind)])
+    return _table(["type", "does", "keys in addition to `name` and "
                    "`bodies` (`joints` of gear and couple)", "in"], rows)
 
 
 def forces() -> str:
-    """Return the types of [[forces]] likewise."""
+    """Return the types of [[forces]] with their keys."""
     rows = [[f"`{kind}`", "`joints`" if kind in ON_JOINTS else "`bodies`",
              ", ".join(f"`{key}`" for key in keys), _files("forces", kind)]
             for kind, keys in FORCES.items()]
@@ -83,7 +83,7 @@ def forces() -> str:
 
 
 def functions() -> str:
-    """Return what formulas may call."""
+    """Return the functions and constants of formulas."""
     return ("Functions: " + ", ".join(f"`{name}`" for name in sorted(FUNCTIONS))
             + ". Constants: " + ", ".join(f"`{name}`" for name in sorted(CONSTANTS)) + ".")
 
@@ -92,20 +92,20 @@ def keys() -> str:
     """Return the tables of model files, and the files that have them."""
     about = {
         "body": "one body with a fixed point", "system": "any holonomic Hamiltonian system",
-        "bodies": "several bodies", "joints": "what ties them", "forces": "what acts on them",
-        "points": "points of the ground that move", "drives": "angles by laws of time",
-        "parameters": "numbers by name", "inputs": "what forces may have anew in each step",
-        "start": "the state at the start", "run": "`dt`, `steps`",
-        "quantities": "what is evaluated beside the motion", "events": "levels to look for",
+        "bodies": "several bodies", "joints": "constraints between bodies", "forces": "loads",
+        "points": "moving points of the ground", "drives": "angles as functions of time",
+        "parameters": "numbers by name", "inputs": "numbers that forces use, set in each step",
+        "start": "the initial state", "run": "`dt`, `steps`",
+        "quantities": "formulas evaluated with the motion", "events": "levels of quantities",
     }
-    rows = [[f"`[{name}]`", told, ", ".join(site_uses.users_of_key(lambda text, name=name:
+    rows = [[f"`[{name}]`", summary, ", ".join(site_uses.users_of_key(lambda text, name=name:
                                                                     name in text))]
-            for name, told in about.items()]
+            for name, summary in about.items()]
     return _table(["table", "holds", "in"], rows)
 
 
 def examples() -> str:
-    """Return every example as it stands, each under its own heading."""
+    """Return the source of every example, each with its own heading."""
     parts = []
     for label, path in site_uses.examples().items():
         language = {"py": "python", "toml": "toml", "urdf": "xml"}[path.rpartition(".")[2]]

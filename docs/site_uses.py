@@ -1,4 +1,4 @@
-"""Who uses what: pages and examples in which a public name, a command or a key of TOML stands."""
+"""Cross-references: pages and examples that use a public name, a command or a TOML key."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["examples", "pages", "users_of", "users_of_command", "users_of_key"]
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-#: More pages than these say nothing.
+#: The largest number of users in a list.
 MOST = 8
 FENCE = re.compile(r"^```(?:\{code-cell\} *)?(?:i?python|sh|toml)?\n(.*?)^```$",
                    flags=re.DOTALL | re.MULTILINE)
@@ -33,7 +33,7 @@ def examples() -> dict[str, str]:
 
 @cache
 def pages() -> dict[str, str]:
-    """Return the name of each page → its code and what stands between backticks."""
+    """Return the name of each page → its code blocks and code spans."""
     found = {}
     for path in sorted(HERE.rglob("*.md")):
         name = path.relative_to(HERE).with_suffix("").as_posix()

@@ -1,4 +1,4 @@
-"""Andrews' squeezing mechanism (IVP test set), typed in as its Lagrangian."""
+"""Andrews' squeezing mechanism (IVP test set), defined by its Lagrangian."""
 
 import sympy as sp
 

@@ -1,6 +1,6 @@
-"""A satellite that its wheels turn until its axes are those of space: PD, sampled at 10 Hz, 600 s.
+"""Attitude control of a satellite by reaction wheels: a PD controller, sampled at 10 Hz, 600 s.
 
-The same in C is in control_c, on a float.
+The folder control_c has the same loop in C, in single precision.
 """
 
 import numpy as np
@@ -10,12 +10,12 @@ import gyrospark as gs
 model = gs.load_model("examples/control_c/satellite.toml")
 step = gs.stepper("G-L", 2, system=model)
 sim = step.start(model.q0, model.p0, dt=0.02, parameters=model.parameters | {"gamma": "m"})
-seen = []  # degrees off, at each look
+seen = []  # attitude error in degrees, at each sample
 
 for _ in range(6000):
     e = sim.q
-    omega = [sim.quantity(name) for name in ("omega1", "omega2", "omega3")]  # of its gyros
-    turn = np.copysign(e[1:], e[0] * e[1:])  # the shorter way
+    omega = [sim.quantity(name) for name in ("omega1", "omega2", "omega3")]  # gyroscope output
+    turn = np.copysign(e[1:], e[0] * e[1:])  # the smaller rotation
     torque = np.clip(-0.5 * turn - 4.0 * np.array(omega), -0.2, 0.2)  # N m
     sim.advance(5, **dict(zip(("u1", "u2", "u3"), torque, strict=True)))  # held for 0.1 s
     seen.append(np.degrees(2 * np.arctan2(np.linalg.norm(e[1:]), abs(e[0]))))

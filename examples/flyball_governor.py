@@ -1,10 +1,10 @@
 """The stiff flyball governor, problem A05 of IFToMM's library: python examples/flyball_governor.py
 
-A shaft turns about z; two rods are hinged to it near its top, each with 5 kg at its end; a slider
-moves along the shaft, held to the middle of each rod by a spring and a stiff damper. Whatever
-moves it against the rods dies away at 8100 1/s, 2C (L_s²/M + L_β²/I) of the springs' length L: in
-steps that are longer than that, it lingers with G-L, which at infinity damps nothing, and is gone
-with Radau-L.
+A shaft rotates about z; two rods with 5 kg at their ends are hinged to it near its top; a slider
+moves along the shaft, connected to the middle of each rod by a spring and a stiff damper. Its
+motion relative to the rods decays at 8100 1/s = 2C (L_s²/M + L_β²/I), L being the springs' length.
+Steps that are longer than the decay time do not damp this motion with G-L, |R(∞)| = 1, but do with
+Radau-L, R(∞) = 0.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ALONG, ACROSS = ROD * WIDTH**2 / 6, ROD * (1 + WIDTH**2) / 12
 
 
 def governor(damping: float = DAMPING, slider_speed: float = 0.0) -> gs.Model:
-    """Return the governor at its start; a ``slider_speed`` in m/s is what dampers work against."""
+    """Return the governor with its initial values; ``slider_speed`` in m/s excites the dampers."""
     build = gs.Multibody("flyball_governor", gravity=(0, 0, -GRAVITY), dt=0.01, steps=100)
     spin = np.array([0, 0, RATE])
     shaft = build.body("shaft", mass=ROD, inertia=(ACROSS, ACROSS, ALONG), position=(0, 0, 0.5))

@@ -10,6 +10,7 @@ from ..core.inertia import REPS
 from ..core.real_types import REALS
 from ..core.registry import MODELS, SYSTEMS
 from .codegen.emit import Source, emit
+from .codegen.program import Derived
 from .models.model_file import load_model
 from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
@@ -102,8 +103,8 @@ def generate(
         method = spec.title if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
-    source = emit(name, method, scheme, system, constants, REALS[spec.real], structured,
-                  spec.profile, frame)
+    source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
+                          spec.profile, frame), structured)
     return Generated(source, scheme, system, coefficients)
 
 

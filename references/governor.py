@@ -82,9 +82,9 @@ FLYBALL_GOVERNOR = Reference(
               Attempt("Radau-L", 3, (25, 50, 100, 200, 400, 800, 1600))))
 
 FLYBALL_GOVERNOR_STIFF = Reference(
-    name="flyball-governor-stiff", title="Flyball governor, stiffer, its slider struck",
-    source="IFToMM A05 with 4e5 N s/m, so that what the dampers resist dies away at 8e4 1/s, and a "
-           "slider that begins at 0.05 m/s: in few steps it lingers with G-L, with Radau-L not",
+    name="flyball-governor-stiff", title="Stiffer flyball governor with initial slider velocity",
+    source="IFToMM A05 with 4e5 N s/m, a decay rate of 8e4 1/s, and an initial slider velocity of "
+           "0.05 m/s, which long steps damp with Radau-L but not with G-L",
     form="Lagrangian", make=lambda: _governor("4e5", "0.05"), seconds="0.01", groups=_GROUPS,
     read=_end, invariants=_KEPT,
     attempts=(Attempt("G-L", 4, (5, 10, 20, 100, 500, 2000)),

@@ -101,14 +101,14 @@ FOUR_BAR = Reference(
 
 FOUR_BARS = Reference(
     name="four-bars-40", title="Forty four-bar linkages in a row, 81 bodies",
-    source=f"{_A02} with N = 40: freedoms jump from 1 to 41 where the rods are level",
+    source=f"{_A02} with N = 40: 1 degree of freedom, 41 where the rods are level",
     form="bodies and joints", make=lambda: four_bars(40), seconds="10",
     groups={"positions": ("x_B0", "y_B0")}, read=_b0, invariants={"energy": "T + V"},
     attempts=(Attempt("G-L", 3, (1000, 2500)),))
 
 PARALLELOGRAM = Reference(
-    name="parallelogram", title="A parallelogram of rods, 104 times through its change points",
-    source=f"{_A02} with N = 1, for 100 s: where the rods are level, they could fold",
+    name="parallelogram", title="Parallelogram of rods, 104 passages of singular configurations",
+    source=f"{_A02} with N = 1, for 100 s: the rods can fold where they are level",
     form="bodies and joints", make=lambda: four_bars(1), seconds="100",
     groups={"positions": ("x_B0", "y_B0")}, read=_b0, invariants={"energy": "T + V"},
     attempts=(Attempt("G-L", 4, (10000, 20000)), Attempt("G-L", 3, (20000, 50000))))
@@ -151,8 +151,8 @@ BRICARD = Reference(
 
 BRICARD_PUSHED = replace(
     BRICARD, name="bricard-pushed", title="Bricard's mechanism, pushed",
-    source=f"{BRICARD.source}; hinges that begin at 2 and −2 rad/s by turns carry it beyond where "
-           "it turns back from rest", make=lambda: _bricard(2.0),
+    source=f"{BRICARD.source}; initial hinge rates of ±2 rad/s, so that it passes the turning "
+           "point of the motion from rest", make=lambda: _bricard(2.0),
     attempts=(Attempt("G-L", 3, (500, 1000, 2000)), Attempt("G-L", 4, (250, 500, 1000))))
 
 

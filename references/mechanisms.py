@@ -37,7 +37,7 @@ CAR_AXIS = Reference(
     invariants={"energy balance": "H − ∫ H_t dt"},
     attempts=(Attempt("G-L", 5, (100, 300, 1000)), Attempt("G-L", 3, (300, 1000, 3000)),
               Attempt("EMS", None, (1000, 3000))),
-    no_bodies="the road moves a joint and the end of a spring by a law of time",
+    no_bodies="the road prescribes the motion of a joint and of the end of a spring",
     published=Published("deTestSet (CRAN), caraxis: GAMD in quadruple precision", {
         "xl": "0.0493455784275402809", "yl": "0.496989460230171153861",
         "xr": "1.04174252488542151681", "yr": "0.373911027265361256927",

@@ -1,4 +1,4 @@
-"""``docs/references.md``: each problem, its digits beside those of others, error against cost."""
+"""``docs/references.md``: reference and published values of each problem, error against cost."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ __all__ = ["page", "reached"]
 
 _HEAD = """# Reference problems
 
-Problems of the field with digits that hold, and what our schemes make of them. This page is what
-`gyrospark reference all --peers --out docs/references.md --plot docs/references.png` writes; the
-digits are those of `python -m gyrospark.benchmarks.make_digits`, which anyone can run: each problem
-goes two ways.
+Problems of the literature with reference solutions of 24 digits, and the errors of our schemes.
+`gyrospark reference all --peers --out docs/references.md --plot docs/references.png` writes this
+page. `python -m gyrospark.benchmarks.make_digits` computes each reference solution by two
+independent methods.
 
-An error is that of the numbers at the end, relative to the largest of its kind (positions,
-velocities). CPU seconds are those of one run with a compiled stepper on the machine that wrote the
-page. Invariants are the largest errors over all steps of the most exact run.
+An error is the error of the final values relative to the largest value of their kind (positions,
+velocities). CPU seconds are the time of one run with a compiled stepper on the machine that wrote
+the page. Invariants are the largest errors over all steps of the most accurate run.
 
-SciPy and heyoka go where equations of motion without multipliers are at hand. SciPy's DOP853 has
-its state projected onto the constraints after every step; its steps, and that, are Python. heyoka's
-Taylor series are compiled for the equations.
+SciPy and heyoka solve problems whose equations of motion are available without multipliers. SciPy's
+DOP853 projects its state onto the constraints after every step; the steps and the projection are
+Python code. heyoka compiles Taylor series of the equations.
 
-exudyn and MuJoCo are given bodies, joints, springs and gravity, read off our own model, and no
-equation. exudyn has the trapezoidal rule of index 2 and generalised α, of order 2, with its own
-tolerances, bodies of plane mechanisms in three coordinates each; for one body on no joints also
-explicit methods of order 4 and 6. MuJoCo's coordinates are those of a tree of joints; what closes a
-loop is a soft constraint at its stiffest for the time step. Each takes four times as many steps
-until a run costs half a second; where numbers of steps are missing, Newton failed or the motion was
+exudyn and MuJoCo receive the bodies, joints, springs and gravity of our model, but no equations.
+exudyn has the trapezoidal rule of index 2 and generalised α, of order 2, with its own tolerances;
+bodies of plane mechanisms have three coordinates each. For one body without joints it also has
+explicit methods of order 4 and 6. MuJoCo uses the coordinates of a tree of joints; a soft
+constraint, at its stiffest for the time step, closes a loop. The number of steps is quadrupled
+until a run takes 0.5 s. Missing numbers of steps: Newton's method failed or the motion was
 unstable.
 """
 
@@ -59,16 +59,16 @@ def _summary(measured: Sequence[tuple[Reference, Sequence[Run]]]) -> str:
         worst = max(problem.deviations.values(), default=None)
         rows.append([f"`{problem.name}`", *cells, "–" if worst is None else f"{worst:.0e}"])
     return _table(["problem", f"cheapest to {LIMIT:.0e}", "steps", "error", "CPU ms",
-                   "published digits are off by"], rows)
+                   "error of the published values"], rows)
 
 
 def _about(problem: Reference) -> str:
     kept = ", ".join(f"{name} = {formula}" for name, formula in problem.invariants.items())
     true = problem.truth
     without = problem.no_bodies and f" Without exudyn and MuJoCo: {problem.no_bodies}."
-    return (f"`{problem.name}`: {problem.source}. Made of: {problem.form}. "
-            f"Compared at t = {problem.seconds} s. Kept: {kept}.{without}\n\n"
-            f"Digits: {true.made}; they agree to {true.agreement:.0e}.\n"
+    return (f"`{problem.name}`: {problem.source}. Model: {problem.form}. "
+            f"Compared at t = {problem.seconds} s. Invariants: {kept}.{without}\n\n"
+            f"Reference: {true.made}; they agree to {true.agreement:.0e}.\n"
             + (f"Published: {problem.published.source}.\n" if problem.published else ""))
 
 
@@ -77,7 +77,7 @@ def _numbers(problem: Reference) -> str:
     off = problem.deviations
     rows = [[name, value, others.get(name, "–"), f"{off[name]:.0e}" if name in off else "–"]
             for name, value in problem.truth.values.items()]
-    return _table(["number", "true", "published", "off by"], rows)
+    return _table(["quantity", "reference", "published", "error"], rows)
 
 
 def _costs(runs: Sequence[Run]) -> str:

@@ -104,7 +104,7 @@ def _heavy_top() -> Model:
 
 
 DZHANIBEKOV = Reference(
-    name="dzhanibekov", title="Free body that turns over about its middle axis (Dzhanibekov)",
+    name="dzhanibekov", title="Free body near its intermediate axis (Dzhanibekov effect)",
     source="I = (1, 2, 3), Ω = (0.001, 1, 0.001), q = (1, 0, 0, 0)", form="Python",
     make=lambda: _free(_DZHANIBEKOV, ("0.001", "1", "0.001")), seconds="10",
     groups={"attitude": _QUATERNION, "angular velocity": _OMEGA},

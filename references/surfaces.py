@@ -113,7 +113,7 @@ NEUMANN = Reference(
     groups={"positions": _POSITIONS, "velocities": _VELOCITIES}, read=_end,
     invariants={"energy": "H", **{
         f"F{i}": f"q{i}² + Σ (q{i} p_j − q_j p{i})²/(a{i} − a_j)" for i in (1, 2, 3)}},
-    no_bodies="the point is on a sphere, in the field of no weight",
+    no_bodies="the potential of the point is not gravity",
     attempts=_ATTEMPTS)
 
 ELLIPSOID = Reference(
@@ -122,27 +122,27 @@ ELLIPSOID = Reference(
     form="Python", make=_ellipsoid, seconds="10",
     groups={"positions": _POSITIONS, "velocities": _VELOCITIES}, read=_end,
     invariants={"energy": "|p|²/2", "J": "(Σ q²/b²)(Σ p²/b)"},
-    no_bodies="no joint keeps a point on an ellipsoid",
+    no_bodies="no joint constrains a point to an ellipsoid",
     attempts=_ATTEMPTS)
 
 BEAD = Reference(
-    name="bead", title="Bead on a wire that turns, in a vertical plane",
+    name="bead", title="Bead on a rotating wire in a vertical plane",
     source="closed form: r = cosh wt + (g/2w²)(sin wt − sinh wt), w = 2 rad/s, r(0) = 1 m",
     form="Python", make=_bead, seconds="1.5",
     groups={"positions": ("x", "y"), "velocities": ("x'", "y'")}, read=_end,
     invariants={"energy balance": "H − ∫ λ·g_t dt"},
-    no_bodies="the wire turns by a law of time",
+    no_bodies="the wire has a prescribed rotation",
     attempts=(Attempt("G-L", 4, (10, 25, 50, 100)), Attempt("G-L", 3, (25, 100, 400)),
               Attempt("EMS", None, (400, 1600))))
 
 GROWING_MASS = Reference(
-    name="growing-mass", title="Oscillator whose mass and spring grow",
+    name="growing-mass", title="Oscillator with growing mass and stiffness",
     source="Caldirola and Kanai: L = e^(2ct) (x'² − k² x²)/2, c = 1/4 1/s, k = 1 1/s, from rest at "
            "1 m; x = e^(−ct) (cos Ωt + (c/Ω) sin Ωt), Ω² = k² − c²",
     form="Lagrangian", make=_growing_mass, seconds="10",
     groups={"positions": ("x",), "velocities": ("x'",)},
     read=lambda run: {"positions": run.q[-1], "velocities": run.velocities[-1]},
     invariants={"energy balance": "H − ∫ H_t dt"},
-    no_bodies="no body has a mass that grows",
+    no_bodies="no body has a time-dependent mass",
     attempts=(Attempt("G-L", 4, (10, 25, 50, 100)), Attempt("G-L", 3, (25, 100, 400)),
               Attempt("EMS", None, (400, 1600))))

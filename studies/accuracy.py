@@ -78,8 +78,8 @@ def table_5(engine: Engine) -> Table:
     ]
     return Table(
         5, "Fast spinning top: accuracy of the α-type",
-        f"{TOP}. {_TOP_ABOUT} Our copy of the paper lost the printed numbers; the text's "
-        "conclusions are checked instead.",
+        f"{TOP}. {_TOP_ABOUT} Our copy of the paper lacks the printed numbers; the conclusions of "
+        "its text are checked instead.",
         cells,
         [_alpha_is_idle(engine), _gamma_is_better(engine), _lobatto_types_agree(engine)],
     )
@@ -108,7 +108,7 @@ def table_7(engine: Engine) -> Table:
 def _cone_about(engine: Engine, setting: Setting) -> str:
     rate = engine.problem(setting.case("IMS", "gamma", "m")).exact
     assert isinstance(rate, RegularPrecession)
-    return (f"{setting}, φ̇ = {rate.rate:g} rad/s and m = ρπ²h/3 as the paper really ran it "
+    return (f"{setting}, φ̇ = {rate.rate:g} rad/s and m = ρπ²h/3 as actually used in the paper "
             f"(erratum 18). {_CONE_ABOUT}")
 
 
@@ -184,8 +184,8 @@ def _gamma_is_better(engine: Engine) -> Claim:
         for method in ("IMS", "EMS", "2-G-L") for quantity in ("H", "z", "x")
         if (method, quantity) != ("EMS", "H")
     ]
-    return Claim("IMS, EMS and 2-G-L are more accurate with γ = γ_m than with α = γ_m: error of "
-                 "the α-type over that of the γ-type", f"{min(gains):.2f} to {max(gains):.1f}",
+    return Claim("IMS, EMS and 2-G-L are more accurate with γ = γ_m than with α = γ_m: ratio of "
+                 "the errors of α-type and γ-type", f"{min(gains):.2f} to {max(gains):.1f}",
                  "all above 1", min(gains) > 1)
 
 
@@ -197,8 +197,8 @@ def _lobatto_types_agree(engine: Engine) -> Claim:
         / engine.floor(TOP.case("3-LIIIA-B", "gamma", rule), quantity)
         for quantity, rule in TABLE_5
     )
-    return Claim("3-LIIIA-B-α and 3-LIIIA-B-γ are one for α = γ (erratum 23): every mean of "
-                 "Table 5 is that of Table 4", "equal to round-off" if apart <= 1 else
+    return Claim("3-LIIIA-B-α and 3-LIIIA-B-γ are the same method for α = γ (erratum 23): the "
+                 "means of Tables 4 and 5 agree", "equal to round-off" if apart <= 1 else
                  f"{apart:.1f} round-off floors apart", "equal to round-off", apart <= 1)
 
 
@@ -218,7 +218,7 @@ def _nutation_is_exact(engine: Engine) -> Claim:
     """IMS and EMS with γ = γ̃_h = I₁ reproduce θ = const (erratum 25)."""
     cases = [SLIM_CONE.case(method, "gamma", "ht") for method in ("IMS", "EMS")]
     exact = all(engine.mean(case, "z") <= engine.floor(case, "z") for case in cases)
-    return Claim("With γ = γ̃_h = I₁ the cone of IMS and EMS keeps its tilt: E[|Δz|]",
+    return Claim("With γ = γ̃_h = I₁ IMS and EMS conserve the tilt of the cone: E[|Δz|]",
                  "round-off" if exact else
                  f"{max(engine.mean(case, 'z') for case in cases):.1e}", "round-off", exact)
 
@@ -288,7 +288,7 @@ def _gain(engine: Engine, gamma: Case, alpha: Case, quantity: Quantity) -> Claim
               / abs(engine.errors(gamma, quantity)[:states]).mean())
         for states in (_EARLY, gamma.steps + 1)
     )
-    return Claim("IMS-γ with γ_m follows the true motion more closely than IMS-α: "
-                 f"{NORMS[quantity]} of the α-type over that of the γ-type",
+    return Claim("IMS-γ with γ_m follows the true motion more closely than IMS-α: ratio of "
+                 f"{NORMS[quantity]} of α-type and γ-type",
                  f"{first:.2f} over the first {_EARLY - 1} steps, {whole:.2f} over all",
                  "above 1 over the first steps", first > 1)

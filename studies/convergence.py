@@ -86,8 +86,8 @@ def figure_10(engine: Engine) -> Figure:
     claims = [_orders_claim(engine, FIGURE_10),
               *(_slope_claim(engine, study) for study in FIGURE_10)]
     return Figure(10, "Convergence, fast top: relative periodic error against Δt",
-                  f"Largest |ΔH|/|H₀| over {DURATION} s, for EMS |Δl₃|/|l₃|, since EMS keeps H; "
-                  "γ = γ_m, α = γ_m.", [panel], columns=1, claims=claims)
+                  f"Largest |ΔH|/|H₀| over {DURATION} s, for EMS |Δl₃|/|l₃|, since EMS conserves "
+                  "H; γ = γ_m, α = γ_m.", [panel], columns=1, claims=claims)
 
 
 def figure_16(engine: Engine) -> Figure:

@@ -42,25 +42,25 @@ def study(engine: Engine) -> Finding:
 
 def _about(claims: list[Claim]) -> str:
     trajectories, multipliers = claims[3:]
-    return f"""The paper observes that s-LIIIA-B-α and s-LIIIA-B-γ give the same results for α = \
-γ and predicts it. Here is the proof, for every s.
+    return f"""The paper observes and predicts that s-LIIIA-B-α and s-LIIIA-B-γ give the same \
+results for α = γ. This is the proof, for every s.
 
-The two Hamiltonians differ by H_γ − H_α = (1 − |q|²)|p|²/(8γ), identically in q and p. On |q| = \
-1 the difference is zero, so is its derivative by p, and its derivative by q is −|p|²q/(4γ): a \
-multiple of q, and that is the direction of the constraint force.
+The two Hamiltonians differ by H_γ − H_α = (1 − |q|²)|p|²/(8γ), identically in q and p. On |q| = 1 \
+the difference and its derivative with respect to p vanish. Its derivative with respect to q is \
+−|p|²q/(4γ), parallel to the constraint force.
 
 In LIIIA-B every stage is a constraint node: Ã = Â and Ā = A, so Q_i = Q̃_(i−1) and |Q_i| = 1 at \
-every stage. Take a solution of the α-step and put Λ_(i−1)^γ = Λ_(i−1)^α + |P_i|²/(8γ). Then k_i \
-= H_p is the same, and the force −H_q(Q_i, P_i) − 2Q_iΛ_(i−1) is the same, stage by stage. The \
+every stage. Given a solution of the α-step, let Λ_(i−1)^γ = Λ_(i−1)^α + |P_i|²/(8γ). At every \
+stage k_i = H_p and the force −H_q(Q_i, P_i) − 2Q_iΛ_(i−1) are then the same for both types. The \
 force enters P_i with the weights â_ij and the multiplier with ã_ij, which are equal, so all P_i \
-and Q_i stay as they were: the γ-step is solved too. The last column of both is zero and its \
-multiplier first appears in T2, with b̃ = b̂, where the same shift holds.
+and Q_i are unchanged and the γ-step is solved. The last column of both matrices is zero; its \
+multiplier occurs in T2 only, with b̃ = b̂, and the same shift applies.
 
 For IMS, EMS and G-L the stages lie between the constraint nodes, |Q_i| differs from 1, and the \
 methods differ.
 
-Compiled steppers agree: over the fast top's motion q and p differ by at most \
-{trajectories.found} of their size, and the multipliers obey the relation to {multipliers.found}."""
+The compiled steppers agree: over the motion of the fast top the relative difference of q and p is \
+at most {trajectories.found}, and the multipliers satisfy the relation to {multipliers.found}."""
 
 
 # ---------------------------------------------------------------- proofs

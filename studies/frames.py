@@ -29,20 +29,19 @@ def study(engine: Engine) -> Finding:
                    [_panel(engine)])
 
 
-_ABOUT = """A linear symmetry of H and g lets a method integrate H − ωJ and turn back: the order, \
-what is kept and the cost stay, for any ω (see docs/frames.md). A top has two: its own axis and \
-the vertical.
+_ABOUT = """With a linear symmetry of H and g a method can integrate H − ωJ and rotate the result \
+back: order, conserved quantities and cost are unchanged for any ω (see docs/frames.md). A top has \
+two symmetries: the rotations about its own axis and about the vertical.
 
-The regular precession of Tables 6 and 7 is a relative equilibrium: everything turns about the \
-vertical at one rate and about the body's axis at another. In the frame of these two it stands \
-still, and a method of any order has nothing to get wrong. What the tables compare, IMS and EMS \
-and 2-G-L, γ_m and γ_h and γ̃_h and α, is then all the same.
+The regular precession of Tables 6 and 7 is a relative equilibrium: a rotation about the vertical \
+at one rate and about the body's axis at another. In the frame with these two rates it is \
+stationary, and a method of any order has no error. The differences between IMS, EMS and 2-G-L and \
+between γ_m, γ_h, γ̃_h and α vanish.
 
-The fast top of Table 4 nutates, so that a frame takes away a part of the motion only, and \
-methods of a higher order gain more. For IMS and EMS the frame of the start makes E[|Δz|] larger \
-by half; the chosen one makes no error of the axis larger. EMS keeps the energy H − ωJ of the \
-frame. H itself it keeps as far as it keeps J, and the J of a body's own axis it keeps to its \
-order only."""
+The fast top of Table 4 nutates, so a frame removes only a part of its motion, and methods of \
+higher order gain more. For IMS and EMS the frame of the initial state increases E[|Δz|] by half; \
+the chosen frame increases no error of the axis. EMS conserves the energy H − ωJ of the frame. It \
+conserves H as accurately as J, and the J of a body's own axis to the order of the method only."""
 
 
 def _cases(setting: Setting, printed: Printed) -> list[tuple[Case, Quantity]]:
@@ -77,8 +76,8 @@ def _gain_claim(engine: Engine, quantity: Quantity) -> Claim:
             start, auto = (_gain(engine, case, quantity, frame) for frame in ("start", "auto"))
             found.append(f"{method} {_short(start)} / {_short(auto)}")
             least.append(auto)
-    return Claim(f"Table 4, γ = γ_m: {NORMS[quantity]} without a frame over that in the frame of "
-                 'the start / in the one chosen ("auto").', ", ".join(found),
+    return Claim(f"Table 4, γ = γ_m: {NORMS[quantity]} without a frame, divided by its value with "
+                 "\"start\" / with \"auto\".", ", ".join(found),
                  "chosen: all above 1", min(least) > 1)
 
 
@@ -86,7 +85,7 @@ def _every_cell_claim(engine: Engine) -> Claim:
     """Claim that no cell of Table 4 gets worse by the choice, EMS's energy aside."""
     gains = [_gain(engine, case, quantity, "auto") for case, quantity in _cases(TOP, TABLE_4)
              if (case.scheme, quantity) != ("EMS", "H")]
-    return Claim("Table 4, all three γ: the same of the chosen frame, median and least of "
+    return Claim("Table 4, all three γ: this ratio for the chosen frame, median and minimum of "
                  f"{len(gains)} cells.",
                  f"{_short(float(np.median(gains)))} and {_short(min(gains))}",
                  "least above 1", min(gains) > 1)
@@ -102,8 +101,8 @@ def _ems_claim(engine: Engine) -> Claim:
     floor = float(np.finfo(float).eps) * case.steps * size
     kept = float(abs(energy - energy[0]).mean())
     H = engine.mean(case, "H")
-    return Claim("Table 4, EMS, γ = γ_m in the chosen frame: it keeps H − ωJ, and H to its order "
-                 "only.", f"{'round-off' if kept <= floor else f'{kept:.1e}'}; {H:.0e} J",
+    return Claim("Table 4, EMS, γ = γ_m in the chosen frame: it conserves H − ωJ, and H to its "
+                 "order only.", f"{'round-off' if kept <= floor else f'{kept:.1e}'}; {H:.0e} J",
                  "round-off; more than that", kept <= floor < H)
 
 

@@ -81,11 +81,11 @@ def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
     worst = {trial: float(np.nanmax(trial.price(times), initial=0)) for trial in trials}
     most = max(worst, key=lambda trial: worst[trial])
     count, gain = sum(w > ALLOWED for w in worst.values()), most.energy_gain("γ_m")
-    return Claim("γ chosen for the energy: how many of these motions get worse in some axis by "
-                 "more than 5 % against γ_m.",
+    return Claim("γ chosen for the energy: number of these motions with an error of some axis "
+                 "more than 5 % above γ_m.",
                  f"{count} of {len(trials)}; most {most.body.name}, {most.method}: "
                  f"{_short(worst[most])} times, for an energy error {_short(gain)} times smaller",
-                 "not none: the two are chosen apart", count > 0)
+                 "not none: the two criteria differ", count > 0)
 
 
 # ---------------------------------------------------------------- the energy
@@ -94,24 +94,24 @@ def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
 def ims_claim(trials: list[Trial]) -> Claim:
     """Claim that IMS on symmetric tops gains far more than 3 over γ_m and γ_h."""
     gains = [trial.energy_gain(rule) for trial in trials for rule in ("γ_m", "γ_h")]
-    return Claim("IMS-γ on the symmetric tops: energy error with γ_m and γ_h over that with the γ "
-                 "chosen for it; smallest of all.", f"{min(gains):.1e}", "at least 3",
+    return Claim("IMS-γ on the symmetric tops: energy error with γ_m and γ_h, divided by the "
+                 "error with the chosen γ; minimum.", f"{min(gains):.1e}", "at least 3",
                  min(gains) >= 3)
 
 
 def energy_claim(body: Body, trials: list[Trial]) -> Claim:
     """Claim that on the pilots' length no recommendation is better by more than 5 %."""
     kept = [trial for trial in trials if not trial.at_round_off()]
-    return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h over "
-                         f"that with the γ chosen for it, {body.steps} steps of {body.dt:g} s, "
-                         "without those at round-off.", kept, 1)
+    return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h, "
+                         f"divided by the error with the chosen γ, {body.steps} steps of "
+                         f"{body.dt:g} s, errors at round-off excluded.", kept, 1)
 
 
 def longer_claim(body: Body, trials: list[Trial]) -> Claim:
     """Claim the same over ten times the steps."""
     kept = [trial for trial in trials if not trial.at_round_off(LONGER)]
-    return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, without those "
-                         "at round-off.", kept, LONGER)
+    return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, errors at "
+                         "round-off excluded.", kept, LONGER)
 
 
 def _energy_claim(statement: str, kept: list[Trial], times: int) -> Claim:
@@ -185,39 +185,38 @@ def _spoken(times: tuple[float, ...]) -> str:
 def _about(ims: dict[Body, Trial]) -> str:
     asymmetric = ", ".join(f"{body.name} {trial.energy_gain('γ_m'):.2f}"
                            for body, trial in ims.items() if not body.symmetric)
-    return f"""The law (34), error = d + K/γ, is straight to leading order at every step of a run \
-and for every component of the motion, not only for the energy: both come of one truncation error, \
-and that is linear in 1/γ. Two short runs with different γ therefore give d and K, and the mean \
-square of any error is a quadratic in 1/γ with its minimum in closed form. The minimum is \
-measured, and the slope corrected where the law erred; the paper's four values are measured as \
-well. A choice costs five to ten pilot runs and a reference of six, some milliseconds.
+    return f"""The law (34), error = d + K/γ, is linear to leading order at every step of a run \
+and for every component of the motion, not only for the energy, because the truncation error is \
+linear in 1/γ. Two short runs with different γ determine d and K, and the mean square of any error \
+is a quadratic function of 1/γ whose minimum has a closed form. A run at the minimum measures its \
+error, and the slope is corrected if the law is inaccurate; the four values of the paper are \
+measured as well. A choice costs five to ten pilot runs and a reference of six, some milliseconds.
 
-The γ without energy error and the γ with the smallest error of the motion are two. By default it \
-is the motion, and more than one number tells it: a top's axis, with its centre of mass, errs \
-tens of times less than its spin, and one γ seldom serves both. The choice is the γ with the \
-smallest sum of the squares of the errors of the body's three axes, each in units of its error \
-with γ_m, among those by which none of the three grows; where there is none it is γ_m. The true \
-motion is extrapolated from runs with Δt/2 and Δt/4. The errors of regular motions grow like t, so \
-their ratio to those with γ_m on 1000 steps is their ratio after 100 000, until the motion is lost \
-(0.3 rad). Where they do not grow like t (a motion slower than the pilots, or a chaotic one) γ_m \
-stays.
+The γ with the smallest energy error differs from the γ with the smallest error of the motion. The \
+default criterion is the motion. It needs more than one number: the error of a top's axis, and of \
+its centre of mass, is tens of times smaller than the error of its spin, and one γ seldom reduces \
+both. The choice minimises the sum of the squared errors of the body's three axes, each relative \
+to its error with γ_m, over all γ that increase none of the three; if there is no such γ, the \
+choice is γ_m. The reference motion is extrapolated from runs with Δt/2 and Δt/4. The errors of \
+regular motions grow like t, so their ratio to the errors with γ_m over 1000 steps holds for 100 \
+000, until the error reaches 0.3 rad. If they do not grow like t (a motion slower than the pilot \
+runs, or a chaotic one), the choice is γ_m.
 
-For the energy ("auto-energy") much is gained with symmetric tops. Their motion has one degree of \
-freedom left, all the d_k and K_k follow the same curve, and one γ cancels the error at every \
-step: by two or three orders for G-L and even-stage LIIIA-B. For IMS that γ is I₁ exactly (see \
-"The γ without energy error"), which γ̃_m and γ̃_h are too: against these nothing can be gained, \
-against γ_m and γ_h everything.
+The energy criterion ("auto-energy") gains much for symmetric tops. Their motion has one remaining \
+degree of freedom, all d_k and K_k follow the same curve, and one γ cancels the error at every \
+step: by two or three orders of magnitude for G-L and even-stage LIIIA-B. For IMS this γ is \
+exactly I₁ (see "The γ without energy error"), which equals γ̃_m and γ̃_h: relative to these there \
+is no gain.
 
-Little is gained with asymmetric bodies in a potential. d_k and K_k are then different functions \
-of the motion, and no γ cancels one by the other; without a potential G-L and 4-LIIIA-B still gain \
-much. For 2-LIIIA-B the 1/γ part is \
-−h²(T² − T₀²)/8, where a potential does work; what is left has other frequencies. Gains of IMS \
-over γ_m: {asymmetric}. For a free body T is the energy, constant, and γ has no part in the \
-energy error of 2-LIIIA-B, nor, as measured, in that of IMS; the choice then says so and stays \
-with γ_m. Odd-stage LIIIA-B has \
-its γ two orders above its error (see "LIIIA-B: why odd s has no 1/γ"): the law is then used in γ, \
-and pays at large Δt only. EMS keeps the energy whatever γ is, and most of its error of the motion \
-is a drift of the phase that γ hardly touches."""
+For asymmetric bodies in a potential the gain is small. d_k and K_k are then different functions \
+of the motion, and no γ cancels one by the other; without a potential G-L and 4-LIIIA-B gain much. \
+For 2-LIIIA-B the 1/γ part is −h²(T² − T₀²)/8 if a potential does work; the remaining error has \
+other frequencies. Gains of IMS over γ_m: {asymmetric}. For a free body T is the constant energy, \
+and the energy error of 2-LIIIA-B does not depend on γ, nor, as measured, does that of IMS; the \
+result reports this and the choice is γ_m. For odd-stage LIIIA-B the γ term is two orders above \
+the error (see "LIIIA-B: why odd s has no 1/γ"): the law is then used in γ, with a gain at large \
+Δt only. EMS conserves the energy for every γ, and most of its error of the motion is a phase \
+drift that hardly depends on γ."""
 
 
 def _panel(trial: Trial) -> Panel:

@@ -17,6 +17,7 @@ import sympy as sp
 
 from ..core.real_types import REALS
 from ..generator.codegen.emit import emit
+from ..generator.codegen.program import Derived
 from ..generator.multibody.rigid_body import double_momentum, heavy_top
 from ..generator.pipeline import tableau_of
 from ..generator.schemes.step_equations import SparkScheme, hoisted
@@ -66,6 +67,7 @@ def inexact_stepper(scheme: str, stages: int, rep: str) -> Stepper:
     reduced, constants = hoisted(model)
     top = InexactTop(reduced.q, reduced.p, reduced.parameters, reduced.H,
                      reduced.constraints, name=_NAME, rigid_body=True)
-    source = emit(f"{_NAME}_{spec.method}_{rep}", f"{stages}-{scheme}, inexact Jacobian,",
-                  SparkScheme(top, tableau), model, constants, REALS["double"])
+    source = emit(Derived(
+        f"{_NAME}_{spec.method}_{rep}", f"{stages}-{scheme}, inexact Jacobian,",
+        SparkScheme(top, tableau), model, constants, REALS["double"]))
     return Stepper(source.name, source.files())

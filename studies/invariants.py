@@ -51,10 +51,10 @@ def table_3(engine: Engine) -> Table:
 
 def _table(engine: Engine, number: int, title: str, setting: Setting) -> Table:
     about = (
-        f"{setting} (our choice: the paper's numbers and their Δt are lost in our copy). Means of "
-        "the absolute errors of energy and l₃ = I₃Ω₃, and of the defects of |q| = 1 and qᵀp = 0. "
-        "Kept exactly: below ε · N_t · size. That EMS-α keeps qᵀp too follows from "
-        "0 = q̄ᵀΔq = Δt |q̄|² mean(qᵀp)/(4α), q̄ the midpoint."
+        f"{setting} (our choice: our copy of the paper lacks the numbers and Δt). Means of the "
+        "absolute errors of energy and l₃ = I₃Ω₃, and of the defects of |q| = 1 and qᵀp = 0. "
+        "Conserved exactly: error below ε · N_t · magnitude. EMS-α conserves qᵀp too, since 0 = "
+        "q̄ᵀΔq = Δt |q̄|² mean(qᵀp)/(4α) with the midpoint q̄."
     )
     cells = [
         _cell(engine, setting.case(method, rep, rule), quantity, rule)
@@ -80,8 +80,8 @@ def _overall_claim(engine: Engine, setting: Setting) -> Claim:
     wanted = [(setting.case(method, rep, rule), quantity) for method in COLUMNS
               for rep, rule in VARIANTS for quantity in KEPT[method]]
     kept = [pair for pair in wanted if _keeps(engine, *pair)]
-    return Claim("Neither γ nor α destroys an invariant: of those the theory promises, kept to "
-                 "round-off", f"{len(kept)}", f"all {len(wanted)}", len(kept) == len(wanted))
+    return Claim("Neither γ nor α affects the invariants: conserved to round-off as derived",
+                 f"{len(kept)}", f"all {len(wanted)}", len(kept) == len(wanted))
 
 
 def _kept_claim(engine: Engine, setting: Setting, method: str) -> Claim:
@@ -94,7 +94,7 @@ def _kept_claim(engine: Engine, setting: Setting, method: str) -> Claim:
     gamma, alpha = set.intersection(*kept["gamma"]), set.intersection(*kept["alpha"])
     found = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
     return Claim(
-        f"{method} keeps exactly, whatever γ or α is", found,
+        f"{method} conserves exactly, for any γ and α", found,
         f"{_listed(KEPT[method])} at least", KEPT[method] <= gamma and KEPT[method] <= alpha,
     )
 
@@ -113,8 +113,8 @@ def _periodic_claim(engine: Engine, setting: Setting) -> Claim:
                 if not _keeps(engine, case, quantity):
                     first, second = np.array_split(np.abs(engine.errors(case, quantity)), 2)
                     growth.append(float(second.max() / first.max()))
-    return Claim("What is not kept is periodic: largest error of the second half of the run over "
-                 "that of the first", f"at most {max(growth):.3f}", "at most 1.05",
+    return Claim("Errors of the other quantities are periodic: largest error of the second half "
+                 "of the run relative to the first", f"at most {max(growth):.3f}", "at most 1.05",
                  max(growth) <= 1.05)
 
 
@@ -163,7 +163,7 @@ def _figure(
 def _exactness_claim(engine: Engine, case: Case, quantity: Quantity) -> Claim:
     kept, wanted = _keeps(engine, case, quantity), quantity in KEPT[case.method]
     size = "round-off" if kept else f"{engine.mean(case, quantity):.3e}"
-    return Claim(f"{case.method}-γ {'keeps' if wanted else 'does not keep'} "
+    return Claim(f"{case.method}-γ {'conserves' if wanted else 'does not conserve'} "
                  f"{_NAMES[quantity]} exactly: {NORMS[quantity]}", size,
                  "round-off" if wanted else "above round-off", kept == wanted)
 

@@ -34,13 +34,15 @@ _SPARK = Rule("previous", "r", 1e-12, 100)
 _WITH_LAMBDA, _INEXACT = ", λ in the norm", ", inexact"
 
 _COMMON = (
-    "Fast top, N_t = 80, iter_max = 100. A step that uses up iter_max counts with it and the run "
-    "goes on; \"divergent\": the last error of such a step is above 1e-6, no step is solved, or a "
-    "number is not finite. The constraint is evaluated as written, Q̃ᵀQ̃ − 1: its rounding decides "
-    "which steps stagnate at small Δt. *agrees* is equality after rounding to the printed digits."
+    "Fast top, N_t = 80, iter_max = 100. A step that reaches iter_max counts with that number, "
+    "and the run continues; \"divergent\": the last error of such a step is above 1e-6, no step is "
+    "solved, or a number is not finite. The constraint is evaluated as written, Q̃ᵀQ̃ − 1: its "
+    "rounding decides which steps stagnate at small Δt. *agrees* means equality after rounding "
+    "to the printed digits."
 )
-_ROUND_OFF = "stagnation at round-off: which steps use up iter_max depends on the last bits"
-_UNSAID = "the paper does not say how it iterates; no start or norm that we tried meets more cells"
+_ROUND_OFF = "stagnation at round-off: the last bits decide which steps reach iter_max"
+_UNSAID = ("the paper does not describe its iteration; no initial guess or norm that we tried "
+           "agrees in more cells")
 #: The share of Tables 12-14 that is met on any machine, where 0.8 is not.
 _KNOWN_SHARE = 0.75
 
@@ -49,7 +51,8 @@ def table_9(engine: Engine) -> Table:
     """IMS."""
     counts = _Counts(engine, 9, "IMS", None)
     main, other = counts.runs("", _IMS), counts.runs(_WITH_LAMBDA, _IMS_LAMBDA)
-    reason = "with λ out of the norm; the printed α rows only come near with λ in it (erratum 20)"
+    reason = ("with λ excluded from the norm; the printed α rows are only approximated with λ "
+              "included (erratum 20)")
     cells = [
         *(_cell(9, row, "", i, run, reason if row[0] == "alpha" else "") for row, i, run in main),
         *(_cell(9, row, _WITH_LAMBDA, i, run, _ROUND_OFF) for row, i, run in other),
@@ -68,8 +71,8 @@ def table_9(engine: Engine) -> Table:
 
 def table_10(engine: Engine) -> Table:
     """EMS."""
-    reason = ("reason unknown; no start, norm or variant of the α term that we tried gives the "
-              "printed number together with the rest of the table")
+    reason = ("reason unknown; no initial guess, norm or variant of the α term that we tried "
+              "gives the printed number together with the rest of the table")
     counts = _Counts(engine, 10, "EMS", None)
     cells = [_cell(10, row, "", i, run, reason) for row, i, run in counts.runs("", _EMS)]
     return Table(
@@ -154,9 +157,9 @@ def _lobatto(engine: Engine, table: int) -> Table:
     cells = _lobatto_cells(counts)
     return Table(
         table, f"Fast spinning top: iterations of {table - 9}-LIIIA-B",
-        f"{_COMMON} From the previous step's unknowns, {_SPARK} (erratum 21). Main columns: exact "
-        "Jacobian, full Newton. Columns \"inexact\": d(L(q)ᵀ)·u dropped from H_pq and H_qp, which "
-        "is inferred, not known.",
+        f"{_COMMON} From the unknowns of the previous step, {_SPARK} (erratum 21). Main columns: "
+        "exact Jacobian, full Newton. Columns \"inexact\": d(L(q)ᵀ)·u dropped from H_pq and H_qp; "
+        "this is inferred.",
         cells,
         [_near_claim("inexact Jacobian, Δt ≤ 0.01", _counted(table, cells), None),
          _types_alike(counts, _SPARK), _inexact_favours_gamma(counts)],
@@ -168,8 +171,9 @@ def _lobatto_counts(engine: Engine, table: int) -> _Counts:
 
 
 def _lobatto_cells(counts: _Counts) -> list[Cell]:
-    exact = "full Newton needs far fewer; the printed counts are those of a linear convergence"
-    inexact = "the inexact Jacobian is inferred; what else the paper did is not known"
+    exact = "full Newton needs far fewer; the printed counts indicate linear convergence"
+    inexact = ("the inexact Jacobian is inferred; other details of the paper's iteration are not "
+               "known")
     return [
         _cell(counts.table, row, column, i, run, inexact if column else exact)
         for column in ("", _INEXACT) for row, i, run in counts.runs(column, _SPARK)

@@ -212,50 +212,49 @@ def _about(at_peak: dict[int, list[Sweep]], hidden: Claim) -> str:
         f"s = {s}: {x.line.slope:.4g} measured, {x.derived_slope:.4g} derived (Δt = {x.dt:.4g} s)"
         for s, x in first.items()
     )
-    return f"""The paper finds errors linear in 1/γ for 2- and 4-LIIIA-B, curves of another kind \
-for 3- and 5-LIIIA-B, and leaves the reason open. The reason is a parity.
+    return f"""The paper finds errors linear in 1/γ for 2- and 4-LIIIA-B, other curves for 3- and \
+5-LIIIA-B, and leaves the reason open. The reason is a parity.
 
-Where γ enters. LIIIA-B is the variational method of L_d = ext h Σ b_i L(Q_i, Q̇_i) with |Q_i| = \
+Dependence on γ. LIIIA-B is the variational method of L_d = ext h Σ b_i L(Q_i, Q̇_i) with |Q_i| = \
 1, Q of degree s and L = T + 2γρ² − V, where ρ_i = Q_i·Q̇_i is the radial velocity. The exact \
-motion has ρ = 0; Q(t) is on the sphere at the nodes only, so ρ_i is not 0, and by the envelope \
-theorem ∂L_d/∂γ = 2h Σ b_i ρ_i² is all that γ does.
+motion has ρ = 0. Q(t) lies on the sphere at the nodes only, so ρ_i is not 0, and by the envelope \
+theorem ∂L_d/∂γ = 2h Σ b_i ρ_i² is the only effect of γ.
 
-The radial velocity. Write M(t) = Π(t − c_i h). Staying on the sphere at the s nodes leaves ρ_i = \
-M′(c_i h)·(d − X(c_i h − h/2) + …) with one free number d. It is fixed by the momenta: the P_i \
-lie on a polynomial of degree s − 2, Σ_i b_i M′(c_i) P_i = 0, and Q_i·P_i = 4γρ_i, which gives d \
-= −Y/(4γs) + O(h²). Here Y_s = q·p^(s−1)/(s−1)! and X_s = q·q^(s+1)/(s+1)! + q̇ᵀH_pp p^(s−1)/s! \
-along the exact motion.
+Radial velocity. Let M(t) = Π(t − c_i h). Since Q lies on the sphere at the s nodes, ρ_i = M′(c_i \
+h)·(d − X(c_i h − h/2) + …) with one free number d. The momenta determine d: the P_i lie on a \
+polynomial of degree s − 2, Σ_i b_i M′(c_i) P_i = 0, and Q_i·P_i = 4γρ_i, which gives d = −Y/(4γs) \
++ O(h²). Here Y_s = q·p^(s−1)/(s−1)! and X_s = q·q^(s+1)/(s+1)! + q̇ᵀH_pp p^(s−1)/s! along the \
+exact motion.
 
-The law. As b_i M′(c_i)² = μ is the same for all i, the two parts of ρ do not mix, and \
-integrating over γ gives the energy that the method really keeps: H̃ = H + h^(2s−2)(A_s + C_s/γ) \
-+ h^(2s)(B_s γ + terms without γ and in 1/γ), C_s = μY²/(8s), B_s = −2μςX², ς = Σ(c_i − ½)². For \
-s = 2, μ = {two.mu} and ς = {two.spread}: C_2 = T²/8. For s = 3, μ = {three.mu} and ς = \
-{three.spread}: C_3 = V̇²/256. A_s has no γ: A_s = μ/(8s) Σ_i (y_i)²/I_i + μ Σ_k \
+Modified energy. Because b_i M′(c_i)² = μ is the same for all i, the two parts of ρ do not mix. \
+Integration over γ gives the energy that the method conserves: H̃ = H + h^(2s−2)(A_s + C_s/γ) + \
+h^(2s)(B_s γ + terms without γ and in 1/γ), C_s = μY²/(8s), B_s = −2μςX², ς = Σ(c_i − ½)². For s = \
+2, μ = {two.mu} and ς = {two.spread}: C_2 = T²/8. For s = 3, μ = {three.mu} and ς = \
+{three.spread}: C_3 = V̇²/256. A_s does not depend on γ: A_s = μ/(8s) Σ_i (y_i)²/I_i + μ Σ_k \
 p^(s−1−k)·q^(s+k)/((s−1−k)!(s+k)!) − ε [t^(2s−2)] q̇·p, with y_i the body components of \
 p^(s−1)/(s−1)!, k = 1..s−1 and ε = Σ b_i c_i^(2s−2) − 1/(2s−1), {two.quadrature} and \
-{three.quadrature}. From the start of the fast top to its turning point the energy error is then \
-ΔH = h²({a2:.5g} {c2:+.5g}/γ) for s = 2 and ΔH = {a3:.5g}h⁴ {b3:+.4g}γh⁶ for s = 3 \
-(SI).
+{three.quadrature}. From the initial state of the fast top to its turning point the energy error \
+is then ΔH = h²({a2:.5g} {c2:+.5g}/γ) for s = 2 and ΔH = {a3:.5g}h⁴ {b3:+.4g}γh⁶ for s = 3 (SI).
 
-The parity. Under reversal of time Y has the sign (−1)^s and X the sign (−1)^(s+1). For even s, Y \
-is an even function such as the kinetic energy, and 1/γ enters at the leading order h^(2s−2). For \
-odd s, Y is odd, as V̇ is: it vanishes at the turning points of the nutation, where the periodic \
-error peaks, and in every steady precession of a symmetric top. The terms with 1/γ of order \
-h^(2s) come from d², so they contain Y as a factor too. What is left there is A + Bγ with B = \
-O(h^(2s)), two orders above the order of the method: the paper's curves are straight lines in γ. \
-X is what vanishes there for even s.
+Parity. Under time reversal Y has the sign (−1)^s and X the sign (−1)^(s+1). For even s, Y is an \
+even function such as the kinetic energy, and 1/γ enters at the leading order h^(2s−2). For odd s, \
+Y is odd, as V̇ is: it vanishes at the turning points of the nutation, where the periodic error \
+has its maximum, and in every steady precession of a symmetric top. The terms with 1/γ of order \
+h^(2s) come from d² and contain Y as a factor too. At these points the remainder is A + Bγ with B \
+= O(h^(2s)), two orders above the order of the method: the curves of the paper are straight lines \
+in γ. For even s X vanishes there.
 
-So for odd s the choice of γ hardly matters: A would be cancelled at γ = −ΔA_3/(h²ΔB_3) = \
-{cancelling:.3g} kg m² for Δt = {first[3].dt:.3g} s, far from any moment of inertia, and for even \
-s at 1/γ = −ΔA_s/ΔC_s, to leading order whatever Δt is. The 1/γ term of s = 3 is not absent, it \
-hides: between the turning points its coefficient is −h⁴ΔV̇²/256 (measured over derived: \
-{hidden.found}).
+For odd s the choice of γ therefore has little effect: A would be cancelled at γ = −ΔA_3/(h²ΔB_3) \
+= {cancelling:.3g} kg m² for Δt = {first[3].dt:.3g} s, far from any moment of inertia. For even s \
+it is cancelled at 1/γ = −ΔA_s/ΔC_s, to leading order for any Δt. For s = 3 the 1/γ term exists \
+between the turning points, where its coefficient is −h⁴ΔV̇²/256 (ratio of measured and derived \
+coefficient: {hidden.found}).
 
-How it was checked. The energy error of one step was expanded in h by SymPy's polynomial rings, \
-independently of the argument above, and compared with −d/dt of the law: as polynomials in the \
-state for the leading coefficients, in rational arithmetic with symbolic γ for the first term in \
-γ. Compiled steppers (long double for odd s) gave, at t = {turning_time():.4g} s of the fast top, \
-the slopes {slopes}."""
+Verification. The energy error of one step was expanded in h by SymPy's polynomial rings, \
+independently of the argument above, and compared with −d/dt of the modified energy: as \
+polynomials in the state for the leading coefficients, in rational arithmetic with symbolic γ for \
+the first term in γ. Compiled steppers (long double for odd s) gave, at t = {turning_time():.4g} s \
+of the fast top, the slopes {slopes}."""
 
 
 def _panels(at_peak: dict[int, list[Sweep]]) -> list[Panel]:

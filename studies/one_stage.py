@@ -89,16 +89,16 @@ def _about(claims: list[Claim], motion: Trajectory) -> str:
     orders = "; ".join(f"{c.statement.split('α = ')[1].split(':')[0]}: {c.found}"
                        for c in claims if "order of the axis" in c.statement)
     iterations, bounded, trend = claims[-3:]
-    return f"""Table 8 calls 1-G-L-α divergent for every α, and the text says that its energy \
-error grows linearly even for very small steps. With the exact Jacobian neither is so.
+    return f"""Table 8 calls 1-G-L-α divergent for every α, and the text states that its energy \
+error grows linearly even for very small steps. With the exact Jacobian neither is observed.
 
-Newton's method needs at most {iterations.found} iterations, for all four α of Table 8. Halving \
-Δt reduces the errors of the axis and of the energy: orders {orders}.
+Newton's method needs at most {iterations.found} iterations, for all four α of Table 8. Halving Δt \
+reduces the errors of the axis and of the energy: orders {orders}.
 
-Over {motion.report.steps} steps of {motion.dt:g} s, that is {motion.t[-1]:.0f} s of the fast \
-top, the energy error stays periodic with a largest value of {motion.report.energy_error_max:.3e} \
-J. Last quarter over first: {bounded.found}. A straight line through it grows by {trend.found} of \
-the periodic error. What diverged in the paper was its iteration, not the method."""
+Over {motion.report.steps} steps of {motion.dt:g} s, {motion.t[-1]:.0f} s of the fast top, the \
+energy error remains periodic with a largest value of {motion.report.energy_error_max:.3e} J. The \
+ratio of the last quarter to the first is {bounded.found}. A fitted straight line grows by \
+{trend.found} of the periodic error. The iteration of the paper diverged, not the method."""
 
 
 def _order_panel(runs: dict[str, list[Trajectory]], exact: Trajectory) -> Panel:

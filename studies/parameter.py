@@ -112,8 +112,9 @@ def figure_14(engine: Engine) -> Figure:
         panels.append(_panel(sweep, mark, [Series(sweep.name, x, y, "o-")], zero=True))
         claims.append(_idle_claim(engine, sweep, y))
     return Figure(14, "Periodic error against 1/α",
-                  f"Fast top, {DURATION} s. Energy; for EMS, which keeps it, l₃. The higher orders "
-                  "have a larger Δt, since their error is round-off at smaller steps.",
+                  f"Fast top, {DURATION} s. Energy error; for EMS, which conserves the energy, "
+                  "the error of l₃. The higher orders have a larger Δt, since their error is "
+                  "round-off at smaller steps.",
                   panels, claims=claims)
 
 
@@ -126,9 +127,9 @@ def figure_15(engine: Engine) -> Figure:
         panels.append(panel)
         claims += found
     return Figure(15, "Periodic energy error of LIIIA-B-γ against 1/γ",
-                  f"Fast top, {DURATION} s. Even s: a line in 1/γ. Odd s, which the paper calls "
-                  "logarithmic and leaves open: a line in γ, hence a hyperbola here (erratum 24). "
-                  "The higher orders have a larger Δt, and s = 5 runs in long double, since their "
+                  f"Fast top, {DURATION} s. Even s: a line in 1/γ. Odd s, called logarithmic in "
+                  "the paper: a line in γ, hence a hyperbola here (erratum 24). The higher "
+                  "orders have a larger Δt, and s = 5 is computed in long double, since their "
                   "error is round-off otherwise.", panels,
                   claims=[_law_claim(engine, "The error is linear in 1/γ for even s and in γ for "
                                      "odd s", FIGURE_15), *claims])

@@ -31,15 +31,16 @@ _STAGES = {2: (2, 1), 4: (3, 2), 6: (4, 3), 8: (5, 4)}
 _ORDINALS = {2: "2nd", 4: "4th", 6: "6th", 8: "8th"}
 
 _ABOUT = (
-    "Fast top, N_t = 160, iter_max = 50. A Δt converges when every step reaches ‖r‖ < 1e-10 within "
-    "iter_max; the printed ε_r = 1e-20 is below double precision, and is read as a bound on ‖r‖². "
-    "Search: from 0.0005 s (0.001 s where three decimals are printed) Δt is doubled while 20 steps "
-    "converge, at most to 0.2 s, and halved again while 160 do not; then bisection, with 160 "
-    "steps, between that success and the failure above it, on multiples of the unit of the last "
-    "printed digit. Convergence is not monotone in Δt: beyond the edge there are islands where it "
-    "holds again, often on another solution of the equations; the doubling may land on one. IMS "
-    "and EMS start from (q_{k−1}, p_{k−1}, 0), the SPARK methods from the previous step's "
-    "unknowns. The columns \"inexact\" drop d(L(q)ᵀ)·u from the Jacobian (erratum 21, inferred)."
+    "Fast top, N_t = 160, iter_max = 50. A Δt converges if every step reaches ‖r‖ < 1e-10 within "
+    "iter_max; the printed ε_r = 1e-20 is below double precision and is interpreted as a bound "
+    "on ‖r‖². Search: from 0.0005 s (0.001 s if three decimals are printed) Δt is doubled while "
+    "20 steps converge, at most to 0.2 s, and halved while 160 steps do not; then a bisection "
+    "with 160 steps between the last success and the failure above it, on multiples of the unit "
+    "of the last printed digit. Convergence is not monotone in Δt: beyond the limit there are "
+    "isolated intervals of convergence, often to another solution of the equations, and the "
+    "doubling may reach one. IMS and EMS start from (q_{k−1}, p_{k−1}, 0), the SPARK methods "
+    "from the unknowns of the previous step. The columns \"inexact\" drop d(L(q)ᵀ)·u from the "
+    "Jacobian (erratum 21, inferred)."
 )
 
 
@@ -132,7 +133,8 @@ def _cell(row: str, column: str, printed: str, found: float, inexact: bool) -> C
         if ours == DIVERGENT:
             return Cell(row, column, DIVERGENT, ours, "agrees")
         return Cell(row, column, DIVERGENT, ours, "differs",
-                    "Newton converges; what the paper saw is not in the scheme (erratum 22)")
+                    "Newton converges; the scheme does not have the behaviour that the paper "
+                    "reports (erratum 22)")
     if found >= _HIGHEST:
         return Cell(row, column, float(printed), ours, "differs", "the search ends here")
     if isinstance(ours, float) and same_digits(ours, printed):
@@ -172,7 +174,7 @@ def _types_reach_alike(cells: list[Cell]) -> Claim:
     return Claim(
         "γ is not more robust than α of the same value in methods of order 4 to 8 when Newton is "
         "exact",
-        f"largest Δt of γ over that of α: {min(ours):.2f} to {max(ours):.2f}; printed "
+        f"ratio of the largest Δt of γ and α: {min(ours):.2f} to {max(ours):.2f}; printed "
         f"{min(printed):.2f} to {max(printed):.2f}", "between 0.8 and 1.25",
         min(ours) > 0.8 and max(ours) < 1.25,
     )
@@ -208,7 +210,7 @@ def _one_stage_alpha(engine: Engine) -> list[Claim]:
                             solver="newton")
     ratio = first / float(abs(halved.energy() - halved.energy()[0]).max())
     return [
-        Claim("1-G-L-α, printed as divergent, does not drift: its energy error stays where it was "
+        Claim("1-G-L-α, printed as divergent, does not drift: its energy error does not grow "
               "(erratum 22)",
               f"{count:,} steps of 0.001 s; largest |ΔH| {first:.3e} in the first tenth, "
               f"{last:.3e} in the last", "last / first < 1.1", last < 1.1 * first),

@@ -83,10 +83,10 @@ def requirements(results: Iterable[Result]) -> list[Claim]:
     return [
         Claim(f"Cells of Tables 4, 6 and 7, {total} in all, that agree to every printed digit",
               str(found["agrees"]), f"at least {WANTED_AGREE}", found["agrees"] >= WANTED_AGREE),
-        Claim("More of them where both numbers are round-off", str(found["round-off"]),
+        Claim("Further cells with round-off in both numbers", str(found["round-off"]),
               f"at least {WANTED_ROUND_OFF} more",
               found["agrees"] + found["round-off"] >= WANTED_AGREE + WANTED_ROUND_OFF),
-        Claim("The rest of them, explained one by one", f"{found['misprint']} misprints, "
+        Claim("Other cells, each with an explanation", f"{found['misprint']} misprints, "
               f"{found['differs']} differences with a reason", f"all {rest}", explained),
     ]
 
@@ -95,10 +95,10 @@ def iterations_remark(results: Iterable[Result]) -> str:
     """Return why Tables 8-14 differ so often, if some of them are there."""
     if not any(table.number >= FIRST_ITERATION_TABLE for table in tables_of(results)):
         return ""
-    return ("Table 8 and those after it measure an iteration, not a scheme, and the paper states "
-            "neither its Jacobian nor its start nor its search. Most cells are compared twice, "
-            "with full Newton and with a guess at the paper's iteration; where they differ the "
-            "table gives the reason.")
+    return ("Table 8 and the later tables measure an iteration, not a scheme, and the paper "
+            "describes neither its Jacobian nor its initial guess nor its search. Most cells are "
+            "compared twice, with full Newton and with a reconstruction of the paper's "
+            "iteration; if the results differ the table gives the reason.")
 
 
 def unexplained(table: Table) -> list[Cell]:
@@ -138,8 +138,8 @@ def write_summary(results: Sequence[Result]) -> str:
     """Return ``docs/paper.md``."""
     parts = [
         "# The paper, reproduced",
-        "Written by `gyrospark reproduce all --summary docs/paper.md`; every number below is "
-        "computed. Where both numbers are round-off none is given.",
+        "`gyrospark reproduce all --summary docs/paper.md` writes this page; every number below "
+        "is computed. If both numbers are round-off, none is given.",
     ]
     parts += _overview(results)
     parts += [section(result) for result in results]

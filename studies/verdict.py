@@ -19,7 +19,7 @@ from .study_result import Cell, Verdict
 __all__ = ["KEPT_EXACTLY", "ROUND_OFF", "judge", "same_digits", "units_apart"]
 
 #: Notes of cells that were not printed and whose digits mean nothing.
-ROUND_OFF, KEPT_EXACTLY = "round-off", "kept exactly"
+ROUND_OFF, KEPT_EXACTLY = "round-off", "conserved"
 
 
 def same_digits(ours: float, printed: str) -> bool:

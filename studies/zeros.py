@@ -177,20 +177,19 @@ def _about(laws: list[ErrorLine], rules: dict[str, float], claims: list[Claim]) 
                       for c in claims if c.statement.startswith(("IMS-γ at", "EMS-γ at")))
     I1 = fast_top().inertia[0]
     return f"""The periodic error of the fast top is linear in 1/γ for IMS, EMS, G-L and \
-even-stage LIIIA-B, and so has a zero. Fitted straight lines cross it at 1/γ = {zeros}; the \
-paper's recommendations are {marks}. They are reasonable, not optimal: {claims[-1].found} of the \
-error without the γ term is left. The best γ belongs to the scheme and, by its derivation for \
-LIIIA-B, to the motion; no mean of the moments alone can give it for all.
+even-stage LIIIA-B, and therefore has a zero. Fitted straight lines have it at 1/γ = {zeros}; the \
+paper's recommendations are {marks}. These are reasonable, not optimal: the remaining fraction of \
+the error without the γ term is {claims[-1].found}. The best γ depends on the scheme and, by the \
+derivation for LIIIA-B, on the motion; no mean of the moments alone is best for all.
 
-IMS and EMS are special: their zero is exactly γ = I₁ (1/γ = {1 / I1:g}), which is γ̃_h of a \
-symmetric top; the law is straight to O(h²) only, and the fitted line misses it by so much. With \
-I₁ = I₂ = γ the energy is a quadratic form of the state plus a function of l₃. Both are \
-invariants of the motion and both quadratic forms, and the midpoint rule of IMS keeps such \
-invariants; so it keeps H exactly. The discrete gradient of EMS is then the gradient at the \
-midpoint but for the mean of l₃, and EMS keeps l₃. Left over at γ = I₁ against γ = I₁/1.2: \
-{exact}.
+For IMS and EMS the zero is exactly γ = I₁ (1/γ = {1 / I1:g}), which is γ̃_h of a symmetric top; \
+the law is linear up to O(h²) only, which explains the deviation of the fitted line. With I₁ = I₂ \
+= γ the energy is a quadratic form of the state plus a function of l₃. Both are quadratic \
+invariants of the motion, which the midpoint rule of IMS conserves; hence IMS conserves H exactly. \
+The discrete gradient of EMS is then the gradient at the midpoint except for the mean of l₃, and \
+EMS conserves l₃. Remaining error at γ = I₁ relative to γ = I₁/1.2: {exact}.
 
-EMS keeps H by construction; its error here is that of l₃."""
+EMS conserves H by construction; its error here is the error of l₃."""
 
 
 def _panel(law: ErrorLine, rules: dict[str, float]) -> Panel:

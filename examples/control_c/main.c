@@ -1,7 +1,6 @@
 /*
- * A control loop: wheels turn a satellite until its axes are those of space, at ten looks a second,
- * for 600 s.
- * No allocation, a known number of iterations a step; as it is it runs on a microcontroller.
+ * Attitude control of a satellite by reaction wheels: a PD controller, sampled at 10 Hz, for 600 s.
+ * No allocation and a bounded number of fixed-point iterations per step; runs on a microcontroller.
  *
  *   generate --system satellite.toml --scheme G-L --stages 2 --real float --profile control --out .
  *   cc -std=c11 -O2 main.c wheeled_satellite_gl2_gamma_float.c -lm -o satellite && ./satellite
@@ -9,12 +8,12 @@
 #include <math.h>
 #include <stdio.h>
 
-#define WHEELED_SATELLITE_GL2_GAMMA_FLOAT_WORK /* the size of the memory is known here */
+#define WHEELED_SATELLITE_GL2_GAMMA_FLOAT_WORK /* defines the work struct */
 #include "wheeled_satellite_gl2_gamma_float.h"
 
 #define SATELLITE(name) wheeled_satellite_gl2_gamma_float_##name
 
-/* Torque of a wheel, N m: proportional to the error, damped, and limited. */
+/* Torque of a wheel in N m: a PD law with saturation. */
 static float torque(float error, float rate)
 {
     const float wanted = -0.5f*error - 4.0f*rate, most = 0.2f;
@@ -32,7 +31,7 @@ int main(void)
     SATELLITE(begin)(&work, &satellite, &options, 0.1f, q, p);
     for (int k = 0; k <= 6000; ++k) {
         const float t = 0;
-        float omega[3]; /* what its gyros would say */
+        float omega[3]; /* gyroscope output */
         SATELLITE(quantities)(&satellite, &t, q, p, omega);
         if (k % 1000 == 0) {
             const float sine = sqrtf(q[1]*q[1] + q[2]*q[2] + q[3]*q[3]);
@@ -40,7 +39,7 @@ int main(void)
             printf("%4d s: %.1e degrees off, |omega| = %.1e rad/s\n", k/10, (double)angle,
                 (double)sqrtf(omega[0]*omega[0] + omega[1]*omega[1] + omega[2]*omega[2]));
         }
-        const float turn = q[0] < 0 ? -1 : 1; /* the shorter way */
+        const float turn = q[0] < 0 ? -1 : 1; /* the smaller rotation */
         satellite.u1 = torque(turn*q[1], omega[0]);
         satellite.u2 = torque(turn*q[2], omega[1]);
         satellite.u3 = torque(turn*q[3], omega[2]);

@@ -1,13 +1,13 @@
 /*
- * The fast top of the paper (80) with nothing but a C compiler:
+ * The fast top of the paper (80) without Python:
  *
- *   generate --scheme G-L --stages 3 --rep gamma --no-compile --out .
+ *   generate --scheme G-L --stages 3 --rep gamma --standalone --no-compile --out .
  *   cc -std=c11 -O2 -ffp-contract=off main.c heavy_top_gl3_gamma.c -lm -o top && ./top
  */
 #include <math.h>
 #include <stdio.h>
 
-#define HEAVY_TOP_GL3_GAMMA_WORK /* the size of the memory is known here */
+#define HEAVY_TOP_GL3_GAMMA_WORK /* defines the work struct */
 #include "heavy_top_gl3_gamma.h"
 
 int main(void)
@@ -21,7 +21,7 @@ int main(void)
     const double half = 3.14159265358979323846/12;
     double q[4] = { cos(half), sin(half), 0, 0 };
     double p[4] = { -2*q[3]*I3*spin, 2*q[2]*I3*spin, -2*q[1]*I3*spin, 2*q[0]*I3*spin };
-    heavy_top_gl3_gamma_work work; /* all the memory a step needs */
+    heavy_top_gl3_gamma_work work; /* all memory of a step */
     heavy_top_gl3_gamma_report report = { 0 };
 
     const int status = heavy_top_gl3_gamma_integrate(

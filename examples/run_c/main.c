@@ -1,6 +1,6 @@
 /*
- * A top in a loop of one's own: its state is printed every tenth of a second, and in the end
- * compared with one run of as many steps. "./top newton" takes every step by Newton.
+ * A top in a user-written loop, which prints the state every tenth of a second. The final state is
+ * compared with one run of the same number of steps. "./top newton" uses Newton's method only.
  *
  *   generate --scheme G-L --stages 3 --rep gamma --profile run --out .
  *   cc -std=c11 -O2 -ffp-contract=off main.c heavy_top_gl3_gamma.c -lm -o top && ./top
@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define HEAVY_TOP_GL3_GAMMA_WORK /* the size of the memory is known here */
+#define HEAVY_TOP_GL3_GAMMA_WORK /* defines the work struct */
 #include "heavy_top_gl3_gamma.h"
 
 #define TOP(name) heavy_top_gl3_gamma_##name

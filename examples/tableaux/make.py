@@ -1,13 +1,13 @@
-"""Derives the tableaux of this folder exactly and writes them as JSON: python make.py [FOLDER].
+"""Derive the tableaux of this folder exactly and write them as JSON: python make.py [FOLDER].
 
 A symplectic SPARK tableau follows from its nodes. Choose c_1..c_s and c̃_0 = 0 < … < c̃_p = 1:
 
     A, Ā  integrals of the Lagrange polynomials on c, to c_i and to c̃_l: C(s), C̄(s), ā_pj = b_j
     b, b̃  interpolatory weights on c and on c̃
-    Â     b_i â_ij + b_j a_ji = b_i b_j          forces keep the symplectic form
-    Ã     b_i ã_ij + b̃_j ā_ji = b_i b̃_j          and so do constraint forces; ã_ip = 0 follows
+    Â     b_i â_ij + b_j a_ji = b_i b_j          symplecticity of the forces
+    Ã     b_i ã_ij + b̃_j ā_ji = b_i b̃_j          the same for constraint forces; ã_ip = 0
 
-The order is what `gyrospark verify FILE` proves and measures.
+`gyrospark verify FILE` proves and measures the order.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def collocation(name: str, c: Sequence[sp.Expr], c_tilde: Sequence[sp.Expr], ord
 def partner(
     a: list[list[sp.Expr]], b: list[sp.Expr], b_columns: list[sp.Expr]
 ) -> list[list[sp.Expr]]:
-    """Return the a'_ij = b'_j (1 − a_ji/b_i) that makes a pair with a symplectic."""
+    """Return the symplectic partner a'_ij = b'_j (1 − a_ji/b_i) of a."""
     return [
         [sp.radsimp(sp.expand(weight * (1 - row[i] / b[i])))
          for row, weight in zip(a, b_columns, strict=True)]
@@ -104,7 +104,7 @@ def lobatto_d(s: int) -> Table:
 
 
 def plain(name: str, table: Table, order: int) -> Table:
-    """Return the tableau with Â = A: the forces are then no longer symplectic."""
+    """Return the tableau with Â = A, which is not symplectic."""
     return table | {"name": name, "order": order, "A_hat": table["A"], "symplectic": False}
 
 
@@ -121,12 +121,12 @@ def tables() -> list[Table]:
 
 
 def entry(value: sp.Expr) -> int | str:
-    """Return a coefficient as the file holds it: an integer, or an expression as text."""
+    """Return a coefficient for the file: an integer, or an expression as text."""
     return int(value) if value.is_Integer else str(value)
 
 
 def text(table: Table) -> str:
-    """Return the JSON file of a tableau, a row a line."""
+    """Return the JSON text of a tableau, one row per line."""
     lines = []
     for key, part in table.items():
         if not isinstance(part, list):

@@ -1,15 +1,14 @@
-"""Code generation: kernels, tableau and templates to the header, the source and the manifest.
+"""Code generation: from what was derived to the header, the source and the manifest.
 
-    emit            the three files of a stepper
-    emit_manifest   what is promised, for those who call it
-    profiles        how much of a stepper is written: for Python, for a controller
-    emit_control    what they are told of sweeps on plain numbers: profiles control and run
-    emit_fast       what the templates are told of the fast path
-    emit_mass       M(q) of a Lagrangian: how it is eliminated, what that costs
-    emit_structure  what they are told of a structured system
-    bytecode        templates as Python's bytecode, kept beside them
-    engine          which files of ``engine/`` a stepper has, and how they are put in
-    reachable       what the functions of a header come to
-    c_lines         lines of C that fit on a screen
-    solver_costs    what a sweep and a Newton iteration cost, counted
+    profiles         how much is written: for Python, for programs in C, for a controller
+    program          the C program as one typed description
+    mass_tables      the elimination of the mass matrix of a Lagrangian
+    elements         a system as sums over element templates
+    lane_iteration   the fixed-point iteration of profile full, on lanes
+    plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
+    solver_costs     what an iteration of either solver costs, counted
+    manifest         what the C guarantees, for those who call it
+    bytecode         templates as Python's bytecode, cached beside them
+    c_lines          lines of C that fit on a screen
+    emit             the three files of a stepper
 """

@@ -1,8 +1,12 @@
-"""Header, source and manifest of a stepper, from its scheme and the templates."""
+"""Header, source and manifest of a stepper: what was derived becomes one description of the C.
+
+    describe    Derived → Program
+    emit        Program → the text of three files, by templates
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -19,9 +23,9 @@ from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
 from ..schemes.frame_kernels import Turning
+from ..schemes.lagrangian_midpoint import LagrangianEMS
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
-from ..symmetry.frame_symmetries import Frame
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import MovingSystem, energy_of
 from ..systems.repeated_structure import Structure
@@ -29,26 +33,35 @@ from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from .bytecode import Bytecode
 from .c_lines import fitted
-from .emit_control import beside, control_context
-from .emit_fast import fast_context, structured_fast_context
-from .emit_manifest import frame_manifest, hidden_constraints, manifest_text
-from .emit_mass import mass_context
-from .emit_structure import structure_context
-from .engine import ENGINE_VERSION, features
-from .profiles import ProfileName
+from .elements import elements_of
+from .lane_iteration import lane_iteration
+from .manifest import frame_manifest, hidden_constraints, manifest_text
+from .mass_tables import mass_tables
+from .plain_iteration import beside, plain_iteration
+from .program import (
+    Derived,
+    Elements,
+    Features,
+    FrameTransformation,
+    LaneIteration,
+    PlainIteration,
+    Program,
+    TableauText,
+)
 from .solver_costs import solver_costs
 
-__all__ = ["Source", "emit"]
+__all__ = ["Source", "describe", "emit"]
 
 TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
+#: Of the interface between generated files and ``engine/gyrospark/engine.h``.
+ENGINE_VERSION = 1
 
 
 @dataclass(frozen=True)
 class Source:
     """The three files of a stepper, as text.
 
-    The C includes headers of the engine, but for profiles ``control`` and ``run``: it has them in
-    it.
+    The C includes headers of the engine; that of profiles ``control`` and ``run`` contains them.
     """
 
     name: str
@@ -70,129 +83,157 @@ class Source:
         }
 
 
-def emit(
-    name: str,
-    method: str,
-    scheme: SparkScheme | MeanScheme,
-    system: System,
-    constants: Constants,
-    real: Real,
-    structured: bool | None = None,
-    profile: ProfileName = "full",
-    frame: Frame | None = None,
-) -> Source:
+def emit(derived: Derived, elements: bool | None = None) -> Source:
     """Return the C and the manifest.
 
-    ``system`` is the one the user knows, with its own parameters; the scheme works on the same
-    system with constants of the run in place of parameter-only subexpressions. ``structured``
-    decides whether the C loops over the instances of the system's forms; by default where that
-    saves work.
+    ``elements`` decides whether the C loops over the instances of the system's element templates;
+    by default where that saves work.
     """
-    if profile == "control":
-        return _emit_control(name, method, scheme, system, constants, real)
-    if profile == "run":
-        return _emit_run(name, method, scheme, system, constants, real)
-    structure = Structure(scheme.system)
-    lagrangian = isinstance(scheme.system, LagrangianSystem)
-    if lagrangian:
-        structured = False  # M couples all of it
-    carried = isinstance(scheme.system, MovingSystem) and bool(scheme.system.carried)
-    if carried:
-        structured = False  # what a frame moves is no form
-    if structured is None:
-        structured = structure.is_worthwhile
-    forms: dict[str, Any] = {"structured": False}
-    kernels: list[EmittedKernel] = []
-    if structured:
-        forms = structure_context(structure, scheme, constants, real)
-        fast = structured_fast_context(scheme, structure, forms, real)
+    program = describe(derived, elements)
+    context = {field.name: getattr(program, field.name) for field in fields(program)}
+    context |= {"full": program.profile == "full", "iteration": program.iteration}
+    kind = "control" if program.profile == "control" else "stepper"
+    header, source = (fitted(_environment().get_template(f"{kind}.{ending}.jinja").render(context))
+                      for ending in "hc")
+    if program.profile != "full":
+        source = amalgamate(source)
+    return Source(program.name, header, source, manifest_text(derived, program))
+
+
+def describe(derived: Derived, elements: bool | None = None) -> Program:
+    """Return the program of what was derived.
+
+    Raises
+    ------
+    InputError
+        For what a profile does not take; see ``plain_iteration``.
+    """
+    scheme, system, constants, real = (
+        derived.scheme, derived.system, derived.constants, derived.real)
+    parts = _elements(derived, elements)
+    lanes: LaneIteration | None = None
+    plain: PlainIteration | None = None
+    refusal = ""
+    if derived.profile == "full":
+        lanes, refusal = lane_iteration(derived, parts)
     else:
-        kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
-                                                             *scheme.kernels()]]
-        fast = fast_context(scheme, constants, real)
-    known = [*kernels, *fast["lane_kernels"], *forms.get("form_kernels", ())]
-    context = _context(name, method, scheme, system, constants, real, known, forms) | fast | {
-        "kernels": kernels, "costs": solver_costs(scheme, known, forms), "full": True,
-        "run_constants": []}
-    context |= _frame_context(frame, name, system, real)
-    context["profile"] = "full"
-    context["features"] = features(
-        scheme, system, real, fast, structured=structured, frame=frame,
-        rotates=bool(context.get("frame_turns_multipliers")))
-    quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
-    if quantities is not None:
-        context["own_switches"] |= quantities.functions & SWITCHES
-    environment = _environment()
-    return Source(
-        name,
-        fitted(environment.get_template("stepper.h.jinja").render(context)),
-        fitted(environment.get_template("stepper.c.jinja").render(context)),
-        manifest_text(name, method, scheme, system, constants, real, kernels, fast, forms, profile,
-                      frame),
+        plain = plain_iteration(derived)
+    own, renamed = (plain.kernels if plain else []), dict[str, str]()
+    kernels = own
+    if derived.profile != "control":
+        kernels = [] if parts else [
+            emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
+                                                      *scheme.kernels()]]
+        own, renamed = beside(kernels, own)
+    known = [*([] if derived.profile == "control" else kernels), *(plain.known if plain else []),
+             *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
+    frame = _frame(derived)
+    quantities = _quantity_kernel(system, real)
+    printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters})
+    used = frozenset[str]().union(*(kernel.constants for kernel in known),
+                                  parts.used_constants if parts else ())
+    needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
+    constants_c = {str(s): printer(e) for e, s in needed.items()}
+    functions = printer.functions.union(
+        *(k.functions for k in known if not k.name.startswith("lanes_")),
+        quantities.functions if quantities else ())
+    tableau = scheme.tableau
+    legendre = system if isinstance(system, LagrangianSystem) else None
+    hidden = hidden_constraints(derived, parts)
+    return Program(
+        name=derived.name,
+        version=__version__,
+        engine_version=ENGINE_VERSION,
+        include_check=INCLUDE_CHECK,
+        profile=derived.profile,
+        features=_features(derived, parts, lanes or plain, frame),
+        title=f"{derived.method} for {system.name.replace('_', ' ')}",
+        R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
+        N=system.n, M=system.m, U=scheme.size,
+        S=tableau.s if tableau else 0, P=tableau.p if tableau else 0,
+        multipliers=scheme.multipliers * system.m,
+        order=scheme.order,
+        hamiltonian="" if parts else comment(
+            legendre.texts()[0] if legendre else energy_of(system)),
+        lagrangian=comment(legendre.texts()[1]) if legendre else "",
+        forces=[comment(f) for f in system.forces],
+        constraints=[] if parts else [comment(g) for g in system.constraints],
+        hidden=", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden)) or "no constraint",
+        scheme_doc=_scheme_doc(scheme),
+        unknowns_doc=_unknowns_doc(scheme),
+        parameters=[str(p) for p in system.parameters],
+        time=str(system.time) if system.is_driven else "",
+        inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
+        input_places=[list(constants_c).index(str(u)) for u in system.inputs
+                      if str(u) in constants_c],
+        quantities={name: comment(e) for name, e in system.quantities.items()},
+        quantity_time=bool(system.quantities) and system.time is not None,
+        quantity_kernel=quantities,
+        constants={str(s): comment(e) for e, s in needed.items()},
+        constants_c=constants_c,
+        run_constants=plain.run_constants if plain else [],
+        kernels=kernels,
+        compensated=any(map(sums_products, known)),
+        cardinals=sorted(c_names_with_needs(frozenset().union(*(k.functions for k in known)))),
+        switch_functions=SWITCHES & functions,
+        costs={} if derived.profile == "control" else solver_costs(
+            scheme, kernels if plain else known, parts),
+        iteration_kernels=own,
+        renamed=renamed,
+        tableau=_tableau(tableau, real) if tableau else None,
+        mass=mass_tables(legendre) if legendre else None,
+        elements=parts,
+        lanes=lanes,
+        plain=plain,
+        no_fixed_point=refusal,
+        frame=frame,
     )
 
 
-def _emit_control(
-    name: str,
-    method: str,
-    scheme: SparkScheme | MeanScheme,
-    system: System,
-    constants: Constants,
-    real: Real,
-) -> Source:
-    """Return the C and the manifest of profile ``control``."""
-    own = control_context(scheme, constants, real, "control")
-    forms: dict[str, Any] = {"structured": False}
-    context = _context(name, method, scheme, system, constants, real, own["known"], forms) | own
-    context |= {"profile": "control",
-                "features": features(scheme, system, real, own, profile="control")}
-    quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
-    if quantities is not None:
-        context["own_switches"] |= quantities.functions & SWITCHES
-    environment = _environment()
-    return Source(
-        name,
-        fitted(environment.get_template("control.h.jinja").render(context)),
-        amalgamate(fitted(environment.get_template("control.c.jinja").render(context))),
-        manifest_text(name, method, scheme, system, constants, real, own["kernels"],
-                      own["proved"], forms, "control"),
-    )
+def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
+    """Return the system as sums over element templates, where that is possible and wanted."""
+    system = derived.scheme.system
+    if derived.profile != "full" or isinstance(system, LagrangianSystem):
+        return None  # M of a Lagrangian couples all of it
+    if isinstance(system, MovingSystem) and system.carried:
+        return None
+    structure = Structure(system)
+    if not (structure.is_worthwhile if wanted is None else wanted):
+        return None
+    return elements_of(structure, derived)
 
 
-def _emit_run(
-    name: str,
-    method: str,
-    scheme: SparkScheme | MeanScheme,
-    system: System,
-    constants: Constants,
-    real: Real,
-) -> Source:
-    """Return the C and the manifest of profile ``run``: the sweeps of ``control``, and Newton."""
-    own = control_context(scheme, constants, real, "run")
-    forms: dict[str, Any] = {"structured": False}
-    kernels = [emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
-                                                         *scheme.kernels()]]
-    beside_them, renamed = beside(kernels, own["kernels"])
-    context = _context(name, method, scheme, system, constants, real, [*kernels, *own["known"]],
-                       forms) | own
-    context |= {
-        "full": False, "fast": True, "inputs": [], "kernels": kernels, "sweep_kernels": beside_them,
-        "costs": solver_costs(scheme, kernels, forms),
-        "run_constants": [*own["folded"].items(), *own["run_constants"]],
-        "renamed": renamed, "profile": "run",
-        "features": features(scheme, system, real, own, profile="run")}
-    quantities = context["quantity_kernel"] = _quantity_kernel(system, real)
-    if quantities is not None:
-        context["own_switches"] |= quantities.functions & SWITCHES
-    environment = _environment()
-    header, text = (environment.get_template(f"stepper.{kind}.jinja").render(context)
-                    for kind in "hc")
-    return Source(
-        name,
-        fitted(header),
-        amalgamate(fitted(text)),
-        manifest_text(name, method, scheme, system, constants, real, kernels, own["proved"], forms,
-                      "run"),
+def _features(
+    derived: Derived, elements: Elements | None, iteration: LaneIteration | PlainIteration | None,
+    frame: FrameTransformation | None,
+) -> Features:
+    """Return the features of the engine that a stepper needs."""
+    scheme, system, profile = derived.scheme, derived.system, derived.profile
+    lanes = iteration if isinstance(iteration, LaneIteration) else None
+    return Features(
+        constrained=system.m > 0,
+        several_constraints=system.m > 1,
+        spark=derived.is_spark,
+        elements=elements is not None,
+        forces=bool(system.forces),
+        time_dependent=system.is_timed,
+        inputs=bool(system.inputs) and profile == "full",
+        lagrangian=isinstance(system, LagrangianSystem),
+        energy_momentum=isinstance(scheme, LagrangianEMS),
+        indefinite_mass=isinstance(system, LagrangianSystem) and not system.is_definite,
+        frame=frame is not None,
+        frame_work=isinstance(scheme.system, MovingSystem) and bool(scheme.system.carried),
+        rotating_multipliers=frame is not None and frame.rotates_multipliers,
+        fixed_point=lanes is not None,
+        constant_schur=iteration is not None and iteration.constant_schur,
+        scalar_schur=iteration is not None and iteration.scalar_schur,
+        factors=iteration is not None and iteration.factors,
+        separable=iteration is not None and iteration.separable,
+        even_odd=lanes is not None and bool(lanes.even_odd_tables),
+        wide_real=derived.real.wide,
+        compensated_lanes=lanes is not None and lanes.compensated,
+        profile_run=profile == "run",
+        profile_control=profile == "control",
     )
 
 
@@ -216,79 +257,11 @@ def operations_text(operations: dict[str, int]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in operations.items()) or "no operations"
 
 
-def _context(
-    name: str,
-    method: str,
-    scheme: SparkScheme | MeanScheme,
-    system: System,
-    constants: Constants,
-    real: Real,
-    kernels: list[EmittedKernel],
-    forms: dict[str, Any],
-) -> dict[str, Any]:
-    tableau = scheme.tableau
-    legendre = system if isinstance(system, LagrangianSystem) else None
-    parameter_names = {p: f"par->{p}" for p in constants.parameters}
-    printer = CPrinter(real, parameter_names)
-    hidden = hidden_constraints(scheme, constants, forms)
-    used = frozenset[str]().union(*(kernel.constants for kernel in kernels),
-                                  forms.get("used_constants", ()))
-    needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
-    constants_c = {str(s): printer(e) for e, s in needed.items()}
-    alone = [k for k in kernels if not k.name.startswith("lanes_")]
-    return forms | {
-        "name": name,
-        "version": __version__,
-        "engine_version": ENGINE_VERSION,
-        "include_check": INCLUDE_CHECK,
-        "renamed": {},
-        "title": f"{method} for {system.name.replace('_', ' ')}",
-        "hamiltonian": "" if forms["structured"] else comment(
-            legendre.texts()[0] if legendre else
-            energy_of(system)),
-        "lagrangian": comment(legendre.texts()[1]) if legendre else "",
-        "forces": [comment(f) for f in system.forces],
-        "time": str(system.time) if system.is_driven else "",
-        "timed": system.is_timed,
-        "framed": False,
-        "inputs": [str(u) for u in system.inputs],
-        "input_places": [list(constants_c).index(str(u)) for u in system.inputs
-                         if str(u) in constants_c],
-        "quantities": {name: comment(e) for name, e in system.quantities.items()},
-        "quantity_time": bool(system.quantities) and system.time is not None,
-        "mass": mass_context(legendre) if legendre else None,
-        "constraints": [] if forms["structured"] else [comment(g) for g in system.constraints],
-        "hidden_text": ", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden))
-                       or "no constraint",
-        "parameters": [str(p) for p in system.parameters],
-        "constants": {str(s): comment(e) for e, s in needed.items()},
-        "constants_c": constants_c,
-        "R": real.c_type,
-        "sfx": real.suffix.lower(),
-        "limits": real.limits,
-        "N": system.n,
-        "M": system.m,
-        "U": scheme.size,
-        "S": tableau.s if tableau else 0,
-        "P": tableau.p if tableau else 0,
-        "order": scheme.order,
-        "multipliers": scheme.multipliers * system.m,
-        "kernels": kernels,
-        "compensated_plain": any(map(sums_products, kernels)),
-        "cardinals": c_names_with_needs(frozenset().union(*(k.functions for k in kernels))),
-        "own_switches": SWITCHES & printer.functions.union(*(k.functions for k in alone)),
-        "scheme_doc": _scheme_doc(scheme),
-        "unknowns_doc": _unknowns_doc(scheme),
-        "tableau": _tableau_rows(tableau, real) if tableau else None,
-        "tableau_shapes": _tableau_shapes(tableau) if tableau else {},
-        "tableau_doc": _tableau_doc(tableau) if tableau else [],
-    }
-
-
-def _frame_context(frame: Frame | None, name: str, system: System, real: Real) -> dict[str, Any]:
-    """Return what the templates need of a co-moving frame; ``framed`` is False without one."""
+def _frame(derived: Derived) -> FrameTransformation | None:
+    """Return what transforms states back from a co-moving frame."""
+    frame, system, real = derived.frame, derived.system, derived.real
     if frame is None:
-        return {"framed": False}
+        return None
     wide = REALS["double"] if real.name == "float" else real  # 24 bits count no 10⁹ steps
     turning = Turning(frame, system)
     target = Target(real.c_type, "parameters_t", "")
@@ -296,22 +269,21 @@ def _frame_context(frame: Frame | None, name: str, system: System, real: Real) -
              if turning.axes[g] is None else
              f"times((double_word){{ {wide.literal(a)}, 0 }}, omega{turning.axes[g]})"
              for g, a in turning.angles]
-    return {
-        "framed": True,
-        "turning": wide.c_type,
-        "turning_suffix": wide.suffix.lower(),
-        "frame_quarter": _quarter(wide),
-        "frame_groups": [{"names": [symmetry.name for symmetry in group], "axis": axis}
-                         for group, axis in zip(frame.groups, turning.axes, strict=True)],
-        "frame_sets": turning.sets,
-        "frame_fed": bool(system.forces or system.inputs),
-        "frame_axes": turning.components,
-        "frame_angles": rates,
-        "frame_kernels": [emit_kernel(kernel, Constants(system.parameters), real, target)
-                          for kernel in turning.kernels()],
-        "frame_turns_multipliers": turning.turns_multipliers,
-        "frame_symmetries": frame_manifest(frame, system)["symmetries"],
-    }
+    return FrameTransformation(
+        real=wide.c_type,
+        suffix=wide.suffix.lower(),
+        quarter=_quarter(wide),
+        groups=[{"names": [symmetry.name for symmetry in group], "axis": axis}
+                for group, axis in zip(frame.groups, turning.axes, strict=True)],
+        rotation_groups=turning.sets,
+        has_inputs=bool(system.forces or system.inputs),
+        axes=turning.components,
+        rates=rates,
+        kernels=[emit_kernel(kernel, Constants(system.parameters), real, target)
+                 for kernel in turning.kernels()],
+        rotates_multipliers=turning.turns_multipliers,
+        symmetries=frame_manifest(frame, system)["symmetries"],
+    )
 
 
 def _quarter(wide: Real) -> list[str]:
@@ -363,21 +335,16 @@ def _unknowns_doc(scheme: SparkScheme | MeanScheme) -> list[str]:
     return ["x = (dq, dp, lambda): the increments q_k - q_(k-1), p_k - p_(k-1) and the multiplier"]
 
 
-def _tableau_shapes(tableau: Tableau) -> dict[str, str]:
-    size = {"s": tableau.s, "p": tableau.p + 1}
-    return {field: "".join(f"[{size[kind]}]" for kind in kinds) for field, kinds in FIELDS.items()}
-
-
-def _tableau_rows(tableau: Tableau, real: Real) -> dict[str, list[str]]:
+def _tableau(tableau: Tableau, real: Real) -> TableauText:
     """Return every part as rows of correctly rounded literals."""
     parts = tableau.map_enclosures(lambda e: real.literal(real.round(e)))
-    rows = {}
-    for field, part in parts.items():
-        if isinstance(part[0], list):
-            rows[field] = ["{ " + ", ".join(row) + " }" for row in part]
-        else:
-            rows[field] = [", ".join(part)]
-    return rows
+    rows = {field: ["{ " + ", ".join(row) + " }" for row in part]
+            if isinstance(part[0], list) else [", ".join(part)]
+            for field, part in parts.items()}
+    size = {"s": tableau.s, "p": tableau.p + 1}
+    shapes = {field: "".join(f"[{size[kind]}]" for kind in kinds)
+              for field, kinds in FIELDS.items()}
+    return TableauText(rows, shapes, _tableau_doc(tableau))
 
 
 def _tableau_doc(tableau: Tableau) -> list[str]:

@@ -15,7 +15,8 @@ from typing import Any
 from ..kernels.kernel import EmittedKernel
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.lagrangian import LagrangianSystem
-from .emit_mass import composed_operations
+from .mass_tables import composed_operations
+from .program import Elements
 
 __all__ = ["Cost", "solver_costs"]
 
@@ -34,13 +35,13 @@ _DENSE = {
                           ["constraint", "constraint_increment", "mean_constraint"]),
              "jacobian": (["mean_jacobian"], ["mean_curvature", "constraint_jacobian"])},
 }
-_FORMS = {
-    "spark": {"sweep": (["velocity", "gradient", "value"], ["increment", "pull"]),
-              "residual": (["gradient", "value"], ["increment", "pull"]),
+_ELEMENTS = {
+    "spark": {"sweep": (["velocity", "gradient", "value"], ["increment", "reaction"]),
+              "residual": (["gradient", "value"], ["increment", "reaction"]),
               "jacobian": (["hessian", "jacobian"], ["jacobian", "curvature"])},
     "mean": {"sweep": (["mean_velocity", "mean_velocity", "mean_gradient", "value"],
-                       ["increment", "mean_pull", "mean_pull"]),
-             "residual": (["mean_gradient", "value"], ["value", "increment", "mean_pull"]),
+                       ["increment", "mean_reaction", "mean_reaction"]),
+             "residual": (["mean_gradient", "value"], ["value", "increment", "mean_reaction"]),
              "jacobian": (["mean_jacobian", "jacobian"],
                           ["mean_jacobian", "mean_curvature", "jacobian"])},
 }
@@ -73,19 +74,20 @@ class Cost:
 
 
 def solver_costs(
-    scheme: SparkScheme | MeanScheme, kernels: Iterable[EmittedKernel], forms: dict[str, Any]
+    scheme: SparkScheme | MeanScheme, kernels: Iterable[EmittedKernel],
+    elements: Elements | None,
 ) -> dict[str, int]:
     """Return costs of a stage and of a constraint node in a sweep, a residual and a Jacobian.
 
     Of a sweep, ``*_lanes`` is done for all lanes at once, ``*_calls`` once a stage or node.
     """
     kind = "spark" if isinstance(scheme, SparkScheme) else "mean"
-    recipe = (_FORMS if forms["structured"] else _DENSE)[kind]
+    recipe = (_DENSE if elements is None else _ELEMENTS)[kind]
     kernels = list(kernels)
     operations = {k.name.removeprefix("lanes_"): k.operations for k in kernels}  # lanes come last
     if isinstance(scheme.system, LagrangianSystem):
         operations |= composed_operations(scheme.system, kernels)
-    of_stage, of_node = _forms_cost(forms) if forms["structured"] else _dense_cost(operations)
+    of_stage, of_node = _dense_cost(operations) if elements is None else _elements_cost(elements)
     costs: dict[str, int] = {}
     for part, names in recipe.items():
         stage, node = (sum(map(cost, kernels_of), Cost())
@@ -107,7 +109,7 @@ def _dense_cost(operations: Mapping[str, Mapping[str, int]]) -> tuple[Any, Any]:
     return cost, cost
 
 
-def _forms_cost(forms: dict[str, Any]) -> tuple[Any, Any]:
+def _elements_cost(elements: Elements) -> tuple[Any, Any]:
     """Return costs of kernels by name: of the terms and forces, and of the joints."""
 
     def over(parts: list[dict[str, Any]]) -> Any:
@@ -117,4 +119,4 @@ def _forms_cost(forms: dict[str, Any]) -> tuple[Any, Any]:
 
         return cost
 
-    return over([*forms["terms"], *forms["pushes"]]), over(forms["joints"])
+    return over([*elements.energies, *elements.forces]), over(elements.constraints)

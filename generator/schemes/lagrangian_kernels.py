@@ -40,9 +40,10 @@ def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
     at = {"q": list(system.q), "v": list(system.velocities)}
     less = " + F" if system.forces else ""
     kernels = [
-        Kernel("generalised_force", f"R = dL/dq{less} at fixed v", at | time_input(system), {"R": system.push}),
-        *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L", at,
-                  {"H_t": system.H_t})] if system.is_timed else []),
+        Kernel("generalised_force", f"R = dL/dq{less} at fixed v", at | time_input(system),
+               {"R": system.push}),
+        *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
+                  at, {"H_t": system.H_t})] if system.is_timed else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
 
@@ -56,6 +57,7 @@ def newton_kernels(system: LagrangianSystem) -> list[Kernel]:
     kernels = [Kernel("force_derivative", "d(dL/dq) along (dq, dv)", at | way,
                       {"dR": along([-e for e in system.H_q], symbols, [*dq, *dv])})]
     if system.forces:
-        kernels.append(Kernel("applied_force_derivative", "dF along (dq, dv)", at | time_input(system) | way,
+        kernels.append(Kernel("applied_force_derivative", "dF along (dq, dv)",
+                              at | time_input(system) | way,
                               {"dF": along(system.forces, symbols, [*dq, *dv])}))
     return [replace(k, factors=not system.is_long) for k in kernels]

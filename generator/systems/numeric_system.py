@@ -70,10 +70,6 @@ class NumericSystem(NumericConstraints):
         self._parameters = values_of(
             [*system.parameters, *filter(None, (system.time,))], values)
 
-    def H(self, q: Array, p: Array) -> float:
-        """Return H(q, p)."""
-        return float(evaluate([self.system.H], self._state(q, p))[0])
-
     def H_p(self, q: Array, p: Array) -> Array:
         """Return the velocity, shape (n,)."""
         return evaluate(self._velocity, self._state(q, p))
@@ -111,11 +107,6 @@ class NumericLagrangian(NumericSystem):
     """The same of a system from its Lagrangian, with M(q) in numbers."""
 
     system: LagrangianSystem
-
-    def H(self, q: Array, p: Array) -> float:
-        """Return H(q, p)."""
-        v = dict(zip(self.system.velocities, self.H_p(q, p), strict=True))
-        return float(evaluate([self.system.H], self._state(q, p) | v)[0])
 
     def H_p(self, q: Array, p: Array) -> Array:
         """Return the velocity, shape (n,)."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_flag, as_path, why_unwritable
 from ...core.errors import GyrosparkError, InputError, MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import format_of
+from ...core.file_formats import ending_of
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName
 from .run_arrays import OUTPUTS, about, labels_of, parts
@@ -48,7 +48,7 @@ def to_csv(
         If the file cannot be written.
     """
     target = as_path("path", path, "run.csv")
-    if not format_of(target, "A table", "states").tabular:
+    if ending_of(target) != ".csv":
         raise InputError(f"{target.name!r} is no name of a CSV file; end it in .csv.")
     found = _columns(trajectory, euler, degrees, angular_velocity, columns)
     try:

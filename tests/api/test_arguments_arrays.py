@@ -41,9 +41,9 @@ def test_integers_and_other_floats_are_converted():
         assert made[0].dtype == np.float64
 
 
-def test_float32_start_is_converted_by_value_then_judged(gl3):
+def test_float32_start_is_converted_by_value_then_checked(gl3):
     """A float32 unit quaternion is none in double: refused, never reinterpreted."""
-    with refused("off the constraints"):
+    with refused("constraints"):
         gl3.step(TOP.q0.astype(np.float32), TOP.p0, **RUN)
 
 

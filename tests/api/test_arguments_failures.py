@@ -1,4 +1,4 @@
-"""Steps that find no solution: what is told, and what remains of the run."""
+"""Steps without a solution: the error, and the states that remain of the run."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_failed_step_by_python(failures):
 
 def test_one_iteration_is_not_enough(step):
     for solver in ("newton", "python"):
-        with pytest.raises(gs.StepFailed, match="Step 1 at t = 0 s failed: not conv") as caught:
+        with pytest.raises(gs.StepFailed, match=r"Step 1.*converge") as caught:
             step.step(TOP.q0, TOP.p0, max_iterations=1, solver=solver, **RUN)
         assert len(caught.value.trajectory) == 1
         assert caught.value.trajectory.multipliers.shape[0] == 0

@@ -50,18 +50,18 @@ def test_names_of_files(saved, tmp_path, monkeypatch):
     made, _ = saved
     monkeypatch.chdir(tmp_path)
     for bad in ("a.b", "a.xlsx", "top.npz.zip"):
-        with refused(r"end it in \.npz, \.csv, \.nc"):
+        with refused(r"\.npz, \.csv, \.nc"):
             made.save(bad)
     assert made.save("a.NPZ") == Path("a.NPZ")
     assert made.save(str(tmp_path / "c")) == tmp_path / "c.npz"
     for bad in ("", ".", "/"):
-        with refused("no file name"):
+        with refused("file name"):
             made.save(bad)
     for bad in ("none/top.npz", "/dev/null/top.npz", "/proc/top.npz"):
-        with pytest.raises(gs.GyrosparkError, match="cannot be written"):
+        with pytest.raises(gs.GyrosparkError, match="written"):
             made.save(bad)
     (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(gs.GyrosparkError, match="cannot be written"):
+    with pytest.raises(gs.GyrosparkError, match="written"):
         made.save("folder.npz")
     assert not list(tmp_path.glob(".*"))
 
@@ -164,8 +164,7 @@ def test_file_of_another_version(saved, tmp_path):
     other = rewritten(path, tmp_path / "other.npz", about={"report": report | {"later": 1}})
     assert equal(gs.Trajectory.load(other), made)
     assert work == gs.Trajectory.load(other).report.work == 0.0
-    with refused(r"other\.npz' was written by gyrospark .* in format 9; this is gyrospark .*, "
-                 "which reads format 2"):
+    with refused(r"other\.npz'.*format 9.* 2\b"):
         gs.Trajectory.load(rewritten(path, other, about={"format": 9}))
 
 

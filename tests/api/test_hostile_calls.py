@@ -1,4 +1,4 @@
-"""Everything public, called with arguments that nobody should give: results or sentences."""
+"""Everything public, called with absurd arguments: results or errors of ours."""
 
 from __future__ import annotations
 
@@ -91,22 +91,22 @@ def test_bodies_by_name_are_the_bodies(name):
 
 
 @pytest.mark.parametrize(("call", "words"), [
-    (lambda b: b.force("c", (0, 0, 1)), "A force holds on to 'c'.*a name: body"),
-    (lambda b: b.force("bodi", (0, 0, 1)), "did you mean body?"),
-    (lambda b: b.torque("body", lambda t: (0, 0, t)), "torque on 'body' is the function.*time"),
-    (lambda b: b.torque("body", (lambda t: t, 0, 0)), "no SymPy expression; call it"),
+    (lambda b: b.force("c", (0, 0, 1)), "'c'.*body"),
+    (lambda b: b.force("bodi", (0, 0, 1)), r"body\?"),
+    (lambda b: b.torque("body", lambda t: (0, 0, t)), "'body'.*time"),
+    (lambda b: b.torque("body", (lambda t: t, 0, 0)), "SymPy"),
 ], ids=range(4))
-def test_what_users_tried_is_told(call, words):
+def test_what_users_tried_is_reported(call, words):
     build = gs.Multibody("told")
     build.body("body", mass=1, inertia=(0.1, 0.1, 0.05))
     with pytest.raises(gs.InputError, match=words):
         call(build)
 
 
-def test_progress_that_cannot_be_called_is_told(gl3, tmp_path):
+def test_progress_that_cannot_be_called_is_reported(gl3, tmp_path):
     top = gs.problems.fast_top()
     run = {"dt": 1e-3, "steps": 3, "parameters": top.parameters | {"gamma": "m"}, "progress": True}
-    with pytest.raises(gs.InputError, match=r"progress = True cannot be called; give a function"):
+    with pytest.raises(gs.InputError, match="progress = True"):
         gl3.integrate(top.q0, top.p0, **run)
     with pytest.raises(gs.InputError, match="progress = True"):
         gs.record(gl3, top.q0, top.p0, out=tmp_path / "a.zarr", **run)

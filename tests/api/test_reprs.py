@@ -1,4 +1,4 @@
-"""What an object shows of itself at a prompt: a line or two, its name, no address."""
+"""Objects at a prompt: a line or two with the name, no address."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def test_pydy_goes_where_we_go(small):
     if row.note.startswith("not installed"):
         pytest.skip(row.note)
     assert row.error < 1e-9
-    assert row.note.startswith("derived and compiled in ")
+    assert "compiled" in row.note
     assert not row.failed
 
 
@@ -71,13 +71,13 @@ def test_without_pydy_there_is_a_row_that_says_so(small, monkeypatch):
 
     monkeypatch.setattr(pydy_mechanics, "need", missing)
     row, = mechanics.compare_mechanics([small], ["pydy"], 1, 1e-4, quick=True)
-    assert row.note == "not installed (pip install pydy)"
+    assert "pip install pydy)" in row.note
     assert not row.failed
 
 
 def test_deriving_has_a_limit():
     """And the alarm is off after it."""
-    with (pytest.raises(optional.Unavailable, match=r"not derived and compiled in 0\.02 s"),
+    with (pytest.raises(optional.Unavailable, match=r"in 0\.02 s"),
           pydy_mechanics._limited(0.02)):
         time.sleep(5)
     with pydy_mechanics._limited(0.02):

@@ -1,4 +1,4 @@
-"""Certificates: what holds is said to hold, and what is broken on purpose is found."""
+"""Certificates: properties that hold are confirmed, and those broken on purpose are found."""
 
 from __future__ import annotations
 
@@ -269,7 +269,7 @@ def test_high_orders_are_seen_above_round_off(dt):
     assert abs(order.value) < 0.05
 
 
-def test_slopes_that_differ_are_told():
+def test_slopes_that_differ_are_reported():
     order = gs.certify(pendulum(), "G-L", 6, dt=0.02, steps=20).line("order")
     assert order.holds is None
     assert order.found.startswith("slopes 11.")

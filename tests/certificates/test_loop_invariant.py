@@ -59,7 +59,7 @@ def test_a_map_that_is_nearly_canonical_is_seen(error):
     assert abs((stretched - value) / value - error) <= 64 * EPS
 
 
-def test_a_coarse_curve_is_told_by_its_spectrum():
+def test_a_coarse_curve_is_found_by_its_spectrum():
     s = 2 * np.pi * np.arange(256) / 256
     q, p = (1 / (1.1 - np.cos(s)))[:, None], np.sin(s)[:, None]
     tails = [loop_integral(q[::step], p[::step])[2] for step in (8, 4, 2, 1)]

@@ -1,4 +1,4 @@
-"""One record for whatever has a name: the lists agree, and a wrong name ends in a proposal."""
+"""One registry for each kind of name: lists agree, and a wrong name gets the closest match."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_scheme_of_one_number_of_stages_is_called_by_its_name(monkeypatch):
     assert (spec.stages, spec.method, spec.title) == (2, "rattle", "RATTLE")
     assert spec == Spec.checked("RATTLE", 2)
     assert spec_of_name("heavy_top_rattle_gamma") == spec
-    with pytest.raises(gs.InputError, match="out of range; RATTLE takes 2 and no other number"):
+    with pytest.raises(gs.InputError, match=r"RATTLE.* 2 "):
         Spec.checked("RATTLE", 3)
     assert tableau_of(spec).A == tableau_of(Spec.checked("LIIIA-B", 2)).A
     assert Spec.checked("LIIIA-B", 2).title == "2-LIIIA-B"
@@ -111,7 +111,7 @@ def test_names_are_taken_with_either_sign(name):
     ("slider-crank", "examples/slider_crank.toml"), ("satelite", "satellite"),
     ("double-tops", "double_top")])
 def test_an_example_that_is_a_file_is_proposed_as_one(refuse, name, meant):
-    with pytest.raises(gs.InputError, match=re.escape(f"(did you mean {meant}?).")):
+    with pytest.raises(gs.InputError, match=re.escape(f"{meant}?")):
         refuse(name)
 
 
@@ -121,8 +121,8 @@ def test_every_named_system_has_a_certificate(name):
     assert gs.certify(made, "IMS", dt=0.01, steps=2).model == name
 
 
-def test_a_system_that_no_list_has_is_told():
-    with pytest.raises(gs.InputError, match="Unknown system 'spinning_top'; choose heavy_top or"):
+def test_a_system_in_no_registry_is_refused():
+    with pytest.raises(gs.InputError, match=r"'spinning_top'.*heavy_top"):
         replace(TOP, system="spinning_top")
 
 
@@ -133,22 +133,22 @@ def test_an_unknown_scheme_never_becomes_ims(scheme):
     for use in (tableau_of, generate, lambda spec: spec.name):
         if scheme == "SPARK" and use not in (tableau_of, generate):
             continue  # a given tableau's
-        with pytest.raises(gs.InputError, match=r"Unknown scheme .*; choose IMS, EMS, G-L,"):
+        with pytest.raises(gs.InputError, match=r"scheme.*IMS, EMS, G-L,"):
             use(spec)
 
 
 @pytest.mark.parametrize(("call", "words"), [
-    (lambda: gs.stepper("GL", 3), r"scheme 'GL'; choose IMS.*\(did you mean G-L\?\)\.$"),
-    (lambda: gs.stepper("liiia-b", 3), r"did you mean LIIIA-B\?"),
-    (lambda: gs.stepper("G-L", 3, "gama"), r"representation 'gama'.*did you mean gamma\?"),
-    (lambda: gs.stepper("G-L", 3, real="long_double"), r"did you mean long-double\?"),
-    (lambda: gs.stepper("G-L", 3, system="Heavy-Top"), r"did you mean heavy_top\?"),
-    (lambda: gs.stepper("G-L", 3, system="double_pendlum"), r"did you mean double_pendulum\?"),
-    (lambda: gs.tableau("Lobatto", 3), r"'Lobatto'; choose IMS, EMS, G-L, LIIIA-B or Radau-L\.$"),
-    (lambda: gs.certify(TOP, "EMX"), r"did you mean EMS\?"),
-    (lambda: gs.sweep("fast-topp", {"mgl": [1]}, scheme="IMS"), r"did you mean fast-top\?"),
+    (lambda: gs.stepper("GL", 3), r"'GL'.*IMS.*G-L\?\)\.$"),
+    (lambda: gs.stepper("liiia-b", 3), r"LIIIA-B\?"),
+    (lambda: gs.stepper("G-L", 3, "gama"), r"'gama'.*gamma\?"),
+    (lambda: gs.stepper("G-L", 3, real="long_double"), r"long-double\?"),
+    (lambda: gs.stepper("G-L", 3, system="Heavy-Top"), r"heavy_top\?"),
+    (lambda: gs.stepper("G-L", 3, system="double_pendlum"), r"double_pendulum\?"),
+    (lambda: gs.tableau("Lobatto", 3), r"'Lobatto'.*IMS, EMS, G-L, LIIIA-B.*Radau-L.*\.$"),
+    (lambda: gs.certify(TOP, "EMX"), r"EMS\?"),
+    (lambda: gs.sweep("fast-topp", {"mgl": [1]}, scheme="IMS"), r"fast-top\?"),
     (lambda: gs.sweep(TOP, {"mlg": [1]}, scheme="IMS", dt=1, steps=1), "'mlg'"),
-    (lambda: gs.sweep(TOP, {"mgl": [1]}, scheme="GL 3", dt=1, steps=1), r"did you mean G-L\?"),
+    (lambda: gs.sweep(TOP, {"mgl": [1]}, scheme="GL 3", dt=1, steps=1), r"G-L\?"),
     (lambda: gs.Multibody("m").body("a", mass=1, inertia=(1, 1, 1), rep="alfa"), "mean alpha"),
 ], ids=range(12))
 def test_a_wrong_name_ends_in_the_allowed_ones_and_a_proposal(call, words):
@@ -159,19 +159,19 @@ def test_a_wrong_name_ends_in_the_allowed_ones_and_a_proposal(call, words):
 def test_wrong_names_of_a_run_are_proposed_for(gl3):
     parameters = TOP.parameters | {"gamma": 1e-3}
     run = {"dt": 1e-3, "steps": 2, "parameters": parameters}
-    for changed, words in [({"solver": "newtn"}, "did you mean newton"),
-                           ({"parameters": parameters | {"gama": 1}}, "did you mean gamma")]:
+    for changed, words in [({"solver": "newtn"}, r"newton\?"),
+                           ({"parameters": parameters | {"gama": 1}}, r"gamma\?")]:
         with pytest.raises(gs.InputError, match=words):
             gl3.integrate(TOP.q0, TOP.p0, **run | changed)
     made = gs.stepper("IMS").integrate(TOP.q0, TOP.p0, **run)
-    with pytest.raises(gs.InputError, match=r"Unknown body of system 'heavy_top' 'bdy'.*mean body"):
+    with pytest.raises(gs.InputError, match=r"'heavy_top' 'bdy'.*body"):
         made.axis("bdy")
 
 
 def test_proposals_are_near():
     assert arguments.proposal("xyz", ["IMS", "EMS"]) == ""
     assert arguments.proposal(3, ["IMS"]) == arguments.proposal("a", []) == ""
-    assert arguments.proposal("g l", ["G-L"]) == " (did you mean G-L?)"
+    assert arguments.proposal("g l", ["G-L"]).endswith(" G-L?)")
     assert arguments.listed(["a"]) == "a"
 
 
@@ -185,7 +185,7 @@ def test_help_names_them_all():
 
 
 def test_a_name_in_a_formula_is_proposed_for():
-    with pytest.raises(gs.InputError, match=r"name lenght is unknown.*\(did you mean length\?\)"):
+    with pytest.raises(gs.InputError, match=r"lenght.*length\?"):
         parse_formula("2*lenght", {"length": sp.Symbol("length")})
 
 
@@ -194,6 +194,7 @@ def test_what_a_shell_completes():
 
     options = {o.name: o for o in gyrospark.commands["run"].params}
     for name, text, found in [("scheme", "", list(SCHEMES)), ("scheme", "L", ["LIIIA-B"]),
-                              ("real", "f", ["float", "float128"]), ("rep", "g", ["gamma"])]:
+                              ("rep", "g", ["gamma"]),
+                              ("real", "f", [name for name in REALS if name[0] == "f"])]:
         items = options[name].shell_complete(None, text)
         assert [item.value for item in items] == found

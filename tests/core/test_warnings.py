@@ -1,4 +1,4 @@
-"""What is taken and was perhaps meant otherwise: a warning that names the value and the cure."""
+"""Warnings about accepted but suspicious input name the value and the cure."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ steps = 3
 #: What stands in the file → what is put in its place, and what is said of it.
 REMARKS = {
     "degrees": ("euler = [0.1, 0.2, 0.3]", "euler = [30, 45, 90]",
-                ["[start] euler is [30, 45, 90], taken as radians",
+                ["[start] euler", "[30, 45, 90]", "radians",
                  '["30 deg", "45 deg", "90 deg"]']),
     "unused parameter": ("l = 0.2", "l = 0.2\nlength = 3",
-                         ["[parameters] length is in no formula"]),
-    "unused mass": ("mass*9.81*l*R33", "l*R33", ["[body] mass is in no formula", "potential"]),
-    "length": ("euler = [0.1, 0.2, 0.3]", "quaternion = [2, 0, 0, 0]", ["length 2, not 1"]),
+                         ["[parameters] length", "no formula"]),
+    "unused mass": ("mass*9.81*l*R33", "l*R33", ["[body] mass", "no formula", "potential"]),
+    "length": ("euler = [0.1, 0.2, 0.3]", "quaternion = [2, 0, 0, 0]", ["length 2"]),
     "order": ("euler = [0.1, 0.2, 0.3]", "quaternion = [0, 0, 0, 1]",
-              ["read scalar first", "write (1, 0, 0, 0)"]),
-    "flat": ("inertia = [0.1, 0.1, 0.05]", "inertia = [0.11, 0.11, 0.23]", ["as if by rounding"]),
+              ["scalar", "write (1, 0, 0, 0)"]),
+    "flat": ("inertia = [0.1, 0.1, 0.05]", "inertia = [0.11, 0.11, 0.23]", ["rounding"]),
 }
 SILENT = {
     "as it is": ("", ""), "in degrees": ("euler = [0.1, 0.2, 0.3]", 'euler = ["400 deg", 0, 0]'),
@@ -66,7 +66,7 @@ def test_a_model_file_is_remarked_on(old, new, words):
         parse_model(changed(old, new), "said.toml")
     assert len(said) == 1
     text = str(said[0].message)
-    assert text.startswith("In the model file 'said.toml': ")
+    assert "'said.toml'" in text
     for word in words:
         assert word in text
     assert said[0].filename == __file__
@@ -111,7 +111,7 @@ m = 2
 c = 3
 """
     for text in (system, bodies):
-        with pytest.warns(gs.InputWarning, match=r"\[parameters\] c is in no formula") as said:
+        with pytest.warns(gs.InputWarning, match=r"\[parameters\] c\b") as said:
             parse_model(text, "u.toml")
         assert len(said) == 1
 
@@ -120,20 +120,20 @@ c = 3
 
 
 def test_angles_of_the_double_pendulum_in_degrees():
-    with pytest.warns(gs.InputWarning, match=r"angles is \[30, 45\], taken as radians.*radians\("):
+    with pytest.warns(gs.InputWarning, match=r"\[30, 45\].*radians\("):
         gs.models.double_pendulum(angles=(30, 45))
 
 
 def test_a_builder_remarks_on_quaternions():
     build = gs.Multibody("m")
-    with pytest.warns(gs.InputWarning, match="quaternion of body 'a' .* is read scalar first") as w:
+    with pytest.warns(gs.InputWarning, match="'a'.*scalar") as w:
         build.body("a", mass=1, inertia=(1, 1, 1), quaternion=(0, 0, 0, 1))
     assert w[0].filename == __file__
-    with pytest.warns(gs.InputWarning, match="quaternion of body 'b' has length 2, not 1"):
+    with pytest.warns(gs.InputWarning, match="'b'.*length 2"):
         build.body("b", mass=1, inertia=(1, 1, 1), quaternion=(2, 0, 0, 0))
-    with pytest.warns(gs.InputWarning, match="attitude has length 3"):
+    with pytest.warns(gs.InputWarning, match="length 3"):
         gs.problems.free_body(attitude=(3, 0, 0, 0))
-    with pytest.warns(gs.InputWarning, match="quaternion .* is read scalar first"):
+    with pytest.warns(gs.InputWarning, match="quaternion.*scalar"):
         gs.sweep(TOP, {"start": {"angular_velocity": [[0, 0, 1]] * 2, "quaternion": [0, 0, 0, 1]}},
                  scheme="IMS", dt=1e-3, steps=1)
 
@@ -143,7 +143,7 @@ def test_negative_gamma_is_legal_and_said():
     run = {"dt": 1e-3, "steps": 300}
     m = gs.gamma_m(TOP.inertia)
     step = gs.stepper("G-L", 2)
-    with pytest.warns(gs.InputWarning, match=r"gamma = -0.0016 is below 0.*such as m") as said:
+    with pytest.warns(gs.InputWarning, match=r"gamma = -0\.0016.*\bm\b") as said:
         negative = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": -m})
     assert len(said) == 1
     positive = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": m})
@@ -194,7 +194,8 @@ def test_the_command_line_says_it_in_a_line_and_keeps_json(again, gyrospark, tmp
     assert answer.code == 0
     assert answer.document["steps"] == 3
     assert answer.stderr.count("\n") == 1
-    assert answer.stderr.startswith("gyrospark: warning: In the model file ")
+    assert answer.stderr.startswith("gyrospark: warning: ")
+    assert "said.toml'" in answer.stderr
     assert '"45 deg"' in answer.stderr
 
 
@@ -204,7 +205,7 @@ def test_the_command_line_says_it_of_gamma(gyrospark):
     assert answer.code == 0
     assert answer.document["parameters"]["gamma"] == -1
     assert answer.stderr.count("\n") == 1
-    assert "gyrospark: warning: Parameter gamma = -1 is below 0" in answer.stderr
+    assert "gamma = -1" in answer.stderr
 
 
 def test_warnings_that_a_user_makes_errors_stay_lines(gyrospark, monkeypatch):
@@ -229,5 +230,5 @@ def test_other_commands_say_it_too(gyrospark, generate, tmp_path):
                    gyrospark("sweep", study, "--json")):
         assert answer.code == 0, answer.stderr
         assert answer.stderr.count("\n") == 1
-        assert "[parameters] length is in no formula" in answer.stderr
+        assert "[parameters] length" in answer.stderr
     json.loads(answer.stdout)

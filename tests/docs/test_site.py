@@ -136,7 +136,7 @@ def built(target: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 #: Pages without cells, which have every public docstring and the help of every command.
 REFERENCE = [f"reference/{page}" for page in (
-    "index", "runs", "systems", "choices", "stores", "command_line")]
+    "index", "runs", "systems", "tuning", "stores", "commands")]
 #: Of ``make docs``, without cells, theme and MathJax; links to pages that are not built are let be.
 SHORT = ["-b", "dummy", "-D", "root_doc=reference/index",
          "-D", "extensions=myst_parser,sphinx.ext.autodoc,sphinx.ext.napoleon,sphinx_click,"
@@ -199,7 +199,7 @@ def test_what_the_site_makes_of_its_pages(site):
     assert len(pictures) >= 24
     assert all((site / picture).is_file() for picture in pictures)
     assert read("reference/runs").count("Used in") >= 8
-    assert "Used in" in read("reference/command_line")
+    assert "Used in" in read("reference/commands")
     for path in site.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
         assert "<pre>" not in text

@@ -215,7 +215,7 @@ def test_a_step_that_fails_leaves_the_state(small):
     assert np.array_equal(small.p, p)
 
 
-def test_no_number_is_told_and_forgotten(small):
+def test_no_number_is_reported_and_forgotten(small):
     q, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(3)
     small.q[1] = np.nan
     assert small.step() == NOT_FINITE

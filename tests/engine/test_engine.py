@@ -98,7 +98,7 @@ def test_every_file_is_put_in_somewhere():
     assert {path.stem for path in FILES} <= named
 
 
-def test_what_is_spelled_is_written_out():
+def test_macros_are_written_out():
     put = engine_of("top", REALS["float"], "stages", "trajectories")
     timed = engine_of("top", REALS["float"], "stages", "trajectories", timed=True, fed=True)
     for path in FILES:

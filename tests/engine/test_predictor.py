@@ -1,4 +1,4 @@
-"""What is learnt of a motion: starting values of sweeps, of each trajectory by itself."""
+"""The predictor: starting values of the fixed-point iteration, fitted for each trajectory."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def ends(step, dt, parameters):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.025])
-def test_lanes_are_independent_whoever_learns(dt):
+def test_lanes_are_independent_with_prediction(dt):
     """Between these steps some tops take what was learnt and their neighbours do not."""
     check_lanes(3, dt)
 
@@ -45,7 +45,7 @@ def check_lanes(stages, dt):
         assert ends(step, dt, tops[i:i + 1]) == eight[i:i + 1]
 
 
-def test_what_was_learnt_outlives_the_end_of_a_call(tmp_path, monkeypatch):
+def test_history_of_the_predictor_outlives_a_call(tmp_path, monkeypatch):
     """Lessons come after 8, 24 and 768 steps; a trial may begin in one call and end in the next."""
     step = gs.stepper("G-L", 3, "gamma")
     run = {"q": TOP.q0, "p": TOP.p0, "dt": 0.01, "steps": 900, "every": 30,
@@ -68,7 +68,7 @@ def sweeps(step, dt, steps=1500):
 
 
 @pytest.mark.parametrize(("stages", "before"), [(2, 14.0), (3, 12.2), (4, 11.2)])
-def test_lessons_save_sweeps(stages, before):
+def test_prediction_saves_iterations(stages, before):
     """Before, there was a recurrence alone."""
     taken = sweeps(gs.stepper("G-L", stages, "gamma"), 0.01)
     assert taken[:8].mean() > taken[30:60].mean() + 4

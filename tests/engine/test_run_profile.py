@@ -1,4 +1,4 @@
-"""Profile ``run``: plain C of one trajectory, beside the full stepper and profile control.
+"""Profile ``run``: plain C of one trajectory against the full stepper and profile control.
 
 Newton is that of the full stepper, to the bit; sweeps are those of control, to the bit while no
 step needs Newton; and both come to where the full stepper comes, but for rounding.
@@ -380,8 +380,8 @@ def test_what_it_does_not_take_is_refused(monkeypatch):
     """float128 it does take."""
     assert "_Float128" in generate(Spec("IMS", real="float128").with_profile("run")).source.header
     chain = gs.models.chain(8)
-    with pytest.raises(InputError, match=r"run.*profile full"):
+    with pytest.raises(InputError, match=r"run.* full"):
         generate(Spec("G-L", 2).with_profile("run"), system=chain.system)
     monkeypatch.setattr(FastTableau, "refusal", "a weight b_i is zero")
-    with pytest.raises(InputError, match=r"sweeps.*profile full"):
+    with pytest.raises(InputError, match=r"sweeps.* full"):
         generate(Spec("G-L", 2).with_profile("run"))

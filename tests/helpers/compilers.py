@@ -1,4 +1,4 @@
-"""The C compilers of this machine, gcc or clang by whatever name, for tests that call them."""
+"""The C compilers of this machine, gcc or clang under any name, for tests that call them."""
 
 from __future__ import annotations
 

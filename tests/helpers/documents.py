@@ -1,4 +1,4 @@
-"""What README and docs tell a reader to type: where it stands, and how tests shorten it."""
+"""Commands and code in README and docs: file and line, and how tests shorten them."""
 
 from __future__ import annotations
 

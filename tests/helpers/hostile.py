@@ -1,4 +1,4 @@
-"""Calls of everything public with arguments that nobody should give, one at a time.
+"""Calls of everything public with absurd arguments, one at a time.
 
 Each call is one that works; then each of its arguments in turn is each of ``WRONG``. What comes
 back is a result or an error of gyrospark's own, in a sentence: never an AttributeError, KeyError

@@ -10,8 +10,8 @@ from pathlib import Path
 from processes import ROOT
 
 #: Packages of packages, and packages of modules.
-HALLS = ("generator", "runtime")
-WINGS = ("benchmarks", "certificates", "commands", "core", "references", "storage",
+OUTER = ("generator", "runtime")
+FLAT = ("benchmarks", "certificates", "commands", "core", "references", "storage",
          "studies", "sweeps")
 #: Where generator and runtime meet, imported by those above them.
 API = "api"
@@ -23,14 +23,14 @@ def files_of(folder: Path) -> list[Path]:
 
 
 @cache
-def rooms() -> dict[str, list[Path]]:
+def packages() -> dict[str, list[Path]]:
     """Return the modules of each package; those beside inner packages have the outer one's name."""
     found = {API: [ROOT / "api.py", ROOT / "exact.py"]}
-    for hall in HALLS:
-        inner = sorted(path.parent for path in (ROOT / hall).glob("*/__init__.py"))
-        found |= {f"{hall}/{folder.name}": files_of(folder) for folder in inner}
-        found[hall] = files_of(ROOT / hall)
-    return found | {wing: files_of(ROOT / wing) for wing in WINGS} | {
+    for outer in OUTER:
+        inner = sorted(path.parent for path in (ROOT / outer).glob("*/__init__.py"))
+        found |= {f"{outer}/{folder.name}": files_of(folder) for folder in inner}
+        found[outer] = files_of(ROOT / outer)
+    return found | {flat: files_of(ROOT / flat) for flat in FLAT} | {
         "commands": [*files_of(ROOT / "commands"), *files_of(ROOT / "commands" / "run")]}
 
 
@@ -40,14 +40,14 @@ def imports() -> dict[str, dict[str, set[str]]]:
 
     What only type checkers import is left out.
     """
-    home = {".".join(path.relative_to(ROOT).with_suffix("").parts): room
-            for room, paths in rooms().items() for path in paths}
-    found: dict[str, dict[str, set[str]]] = {room: {} for room in rooms()}
-    for module, room in home.items():
+    home = {".".join(path.relative_to(ROOT).with_suffix("").parts): name
+            for name, paths in packages().items() for path in paths}
+    found: dict[str, dict[str, set[str]]] = {name: {} for name in packages()}
+    for module, name in home.items():
         path = ROOT / f"{module.replace('.', '/')}.py"
         for target in _imported(path, module, home):
-            if home[target] != room:
-                found[room].setdefault(home[target], set()).add(f"{module} -> {target}")
+            if home[target] != name:
+                found[name].setdefault(home[target], set()).add(f"{module} -> {target}")
     return found
 
 

@@ -1,4 +1,4 @@
-"""ARCHITECTURE.md beside the files: what each package holds, and who imports whom."""
+"""ARCHITECTURE.md against the files: what each package holds, and which imports which."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from package_graph import API, HALLS, imports, reachable, reduced, rooms
+from package_graph import API, OUTER, imports, packages, reachable, reduced
 from processes import ROOT
 
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
@@ -16,52 +16,52 @@ UNLISTED = {"studies", "benchmarks"}
 
 def graph() -> dict[str, set[str]]:
     """Return which package imports from which."""
-    return {room: set(others) for room, others in imports().items()}
+    return {name: set(others) for name, others in imports().items()}
 
 
 def test_no_circle():
     """Packages import downwards."""
-    below = {room: reachable(graph(), room) for room in graph()}
-    circles = {room: sorted(imports()[room]) for room, others in below.items() if room in others}
+    below = {name: reachable(graph(), name) for name in graph()}
+    circles = {name: sorted(imports()[name]) for name, others in below.items() if name in others}
     assert not circles
 
 
-@pytest.mark.parametrize("room", sorted(set(rooms()) - UNLISTED))
-def test_packages_list_their_modules(room):
+@pytest.mark.parametrize("name", sorted(set(packages()) - UNLISTED))
+def test_packages_list_their_modules(name):
     """Each module has a line in its package's docstring."""
-    files = rooms()[room]
-    if room != API:
-        text = (ROOT / room / "__init__.py").read_text(encoding="utf-8")
+    files = packages()[name]
+    if name != API:
+        text = (ROOT / name / "__init__.py").read_text(encoding="utf-8")
         missing = [path.stem for path in files if not re.search(rf"\b{path.stem}\b", text)]
         assert not missing, missing
 
 
-@pytest.mark.parametrize("hall", HALLS)
-def test_a_hall_lists_its_rooms_from_below(hall):
+@pytest.mark.parametrize("outer", OUTER)
+def test_a_package_lists_its_packages_from_below(outer):
     """Each package imports only from those that are listed above it."""
-    text = (ROOT / hall / "__init__.py").read_text(encoding="utf-8")
+    text = (ROOT / outer / "__init__.py").read_text(encoding="utf-8")
     listed = re.findall(r"^    (\w+)/ ", text, flags=re.MULTILINE)
-    known = {room for room in rooms() if room.startswith(f"{hall}/")}
-    assert {f"{hall}/{name}" for name in listed} == known
+    known = {name for name in packages() if name.startswith(f"{outer}/")}
+    assert {f"{outer}/{name}" for name in listed} == known
     for place, name in enumerate(listed):
-        above = {f"{hall}/{other}" for other in listed[:place]}
-        assert graph()[f"{hall}/{name}"] & known <= above, name
+        above = {f"{outer}/{other}" for other in listed[:place]}
+        assert graph()[f"{outer}/{name}"] & known <= above, name
 
 
 def picture() -> str:
     """Return the packages and the fewest arrows that say who can reach whom, as Mermaid."""
-    def key(room: str) -> str:
-        return room.replace("/", "_").replace(" ", "_")
+    def key(name: str) -> str:
+        return name.replace("/", "_").replace(" ", "_")
 
     lines = ["```mermaid", "flowchart TD"]
-    for hall in HALLS:
-        lines += [f"  subgraph {hall}_", f'    {hall}["{hall}/ (beside its packages)"]']
-        lines += [f'    {key(room)}["{room.partition("/")[2]}/"]' for room in rooms()
-                  if room.startswith(f"{hall}/")]
+    for outer in OUTER:
+        lines += [f"  subgraph {outer}_", f'    {outer}["{outer}/ (beside its packages)"]']
+        lines += [f'    {key(name)}["{name.partition("/")[2]}/"]' for name in packages()
+                  if name.startswith(f"{outer}/")]
         lines.append("  end")
-    lines += [f'  {key(room)}["{room}"]' for room in rooms()
-              if "/" not in room and room not in HALLS]
-    lines += [f"  {key(room)} --> {key(other)}" for room, others in sorted(reduced(graph()).items())
+    lines += [f'  {key(name)}["{name}"]' for name in packages()
+              if "/" not in name and name not in OUTER]
+    lines += [f"  {key(name)} --> {key(other)}" for name, others in sorted(reduced(graph()).items())
               for other in others]
     return "\n".join([*lines, "```"])
 
@@ -76,10 +76,10 @@ def test_the_picture_is_drawn_from_the_imports(request):
     assert ARCHITECTURE.read_text(encoding="utf-8") == drawn
 
 
-def test_every_room_is_told():
+def test_every_package_is_documented():
     text = ARCHITECTURE.read_text(encoding="utf-8")
-    for room in rooms():
-        assert f"`{room}/`" in text or room in (API, *HALLS), room
+    for name in packages():
+        assert f"`{name}/`" in text or name in (API, *OUTER), name
 
 
 def test_what_is_named_exists():

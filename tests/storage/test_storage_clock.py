@@ -1,4 +1,4 @@
-"""The clock on the wall may jump: a run neither asks it nor minds."""
+"""A run does not depend on the clock of the machine, which may jump."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints and stores that somebody forged: an answer or a sentence, never a crash.
+"""Forged checkpoints and stores: a result or an error, never a crash.
 
 The digest of a checkpoint has no key, so whoever changes a byte computes it anew.
 """
@@ -71,7 +71,7 @@ def test_each_integer_of_work_memory_is_checked_or_not_read(number, tmp_path):
     assert gone_on(one, ignored) == sound
 
 
-def test_a_damaged_checkpoint_is_told_by_its_digest():
+def test_a_damaged_checkpoint_is_found_by_its_digest():
     """One bit of a number, which no check of a range can tell."""
     one = case(0)
     forged = one.sound.copy()

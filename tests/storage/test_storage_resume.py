@@ -1,4 +1,4 @@
-"""However often a run is ended and gone on with, its store ends with the same bytes."""
+"""However often a run is stopped and resumed, its store ends with the same bytes."""
 
 from __future__ import annotations
 

@@ -192,13 +192,13 @@ def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(("events", "words"), [
-    ([], r"events was \{.*None"),
-    (EVENTS[:3], r"events\.never was \{.*None"),
-    ([*EVENTS, STOP], r"events\.stop was None.*\{'quantity': 'side'"),
+    ([], r"events .*\{.*None"),
+    (EVENTS[:3], r"events\.never .*\{.*None"),
+    ([*EVENTS, STOP], r"events\.stop .*None.*\{'quantity': 'side'"),
     ([*EVENTS[:3], gs.Event("side", level=0.1, name="never")],
      r"events\.never\.level.*5\.0.*0\.1"),
     ([*EVENTS[:3], gs.Event("side", level=5, direction=1, terminal=True, name="never")],
-     r"events\.never\.direction.*0.*1.*events\.never\.terminal.*False.*True"),
+     r"never\.direction.*0.*1.*terminal"),
 ])
 def test_a_run_with_other_events_is_another_run(events, words, tmp_path) -> None:
     step, run = arguments(steps=3)
@@ -260,7 +260,7 @@ def test_a_store_that_says_other_events_is_damaged(changes, words, tmp_path) -> 
     step, run = arguments(steps=9, events=gs.Event("side"))
     gs.record(step, out=tmp_path / "run.zarr", **run)
     damaged(tmp_path / "run.zarr", **changes)
-    with pytest.raises(gs.InputError, match="is damaged: " + words):
+    with pytest.raises(gs.InputError, match="damaged.*" + words):
         gs.open_recording(tmp_path / "run.zarr")
 
 

@@ -1,4 +1,4 @@
-"""The paper beside ours: verdicts, tables, laws, the page and docs/paper.md."""
+"""The paper's numbers against ours: verdicts, tables, laws, the page and docs/paper.md."""
 
 from __future__ import annotations
 
@@ -100,10 +100,11 @@ def test_a_lost_number_has_no_verdict():
 
 
 def test_a_difference_says_by_how_much_and_why():
-    assert judge("r", "c", 1.68e-6, "1.69E-06").note == "1 unit in the last printed digit"
+    assert judge("r", "c", 1.68e-6, "1.69E-06").note.startswith("1 unit ")
     assert judge("r", "c", 1.67e-6, "1.69E-06").note == ""  # more than a unit needs a reason
-    assert judge("r", "c", 1.67e-6, "1.69E-06", reason="known").note == (
-        "2 units in the last printed digit; known")
+    note = judge("r", "c", 1.67e-6, "1.69E-06", reason="known").note
+    assert note.startswith("2 units ")
+    assert note.endswith("; known")
     assert judge("r", "c", 5e-6, "1.69E-06").note == ""
     assert unexplained(Table(1, "", "", [judge("r", "c", 1.67e-6, "1.69E-06")]))
     assert not unexplained(Table(1, "", "", [judge("r", "c", 1.68e-6, "1.69E-06")]))
@@ -281,7 +282,7 @@ def test_page_shows_commands_verdicts_and_both_schemes(files):
     assert 'name="viewport"' in page
 
 
-def test_what_stands_below_a_letter_is_below_it(files):
+def test_subscripts_are_below_their_letters(files):
     page = re.sub(r"<code>.*?</code>|<[^>]*>", lambda tag: tag[0] if tag[0] in ("<sub>", "</sub>")
                   else " ", files["index.html"].partition("<body>")[2], flags=re.DOTALL)
     assert "γ<sub>m</sub>" in page
@@ -290,7 +291,7 @@ def test_what_stands_below_a_letter_is_below_it(files):
             == "a &lt; b<sub>1</sub>, file_name, q_t(0)")
 
 
-def test_files_beside_the_page(files, quick_results):
+def test_files_next_to_the_page(files, quick_results):
     for result in quick_results:
         end = "csv" if isinstance(result, Table) else "svg"
         assert f"{result.name}.{end}" in files
@@ -337,7 +338,7 @@ def test_command_prints_a_table():
     result = CliRunner().invoke(reproduce, ["table-4"], standalone_mode=False)
     assert result.return_value == 0
     assert "30 agrees" in result.output
-    assert "misprint: E[|Δx|], γ = γ_h, EMS: erratum 19" in result.output
+    assert re.search(r"misprint: .*γ_h, EMS: .*19", result.output)
 
 
 def test_command_json_is_one_document():
@@ -358,7 +359,7 @@ def test_command_writes_page_and_summary(tmp_path):
 
 
 def test_command_names_what_it_knows():
-    with pytest.raises(InputError, match="table-2 to table-14, figure-5 to figure-16") as caught:
+    with pytest.raises(InputError, match=r"table-2.*table-14.*figure-5.*figure-16") as caught:
         CliRunner().invoke(reproduce, ["table-15"], standalone_mode=False, catch_exceptions=False)
     assert "\n" not in str(caught.value)
 
@@ -371,8 +372,8 @@ CLAIMS = {
 
 
 @pytest.mark.parametrize(("claim", "code", "words"), [
-    ("holds", 0, "4 of 4 claims hold\n"),
-    ("known", 0, "0 of 4 claims hold; why the others do not is known\n"),
+    ("holds", 0, "4 of 4 "),
+    ("known", 0, "0 of 4 "),
     ("unknown", 1, "FAILS: s: f (wanted: w)\n"),
 ])
 def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monkeypatch, tmp_path):

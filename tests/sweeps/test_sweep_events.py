@@ -1,4 +1,4 @@
-"""Events of a sweep's cells: first times and counts beside closed forms and single runs."""
+"""Events of a sweep's cells: first times and counts against closed forms and single runs."""
 
 from __future__ import annotations
 
@@ -116,10 +116,10 @@ def test_a_study_has_events_and_its_store_keeps_to_them(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(("events", "text"), [
-    (gs.Event("side", terminal=True), "'side' is terminal: it ends single runs"),
-    (gs.Event("sied"), "Unknown quantity of an event 'sied'.*did you mean side"),
-    (gs.Event("side", name="a/b"), "'a/b' names results of a sweep; give it a name of letters"),
-    ("side", "events = 'side' is no list of events"),
+    (gs.Event("side", terminal=True), "'side'.*terminal"),
+    (gs.Event("sied"), "'sied'.*side"),
+    (gs.Event("side", name="a/b"), "'a/b'.*name"),
+    ("side", "events = 'side'"),
 ])
 def test_wrong_events_end_in_a_sentence(events, text: str) -> None:
     with pytest.raises(gs.InputError, match=text):
@@ -127,9 +127,9 @@ def test_wrong_events_end_in_a_sentence(events, text: str) -> None:
 
 
 @pytest.mark.parametrize(("line", "text"), [
-    ("low = 3", r"\[events\] low = 3 is not text; write"),
-    ('low = "q1"', "The event 'q1' is not read; write"),
-    ('low = "q9=0"', "Unknown quantity of an event 'q9'"),
+    ("low = 3", r"\[events\] low = 3"),
+    ('low = "q1"', "'q1'.*read"),
+    ('low = "q9=0"', "'q9'"),
 ])
 def test_wrong_events_of_a_study_end_in_a_sentence(tmp_path, line: str, text: str) -> None:
     path = study_file(tmp_path, STUDY.replace('low = "q1=0.2 down"', line))

@@ -85,27 +85,27 @@ def test_an_unfinished_sweep_can_be_read(tmp_path, small_tiles):
 
 
 @pytest.mark.parametrize(("change", "fragment"), [
-    ({"steps": 6}, "steps was 5 and is 6"), ({"dt": 2e-3}, "dt was 0.001 and is 0.002"),
+    ({"steps": 6}, "steps was 5"), ({"dt": 2e-3}, "dt was 0.001"),
     ({"scheme": "IMS"}, "steppers"), ({"parameters": {"mgl": 0.5}}, "parameters.mgl"),
     ({"over": {"gamma": [1e-3, 3e-3]}}, "axes.gamma"), ({"keep": ["q"]}, "results"),
     ({"tolerance": 1e-9}, "tolerance")])
-def test_another_sweep_is_not_gone_on_with(change, fragment, tmp_path):
+def test_another_sweep_is_not_resumed(change, fragment, tmp_path):
     path = tmp_path / "s.zarr"
     arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
     gs.sweep(TOP, **arguments, out=path)
-    with pytest.raises(gs.InputError, match="is there already"):
+    with pytest.raises(gs.InputError, match="already"):
         gs.sweep(TOP, **arguments, out=path)
     with pytest.raises(gs.InputError) as error:
         gs.sweep(TOP, **(arguments | change), out=path, resume=True)
     assert fragment in str(error.value)
 
 
-def test_a_store_in_other_tiles_is_not_gone_on_with(tmp_path, monkeypatch):
+def test_a_store_in_other_tiles_is_not_resumed(tmp_path, monkeypatch):
     """A tile is a chunk: what is one depends on the version."""
     arguments = {"over": OVER, "scheme": "EMS", "steps": 5, "out": tmp_path / "s.zarr"}
     gs.sweep(TOP, **arguments)
     monkeypatch.setattr(tiles, "_cells_of_a_tile", lambda study, stored: 1)
-    with pytest.raises(gs.InputError, match=r"tile was \[3, 2\] and is \[1, 1\]"):
+    with pytest.raises(gs.InputError, match=r"tile.*\[3, 2\].*\[1, 1\]"):
         gs.sweep(TOP, **arguments, resume=True)
 
 
@@ -118,10 +118,10 @@ def test_sweep_of_another_version(tmp_path, monkeypatch):
     file.write_text(file.read_text().replace(f'"gyrospark": "{gs.__version__}"',
                                              '"gyrospark": "7.3"'))
     assert gs.open_sweep(path).load().equals(made)
-    with pytest.raises(gs.InputError, match=r"was written by gyrospark 7\.3; this is gyrospark"):
+    with pytest.raises(gs.InputError, match=r"gyrospark 7\.3"):
         gs.sweep(TOP, **arguments, out=path, resume=True)
     monkeypatch.setattr("gyrospark.sweeps.results.FORMAT", 2)
-    with pytest.raises(gs.InputError, match=r"7\.3; .* its format is 1, and 2 is known here"):
+    with pytest.raises(gs.InputError, match=r"7\.3.*format is 1.* 2 "):
         gs.open_sweep(path)
 
 
@@ -154,7 +154,7 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
             gs.sweep(TOP, over, **choice, out=path, resume=True)
             break
         except gs.StorageError as error:
-            assert "No space left" in str(error)  # noqa: PT017 (the last one finds room)
+            assert "space" in str(error)  # noqa: PT017 (the last one finds room)
     assert full.left > 20
     assert differences(path, tmp_path / "whole.zarr") == []
 

@@ -150,13 +150,12 @@ def test_every_refused_name_breaks_the_c(suspicious, tmp_path):
 @pytest.mark.parametrize("name", ["NAN", "M_PI", "M_PI_4f", "DBL_MAX", "bool", "PENDULUM_GL2_H"])
 def test_refused_name_is_named_with_the_cure(name):
     x, px, odd = sp.symbols(f"x px {name}", real=True)
-    with pytest.raises(InputError, match=f"'pendulum' has a symbol named '{name}', which is a k.*"
-                       "choose another name"):
+    with pytest.raises(InputError, match=f"'pendulum'.*'{name}'.*keyword"):
         gs.System((x,), (px,), (odd,), px**2 / 2, name="pendulum")
 
 
 def test_include_guard_of_a_header_is_refused_because_it_would_vanish():
     made = generate(Spec("G-L", 1), system=odd_system(["k"])).source
     assert f"#define {made.name.upper()}_H" in made.files()[f"{made.name}.h"]
-    with pytest.raises(InputError, match="choose another name"):
+    with pytest.raises(InputError, match="another name"):
         odd_system([f"{made.name.upper()}_H"])

@@ -1,4 +1,4 @@
-"""Kernels carried out by NumPy: beside what compiled steppers say, and differentiated in complex.
+"""Kernels evaluated by NumPy, against compiled steppers and complex-step derivatives.
 
 NumPy and C share the statements, which ``test_kernels`` compares with the kernel's own expressions
 in exact numbers; a derivative kernel is compared with a complex step of the kernel it is of.

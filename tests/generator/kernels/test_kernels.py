@@ -465,7 +465,7 @@ def test_functions_with_two_sides(e, text):
 
 @pytest.mark.parametrize("e", [sp.erf(x), sp.Max(x, y), sp.Function("f")(x)])
 def test_function_without_a_C_name_is_refused(e):
-    with pytest.raises(InputError, match=f"No C is known for '{e.func.__name__}'"):
+    with pytest.raises(InputError, match=f"'{e.func.__name__}'"):
         printed(e)
 
 

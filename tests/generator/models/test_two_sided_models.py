@@ -6,6 +6,7 @@ One file has them all, a coordinate each; the same in SymPy's words gives the sa
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -140,8 +141,8 @@ def test_quantities_and_remarks(result):
     assert run.quantity("flying")[0] == 0.5  # at 0: half
     assert (run.quantity("flying")[1:] == 1).all()
     order, jumps = document["remarks"]
-    assert order.startswith("order 4 holds for steps that do not cross burn - t = 0, jumper - l =")
-    assert jumps == "forces jump at pblock = 0: a step to there may have no solution"
+    assert re.match(r"order 4 .*burn - t = 0, jumper - l =", order)
+    assert jumps.startswith("forces jump at pblock = 0")
 
 
 def test_the_same_in_the_words_of_sympy(tmp_path):

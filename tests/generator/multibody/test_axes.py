@@ -48,7 +48,7 @@ def test_a_rotor_sits_at_the_origin_of_its_body():
     np.testing.assert_allclose(centre, rotation() @ [0, 0.5, 0] + [1, -2, 3], atol=1e-15)
 
 
-def test_an_axis_that_could_be_meant_on_the_body_is_told():
+def test_an_axis_that_could_be_meant_on_the_body_is_reported():
     with pytest.warns(InputWarning, match="axis_on_body"):
         satellite(axis=(0, 0, 1))
     satellite(axis=TILT[1:])  # about which the body is tilted: the same on the body

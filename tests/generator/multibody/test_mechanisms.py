@@ -44,7 +44,7 @@ def test_constraints_hold_where_their_matrix_is_nearly_singular(name, scheme):
     ("parallelogram", parallelogram, parallelogram_at(0.0, 3.0)),
     ("slider_crank", slider_crank, np.round(slider_crank_at(np.pi / 2, 3.0), 15)),
 ])
-def test_a_start_at_a_change_point_is_told_as_that(name, make, place):
+def test_a_start_at_a_change_point_is_reported(name, make, place):
     """No smaller time step cures it."""
     step = gs.stepper("G-L", 1, system=make())
     with pytest.raises(gs.StepFailed, match="change point") as caught:

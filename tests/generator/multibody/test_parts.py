@@ -143,21 +143,21 @@ def test_the_third_axis_is_turned_onto_the_rotors(axis):
 
 @pytest.mark.parametrize(("call", "words"), [
     (lambda b: b.revolute("h", "bus", "bob", axis=(0, 0, 1), at=(1, 0, 0)),
-     "'h' asks for axes of 'bob', a point mass, which has none; join it by a ball"),
-    (lambda b: b.align("h", "bus", "bob", axis=(0, 0, 1)), "'h' asks for axes of 'bob'"),
-    (lambda b: b.universal("h", "bob", "bus", axis_a=(0, 0, 1), axis_b=(1, 0, 0)), "asks for axes"),
-    (lambda b: b.torque("bob", (0, 0, 1)), "A torque on 'bob', a point mass, turns nothing"),
-    (lambda b: b.point_mass("dot", mass=-1), "mass of 'dot' is -1.0; it must be above 0"),
-    (lambda b: b.point_mass("bob", mass=1), "'bob' is used twice"),
-    (lambda b: b.point_mass("dot", mass=1, position=(1, 2)), "position of 'dot' is"),
+     "'h'.*axes.*'bob'"),
+    (lambda b: b.align("h", "bus", "bob", axis=(0, 0, 1)), "'h'.*axes.*'bob'"),
+    (lambda b: b.universal("h", "bob", "bus", axis_a=(0, 0, 1), axis_b=(1, 0, 0)), "axes"),
+    (lambda b: b.torque("bob", (0, 0, 1)), "torque.*'bob'"),
+    (lambda b: b.point_mass("dot", mass=-1), r"mass.*'dot'.*-1\.0"),
+    (lambda b: b.point_mass("bob", mass=1), "'bob'.*twice"),
+    (lambda b: b.point_mass("dot", mass=1, position=(1, 2)), "position.*'dot'"),
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 1, 1), axis=(0, 0, 1), at=(0, 0, 0)),
-     "inertia of rotor 'w', about its axis and across it, is .*give 2 finite numbers"),
+     "inertia.*'w'.* 2"),
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.1), axis=(0, 0, 1), at=(0, 0, 0)),
      "inertia of 'w'"),
     (lambda b: b.rotor("w", "bus", mass=1, inertia=(1, 0.6), axis=(0, 0, 0), at=(0, 0, 0)),
-     "axis of 'w' is zero"),
+     "axis.*'w'"),
     (lambda b: b.rotor("w", "bob", mass=1, inertia=(1, 0.6), axis=(0, 0, 1), at=(0, 0, 0)),
-     "asks for axes of 'bob'"),
+     "axes.*'bob'"),
 ])
 def test_what_cannot_be_is_refused_in_a_sentence(call, words):
     build = gs.Multibody("parts")

@@ -436,5 +436,5 @@ def test_kinetic_energy_takes_other_states_and_moments():
 
 
 def test_unknown_representation_is_refused_with_the_choices():
-    with pytest.raises(InputError, match="Unknown representation 'beta'; choose alpha or gamma"):
+    with pytest.raises(InputError, match=r"'beta'.*gamma"):
         kinetic_energy("beta")

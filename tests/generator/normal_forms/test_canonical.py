@@ -1,4 +1,4 @@
-"""One H, one C: all spellings of a system have one canonical form, and it is the same function."""
+"""One H, one C: equivalent expressions have one normal form, and it is the same function."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def parts(system):
 
 @pytest.mark.parametrize(("count", "spec"), [
     (3, Spec.checked("G-L", 2)), (2, Spec.checked("EMS", None))], ids=["G-L", "EMS"])
-def test_ten_spellings_of_a_chain_are_one_source(count, spec):
+def test_ten_equivalent_forms_of_a_chain_are_one_source(count, spec):
     """Byte for byte, header and manifest too."""
     written = [everywhere(change)(links(count)) for change in TEN.values()]
     assert len({(e.H, e.constraints) for e in written}) >= 7
@@ -124,7 +124,7 @@ def test_ten_spellings_of_a_chain_are_one_source(count, spec):
 
 @pytest.mark.parametrize("count", [2, 12])
 @pytest.mark.parametrize("equal", [True, False])
-def test_spellings_of_a_chain_of_any_length(count, equal):
+def test_equivalent_forms_of_a_chain_of_any_length(count, equal):
     system = links(count, equal=equal)
     wanted = canonical(system)
     for name in ("expanded", "with common denominators", "nested", "twice negative"):
@@ -132,7 +132,7 @@ def test_spellings_of_a_chain_of_any_length(count, equal):
 
 
 @zoo
-def test_spellings_of_other_systems(system):
+def test_equivalent_forms_of_other_systems(system):
     wanted = canonical(system())
     for name, change in TEN.items():
         assert parts(canonical(everywhere(change)(system()))) == parts(wanted), name
@@ -147,7 +147,7 @@ def test_a_canonical_form_is_the_same_function_and_its_own_canonical_form(system
     assert parts(again) == parts(found)
 
 
-def test_readme_spelling_of_fifty_masses():
+def test_readme_form_of_fifty_masses():
     """(Σ p²)/(2m) once hid the terms: 85,000 lines of C instead of 4,600, four minutes of gcc."""
     q, p = sp.symbols("x0:150", real=True), sp.symbols("p0:150", real=True)
     links_ = [sum((u - v) ** 2 for u, v in zip(q[i : i + 3], q[i - 3 : i] or (0, 0, 0),
@@ -193,7 +193,7 @@ def systems(draw):
 
 @settings(max_examples=25, deadline=None)
 @given(system=systems(), seed=st.integers(0, 2**32 - 1))
-def test_random_spellings_of_random_systems(system, seed):
+def test_random_equivalent_forms_of_random_systems(system, seed):
     draw = random.Random(seed)
     other = everywhere(lambda e: rewritten(e, draw))(system)
     found, again = canonical(system), canonical(other)

@@ -1,4 +1,4 @@
-"""Forms of single expressions: one for all spellings, and the shortest."""
+"""Normal forms of single expressions: one for all equivalent expressions, and the shortest."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def form(e, *moving):
     (sp.Max(x * (y + 1), 0), sp.Max(x * y + x, 0)),
     (sp.Piecewise((x * (y + 1), x > 0), (0, True)), sp.Piecewise((x * y + x, x > 0), (0, True))),
 ], ids=str)
-def test_spellings_of_an_expression(spellings):
+def test_equivalent_forms_of_an_expression(spellings):
     assert len({form(e, x, y, z) for e in spellings}) == 1
 
 

@@ -64,22 +64,22 @@ HOSTILE = [
     (" \n", "empty"),
     ("1" * 4001, "4001 characters"),
     ("__import__", "__import__ is unknown"),
-    ("__import__('os').system('true')", "has no meaning"),
+    ("__import__('os').system('true')", "meaning"),
     ("sqrt", "no argument"),
-    ("exec(1)", "exec is unknown"),
-    ("lambda: 1", "has no meaning"),
-    ("nan", "nan is unknown"),
-    ("inf", "inf is unknown"),
+    ("exec(1)", "exec.*unknown"),
+    ("lambda: 1", "meaning"),
+    ("nan", "nan.*unknown"),
+    ("inf", "inf.*unknown"),
     ("I", "I is unknown"),
-    ("x^2", r"'\^' has no meaning"),
-    ("1;2", "has no meaning"),
+    ("x^2", r"'\^'"),
+    ("1;2", "meaning"),
     ("1,5", "cannot follow"),
     ("sqrt(1,5)", "2 arguments"),
-    ("\x00", "has no meaning"),
-    ("\ud800", "has no meaning"),
-    ("١", "has no meaning"),
-    ("1\u00a0", "has no meaning"),
-    ("(1", "of character 1 is not closed"),
+    ("\x00", "meaning"),
+    ("\ud800", "meaning"),
+    ("١", "meaning"),
+    ("1\u00a0", "meaning"),
+    ("(1", "character 1"),
     ("1)", "cannot follow"),
     ("()", "is missing"),
     ("sqrt()", "is missing"),
@@ -90,16 +90,16 @@ HOSTILE = [
     ("1.2.3", "cannot follow"),
     ("1_000", "cannot follow"),
     ("0x10", "cannot follow"),
-    ("1/0", "divides by zero"),
-    ("1/(1 - 1)", "divides by zero"),
-    ("0**-1", "divides by zero"),
-    ("1/(sqrt(2)**2 - 2)", "divides by zero"),
-    ("1/((1 + sqrt(2))**2 - 3 - 2*sqrt(2))", "told from zero"),
-    ("((1 + sqrt(2))**2 - 3 - 2*sqrt(2))**-1", "told from zero"),
+    ("1/0", "divides"),
+    ("1/(1 - 1)", "divides"),
+    ("0**-1", "divides"),
+    ("1/(sqrt(2)**2 - 2)", "divides"),
+    ("1/((1 + sqrt(2))**2 - 3 - 2*sqrt(2))", "from zero"),
+    ("((1 + sqrt(2))**2 - 3 - 2*sqrt(2))**-1", "from zero"),
     ("sqrt(-1)", "negative"),
     ("(-8)**0.5", "negative"),
     ("sqrt(1 - sqrt(2))", "negative"),
-    ("sqrt((1 + sqrt(2))**2 - 3 - 2*sqrt(2))", "told from zero"),
+    ("sqrt((1 + sqrt(2))**2 - 3 - 2*sqrt(2))", "from zero"),
     ("8**(1/3)", "half-integer"),
     ("2**65", "half-integer"),
     ("2**sqrt(2)", "half-integer"),
@@ -116,8 +116,8 @@ HOSTILE = [
     ("*".join(["1e400"] * 600), "bits"),
     ("+".join(f"1/{n}" for n in range(10**6 + 1, 10**6 + 390)), "bits"),
     ("sqrt(" + "9" * 100 + ")", "under a root"),
-    ("1+sqrt(2)*(1+sqrt(3)*(" * 24 + "sqrt(5)" + "))" * 24, "lie inside one another"),
-    ("sqrt(1+" * 40 + "1" + ")" * 40, "lie inside one another"),
+    ("1+sqrt(2)*(1+sqrt(3)*(" * 24 + "sqrt(5)" + "))" * 24, "inside"),
+    ("sqrt(1+" * 40 + "1" + ")" * 40, "inside"),
     ("+".join(f"sqrt({p})" for p in sp.primerange(600)), "radical number 101"),
     ("*".join(f"sqrt({p})" for p in sp.primerange(600)), "radical number 101"),
     ("*".join(["sqrt(99999999999999999999999999999999999999)"] * 80), "product"),
@@ -152,9 +152,9 @@ def test_names() -> None:
     assert parse_expression("2*pi", names) == 2 * sp.pi
     with pytest.raises(InputError, match="negative"):
         parse_expression("sqrt(3 - pi)", names)
-    with pytest.raises(InputError, match="divides by zero"):
+    with pytest.raises(InputError, match="divides"):
         parse_expression("1/zero", names)
-    with pytest.raises(InputError, match=r"use one of half, pi, x, zero, sqrt\(…\)"):
+    with pytest.raises(InputError, match=r"half, pi, x, zero, sqrt\(…\)"):
         parse_expression("y", names)
 
 
@@ -165,7 +165,7 @@ def test_one_limit_on_radicals_for_several_texts() -> None:
     assert met == {sp.sqrt(p) for p in sp.primerange(500)}
     for p in (503, 509, 521, 523, 541):
         parse_expression(f"sqrt({p})", radicals=met)
-    with pytest.raises(InputError, match="write the number in decimals"):
+    with pytest.raises(InputError, match="decimals"):
         parse_expression("sqrt(547)", radicals=met)
 
 

@@ -171,7 +171,7 @@ def test_symbols_that_do_not_occur_have_slope_zero_and_constants_have_none():
     ],
 )
 def test_function_without_a_known_difference_is_refused_by_name(e, name):
-    with pytest.raises(InputError, match=f"No exact difference is known for '{name}'"):
+    with pytest.raises(InputError, match=f"'{name}'"):
         gradient_of(e)
 
 

@@ -120,7 +120,7 @@ def test_R_of_given_tableaux_and_of_those_that_have_none(tmp_path):
 
 
 @pytest.mark.parametrize("digits", [10, 16])
-def test_decimals_are_judged_to_their_digits(tmp_path, digits):
+def test_decimals_are_checked_to_their_digits(tmp_path, digits):
     rounded = in_decimals({key: getattr(radau_lobatto(3), key) for key in FIELDS}, digits)
     path = tmp_path / "radau_3.json"
     path.write_text(json.dumps({"name": "radau_3"} | rounded), encoding="utf-8")
@@ -202,9 +202,9 @@ def test_the_certificate_tells_what_is_given_up():
     lines = {line.quantity.split(",")[0]: line for line in gs.certify(
         gs.problems.fast_top(), "Radau-L", 2, dt=1e-3, steps=50).lines}
     assert lines["loop invariant ∮p·dq"].expected == "not promised"
-    assert "b_i â_ij + b̂_j a_ji = b_i b̂_j is off by" in lines["loop invariant ∮p·dq"].why
+    assert "b_i â_ij + b̂_j a_ji = b_i b̂_j" in lines["loop invariant ∮p·dq"].why
     assert lines["reversal"].expected == "not promised"
-    assert lines["numerical damping"].found == "0.014 (ωΔt)^4 of an oscillation ω a step"
+    assert lines["numerical damping"].found.startswith("0.014 (ωΔt)^4")
     assert "dampers" not in lines
     assert lines["order"].holds
 
@@ -282,7 +282,7 @@ def test_the_flyball_governor_of_iftomm():
         assert errors[0] < speed
 
 
-def test_what_rounding_left_is_told_from_small_coefficients():
+def test_what_rounding_left_is_distinguished_from_small_coefficients():
     """A coefficient of z^k counts (2s)^k: one that is small and decides |R| far out is kept."""
     unit = sp.Rational(1, 100)
     small = sp.Poly(1 + sp.Rational(1, 10_000) * z**4, z, domain="QQ")

@@ -170,7 +170,7 @@ def test_a_piecewise_that_covers_the_line_needs_no_true():
         assert [ours(found, {x: Fraction(p)}) for p in (-1, 0.5)] == [0, 0.5]
 
 
-def test_symbols_stand_for_real_numbers_declared_or_not():
+def test_symbols_are_real_numbers_declared_or_not():
     """SymPy's |e^z| is e^(re z) where z may be complex."""
     z = sp.Symbol("z")
     system = gs.System((z,), (u,), (), u**2 / 2 + sp.Abs(sp.exp(z)) + sp.Abs(z))

@@ -214,7 +214,7 @@ def plane(H, values, **more):
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e-9, 1e-11, 1e-15])
-def test_near_symmetries_are_told_as_such(size):
+def test_near_symmetries_are_reported(size):
     """A figure axis with I₂ = I₁ (1 + size): how far it is from one, and nothing is proved."""
     top = gs.problems.fast_top()
     parameters = top.parameters | {"I2": top.parameters["I1"] * (1 + size), "gamma": 0.0015}

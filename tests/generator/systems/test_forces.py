@@ -1,4 +1,4 @@
-"""Forces that no potential has: drag, drives in time, body torques, and the work they do.
+"""Forces without a potential: drag, forces of time, body torques, and their work.
 
     oscillator   n = 1, m = 0: q̈ = −k q − c q̇ + f cos(ω t), with its closed form
     pendulum     n = 2, m = 1: a bead on a circle with drag, a drive in time and a force of q and

@@ -223,7 +223,7 @@ def test_no_steps(name):
 
 @every_method
 @pytest.mark.parametrize("masses", [(1e-4, 1e-5), (1e3, 1e4), (1e-3, 1.0)])
-def test_consistency_is_judged_in_any_units(scheme, stages, masses):
+def test_consistency_is_checked_in_any_units(scheme, stages, masses):
     """What ``project`` returns is a start, whatever the size of the masses."""
     step, rng = stepper_for("pendulum", scheme, stages), np.random.default_rng(43)
     m1, m2 = masses

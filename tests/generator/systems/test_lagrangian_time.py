@@ -171,7 +171,7 @@ def test_each_state_has_a_time_of_its_own():
     back = step.velocities(places, p, parameters=numbers, t=times)
     np.testing.assert_allclose(back, speeds, rtol=0, atol=64 * EPS)
     assert np.abs(p[0, 0] - p[1, 2]).max() > 0.1
-    with refused(r"t has shape \(3, 2\); give one time, or shape \(2, 3\)"):
+    with refused(r"\(3, 2\).*\(2, 3\)"):
         step.momenta(places, speeds, parameters=numbers, t=times.T)
 
 
@@ -259,15 +259,15 @@ def test_wide_numbers():
 
 def test_what_cannot_have_it_says_so():
     for profile in ("control", "run"):
-        with refused(f"Profile {profile} takes systems with an H, not yet those from a Lagr"):
+        with refused(f"{profile}.*Lagrangian"):
             generate(Spec.checked("G-L", 2).with_profile(profile), system=shaken()[0])
     x, v, _ = one("x")
-    with refused("L of system 'system' contains the unknown symbol 't'; declare .* or as time"):
+    with refused("unknown.*'t'.*time"):
         gs.System.from_lagrangian(t * v**2, [x], [v], [])
-    with refused("Constraint 0 of system 'system' contains 't'; a holonomic constraint"):
+    with refused("Constraint 0.*'t'.*holonomic"):
         gs.System.from_lagrangian(v**2 + c**2, [x, k], [v, c], [], [x - t])
     step = gs.stepper("G-L", 3, system=wire())
     numbers = {"m": 1.5, "w": 2.0}
     p = step.momenta([0.5, 0.0], [0.0, 2.0], parameters=numbers)
-    with refused("not on the constraint|is not on|constraint"):
+    with refused("constraint"):
         step.integrate([0.5, 0.0], p, dt=0.01, steps=1, parameters=numbers, t0=1.0)

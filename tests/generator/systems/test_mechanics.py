@@ -365,6 +365,6 @@ def without_bodies():
     (without_bodies, "KanesMethod.*bodies"),
     (lambda: 3, "method = 3.*LagrangesMethod, KanesMethod or System"),
 ])
-def test_what_is_no_holonomic_system_is_told_in_a_sentence(make, said):
+def test_what_is_no_holonomic_system_is_refused(make, said):
     with refused(said):
         gs.from_mechanics(make())

@@ -96,7 +96,7 @@ def test_leading_axes(step):
 
 def test_unknown_names_are_refused(step):
     run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.05, steps=1, parameters=PARAMETERS)
-    with pytest.raises(InputError, match="no quantity 'hight'; it has height, spin"):
+    with pytest.raises(InputError, match=r"'hight'.*height, spin"):
         run.quantity("hight")
     top = gs.problems.fast_top()
     plain = gs.stepper("EMS").integrate(
@@ -104,7 +104,7 @@ def test_unknown_names_are_refused(step):
         parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
     assert plain.quantities == ()
     assert plain.work.tolist() == [0.0, 0.0]
-    with pytest.raises(InputError, match="it has none"):
+    with pytest.raises(InputError, match="has none"):
         plain.quantity("height")
 
 
@@ -140,7 +140,7 @@ def test_reported_by_run():
     assert result["quantities"]["height"] == result["q"][1]
     text = as_text(result, step.manifest["system"])
     assert "|H − H₀ − W|" in text
-    assert "work of the forces" in text
+    assert "work of" in text
     assert "height" in text
 
 

@@ -38,7 +38,7 @@ SQUARE = [(0, 0), (0.1, 0.4), (0.9, 0.8), (1.0, 0.0)]
 
 def test_closed_loop_names_three_to_leave_out():
     """Grübler: 4·5 equations on 3·6 freedoms, mobility 1, hence 20 − 17 = 3 too many."""
-    with pytest.raises(gs.InputError, match="3 of the 23 constraints of 'linkage' are") as caught:
+    with pytest.raises(gs.InputError, match=r"3 of the 23 .*'linkage'") as caught:
         four_bar(SQUARE).model()
     message = str(caught.value)
     to_remove = message.split("Leave out ")[1].split(";")[0].replace("'", "").split(", ")
@@ -47,7 +47,7 @@ def test_closed_loop_names_three_to_leave_out():
     assert "'hinge1: axis 2'" in message
     model = four_bar(SQUARE).model(without=to_remove)
     assert (model.system.n, model.system.m) == (21, 20)
-    with pytest.raises(gs.InputError, match="1 of the 21 constraints"):
+    with pytest.raises(gs.InputError, match="1 of the 21 "):
         four_bar(SQUARE).model(without=to_remove[:2])
 
 
@@ -55,7 +55,7 @@ def test_open_chain_passes():
     assert four_bar(SQUARE, closed=False).model().system.m == 18
 
 
-def test_singular_position_is_told_from_redundancy():
+def test_singular_position_is_distinguished_from_redundancy():
     """Stretched out, the bars' closing equations agree; in any other position they do not."""
     stretched = [(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)]
     with pytest.raises(gs.InputError, match="singular position"):
@@ -71,7 +71,7 @@ def test_what_is_redundant_is_left_out_when_asked():
     assert "hinge0: x" not in build.redundancy.involved
     again = four_bar(SQUARE, closed=False)
     assert again.model(redundant="leave out").system.m == 18
-    assert str(again.redundancy) == "The 18 constraints of 'linkage' are independent."
+    assert str(again.redundancy).startswith("The 18 constraints of 'linkage' ")
     stretched = four_bar([(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)])
     for redundant in ("refuse", "leave out"):
         with pytest.raises(gs.InputError, match="singular position"):
@@ -81,7 +81,7 @@ def test_what_is_redundant_is_left_out_when_asked():
 @pytest.mark.parametrize("factor", [1, -3, k])
 def test_a_constraint_twice(factor):
     twice = system(SPHERE, factor * SPHERE, parameters=(k,), names=("ball", "again"))
-    with pytest.raises(gs.InputError, match=r"1 of the 2.*Leave out 'again'.*'ball', 'again'"):
+    with pytest.raises(gs.InputError, match=r"1 of the 2.*'again'.*'ball', 'again'"):
         refuse_redundant_anywhere(twice)
     with pytest.raises(gs.InputError, match="Leave out 'again'"):
         gs.stepper("IMS", system=twice)
@@ -95,9 +95,9 @@ def test_dependence_on_the_manifold_only():
 
 
 def test_contradiction_and_constants():
-    with pytest.raises(gs.InputError, match=r"'g0', 'g1'.*contradict each other"):
+    with pytest.raises(gs.InputError, match=r"'g0', 'g1'.*contradict"):
         refuse_redundant_anywhere(system(SPHERE, SPHERE - 1))
-    with pytest.raises(gs.InputError, match=r"'g1'.*no coordinate and always holds"):
+    with pytest.raises(gs.InputError, match=r"'g1'.*always"):
         refuse_redundant_anywhere(system(SPHERE, sp.Integer(0)))
     with pytest.raises(gs.InputError, match=r"'g1'.*reads 2 = 0"):
         refuse_redundant_anywhere(system(SPHERE, (x + 1) ** 2 - x**2 - 2 * x + 1))
@@ -116,7 +116,7 @@ def test_a_body_held_twice():
     for i, at in enumerate([(0, 0, 1), (0, 0, -1), (1, 0, 0)]):
         build.fixed_point(f"pin{i}", door, at=at)
         if i == 1:
-            with pytest.raises(gs.InputError, match=r"1 of the 7.*Leave out 'pin1: z'"):
+            with pytest.raises(gs.InputError, match=r"1 of the 7.*'pin1: z'"):
                 build.model()
     with pytest.raises(gs.InputError, match="3 of the 10"):
         build.model()

@@ -1,4 +1,4 @@
-"""What a system that switches sides cannot promise, and how it is said.
+"""Systems with switching functions: which properties are lost, and which warnings say so.
 
 Constraints need a tangent; a force that jumps may leave a step without a solution; a momentum map
 must be one on every side; and what a certificate judges is what smooth motion keeps.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -49,15 +50,15 @@ def on_curve(profile, **more):
 
 
 @pytest.mark.parametrize(("profile", "reason"), [
-    (sp.Abs(x), "'g0' of 'bead' has a kink where x = 0"),
-    (P((0, x < 0), (1, True)), "'g0' of 'bead' jumps where x = 0"),
-    (sp.Max(x, a * x + 1), "has a kink where"),
+    (sp.Abs(x), "'g0'.*'bead'.*kink.*x = 0"),
+    (P((0, x < 0), (1, True)), "'g0'.*'bead'.*jumps.*x = 0"),
+    (sp.Max(x, a * x + 1), "kink"),
     (sp.floor(x), "jumps where x = 0"),
 ])
 def test_constraints_without_a_tangent_are_refused(profile, reason):
     with pytest.raises(gs.InputError, match=reason) as caught:
         gs.stepper("G-L", 2, system=on_curve(profile))
-    assert "Write it with a continuous derivative, or as a stiff force." in str(caught.value)
+    assert "stiff" in str(caught.value)
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
@@ -82,12 +83,12 @@ def test_remarks():
     system = gs.System(
         (x, y), (u, v), (k,), T + k * sp.Max(0, LENGTH - 1) ** 2 + sp.Abs(x) + k * H(y), time=t,
         forces=(-sp.Abs(u) * u, -sp.sign(v) + P((1, (t > 0.5) & (t < 1)), (0, True))))
-    places = "y = 0, t - 0.5 = 0, sqrt(x**2 + y**2) - 1 = 0 and 4 more such places"
-    assert Switching(system).said(4, discrete=False) == {
-        "remarks": [f"order 4 holds for steps that do not cross {places}",
-                    "H jumps at y = 0: no step feels a force there",
-                    "forces jump at v = 0, x = 0: a step to there may have no solution"],
-        "jumps": "v = 0, x = 0"}
+    found = Switching(system).said(4, discrete=False)
+    order, potential, forces = found["remarks"]
+    assert re.search(r"order 4 .* y = 0, t - 0\.5 = 0, sqrt\(x\*\*2 \+ y\*\*2\) - 1 = 0 .*4", order)
+    assert potential.startswith("H jumps at y = 0")
+    assert forces.startswith("forces jump at v = 0, x = 0")
+    assert found["jumps"] == "v = 0, x = 0"
     assert Switching(system).said(2, discrete=True)["jumps"] == "v = 0"
     assert Switching(gs.System((x, y), (u, v), (k,), T + k * LENGTH)).said(2, discrete=True) == {}
 
@@ -96,8 +97,9 @@ def test_a_stepper_says_where_its_order_does_not_hold():
     """In the manifest and by ``remarks``; nothing is said of smooth systems."""
     step = gs.stepper("G-L", 2, system=gs.System((x,), (u,), (), u**2 / 2 + sp.Max(0, x) ** 2,
                                                  name="half"))
-    assert step.remarks == step.manifest["system"]["remarks"] == [
-        "order 4 holds for steps that do not cross x = 0"]
+    assert step.remarks == step.manifest["system"]["remarks"]
+    assert len(step.remarks) == 1
+    assert re.search(r"order 4 .*x = 0", step.remarks[0])
     assert gs.stepper("G-L", 3).remarks == []
 
 
@@ -112,7 +114,7 @@ def test_a_step_without_a_solution_says_so(solver):
     Everything before it is there, and is the sliding motion: x − 1 is a half cosine.
     """
     step = gs.stepper("G-L", 2, system=rubbing(sp.sign(u), "rubbing"))
-    said = "Forces jump at u = 0: a step to there may have no solution; write them smooth, as tanh"
+    said = "jump.*u = 0.*tanh"
     with pytest.raises(gs.StepFailed, match=said) as end:
         step.integrate([3.0], [0.0], dt=0.01, steps=1000, parameters={}, solver=solver)
     assert end.value.step in (314, 315)
@@ -134,7 +136,7 @@ def test_IMS_may_have_no_step_across_a_kink_of_H_and_EMS_has():
     """H = |x| + p²/2: midpoints on either side disagree; the discrete gradient is continuous."""
     system = gs.System((x,), (u,), (), u**2 / 2 + sp.Abs(x), name="vee")
     start, options = ([0.3], [0.0]), {"dt": 0.05, "steps": 2000, "parameters": {}}
-    with pytest.raises(gs.StepFailed, match="Forces jump at x = 0"):
+    with pytest.raises(gs.StepFailed, match=r"jump.*x = 0"):
         gs.stepper("IMS", system=system).integrate(*start, **options)
     run = gs.stepper("EMS", system=system).integrate(*start, **options)
     assert run.report.energy_error_max <= 64 * EPS
@@ -172,7 +174,7 @@ def test_constraints_that_switch_are_not_searched():
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
-def test_certificate_judges_what_kinks_leave(scheme, stages):
+def test_certificate_reports_what_kinks_leave(scheme, stages):
     system = gs.System((x, y), (u, v), (k, a), T + k * sp.Max(0, LENGTH - a) ** 2 / 2, name="rope")
     model = gs.Model(system, {"k": 3.0, "a": 0.5}, [1.0, 0.2], [0.3, 0.1], dt=0.01, steps=400)
     found = gs.certify(model, scheme, stages)
@@ -194,7 +196,7 @@ def test_certificate_of_a_force_that_jumps():
     model = gs.Model(system, {}, [1.0], [0.0], dt=0.01, steps=200)
     found = gs.certify(model, "G-L", 2)
     assert found.line("reversal").holds is None
-    assert "forces jump at x = 0" in found.line("reversal").why
+    assert "jump at x = 0" in found.line("reversal").why
     assert found.holds
 
 
@@ -209,8 +211,8 @@ def test_run_says_it_before_a_step(tmp_path):
     done = cli("run", path, "--scheme", "IMS", cwd=tmp_path)
     lines = done.stdout.splitlines()
     assert done.returncode == 1
-    assert lines[0] == "system: order 2 holds for steps that do not cross p = 0"
-    assert lines[1] == "system: forces jump at p = 0: a step to there may have no solution"
+    assert re.fullmatch(r"system: order 2 .*p = 0", lines[0])
+    assert lines[1].startswith("system: forces jump at p = 0")
     assert "314 steps of 0.01 s" in done.stdout
     assert "Traceback" not in done.stderr
-    assert "Forces jump at p = 0" in done.stderr
+    assert "jump at p = 0" in done.stderr

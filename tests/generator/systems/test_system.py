@@ -54,16 +54,16 @@ def generic():
 
 @pytest.mark.parametrize("name", ["", "two words", "1body", "kreisel-α", "γ", "a-b"])
 def test_name_that_is_no_c_identifier_is_refused(name):
-    with pytest.raises(InputError, match=f"System name {name!r} is not a C identifier"):
+    with pytest.raises(InputError, match=f"{name!r}.*identifier"):
         system(name=name)
 
 
 @pytest.mark.parametrize(
     ("coordinates", "momenta", "counts"),
     [
-        (q, p[:2], "3 coordinates and 2 momenta"),
-        (q[:1], p, "1 coordinates and 3 momenta"),
-        ((), (), "0 coordinates and 0 momenta"),
+        (q, p[:2], "3 coordinates.*2 momenta"),
+        (q[:1], p, "1 coordinates.*3 momenta"),
+        ((), (), "0 coordinates.*0 momenta"),
     ],
 )
 def test_coordinates_without_one_momentum_each_are_refused(coordinates, momenta, counts):
@@ -73,7 +73,7 @@ def test_coordinates_without_one_momentum_each_are_refused(coordinates, momenta,
 
 @pytest.mark.parametrize("count", [3, 4])
 def test_as_many_constraints_as_coordinates_are_refused(count):
-    with pytest.raises(InputError, match=f"{count} constraints on 3 coordinates"):
+    with pytest.raises(InputError, match=f"{count} constraints.*3 coordinates"):
         system(constraints=(x,) * count)
 
 
@@ -87,17 +87,17 @@ def test_as_many_constraints_as_coordinates_are_refused(count):
     ],
 )
 def test_name_used_twice_is_refused(changes):
-    with pytest.raises(InputError, match=r"uses the name '(m|x)' twice; names must differ"):
+    with pytest.raises(InputError, match=r"'(m|x)'.*twice"):
         system(**changes)
 
 
 def test_unknown_symbol_in_H_is_refused_by_name():
-    with pytest.raises(InputError, match="H of system 'pendulum' contains the unknown symbol 'c'"):
+    with pytest.raises(InputError, match=r"'pendulum'.*unknown symbol 'c'"):
         system(H=px**2 / m + c * x)
 
 
 def test_first_of_several_unknown_symbols_is_named_whatever_the_hash_seed():
-    with pytest.raises(InputError, match="unknown symbol 'A'; declare it in q, p, parameters"):
+    with pytest.raises(InputError, match="unknown symbol 'A'"):
         system(H=px * sp.Symbol("B") + sp.Symbol("A") + sp.Symbol("C"))
 
 
@@ -107,22 +107,22 @@ def test_symbol_of_the_same_name_with_other_assumptions_is_unknown():
 
 
 def test_unknown_symbol_in_a_constraint_is_refused_with_its_index():
-    with pytest.raises(InputError, match="Constraint 1 of system 'pendulum' contains 'c'; a holo"):
+    with pytest.raises(InputError, match=r"Constraint 1.*'pendulum'.*'c'.*holonomic"):
         system(constraints=(x, y - c))
 
 
 def test_momentum_in_a_constraint_is_refused():
-    with pytest.raises(InputError, match="Constraint 0 of system 'pendulum' contains 'px'; a holo"):
+    with pytest.raises(InputError, match=r"Constraint 0.*'pendulum'.*'px'.*holonomic"):
         system(constraints=(x - px,))
 
 
 @pytest.mark.parametrize("name", ["two words", "I'", "γ", "double", "", "_k", "NAN", "bool", "1st"])
 def test_symbol_name_that_is_no_c_identifier_of_its_own_is_refused(name):
     odd = sp.Symbol(name, real=True)
-    with pytest.raises(InputError, match=f"'pendulum' has a symbol named {name!r}"
-                       if "'" not in name else "has a symbol named"):
+    with pytest.raises(InputError, match=f"'pendulum'.*symbol.*{name!r}"
+                       if "'" not in name else "symbol"):
         system(parameters=(m, grav, odd))
-    with pytest.raises(InputError, match="has a symbol named"):
+    with pytest.raises(InputError, match="symbol"):
         system(q=(odd, y, z), H=py**2, constraints=())
 
 

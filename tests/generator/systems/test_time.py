@@ -1,4 +1,4 @@
-"""Time in H and in constraints: driven systems, each beside the same with time as a coordinate.
+"""Time in H and in constraints: driven systems, each against the same with time as a coordinate.
 
     car axis     the IVP test set's, n = 4, m = 2: digits of a run of another length, 1e-17
     wire         a bead on a wire that turns: r = r₀ cosh ωt
@@ -313,7 +313,7 @@ def test_time_that_nobody_declared_is_refused():
             gs.System((x, y), p, (), H, g, name="undeclared")
 
 
-def test_a_start_beside_a_moving_constraint_is_refused():
+def test_a_start_off_a_moving_constraint_is_refused():
     step = stepper("wire", "G-L", 2)
     with pytest.raises(InputError, match="project"):
         step.integrate([0.4, 0], [0, 0.9], dt=0.01, steps=1, parameters=NUMBERS)

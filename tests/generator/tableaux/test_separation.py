@@ -66,5 +66,5 @@ def test_a_proof_that_would_take_too_many_bits_is_refused_in_words() -> None:
     X = sp.Add(*primes)
     hidden = sp.Add(sp.Mul(X, X + 1, evaluate=False), -sp.Pow(X, 2, evaluate=False), -X,
                     evaluate=False)
-    with pytest.raises(TableauError, match="bits to prove"):
+    with pytest.raises(TableauError, match="bits"):
         vanishes(sp.Pow(hidden, 8, evaluate=False))

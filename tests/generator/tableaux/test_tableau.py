@@ -144,13 +144,13 @@ def test_too_few_nodes_or_stages_are_refused():
     for call in (lambda: lobatto_polynomial(1), lambda: lobatto_iiiab(1)):
         with pytest.raises(TableauError, match="at least 2"):
             call()
-    with pytest.raises(TableauError, match="at least 1 stage, not 0"):
+    with pytest.raises(TableauError, match=r"1 stage.* 0"):
         gauss_lobatto(0)
 
 
 def test_conditions_that_cannot_fix_every_column_are_refused():
     nodes = PolynomialNodes(gauss_polynomial(3))
-    with pytest.raises(TableauError, match="2 conditions cannot fix 3 columns"):
+    with pytest.raises(TableauError, match=r"2 .* 3 columns"):
         solve_rows(nodes, nodes, 2)
 
 
@@ -165,7 +165,7 @@ def test_coefficients_of_large_polynomials_cancel_without_harm():
 
 @pytest.mark.parametrize("polynomial", [sp.Poly((X - 1) ** 2, X), sp.Poly(X**2 + 1, X)])
 def test_polynomial_without_simple_real_roots_is_refused(polynomial):
-    with pytest.raises(TableauError, match=r"No sign change|not distinct|not simple"):
+    with pytest.raises(TableauError, match=r"change|distinct|simple"):
         enclose_roots(polynomial)
 
 
@@ -516,8 +516,7 @@ def test_numeric_refines_until_every_digit_is_certain(family, s):
 
 @pytest.mark.parametrize("digits", [0, -5, 1001, 10**9, True, 50.0, "50", None])
 def test_digits_that_numeric_cannot_give_are_refused(digits):
-    with pytest.raises(InputError, match=r"digits = .* is not usable; give a whole number from 1 "
-                       "to 1000") as refusal:
+    with pytest.raises(InputError, match=r"digits.* 1 to 1000") as refusal:
         gauss_lobatto(2).numeric(digits)
     assert repr(digits) in str(refusal.value)
 
@@ -528,7 +527,7 @@ def test_enclosures_bear_120_digits_without_being_refined():
 
 
 def test_attribute_a_tableau_does_not_have_is_refused_by_name():
-    with pytest.raises(AttributeError, match="A tableau has no attribute 'A_check'"):
+    with pytest.raises(AttributeError, match="'A_check'"):
         _ = gauss_lobatto(1).A_check
 
 

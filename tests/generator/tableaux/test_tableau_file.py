@@ -1,7 +1,8 @@
-"""Tableau files: the documented example, every part of the format, and hostile files."""
+"""Tableau files: the documented example, every part of the format, and malicious files."""
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 from decimal import ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
@@ -77,7 +78,7 @@ def test_example_is_gauss_lobatto_2() -> None:
     assert failed(tableau) == []
 
 
-def test_example_stands_in_the_docstring() -> None:
+def test_example_is_in_the_docstring() -> None:
     documented = re.search(r"\{.*?\n    \}", str(tableau_file.__doc__), re.DOTALL)
     assert documented is not None
     assert json.loads(documented.group()) == example()
@@ -249,13 +250,13 @@ HOSTILE_FILES: list[tuple[str, Any, str]] = [
     ("number", "1", "'1'"),
     ("null", "null", "null"),
     ("empty object", "{}", "'name' is missing"),
-    ("deep lists", "[" * 500_000, "nested too deeply"),
-    ("deep objects", '{"A":' * 200_000, "nested too deeply"),
-    ("too large", " " * (2**20 + 1), "more than 1048576 bytes"),
-    ("duplicate", '{"name": "a", "name": "b"}', "'name' is there twice"),
-    ("duplicate inside", '{"A": [{"x": 1, "x": 2}]}', "'x' is there twice"),
-    ("nan", '{"A": NaN}', "NaN is not a coefficient"),
-    ("infinity", '{"A": [[-Infinity]]}', "-Infinity is not a coefficient"),
+    ("deep lists", "[" * 500_000, "nested"),
+    ("deep objects", '{"A":' * 200_000, "nested"),
+    ("too large", " " * (2**20 + 1), "1048576"),
+    ("duplicate", '{"name": "a", "name": "b"}', "'name'.*twice"),
+    ("duplicate inside", '{"A": [{"x": 1, "x": 2}]}', "'x'.*twice"),
+    ("nan", '{"A": NaN}', "NaN.*coefficient"),
+    ("infinity", '{"A": [[-Infinity]]}', "-Infinity.*coefficient"),
     ("unknown key", changed(B=[1]), "'B' is unknown"),
     ("long key", changed(**{"k" * 10_000: 1}), "is unknown"),
     ("surrogate key", '{"\\ud800": 1}', "is unknown"),
@@ -268,41 +269,41 @@ HOSTILE_FILES: list[tuple[str, Any, str]] = [
       (0, -1, 101, 4.0, "4", True, None, 10**30)),
     *((f"symmetric {value!r}", changed(symmetric=value), "symmetric is ")
       for value in (1, "yes", None)),
-    ("b no list", changed(b="1/2"), "b is '1/2'; write a list"),
+    ("b no list", changed(b="1/2"), "b is '1/2'.*list"),
     ("no stages", changed(b=[]), "b has 0 entries"),
     ("one constraint node", changed(b_tilde=[1]), "b_tilde has 1 entries"),
     ("33 stages", changed(b=[0] * 33), "b has 33 entries"),
     ("500 stages", changed(b=["$"] * 500, A=[["$"] * 300] * 500), "b has 500 entries"),
     ("34 constraint nodes", changed(b_tilde=[1] * 34), "b_tilde has 34 entries"),
-    ("A no list", changed(A=1), "A is '1'; write a list of 2 rows"),
-    ("A object", changed(A={}), "A is a JSON object"),
-    ("A too short", changed(A=[[0, 0]]), "A has 1 rows; write 2"),
-    ("A ragged", changed(A=[[0, 0], [0]]), "A, row 2, has 1 entries; write 2"),
-    ("A flat", changed(A=[0, 0]), "A, row 1, is '0'; write a list of 2 entries"),
-    ("A_tilde", changed(A_tilde=[[0, 0], [0, 0]]), "A_tilde, row 1, has 2 entries; write 3"),
-    ("A_bar", changed(A_bar=[[0, 0], [0, 0]]), "A_bar has 2 rows; write 3"),
-    ("A_hat", changed(A_hat=[[0] * 3] * 3), "A_hat has 3 rows; write 2"),
-    ("c", changed(c=[0, 0, 0]), "c has 3 entries; write 2"),
-    ("c_tilde", changed(c_tilde=[0, 0]), "c_tilde has 2 entries; write 3"),
-    ("b_hat", changed(b_hat=[0]), "b_hat has 1 entries; write 2"),
-    *((f"entry {entry!r}", with_entry(entry), "A_tilde, row 2, column 3 is ")
+    ("A no list", changed(A=1), "A is '1'.*2 rows"),
+    ("A object", changed(A={}), "A is .*object"),
+    ("A too short", changed(A=[[0, 0]]), "A .*1 rows.* 2"),
+    ("A ragged", changed(A=[[0, 0], [0]]), "A, row 2, .*1 entries.* 2"),
+    ("A flat", changed(A=[0, 0]), "A, row 1, .*'0'.* 2 entries"),
+    ("A_tilde", changed(A_tilde=[[0, 0], [0, 0]]), "A_tilde, row 1, .*2 entries.* 3"),
+    ("A_bar", changed(A_bar=[[0, 0], [0, 0]]), "A_bar .*2 rows.* 3"),
+    ("A_hat", changed(A_hat=[[0] * 3] * 3), "A_hat .*3 rows.* 2"),
+    ("c", changed(c=[0, 0, 0]), "c .*3 entries.* 2"),
+    ("c_tilde", changed(c_tilde=[0, 0]), "c_tilde .*2 entries.* 3"),
+    ("b_hat", changed(b_hat=[0]), "b_hat .*1 entries.* 2"),
+    *((f"entry {entry!r}", with_entry(entry), "A_tilde, row 2, column 3 ")
       for entry in (True, False, None, [], {}, [1])),
     *((f"entry {entry[:20]!r}", with_entry(entry), "A_tilde, row 2, column 3: ")
       for entry in ("", "x", "1/0", "__import__('os')", "NaN", "2**64**64**64", "(" * 4000,
                     "1" * 5000, "sqrt(-1)", "\ud800")),
     ("huge integer", '{"A": ' + "9" * 500_000 + "}", "is missing"),
-    ("long integer", with_entry(10**200), "row 2, column 3: .*201 digits"),
+    ("long integer", with_entry(10**200), "column 3: .*201 digits"),
     ("decimal exponent", json.dumps(with_entry(7)).replace("7", "1e99999999"), "exponent"),
     ("vector entry", changed(b=["1/2", "1/0"]), "b, entry 2: "),
-    ("zero weight", changed(b_tilde=[1, 1, 0]), "last b_tilde is 0"),
-    ("zero weight, decimals", changed(b_tilde=[1, 1, 0.0]), "last b_tilde is 0"),
+    ("zero weight", changed(b_tilde=[1, 1, 0]), "last b_tilde"),
+    ("zero weight, decimals", changed(b_tilde=[1, 1, 0.0]), "last b_tilde"),
     ("hidden zero weight", changed(b_tilde=[1, 1, "(1 + sqrt(2))**2 - 3 - 2*sqrt(2)"]),
-     "last b_tilde is 0"),
+     "last b_tilde"),
     ("too many radicals",
      filled(b_tilde=["+".join(f"sqrt({p})" for p in sp.primerange(100 * n, 100 * n + 99))
-                     for n in range(1, 34)]), "radical number 101"),
+                     for n in range(1, 34)]), "radical.*101"),
     ("too much text",
-     filled(b_tilde=[f"{n}" + "+1" * 1900 for n in range(1, 34)]), "at most 36000 are allowed"),
+     filled(b_tilde=[f"{n}" + "+1" * 1900 for n in range(1, 34)]), "36000"),
 ]  # fmt: skip
 
 
@@ -320,26 +321,26 @@ def test_refused(read: Any, content: Any, reason: str) -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(TableauError, match="there is no such file"):
+    with pytest.raises(TableauError, match="such file"):
         read_tableau(tmp_path / "none.json")
 
 
 def test_folder(tmp_path: Path) -> None:
-    with pytest.raises(TableauError, match="it is no regular file"):
+    with pytest.raises(TableauError, match="regular"):
         read_tableau(tmp_path)
 
 
 def test_endless_device() -> None:
-    with pytest.raises(TableauError, match="it is no regular file"):
+    with pytest.raises(TableauError, match="regular"):
         read_tableau(Path("/dev/zero"))
 
 
 def test_unreadable_file(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: Any, **__: Any) -> None:
-        raise PermissionError(13, "Permission denied")
+        raise PermissionError(errno.EACCES, "no entry")
 
     monkeypatch.setattr(Path, "open", refuse)
-    with pytest.raises(TableauError, match=r"cannot be read .*Permission denied"):
+    with pytest.raises(TableauError, match=r"no entry"):
         read_tableau(EXAMPLE)
 
 

@@ -268,7 +268,7 @@ def test_unusable_states(q, said):
 
 def test_a_start_consistent_in_double_alone_is_refused():
     step = stepper("G-L", 3)
-    with pytest.raises(InputError, match="off the constraints"):
+    with pytest.raises(InputError, match="constraints"):
         step.step([np.cos(0.3), np.sin(0.3), 0, 0], [0, 0, 1, 0], dt=0.01, parameters=TOP)
 
 
@@ -280,7 +280,7 @@ def test_a_compiler_without_binary128_says_so(monkeypatch, tmp_path):
                       "echo \"error: unknown type name '_Float128'\" >&2; exit 1\n")
     script.chmod(0o755)
     monkeypatch.setenv("CC", str(script))
-    with pytest.raises(CompilerError, match=r"no float128 .*gcc 7 or later") as caught:
+    with pytest.raises(CompilerError, match=r"float128.*gcc 7") as caught:
         gs.stepper("G-L", 1, "gamma", system="free_body", real="float128")
     assert "_Float128" in caught.value.stderr
 

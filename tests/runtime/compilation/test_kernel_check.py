@@ -1,4 +1,4 @@
-"""Compiled kernels beside their statements, and what happens with a compiler that errs."""
+"""Compiled kernels against their statements, and a compiler that makes wrong code."""
 
 from __future__ import annotations
 

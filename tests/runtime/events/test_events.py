@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import mpmath
 import numpy as np
@@ -121,7 +122,7 @@ def test_a_terminal_event_that_only_dips() -> None:
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_a_dip_is_found_beside_the_end(terminal: bool) -> None:
+def test_a_dip_is_found_near_the_end(terminal: bool) -> None:
     """In the last step of a run, and in the piece of steps in which a run ends."""
     step, quarter = pendulum(), 0.25 * float(period())
     low = gs.Event("height", level=-1 + 1e-7)
@@ -184,9 +185,9 @@ def test_a_run_without_events_has_none() -> None:
 
 
 @pytest.mark.parametrize(("events", "text"), [
-    ([gs.Event("hight")], r"Unknown quantity of an event 'hight'"),
-    ("side", r"events = 'side' is no list of events"),
-    ([gs.Event("side"), gs.Event("side", level=1)], r"Two events are named 'side'"),
+    ([gs.Event("hight")], "'hight'"),
+    ("side", "events = 'side'"),
+    ([gs.Event("side"), gs.Event("side", level=1)], "'side'"),
 ])
 def test_wrong_events_end_in_a_sentence(events, text: str) -> None:
     with pytest.raises(gs.InputError, match=text):
@@ -194,10 +195,10 @@ def test_wrong_events_end_in_a_sentence(events, text: str) -> None:
 
 
 @pytest.mark.parametrize(("arguments", "text"), [
-    ({"direction": 2}, r"direction = 2 is none; give -1"),
-    ({"level": float("inf")}, r"level = inf is no finite number"),
-    ({"level": "0"}, r"level = '0' is no finite number"),
-    ({"terminal": 1}, r"terminal = 1 is neither"),
+    ({"direction": 2}, "direction = 2.*-1"),
+    ({"level": float("inf")}, "level = inf"),
+    ({"level": "0"}, "level = '0'"),
+    ({"terminal": 1}, "terminal = 1"),
 ])
 def test_wrong_records_end_in_a_sentence(arguments, text: str) -> None:
     with pytest.raises(gs.InputError, match=text):
@@ -205,7 +206,7 @@ def test_wrong_records_end_in_a_sentence(arguments, text: str) -> None:
 
 
 def test_an_ensemble_refuses_terminal_events() -> None:
-    with pytest.raises(gs.InputError, match="'side' is terminal: it ends single runs"):
+    with pytest.raises(gs.InputError, match=r"'side'.*terminal"):
         pendulum().integrate_ensemble([start()[0]] * 2, [start()[1]] * 2, dt=0.05, steps=3,
                                       parameters={"g": 1.0},
                                       events=gs.Event("side", terminal=True))
@@ -217,7 +218,7 @@ def test_events_in_words() -> None:
         "height", -0.5, -1, True)
     assert event_of_text("side=0").direction == 0
     for text in ("height", "height=", "height=x", "height=0 left", "height=0 up down", "h=30 deg"):
-        with pytest.raises(gs.InputError, match="is not read; write"):
+        with pytest.raises(gs.InputError, match="read"):
             event_of_text(text)
 
 
@@ -258,9 +259,9 @@ def test_a_section_of_many_starts(tmp_path) -> None:
     assert np.abs(found.values("u") - speed[found.trajectory]).max() < 1e-12
     found.plot("height", "u", tmp_path / "section.png")
     assert (tmp_path / "section.png").stat().st_size > 5000
-    with pytest.raises(gs.InputError, match="Unknown quantity of a section 'w'"):
+    with pytest.raises(gs.InputError, match=r"quantity.*'w'"):
         found.values("w")
-    with pytest.raises(gs.InputError, match=r'event = .side. is none; give gs.Event'):
+    with pytest.raises(gs.InputError, match=r"event = .side.*gs\.Event"):
         gs.section(step, q0, np.zeros((7, 2)), event="side", dt=0.05, steps=10,
                    parameters={"g": 1.0})
 
@@ -321,7 +322,7 @@ def test_a_model_file_has_events(tmp_path) -> None:
             "x": [0.5], "second": [0.75]}
     twice = CliRunner().invoke(gyrospark, [*command, "--event", "half: x=1"],
                                standalone_mode=False)
-    assert "Two events are named 'half'; give one" in str(twice.exception)
+    assert "'half'" in str(twice.exception)
     changed = CliRunner().invoke(gyrospark, [*command, "--set", "h=20"], standalone_mode=False)
     assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
 
@@ -365,8 +366,8 @@ def test_a_files_events_are_written(tmp_path, end: str) -> None:
         assert gs.Trajectory.load(out).events["half"].t.tolist() == times["half"]
     else:
         resumed = CliRunner().invoke(gyrospark, [*command, "--resume"], standalone_mode=False)
-        assert "done before: no step was left to take" in resumed.output
-        assert "ended                   by event landing at t = 1 s" in resumed.output
+        assert "done before: " in resumed.output
+        assert re.search(r"^ *ended .*landing.* 1 s$", resumed.output, re.MULTILINE)
         dataset = gs.open_recording(out).dataset
         assert dataset.event_half_p.sel(coordinate="y").values == run.events["half"].p[:, 1]
         assert dataset.event_landing_rising.values.tolist() == [0]
@@ -376,16 +377,16 @@ def test_a_files_events_are_written(tmp_path, end: str) -> None:
 
 
 @pytest.mark.parametrize(("line", "text"), [
-    ('low = "hight=0"', "Unknown quantity of an event 'hight'.*did you mean height"),
-    ('low = "height"', "The event 'height' is not read; write"),
-    ('low = "height=h/0"', r"\[events\] low is no number"),
-    ("low = 3", r"\[events\] low is 3; write one line of text in quotes"),
-    ('"a b" = "height=0"', r"\[events\] a b is 'a b'; write a name"),
+    ('low = "hight=0"', r"'hight'.*height\?"),
+    ('low = "height"', "'height'.*read"),
+    ('low = "height=h/0"', r"\[events\] low"),
+    ("low = 3", r"\[events\] low .*3.*quotes"),
+    ('"a b" = "height=0"', r"\[events\].*'a b'.*name"),
 ])
 def test_wrong_events_of_a_file_end_in_a_sentence(tmp_path, line: str, text: str) -> None:
     path = tmp_path / "ball.toml"
     path.write_text(BALL + line, encoding="utf-8")
-    with pytest.raises(gs.InputError, match=r"The model file '.*ball.toml' is not usable: " + text):
+    with pytest.raises(gs.InputError, match=r"ball\.toml'.*" + text):
         gs.load_model(path)
 
 

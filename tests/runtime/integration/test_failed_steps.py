@@ -1,4 +1,4 @@
-"""What ``StepFailed`` says: in which way, the last increment, and the step that would do."""
+"""``StepFailed``: the reason, the last increment, and a step that would converge."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def test_the_step_that_it_proposes_does(run, gl3):
     assert len(made) == 2
 
 
-def test_too_few_iterations_are_told_from_divergence(gl3):
+def test_too_few_iterations_are_distinguished_from_divergence(gl3):
     few = failed(gl3, dt=0.01, max_iterations=2)
     assert few.reason == "not converged"
-    assert "after 2 iterations increments still shrank" in str(few)
-    assert "max_iterations is too small" in str(few)
+    assert "2 iterations" in str(few)
+    assert "max_iterations" in str(few)
     assert 1e-3 < few.increment < 1
-    assert f"{few.increment:.1e} of the state" in str(few)
+    assert f"{few.increment:.1e}" in str(few)
     assert failed(gl3, dt=0.08, solver="fixed-point").reason == "diverged"
 
 
-def test_stagnation_is_told():
+def test_stagnation_is_reported():
     """A force with a jump: increments neither shrink nor grow, and no rounding explains them."""
     import sympy as sp
 

@@ -104,22 +104,22 @@ def test_what_was_read_needs_its_stepper(tmp_path) -> None:
     step, q0, p0, parameters = fast_top()
     run = step.integrate(q0, p0, dt=1e-2, steps=20, parameters=parameters)
     read = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
-    with pytest.raises(gs.InputError, match=r"does not know the stepper .* give at\(times, step"):
+    with pytest.raises(gs.InputError, match=r"stepper.*at\(times, step"):
         read.at(0.111)
-    with pytest.raises(gs.InputError, match="does not know the stepper"):
+    with pytest.raises(gs.InputError, match="stepper"):
         pickle.loads(pickle.dumps(run)).at(0.111)
     assert np.array_equal(read.at(0.111, stepper=step).q, run.at(0.111).q)
     other = fast_top(stages=2)[0]
-    with pytest.raises(gs.InputError, match=r"not of this stepper, .* they differ in name"):
+    with pytest.raises(gs.InputError, match=r"stepper.*name"):
         read.at(0.111, stepper=other)
 
 
 @pytest.mark.parametrize(("times", "text"), [
-    ([0.1, 0.3], r"The time 0\.3 is outside of the run, which goes from 0\.0 to 0\.2 s"),
-    ([-1e-9], r"outside of the run"),
+    ([0.1, 0.3], r"0\.3.*0\.0 to 0\.2 s"),
+    ([-1e-9], "outside"),
     ([float("nan")], "not finite"),
     ([["0.1"]], "real numbers"),
-    ([[0.1]], r"times has shape \(1, 1\)"),
+    ([[0.1]], r"\(1, 1\)"),
 ])
 def test_wrong_times_end_in_a_sentence(times, text: str) -> None:
     step, q0, p0, parameters = fast_top()
@@ -148,9 +148,9 @@ def test_a_run_for_times_that_fails_keeps_what_it_has() -> None:
     with pytest.raises(gs.StepFailed) as failed:
         step.integrate(q0, p0, **run, t_eval=[0.105, 0.35], max_iterations=1, solver="newton")
     assert len(failed.value.trajectory) >= 1
-    with pytest.raises(gs.InputError, match="every = 3 and t_eval both say what is stored"):
+    with pytest.raises(gs.InputError, match=r"every = 3.*t_eval"):
         step.integrate(q0, p0, **run, every=3, t_eval=[0.1])
-    with pytest.raises(gs.InputError, match=r"The time 0\.6 is outside of the run"):
+    with pytest.raises(gs.InputError, match=r"0\.6.*outside"):
         step.integrate(q0, p0, **run, t_eval=[0.6])
     assert len(step.integrate(q0, p0, **run, t_eval=[])) == 0
     assert len(step.integrate(q0, p0, dt=1e-2, steps=0, parameters=parameters, t_eval=[0.0])) == 1

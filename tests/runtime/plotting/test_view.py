@@ -129,7 +129,7 @@ def test_times_in_any_order_are_shown_in_theirs(gl3):
     assert np.array_equal(scene.parts[0].q, mixed.q[[1, 2, 0]])
 
 
-def test_a_spin_too_fast_to_be_followed_is_told(gl3):
+def test_a_spin_too_fast_to_be_followed_is_reported(gl3):
     slow, fast = (gl3.integrate(TOP.q0, TOP.p0, steps=400, every=every, **RUN) for every in (1, 50))
     assert len(scene_of(slow, 4000).remarks) == 1  # the mass is not known
     assert "1.0 turns" in scene_of(fast, 4000).remarks[1]

@@ -1,4 +1,4 @@
-"""One body or joint of a trajectory: beside finite differences, Newton and Euler, closed forms."""
+"""One body or joint of a trajectory against finite differences, Newton-Euler and closed forms."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def test_the_fast_top_is_asked_without_a_name(gl3):
     mgl = TOP.parameters["mgl"]
     potential = mgl * made.axis()[:, 2]
     assert np.abs(body.kinetic_energy() + potential - made.energy()).max() < 7 * 16 * EPS
-    with pytest.raises(gs.InputError, match="'heavy_top' does not say the mass of body 'body'"):
+    with pytest.raises(gs.InputError, match=r"'heavy_top'.*mass.*'body'"):
         body.momentum()
-    with pytest.raises(gs.InputError, match="does not say where the centre of mass is"):
+    with pytest.raises(gs.InputError, match="centre"):
         body.position()
 
 
@@ -214,7 +214,7 @@ def test_angles_count_whole_turns(four_bar):
     assert spindle.angle()[-1] == pytest.approx(150 * 0.4, rel=0.05)
     made_by_rate = np.cumsum(np.diff(made.t) * (spindle.rate()[1:] + spindle.rate()[:-1]) / 2)
     assert np.abs(np.diff(spindle.angle()).cumsum() - made_by_rate).max() < 0.1
-    with pytest.raises(gs.InputError, match="'spindle' has no point"):
+    with pytest.raises(gs.InputError, match=r"'spindle'.*point"):
         spindle.position()
     angle = four_bar.joint("hinge1").angle()
     turns = [four_bar.body(name).euler("xyz")[:, 2] for name in ("coupler", "crank")]
@@ -256,7 +256,7 @@ def test_a_rod_pulls_along_itself():
     made = run(build.model(), 20, ("IMS",))
     force, along = made.joint("rod").force(), made.body("left").position()
     assert np.abs(force - 0.5 * 9 * along).max() < 1e-4
-    with pytest.raises(gs.InputError, match="'rod' has no axis"):
+    with pytest.raises(gs.InputError, match=r"'rod'.*axis"):
         made.joint("rod").angle()
 
 
@@ -291,22 +291,22 @@ def test_the_shortest_way_between_axes():
 
 
 def test_names_that_are_not_there(four_bar, tops, gl3):
-    with pytest.raises(gs.InputError, match=r"4 joints.*as in joint\('hinge0'\)"):
+    with pytest.raises(gs.InputError, match=r"4 joints.*joint\('hinge0'\)"):
         four_bar.joint()
     with pytest.raises(gs.InputError, match=r"Unknown joint .*'hing1'"):
         four_bar.joint("hing1")
     with pytest.raises(gs.InputError, match=r"Unknown body .*'bus'"):
         four_bar.body("bus")
-    with pytest.raises(gs.InputError, match="has no joints"):
+    with pytest.raises(gs.InputError, match="joints"):
         gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN).joint()
-    with pytest.raises(gs.InputError, match=r"Unknown frame .*'ground'; choose body or space"):
+    with pytest.raises(gs.InputError, match=r"'ground'.*body or space"):
         tops.body("a").angular_velocity(frame="ground")
-    with pytest.raises(gs.InputError, match="Unknown frame of joint 'joint'"):
+    with pytest.raises(gs.InputError, match=r"[Ff]rame.*'joint'"):
         tops.joint().force("ground")
-    with pytest.raises(gs.InputError, match=r"on_body = .* is no point"):
+    with pytest.raises(gs.InputError, match=r"on_body = .*point"):
         tops.body("a").position((0, 1))
-    with pytest.raises(gs.InputError, match="degrees = 3 is neither"):
+    with pytest.raises(gs.InputError, match="degrees = 3"):
         tops.body("a").euler("zyx", degrees=3)
     x, y = sp.symbols("x y")
-    with pytest.raises(gs.InputError, match=r"joints = .* are none; Multibody makes them"):
+    with pytest.raises(gs.InputError, match=r"joints = .*Multibody"):
         gs.System([x], [y], [], y**2, joints=[3])

@@ -1,4 +1,4 @@
-"""What an ensemble shows of itself: a Dataset, files, a picture, beside its members' own."""
+"""Dataset, files and figures of an ensemble against those of its members."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_dataset_has_what_the_members_have() -> None:
     assert np.array_equal(by_g.q.sel(parameter_g=2.0, coordinate="x"), many.q[2, :, 0])
 
 
-def test_a_failure_is_told() -> None:
+def test_a_failure_is_reported() -> None:
     many = failing()
     assert set(many.failures) == {1}
     found = many.to_xarray()

@@ -31,17 +31,17 @@ def test_files_and_stores_have_the_same_in_the_same_order(gl3):
     assert run.panels() == {}  # energy and constraints have pictures of their own
 
 
-def test_a_file_without_an_output_is_told_as_that(gl3, tmp_path):
+def test_a_file_without_an_output_is_refused(gl3, tmp_path):
     """Neither damage nor made up."""
     path = gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN).save(tmp_path / "run.npz")
     with np.load(path) as file:
         kept = {name: file[name] for name in file if name != "f_errors"}
     np.savez(path, **kept)
-    with refused("has no f_errors: it was written by gyrospark .* or is damaged"):
+    with refused("f_errors.*gyrospark.*damaged"):
         gs.Trajectory.load(path)
 
 
-def test_a_store_without_an_output_is_told_as_that(gl3, tmp_path):
+def test_a_store_without_an_output_is_read_and_not_resumed(gl3, tmp_path):
     """Of a version that had not got it; what it has can be read, but not gone on with."""
     whole = gs.record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=4, **RUN)
     assert equal(whole.trajectory(), gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN))
@@ -49,8 +49,8 @@ def test_a_store_without_an_output_is_told_as_that(gl3, tmp_path):
     group = zarr.open_group(tmp_path / "run.zarr", mode="r+", use_consolidated=False)
     group.update_attributes({"arrays": [x for x in group.attrs["arrays"] if x != "f_error"]})
     found = gs.open_recording(tmp_path / "run.zarr")
-    with refused("written by gyrospark .* cannot read it: it has no f_error"):
+    with refused("gyrospark.*f_error"):
         found.trajectory()
-    with pytest.raises(gs.InputError, match=r"written by .*: it has no array 'f_error'"):
+    with pytest.raises(gs.InputError, match="array 'f_error'"):
         gs.record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=8, dt=RUN["dt"],
                   parameters=PARAMETERS, resume=True)

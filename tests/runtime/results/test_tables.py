@@ -80,9 +80,9 @@ def test_names_of_quantities_and_columns_that_are_taken():
     assert np.array_equal(frame["height"], run.quantity("height"))
     assert np.array_equal(frame["x"], run.q[:, 0])
     assert "quantity_height" in run.to_xarray()
-    with pytest.raises(gs.InputError, match="'swinging' is not one rigid body"):
+    with pytest.raises(gs.InputError, match=r"'swinging'.*rigid"):
         run.to_dataframe(euler="zyx")
-    with pytest.raises(gs.InputError, match="'swinging' is not one rigid body"):
+    with pytest.raises(gs.InputError, match=r"'swinging'.*rigid"):
         run.to_xarray(angular_velocity="body")
 
 
@@ -96,20 +96,20 @@ def test_wide_numbers_keep_their_digits(tmp_path):
 
 
 def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
-    with pytest.raises(gs.InputError, match=r"end it in \.csv"):
+    with pytest.raises(gs.InputError, match=r"\.csv"):
         tops.to_csv(tmp_path / "run.txt")
     with pytest.raises(gs.InputError, match="no sequence 'zz'"):
         tops.to_csv(tmp_path / "run.csv", euler="zz")
     with pytest.raises(gs.InputError, match="Unknown frame"):
         tops.to_xarray(angular_velocity="inertial")
-    with pytest.raises(gs.GyrosparkError, match="cannot be written to"):
+    with pytest.raises(gs.GyrosparkError, match="written"):
         tops.to_csv(tmp_path / "not" / "run.csv")
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "pandas", None)
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(gs.MissingDependencyError, match=r"pip install .pandas"):
         tops.to_dataframe()
-    with pytest.raises(gs.MissingDependencyError, match=r"pip install .*xarray"):
+    with pytest.raises(gs.MissingDependencyError, match="xarray"):
         tops.to_xarray()
 
 

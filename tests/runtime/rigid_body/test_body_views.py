@@ -118,10 +118,9 @@ def test_several_bodies_are_asked_for_by_name(two_tops):
     made = two_tops
     assert made.bodies == ("a", "b")
     for view in VIEWS:
-        with pytest.raises(gs.InputError, match=r"'double_top' is not one rigid body but 2, a, b; "
-                                                r"say which, as in body\('a'\)"):
+        with pytest.raises(gs.InputError, match=r"'double_top'.*2, a, b.*body\('a'\)"):
             getattr(made, view)()
-        with pytest.raises(gs.InputError, match=r"Unknown body .*'c'; choose a or b"):
+        with pytest.raises(gs.InputError, match=r"'c'.*a or b"):
             getattr(made, view)("c")
     assert np.abs(made.angular_velocity("a")[0] - [0.2, 0, 40]).max() < 40 * 8 * EPS
     assert np.abs(made.angular_velocity("b")[0] - [0, 0.3, 70]).max() < 70 * 8 * EPS
@@ -177,7 +176,7 @@ def test_a_manifest_with_another_joint_is_damaged(spoil, two_tops):
 
 def test_what_is_called_a_rigid_body_is_one():
     x, y = sp.symbols("x y", real=True)
-    with pytest.raises(gs.InputError, match="'a' is no rigid_body: it has 1 coordinates"):
+    with pytest.raises(gs.InputError, match=r"'a'.*1 coordinates"):
         gs.System([x], [y], [], y**2, name="a", rigid_body=True)
     q, p = sp.symbols("q0:4", real=True), sp.symbols("p0:4", real=True)
     with pytest.raises(gs.InputError, match="moments I1, I2, I3"):

@@ -1,4 +1,4 @@
-"""Euler angles: beside SciPy's, and turned back into the rotation."""
+"""Euler angles against SciPy's, and turned back into the rotation."""
 
 from __future__ import annotations
 
@@ -60,5 +60,5 @@ def test_the_papers_angles():
 
 @pytest.mark.parametrize("sequence", ["zy", "zzx", "xyY", "", "abc", None, 3, ["z", "y", "x"]])
 def test_what_is_no_sequence(sequence):
-    with pytest.raises(gs.InputError, match=r"have no sequence .*; give three axes"):
+    with pytest.raises(gs.InputError, match="three axes"):
         euler_angles([1, 0, 0, 0], sequence)

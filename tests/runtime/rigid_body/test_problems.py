@@ -324,7 +324,7 @@ def test_attitude_is_continuous():
 
 def test_free_body_takes_any_length_of_attitude():
     for length in (2, 1e-200, 1e200):
-        with pytest.warns(InputWarning, match="attitude has length .* not 1"):
+        with pytest.warns(InputWarning, match="length .* 1"):
             q0 = free_body(attitude=(length, 0, 0, -length)).q0
         np.testing.assert_allclose(q0, [math.sqrt(0.5), 0, 0, -math.sqrt(0.5)], rtol=2e-16)
 
@@ -352,20 +352,20 @@ def test_nobodys_precision_is_changed(exact):
     [
         (lambda: regular_precession(0), "radius_ratio is 0.0"),
         (lambda: regular_precession(rate=0), "rate is 0"),
-        (lambda: regular_precession(rate=math.inf), "rate is inf"),
+        (lambda: regular_precession(rate=math.inf), "rate.*inf"),
         (lambda: regular_precession(height=-1), "height is -1.0"),
         (lambda: regular_precession(density=0), "density is 0.0"),
         (lambda: regular_precession(mass=0), "mass is 0.0"),
-        (lambda: regular_precession(mass=math.nan), "mass is nan"),
-        (lambda: regular_precession(gravity=math.nan), "gravity is nan"),
-        (lambda: regular_precession("half"), "'half' is no number"),
+        (lambda: regular_precession(mass=math.nan), "mass.*nan"),
+        (lambda: regular_precession(gravity=math.nan), "gravity.*nan"),
+        (lambda: regular_precession("half"), "'half'"),
         (lambda: cone_mass(1, 0, 1), "radius is 0.0"),
         (lambda: free_body((1, 2)), "has 2 moments"),
         (lambda: free_body((1, 2, 0)), "I3 = 0.0"),
         (lambda: free_body(angular_velocity=(1, 2)), "angular_velocity .* 3 finite numbers"),
         (lambda: free_body(angular_velocity=(1, 2, math.inf)), "3 finite numbers"),
-        (lambda: free_body(angular_velocity="fast"), "is not 3 numbers"),
-        (lambda: free_body(attitude=(0, 0, 0, 0)), "attitude is zero"),
+        (lambda: free_body(angular_velocity="fast"), "3 numbers"),
+        (lambda: free_body(attitude=(0, 0, 0, 0)), "zero"),
         (lambda: free_body(attitude=(1, 0, 0)), "4 finite numbers"),
         (lambda: Problem("x", {}, [1, 0], [0] * 4, (1, 1, 1)), "q0 .* 4 finite numbers"),
     ],

@@ -146,15 +146,15 @@ def test_without_scipy(monkeypatch):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: left_matrix([1, 0, 0]), r"quaternion has shape \(3,\).*length 4"),
-        (lambda: rotation_matrix(1.0), r"quaternion has shape \(\)"),
-        (lambda: axis("north"), "no array of real numbers"),
-        (lambda: momentum([1, 0, 0, 0], [1, 2], INERTIA), "angular velocity has shape"),
+        (lambda: left_matrix([1, 0, 0]), r"\(3,\).*length 4"),
+        (lambda: rotation_matrix(1.0), r"\(\)"),
+        (lambda: axis("north"), "real numbers"),
+        (lambda: momentum([1, 0, 0, 0], [1, 2], INERTIA), "angular velocity"),
         (lambda: momentum([1, 0, 0, 0], [1, 2, 3], (1, 2, 0)), "I3 = 0.0"),
-        (lambda: angular_velocity([1, 0, 0, 0], [1, 2, 3], INERTIA), "momentum p has shape"),
+        (lambda: angular_velocity([1, 0, 0, 0], [1, 2, 3], INERTIA), "momentum p"),
         (lambda: to_rotation([0, 0, 0, 0]), "no attitude"),
         (lambda: to_rotation([np.nan, 0, 0, 0]), "no attitude"),
-        (lambda: from_rotation([1, 0, 0, 0]), r"neither a scipy\.spatial\.transform\.Rotation nor"),
+        (lambda: from_rotation([1, 0, 0, 0]), r"scipy\.spatial\.transform\.Rotation"),
     ],
 )
 def test_refusals(call, words):

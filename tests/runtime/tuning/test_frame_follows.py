@@ -72,7 +72,7 @@ def test_energy_is_the_work_of_drag_to_the_order_of_the_method(solver):
 def test_forces_that_do_not_turn_with_a_frame_have_none():
     top = dragged()
     one = replace(top, forces=(-C * top.p[0], *top.forces[1:3], -2 * C * top.p[3]))
-    with pytest.raises(gs.InputError, match="has no co-moving frame"):
+    with pytest.raises(gs.InputError, match="co-moving"):
         gs.stepper("G-L", 2, system=one, frame="symmetries")
 
 
@@ -116,16 +116,16 @@ def test_in_a_conservative_system_a_block_as_long_as_the_run_is_the_start():
 def test_the_certificate_says_what_of_its_promises_holds(scheme, stages):
     found = gs.certify(TOP, scheme, stages, frame="symmetries", dt=2e-3, steps=200,
                        parameters={"frame": "follow 50"})
-    assert "from block to block" in found.line("co-moving frame").why
+    assert "block" in found.line("co-moving frame").why
     assert found.line("angular momentum about e3").holds is True
     assert found.holds
     assert not any(line.quantity.startswith("energy in the frame") for line in found.lines)
 
 
-def test_what_cannot_follow_is_told():
-    with pytest.raises(gs.InputError, match="'follow 50' for rates that are chosen anew"):
+def test_what_cannot_follow_is_reported():
+    with pytest.raises(gs.InputError, match="'follow 50'"):
         run("follow 0")
-    with pytest.raises(gs.InputError, match="omega_body is given besides frame = 'follow'"):
+    with pytest.raises(gs.InputError, match=r"omega_body.*'follow'"):
         stepper().integrate(**START, parameters=NUMBERS | {"frame": "follow", "omega_body": 3.0})
     with pytest.raises(gs.InputError, match="start"):
         stepper().integrate_ensemble(

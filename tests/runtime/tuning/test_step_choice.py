@@ -67,7 +67,7 @@ def test_backwards_and_from_another_time(gl3):
     assert abs(back.q[-1] - TOP.q0).max() < 1e-12
 
 
-def test_round_off_is_told(gl3):
+def test_round_off_is_reported(gl3):
     with refused(r"error = 1e-19.*\d\.\de-1\d"):
         gl3.integrate(TOP.q0, TOP.p0, dt="auto", error=1e-19, t_end=0.01, parameters=PARAMETERS)
 

@@ -1,7 +1,7 @@
-"""What templates are told of sweeps on plain numbers, of profiles ``control`` and ``run``.
+"""The fixed-point iteration of profiles ``control`` and ``run``, on plain numbers.
 
-The same identities and the same scaled unknowns as those of the full stepper's sweeps, but for one
-trajectory at a time. Profile ``run`` has Newton behind them, on kernels of its own.
+The identities and the scaled unknowns are those of the iteration on lanes, for one trajectory at a
+time. Profile ``run`` falls back to Newton's method, on kernels of its own.
 """
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from ...core.errors import InputError
 from ...core.real_types import Real
 from ..kernels.c_printer import CPrinter
-from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel
+from ..kernels.kernel import EmittedKernel, Target, emit_kernel
 from ..schemes.fast_path import FastSystem
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.lagrangian import LagrangianSystem
 from .profiles import ProfileName
+from .program import Derived, PlainIteration
 
-__all__ = ["beside", "control_context"]
+__all__ = ["beside", "plain_iteration"]
 
 #: Differences of the past that starting values are made of.
 _ORDERS = 8
@@ -29,60 +29,57 @@ _ORDERS = 8
 _LARGEST = 28
 
 
-def control_context(
-    scheme: SparkScheme | MeanScheme, constants: Constants, real: Real, profile: ProfileName
-) -> dict[str, Any]:
-    """Return what the templates need beside what all steppers have.
+def plain_iteration(derived: Derived) -> PlainIteration:
+    """Return the iteration on plain numbers.
 
     Raises
     ------
     InputError
-        For what this profile does not take: other types, other tableaux, large systems.
+        For what the profile does not take: other types, other tableaux, large systems.
     """
-    _refuse(scheme, real, profile)
-    system, spark = FastSystem(scheme.system), isinstance(scheme, SparkScheme)
+    scheme, real, constants = derived.scheme, derived.real, derived.constants
+    _refuse(scheme, real, derived.profile)
+    system = FastSystem(scheme.system)
     own = (system.spark_kernels(apart=True) if isinstance(scheme, SparkScheme)
            else system.mean_kernels(scheme))
-    # What is asked of a run once stands among its constants; H and F are asked of nothing here.
+    # What a run evaluates once is among its constants; H and F are not evaluated here.
     unused = {"hamiltonian", "applied_force", "schur_inverse", "correction",
-              *([] if spark else ["hidden_constraint"])}
+              *([] if derived.is_spark else ["hidden_constraint"])}
     names = {"velocity": "first_rates", "force": "second_rates"} if system.shared else {}
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
     target = Target("real", "constants", "", folds)
     values = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters})
     m, constant = scheme.system.m, system.schur_inverse is not None
-    scalar = system.correction is not None
     tables = FastTableau(scheme.tableau).tables(real) if scheme.tableau else {}
     if not m and tables:
         tables = {name: tables[name] for name in ("mu", "mu_hat")}
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     emitted = {k.name: emit_kernel(replace(k, name=names.get(k.name, k.name)), constants, real,
                                    target) for k in own}
-    W_inverse = system.schur_inverse or []
-    return {
-        "kernels": [kernel for name, kernel in emitted.items() if name not in unused],
-        "known": [*emitted.values()],
-        "run_constants": [
-            *((f"W_inverse[{i}][{j}]", values(e)) for i, row in enumerate(W_inverse)
-              for j, e in enumerate(row) if m),
-            *([("correction", values(system.correction))] if scalar else []),
+    return PlainIteration(
+        kernels=[kernel for name, kernel in emitted.items() if name not in unused],
+        known=[*emitted.values()],
+        run_constants=[
+            *((f"W_inverse[{i}][{j}]", values(e))
+              for i, row in enumerate(system.schur_inverse or []) for j, e in enumerate(row) if m),
+            *([("correction", values(system.correction))]
+              if system.correction is not None else []),
         ],
-        "folded": {symbol.name.lstrip("_"): values(e)
-                   for e, symbol in system.folds.definitions.items()},
-        "fast_tables": {name: [[real.literal(e) for e in row] for row in rows]
-                        for name, rows in tables.items()},
-        "shared": len(system.shared),
-        "affine": system.is_affine,
-        "orders": _ORDERS,
-        "X": 2 * s * scheme.system.n + p * m,
-        "nodes_held": p,
-        "scalar": scalar,
-        "constant_schur": bool(m) and constant,
-        "proved": {"fast": True, "constant_schur": m and constant, "correction": m and scalar,
-                   "separable": system.is_separable, "lane_kernels": []},
-        "eliminates": bool(m) and (spark or not constant),
-    }
+        folded={symbol.name.lstrip("_"): values(e)
+                for e, symbol in system.folds.definitions.items()},
+        tables={name: [[real.literal(e) for e in row] for row in rows]
+                for name, rows in tables.items() if not name.startswith("onward")},
+        factors=bool(m) and (derived.is_spark or not constant),
+        constant_schur=bool(m) and constant,
+        scalar_schur=bool(m) and system.correction is not None,
+        separable=system.is_separable,
+        shared=len(system.shared),
+        affine=system.is_affine,
+        orders=_ORDERS,
+        unknowns=2 * s * scheme.system.n + p * m,
+        nodes=p,
+    )
 
 
 def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) -> None:
@@ -101,8 +98,8 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) 
                          f"{scheme.system.name} has it there: choose profile full.")
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
     if refusal is not None:
-        raise InputError(f"Profile {profile} solves by sweeps, which this tableau does not allow: "
-                         f"{refusal}; choose profile full.")
+        raise InputError(f"Profile {profile} solves by fixed-point iteration, which this tableau "
+                         f"does not permit: {refusal}; choose profile full.")
 
 
 def beside(
@@ -119,7 +116,7 @@ def beside(
         if other is None:
             own.append(kernel)
         elif _text(other) != _text(kernel):
-            names[kernel.name] = f"sweep_{kernel.name}"
+            names[kernel.name] = f"iteration_{kernel.name}"
             own.append(replace(kernel, name=names[kernel.name]))
     return own, names
 

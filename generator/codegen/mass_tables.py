@@ -1,33 +1,33 @@
-"""What the templates are told of a system from its Lagrangian: how M is eliminated, what it costs.
+"""The elimination of the mass matrix of a Lagrangian, and what derivatives of H cost.
 
-Kernels of M, b, V and L_q are expressions; what makes H and its derivatives of them, with the
-factors of M at hand, are files of the engine.
+Kernels of M, b, V and L_q are expressions; the engine composes H and its derivatives of them, with
+the factors of M.
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable
-from typing import Any
 
 from ..kernels.kernel import EmittedKernel
 from ..systems.lagrangian import LagrangianSystem
+from .program import MassTables
 
-__all__ = ["composed_operations", "mass_context"]
+__all__ = ["composed_operations", "mass_tables"]
 
 
-def mass_context(system: LagrangianSystem) -> dict[str, Any]:
+def mass_tables(system: LagrangianSystem) -> MassTables:
     """Return the tables of the elimination of M, and how many entries it has."""
     elimination = system.elimination
-    return {
-        "entries": elimination.entries,
-        "definite": system.is_definite,
-        "order": elimination.order,
-        "counts": [len(rows) for rows in elimination.rows],
-        "flat_rows": [row for rows in elimination.rows for row in rows],
-        "flat_slots": [slot for slots in elimination.slots for slot in slots],
-        "flat_targets": [slot for slots in elimination.targets for slot in slots],
-    }
+    return MassTables(
+        entries=elimination.entries,
+        definite=system.is_definite,
+        order=elimination.order,
+        counts=[len(rows) for rows in elimination.rows],
+        flat_rows=[row for rows in elimination.rows for row in rows],
+        flat_slots=[slot for slots in elimination.slots for slot in slots],
+        flat_targets=[slot for slots in elimination.targets for slot in slots],
+    )
 
 
 def composed_operations(
@@ -50,7 +50,8 @@ def composed_operations(
             "mean_gradient": made["gradient"], "mean_jacobian": made["hessian"]}
     if "mean_generalised_force" in own:  # EMS: the velocities of both ends
         both = Counter({name: 2 * count for name, count in made["velocity"].items()})
-        change = own["force_derivative"] + own["mean_generalised_force_derivative"] + own["mean_generalised_force_derivative"] + solve
+        by_state = own["mean_generalised_force_derivative"]
+        change = own["force_derivative"] + by_state + by_state + solve
         columns = Counter({name: n * count for name, count in change.items()})
         mean = {"mean_velocity": both, "mean_force": both + own["mean_generalised_force"],
                 "mean_gradient": both + own["mean_generalised_force"],

@@ -1,4 +1,4 @@
-"""A loop of ``step``: each call goes on where the one before ended."""
+"""A loop of ``step``: each call continues where the one before ended."""
 
 from __future__ import annotations
 

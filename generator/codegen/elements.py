@@ -1,4 +1,4 @@
-"""What the templates are told of a structured system: kernels of its forms, tables of instances.
+"""A system as sums over element templates: kernels of the templates, tables of their instances.
 
 Every kernel works on local symbols: coordinates ``q``, momenta ``p`` and constants ``k`` of one
 instance. The functions of the whole system, which gather and scatter, are in
@@ -20,64 +20,60 @@ from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..schemes.system_differences import increment_of, mean_gradient_of, mean_slopes_of, vector
 from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
 from ..systems.repeated_structure import Form, Part, Structure
+from .program import Derived, Elements
 
-__all__ = ["operations_of", "structure_context"]
+__all__ = ["elements_of"]
 
-#: What a kernel is needed for: numbers (Newton, reports), lanes (sweeps), or both.
+#: What a kernel is needed for: numbers (Newton, reports), lanes (fixed-point iteration), or both.
 NUMBERS, LANES, BOTH = "numbers", "lanes", "both"
 
 #: A kernel and what it is needed for.
 Placed = tuple[Kernel, str]
 
 
-def structure_context(
-    structure: Structure, scheme: SparkScheme | MeanScheme, constants: Constants, real: Real
-) -> dict[str, Any]:
-    """Return what the templates of a structured system need."""
+def elements_of(structure: Structure, derived: Derived) -> Elements:
+    """Return the tables and kernels of the element templates of a system."""
+    scheme, emit = derived.scheme, _Emitter(derived.constants, derived.real)
     forms = (*structure.forms, *structure.constraint_forms, *structure.force_forms)
     used = sorted({c for form in forms for i in form.instances for c in i.constants})
     place = {c: at for at, c in enumerate(used)}
-    emit, between = _Emitter(constants, real), isinstance(scheme, MeanScheme)
-    attached = _Attached(structure)
-    constrained = bool(structure.system.m)
-    terms = [
+    between, constrained = isinstance(scheme, MeanScheme), bool(structure.system.m)
+    blocks = _Blocks(structure)
+    energies = [
         _form(f"term{f}", form, place)
         | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between,
                                                         constrained=constrained)),
-           "cells": attached.cells[f]}
+           "blocks": blocks.of_elements[f]}
         for f, form in enumerate(structure.forms)
     ]
-    joints = [
-        _form(f"joint{f}", form, place)
-        | {"kernels": emit.all(f"joint{f}", joint_kernels(form, between=between)),
-           "places": attached.places[f]}
+    constraints = [
+        _form(f"constraint{f}", form, place)
+        | {"kernels": emit.all(f"constraint{f}", constraint_kernels(form, between=between)),
+           "places": blocks.places[f]}
         for f, form in enumerate(structure.constraint_forms)
     ]
-    pushes = [
-        _form(f"push{f}", form, place)
-        | {"kernels": emit.all(f"push{f}", push_kernels(form, time_input(structure.system)))}
+    forces = [
+        _form(f"force{f}", form, place)
+        | {"kernels": emit.all(f"force{f}", force_kernels(form, time_input(structure.system)))}
         for f, form in enumerate(structure.force_forms)
     ]
     if isinstance(scheme, MeanScheme):
         for f, form in enumerate(structure.forms):
-            terms[f]["kernels"] += emit.all(f"term{f}", mean_term_kernels(form, scheme.discrete))
+            energies[f]["kernels"] += emit.all(f"term{f}",
+                                               mean_term_kernels(form, scheme.discrete))
         for f, form in enumerate(structure.constraint_forms):
-            joints[f]["kernels"] += emit.all(f"joint{f}",
-                                             mean_joint_kernels(form, scheme.discrete))
+            constraints[f]["kernels"] += emit.all(
+                f"constraint{f}", mean_constraint_kernels(form, scheme.discrete))
     elimination = structure.elimination
     positions, band = _band(structure, scheme)
-    second = _second_derivatives(structure, terms, pushes)
     symbols = list(scheme.system.parameters)
-    return {
-        "structured": True,
-        "terms": terms,
-        "joints": joints,
-        "pushes": pushes,
-        "used_constants": [str(symbols[c]) for c in used],
-        "attached": attached,
-        "cells_cover": sorted(a for form in structure.forms for i in form.instances
+    return Elements(
+        energies, constraints, forces,
+        used_constants=[str(symbols[c]) for c in used],
+        blocks=blocks,
+        covers_momenta=sorted(a for form in structure.forms for i in form.instances
                               for a in i.p) == list(range(structure.system.n)),
-        "elimination": {
+        elimination={
             "entries": elimination.entries,
             "order": elimination.order,
             "counts": [len(rows) for rows in elimination.rows],
@@ -87,12 +83,10 @@ def structure_context(
             "before_rows": [row for pairs in elimination.before for row, _ in pairs],
             "before_slots": [slot for pairs in elimination.before for _, slot in pairs],
         },
-        "second": second,
-        "positions": positions,
-        "band": band,
-        "form_kernels": [k[kind] for part in (*terms, *joints, *pushes) for k in part["kernels"]
-                         for kind in ("scalar", "lanes") if k[kind]],
-    }
+        second=_second_derivatives(structure, energies, forces),
+        positions=positions,
+        band=band,
+    )
 
 
 def _form(name: str, form: Form, place: dict[int, int]) -> dict[str, Any]:
@@ -167,7 +161,7 @@ def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed
             if kernel.outputs and kernel.name not in dropped]
 
 
-def joint_kernels(form: Form, *, between: bool) -> list[Placed]:
+def constraint_kernels(form: Form, *, between: bool) -> list[Placed]:
     """Return the kernels of a form of constraints."""
     rows = len(form.expressions)
     d, lam = vector("d", len(form.q)), vector("lambda", rows)
@@ -182,7 +176,7 @@ def joint_kernels(form: Form, *, between: bool) -> list[Placed]:
         (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", _inputs(form, d=d),
                 {"dg": [increment_of(g, form.q, d, form.time) for g in form.expressions]}), BOTH),
         (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
-        (Kernel("pull", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}),
+        (Kernel("reaction", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}),
          NUMBERS if between else BOTH),
         (Kernel("curvature", "K = d(G^T lambda)/dq", _inputs(form, **{"lambda": lam}), {"K": K}),
          NUMBERS),
@@ -193,7 +187,7 @@ def joint_kernels(form: Form, *, between: bool) -> list[Placed]:
     return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
 
 
-def push_kernels(form: Form, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
+def force_kernels(form: Form, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
     """Return the kernels of a form of forces."""
     at = {"q": form.q, "p": form.p, **time, "k": form.constants}
     F = list(form.expressions)
@@ -230,7 +224,7 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     return [(kernel, where) for kernel, where in [*kernels, *drive] if kernel.outputs]
 
 
-def mean_joint_kernels(form: Form, discrete: bool) -> list[Placed]:
+def mean_constraint_kernels(form: Form, discrete: bool) -> list[Placed]:
     """Return G^T lambda between two states, and its derivative by dq."""
     nq, rows = len(form.q), len(form.expressions)
     qm, dq, lam = vector("qm", nq), vector("dq", nq), vector("lambda", rows)
@@ -248,7 +242,7 @@ def mean_joint_kernels(form: Form, discrete: bool) -> list[Placed]:
                 {"qm": qm, "dq": dq, "k": form.constants}, {"g_t": rates}), BOTH)]
     return [
         *drive,
-        (Kernel("mean_pull", "G^T lambda between two states", at, {"force": pull}), BOTH),
+        (Kernel("mean_reaction", "G^T lambda between two states", at, {"force": pull}), BOTH),
         (Kernel("mean_curvature", "its derivative by dq", at, {"K": _by_increment(qm, dq)(pull)}),
          NUMBERS),
         (Kernel("mean_jacobian", "G between two states",
@@ -272,7 +266,7 @@ def _short(e: sp.Expr) -> str:
     return text if len(text) <= 100 else text[:97] + "..."
 
 
-class _Attached:
+class _Blocks:
     """Which constraints act on which cell of momenta, and where G and W keep their entries.
 
     G is stored cell by cell, a row of a cell's momenta for each constraint that acts on it.
@@ -281,21 +275,21 @@ class _Attached:
     def __init__(self, structure: Structure) -> None:
         slot_of = structure.elimination.slot_of
         at: dict[tuple[int, int], int] = {}  # (row, coordinate) → place in G
-        self.cells: list[dict[str, list[Any]]] = []
+        self.of_elements: list[dict[str, list[Any]]] = []
         self.slots: list[int] = []
         self.entries = 0
         for form in structure.forms:
-            cells: dict[str, list[Any]] = {"count": [], "place": [], "slot": []}
+            blocks: dict[str, list[Any]] = {"count": [], "place": [], "slot": []}
             for instance in form.instances if form.p else ():
                 rows = structure.attached(instance)
-                cells["count"].append(len(rows))
-                cells["place"].append(self.entries)
-                cells["slot"].append(len(self.slots))
+                blocks["count"].append(len(rows))
+                blocks["place"].append(self.entries)
+                blocks["slot"].append(len(self.slots))
                 for i, row in enumerate(rows):
                     at |= {(row, a): self.entries + b for b, a in enumerate(instance.p)}
                     self.entries += len(instance.p)
                     self.slots += [slot_of[row, other] for other in rows[: i + 1]]
-            self.cells.append(cells)
+            self.of_elements.append(blocks)
         self.places = []
         for form in structure.constraint_forms:
             G = jacobian(form.expressions, form.q)
@@ -308,23 +302,23 @@ class _Attached:
 
 
 def _second_derivatives(
-    structure: Structure, terms: list[dict[str, Any]], pushes: list[dict[str, Any]]
+    structure: Structure, energies: list[dict[str, Any]], forces: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """Return where the rows of H_pp and of H_qp − F_p keep their entries, and set their places.
 
     Row e holds what momentum e does: H_pp to the velocities of its cell, H_qp − F_p to forces.
     """
     n = structure.system.n
-    cell_first, cell_count = [0] * n, [0] * n
-    cell_row: list[int] = []
+    block_first, block_count = [0] * n, [0] * n
+    block_row: list[int] = []
     mixed: list[dict[int, int]] = [{} for _ in range(n)]
     pp = 0
-    for form, term in zip(structure.forms, terms, strict=True):
-        term |= {"pp_start": pp, "mixed": []}
+    for form, energy in zip(structure.forms, energies, strict=True):
+        energy |= {"pp_start": pp, "mixed": []}
         for instance in form.instances if form.p else ():
             for a in instance.p:
-                cell_first[a], cell_count[a] = len(cell_row), len(instance.p)
-                cell_row += instance.p
+                block_first[a], block_count[a] = len(block_row), len(instance.p)
+                block_row += instance.p
                 pp += len(instance.p)
                 for b in instance.q:
                     mixed[a].setdefault(b, len(mixed[a]))
@@ -336,13 +330,13 @@ def _second_derivatives(
     first = [0]
     for entries in mixed:
         first.append(first[-1] + len(entries))
-    for form, term in zip(structure.forms, terms, strict=True):
-        term["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
+    for form, energy in zip(structure.forms, energies, strict=True):
+        energy["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
                          for i in form.instances]
-    for form, push in zip(structure.force_forms, pushes, strict=True):
-        push["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
+    for form, force in zip(structure.force_forms, forces, strict=True):
+        force["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
                          for i in form.instances]
-    return {"cell_first": cell_first, "cell_count": cell_count, "cell_row": cell_row,
+    return {"block_first": block_first, "block_count": block_count, "block_row": block_row,
             "mixed_first": first, "mixed_row": [b for entries in mixed for b in entries],
             "pp_entries": pp, "mixed_entries": first[-1]}
 
@@ -369,10 +363,3 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
     for nodes in structure.coupled:
         reach = max(reach, max(last[x] for x in nodes) - min(first[x] for x in nodes))
     return [position[u] for u in range(len(position))], reach
-
-
-def operations_of(context: dict[str, Any]) -> dict[str, dict[str, int]]:
-    """Return the operations of one call of each kernel, by its C name."""
-    return {f"{part['name']}_{k['name']}": k["operations"]
-            for parts in ("terms", "joints", "pushes") for part in context[parts]
-            for k in part["kernels"]}

@@ -1,0 +1,114 @@
+"""The fixed-point iteration of profile ``full``, on lanes: kernels, tables, memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+from ...core.real_types import Real
+from ..kernels.c_printer import ON_LANES, CPrinter
+from ..kernels.kernel import EmittedKernel, Target, emit_kernel, sums_products
+from ..schemes.fast_path import fast_system
+from ..schemes.fast_tableau import FastTableau
+from ..schemes.step_equations import MeanScheme, SparkScheme
+from ..systems.repeated_structure import Structure
+from .program import Derived, Elements, LaneIteration, Table
+
+__all__ = ["lane_iteration"]
+
+
+def lane_iteration(
+    derived: Derived, elements: Elements | None
+) -> tuple[LaneIteration | None, str]:
+    """Return the iteration, or None and why the tableau does not permit one."""
+    scheme, real = derived.scheme, derived.real
+    tables: dict[str, list[list[Fraction]]] = {}
+    even_odd: dict[str, list[list[Fraction]]] = {}
+    m = scheme.system.m
+    if isinstance(scheme, SparkScheme):
+        tableau = FastTableau(scheme.tableau)
+        if tableau.refusal is not None:
+            return None, tableau.refusal
+        tables, even_odd = tableau.tables(real), tableau.halves(real)
+        if not m:
+            tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
+            even_odd = {name: rows for name, rows in even_odd.items() if name in tables}
+    literals, even_odd_literals = _literals(tables, real), _literals(even_odd, real)
+    history = 32 if scheme.tableau else 16  # a recurrence takes 16 steps, least squares more
+    if elements is not None:
+        # Nothing is proved of a sum over elements but what the elements show.
+        kernels = [k for k in elements.kernels if k.name.startswith("lanes_")]
+        structure = Structure(scheme.system)
+        constants, factor = len(elements.used_constants), elements.elimination["entries"]
+        return LaneIteration(
+            kernels=[], folded={}, **_functions(kernels),
+            tables=literals, even_odd_tables=even_odd_literals,
+            compensated=any(sums_products(k, "lanes_") for k in kernels),
+            factors=bool(m), constant_schur=False, scalar_schur=False,
+            separable=structure.is_separable, shared=0, affine=structure.is_quadratic,
+            history=history,
+            memory=_memory(scheme, real, history, constants, factor, one=True),
+            batch_memory=_memory(scheme, real, history, constants, factor, one=False),
+        ), ""
+    system = fast_system(scheme.system)
+    own = system.spark_kernels() if isinstance(scheme, SparkScheme) else system.mean_kernels(scheme)
+    folds = {symbol: f"c->{symbol.name.lstrip('_')}"
+             for symbol in system.folds.definitions.values()}
+    kernels = [emit_kernel(k, derived.constants, real, Target.lanes(folds)) for k in own]
+    values = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
+    constants = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
+    constant = bool(m) and system.schur_inverse is not None
+    return LaneIteration(
+        kernels=kernels,
+        folded={symbol.name.lstrip("_"): values(e)
+                for e, symbol in system.folds.definitions.items()},
+        **_functions(kernels),
+        tables=literals, even_odd_tables=even_odd_literals,
+        compensated=any(sums_products(k, "lanes_") for k in kernels),
+        factors=bool(m) and (derived.is_spark or not constant),
+        constant_schur=constant,
+        scalar_schur=bool(m) and system.correction is not None,
+        separable=system.is_separable,
+        shared=len(system.shared),
+        affine=system.is_affine,
+        history=history,
+        memory=_memory(scheme, real, history, constants, m * m, one=True),
+        batch_memory=_memory(scheme, real, history, constants, m * m, one=False),
+    ), ""
+
+
+def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, Table]:
+    return {name: [[real.literal(e) for e in row] for row in rows]
+            for name, rows in tables.items()}
+
+
+def _functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
+    """Return what kernels on lanes call: lane by lane, and on all lanes at once."""
+    called = set[str]().union(*(k.functions for k in kernels))
+    return {"functions": sorted(called - ON_LANES), "switches": sorted(called & ON_LANES)}
+
+
+def _memory(
+    scheme: SparkScheme | MeanScheme, real: Real, history: int, constants: int, factor: int, *,
+    one: bool,
+) -> int:
+    """Return bytes enough for the state of the iteration at any number of lanes; C checks it.
+
+    ``factor`` numbers hold the factors of W at a node. One trajectory has its stages in lanes,
+    several trajectories are in lanes themselves.
+    """
+    n, m = scheme.system.n, scheme.system.m
+    s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
+    lanes = 64 // real.bytes if not real.wide else 1
+    blocks, nodes = (-(-s // lanes), -(-p // lanes)) if one else (s, p)
+    x = 2 * blocks * n + nodes * m
+    iterate = x + (blocks + 2 * nodes) * n + nodes * factor
+    tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
+    forced = n if one else s * n
+    constants += 3 + 2 * nodes if scheme.system.is_timed else 0
+    ring = (history + 1) * x
+    lessons = 2 * (s + 30) * blocks + 2 * x + 24 if scheme.tableau else 0
+    vectors = (forced + blocks + constants + 42
+               + 5 * n + 2 * blocks + tables + 2 * iterate + ring + lessons + 4 * m + m * m
+               + 3 * (16 + 17 * 17) + 24)
+    return vectors * lanes * real.bytes + 512
