@@ -277,7 +277,7 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
         return
     from rich.console import Console
 
-    with quiet(), Console(stderr=True).status("") as status:
+    with hide_tasks(), Console(stderr=True).status("") as status:
         yield lambda text: status.update(text)
 
 

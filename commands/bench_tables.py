@@ -10,7 +10,7 @@ import click
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
     from ..benchmarks.contest import Row
-    from ..benchmarks.drift import EnsembleStates
+    from ..benchmarks.drift import Course
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
@@ -72,7 +72,7 @@ def _iterations(cell: Cell, solver: str) -> str:
     return f" [{cell.iterations[solver]:.1f}]" if solver in cell.iterations else ""
 
 
-def _print_drift(courses: Sequence[EnsembleStates]) -> None:
+def _print_drift(courses: Sequence[Course]) -> None:
     from ..benchmarks.reference_states import TIMES
 
     times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]

@@ -117,7 +117,7 @@ def _progress(
     columns = (TextColumn("{task.fields[result]:>14}"), BarColumn(),
                TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
                TextColumn("{task.description}"))
-    with quiet(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with hide_tasks(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, result="")
         yield (lambda name, done: bar.update(task, completed=done, result=name, description=""),
                lambda text: bar.update(task, description=text))

@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-__all__ = ["TERMINAL", "log_task", "quiet", "terminal_messages"]
+__all__ = ["TERMINAL", "hide_tasks", "log_task", "terminal_messages"]
 
 _LOGGER = logging.getLogger("gyrospark")
 
@@ -97,7 +97,7 @@ def terminal_messages() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def quiet() -> Iterator[None]:
+def hide_tasks() -> Iterator[None]:
     """Show no tasks within: a progress bar is there already."""
     before = TERMINAL.level
     TERMINAL.setLevel(logging.CRITICAL)

@@ -21,10 +21,10 @@ from ..core.event import Event
 from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
 from ..runtime.events.observer import Observer, TerminalEvent
+from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import (
     ChunkSize,
     Rows,
-    RunArguments,
     advance,
     advance_with_events,
     ended_at,

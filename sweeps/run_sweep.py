@@ -191,7 +191,7 @@ def _warn_of_turning(study: Study) -> None:
                 cells.q[some], cells.p[some]) if some.any() else None
             found += [] if worst is None else [worst]
     if found:
-        max(found, key=lambda one: one.radians / one.borne).warn()
+        max(found, key=lambda one: one.radians / one.limit).warn()
 
 
 def _prepare(

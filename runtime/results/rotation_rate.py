@@ -28,7 +28,7 @@ Array = NDArray[Any]
 #: within three turns. Order 4 is there at 2.5 rad, with 0.5 to 2 %. Higher orders are right to
 #: 5e-4 or better up to 3 rad; beyond it steps of every order find no solution for one motion or
 #: another, and states half a turn apart do not tell which way a body turns.
-_BORNE = {3: 1.5, 5: 2.5}
+_LIMITS = {3: 1.5, 5: 2.5}
 _MOST = 3.0
 #: Stored states of a run that are looked at for a warning: all of a long run would cost as much as
 #: the steps of a small system.
@@ -54,18 +54,18 @@ class FastestRotation:
 
     body: str
     radians: float
-    largest: float
+    limit: float
     dt: float
     order: int
 
     def warn(self) -> bool:
         """Warn where it is more than the method can bear, and return whether it is."""
-        if self.radians <= self.largest:
+        if self.radians <= self.limit:
             return False
         warn(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
-             f"method of order {self.order} bears {self.largest:g} at the most: the motion is "
+             f"method of order {self.order} bears {self.limit:g} at the most: the motion is "
              "lost within some turns. Take a dt well below "
-             f"{abs(self.dt) * self.largest / self.radians:.2g}.")
+             f"{abs(self.dt) * self.limit / self.radians:.2g}.")
         return True
 
 
@@ -79,7 +79,7 @@ class Rotations:
         self._bodies = bodies_of(manifest)
         self._rates = [one["name"] for one in manifest.get("frame", {}).get("symmetries", ())]
         self._order = manifest["scheme"]["order"]
-        self._largest = next((radians for most, radians in _BORNE.items() if self._order <= most),
+        self._limit = next((radians for most, radians in _LIMITS.items() if self._order <= most),
                            _MOST)
 
     def fastest(
@@ -117,7 +117,7 @@ class Rotations:
                     step = float(np.broadcast_to(dt, len(q))[row]) if np.ndim(dt) else float(dt)
         if not fastest:
             return None
-        return FastestRotation(fastest, largest, self._largest, step, self._order)
+        return FastestRotation(fastest, largest, self._limit, step, self._order)
 
     def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
         """Warn where a body turns by more than the method can bear, and return whether it does."""

@@ -287,9 +287,10 @@ class Stepper(Evaluation):
                                  "tolerance": tolerance, "max_iterations": max_iterations}
         choice = step_choice(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
                              inputs=inputs, **given)
-        dt_, count = (dt, step_count(steps, t_end, t0, dt, as_flag("round", round))
-                      ) if choice is None else (choice.dt, choice.steps)
-        run = self.resolved(self.run_arguments(q, p, dt=dt_, steps=count, every=every,
+        nearest = as_flag("round", round)
+        size: Any = dt if choice is None else choice.dt
+        count = step_count(steps, t_end, t0, dt, nearest) if choice is None else choice.steps
+        run = self.resolved(self.run_arguments(q, p, dt=size, steps=count, every=every,
                                                inputs=inputs, hold=hold, **given))
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
