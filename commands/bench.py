@@ -14,6 +14,7 @@ import click
 
 from ..core.arguments import unknown
 from ..core.errors import InputError
+from ..core.progress import hide_tasks
 from .bench_tables import PRINT
 from .generate import write_files
 from .options import check_folder, json_option, real_number, whole_number

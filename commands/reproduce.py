@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.errors import MissingDependencyError
+from ..core.progress import hide_tasks
 from .generate import write_files
 from .options import check_folder, check_writable, json_option
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.exact_numbers import digits_of
 from ..core.real_types import REALS
-from ..runtime.bindings.wide_numbers import as_bytes, from_bytes
+from ..runtime.bindings.real_numbers import as_bytes, from_bytes
 from ..runtime.results.state_columns import states_of
 from .array_layout import Field, array_of, fields_of, fields_of_event, names_of, wide_name
 from .event_store import values_of

@@ -14,7 +14,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..runtime.bindings.wide_numbers import as_bytes
+from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import Rows
 from ..runtime.results.crossings import Crossings

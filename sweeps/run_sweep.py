@@ -20,7 +20,7 @@ from ..core.real_types import RealName
 from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.bindings.array_checks import as_callback, as_positive_count
 from ..runtime.bindings.binding import SolverName
-from ..runtime.bindings.wide_numbers import as_bytes
+from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.rotation_rate import FastestRotation
 from ..storage.array_layout import Field, attributes_of, open_group
 from ..storage.durable_files import new_store_path, remove_parts, storage_errors

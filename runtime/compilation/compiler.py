@@ -21,10 +21,9 @@ import numpy as np
 
 from ...core.errors import CompilerError, InputError
 from ...core.real_types import REALS, Real
-from .gcc_permutations import WITHOUT_PERMUTATIONS, has_permutation
 from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of
-from .object_files import Part, declarations_of, objects_of
+from .object_files import WITHOUT_PERMUTATIONS, Part, declarations_of, has_permutation, objects_of
 from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bindings.binding import REASONS, Binding
-from ..bindings.compiled_constraints import CompiledConstraints
+from ..bindings.binding import REASONS, Binding, CompiledConstraints
 
 __all__ = ["Diagnosis", "diagnose"]
 

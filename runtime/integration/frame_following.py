@@ -24,7 +24,7 @@ from ...core.arguments import shown
 from ...core.errors import InputError, StepFailed
 from ...core.interrupts import before_start
 from ..tuning.frame_choice import asks_for_frame, start_frame, with_frame
-from ..tuning.frame_pilots import AGREES, CLEAR, SMALL
+from ..tuning.frame_search import AGREES, CLEAR, SMALL
 from ..tuning.gamma_choice import PILOT_STEPS
 from ..tuning.motion_distance import MotionError
 

@@ -15,8 +15,7 @@ from ...core.arguments import listed, why_unwritable
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import digits_of
 from ...core.real_types import REALS
-from ..bindings.real_numbers import from_text
-from ..bindings.struct_memory import without_padding
+from ..bindings.real_numbers import from_text, without_padding
 from ..compilation.manifest import sizes_of
 from .crossings import Crossings
 from .diagnostics import Report, known_fields

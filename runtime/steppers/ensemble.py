@@ -150,9 +150,9 @@ class Ensemble:
         matplotlib.figure.Figure
             Of 200 trajectories at most, spread over all.
         """
-        from ..plotting.ensemble_plot import draw  # matplotlib is optional
+        from ..plotting.trajectory_plots import draw_ensemble  # matplotlib is optional
 
-        return draw(self, values, path)
+        return draw_ensemble(self, values, path)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""

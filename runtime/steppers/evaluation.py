@@ -14,8 +14,7 @@ from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
 from ...engine.amalgamate import complete
 from ..bindings.array_checks import as_real, as_step
-from ..bindings.binding import REASONS, Binding
-from ..bindings.compiled_constraints import CompiledConstraints
+from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
 from ..integration.parameters import as_parameters, warn_of_negative

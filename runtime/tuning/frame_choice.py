@@ -1,12 +1,10 @@
 """The rates of a co-moving frame, and γ with them, chosen by measurement.
 
 ``parameters["frame"]`` may be "start", the least squares of the start, "auto", a search, or
-"follow", the least squares of each block of steps (``steps/follow.py``).
+"follow", the least squares of each block of steps (``integration/frame_following.py``).
 
     frame_start     least squares
-    frame_lines     from the spectrum
-    frame_pilots    the runs and their errors
-    frame_search    what is tried, and what is chosen
+    frame_search    the runs, their errors, lines of the spectrum, and what is chosen
 """
 
 from __future__ import annotations
@@ -25,8 +23,7 @@ from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count
 from ..rigid_body.gamma_rules import gamma_by_rule, gamma_m, known_inertia, principal_moments
-from .frame_pilots import FramePilots
-from .frame_search import FrameChoice, FrameSearch
+from .frame_search import FrameChoice, FramePilots, FrameSearch
 from .frame_start import Velocities, directions_of, start_rates
 from .gamma_choice import PILOT_STEPS, with_gamma
 

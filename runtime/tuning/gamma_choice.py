@@ -1,13 +1,12 @@
-"""γ chosen by measurement: short pilot runs, the law of the error, its minimum, and a verdict.
+"""γ chosen by measurement: short pilot runs, the law of the error, its minimum, and the choice.
 
 What is aimed at is the motion or the energy, and one is not the other: on a symmetric top the γ
 that cancels the energy error of 2-stage LIIIA-B triples the error of the axis. By default it is
 the motion, and γ_m is left only where every path (each body's three axes in space, every point)
 was measured to be nearer to the true one by 5 % or more. Where pilots cannot tell, γ_m stays.
 
-    gamma_pilots    the runs and what they are measured by
-    gamma_law       the law in 1/γ and its minimum
-    gamma_choice    the call and the verdict
+    gamma_search    the runs, their errors, the law in 1/γ and its minimum
+    gamma_choice    the call, and which γ is chosen
 """
 
 from __future__ import annotations
@@ -27,8 +26,7 @@ from ...core.interrupts import before_start
 from ...core.registry import AIMS, Aim
 from ..bindings.array_checks import as_positive_count
 from ..rigid_body.gamma_rules import known_inertia, principal_moments
-from .gamma_error_law import REACH, GammaSearch
-from .gamma_pilots import WORTHWHILE, Pilot, Pilots
+from .gamma_search import REACH, WORTHWHILE, GammaSearch, Pilot, Pilots
 
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
@@ -221,7 +219,7 @@ def _search(
     return choice
 
 
-# ---------------------------------------------------------------- the verdict
+# ---------------------------------------------------------------- the choice
 
 
 def _choice_of(pilots: Pilots, searches: list[GammaSearch]) -> GammaChoice:

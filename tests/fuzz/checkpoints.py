@@ -64,7 +64,7 @@ class Case:
         assert state is not None
         assert pack(self.binding, state).tobytes() == self.sound.tobytes()
         report, work = (self.binding.image(part).size for part in (state.report, state.work))
-        numbers = 2 * len(gs.runtime.bindings.wide_numbers.as_bytes(state.q).reshape(-1))
+        numbers = 2 * len(gs.runtime.bindings.real_numbers.as_bytes(state.q).reshape(-1))
         with tempfile.TemporaryDirectory() as folder:
             found = integers_of(stepper.name, stepper.files, Path(folder))
         at = {"report": 48 + numbers, "work": 48 + numbers + report}
