@@ -4,7 +4,6 @@
     reference                 one of the commands, too; models has ``examples`` in it
     options                   options that several of them share
     run/                      ``run``: command, choices, outputs, report
-    bench_tables              what ``bench`` prints
 
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one
 sentence on stderr, no traceback), 130 interrupted.

@@ -237,7 +237,7 @@ def _step_count(
     steps: str | None, t_end: str | None, start: RunDefaults, dt: float, t0: float, nearest: bool
 ) -> int:
     """Return the number of steps of the option, up to the time of the other, or the model's own."""
-    from ...runtime.integration.step_count import step_count
+    from ...runtime.integration.run_arguments import step_count
 
     if t_end is not None:
         if steps is not None:

@@ -1,24 +1,34 @@
 """The checked arguments of an integration; of many, one column for each that may differ.
 
-What all of them pass together needs no look at each, which costs a hundred times as much. What one
-of them does not pass plainly (a number of mpmath, a start off the constraints, a γ below 0) is
-looked at one by one, by what checks a single run: that says what is wrong, and of which.
+The parameters: all that the stepper needs, in their domains, γ and α by their rules. The number of
+steps: as given, or the whole number of them that leads to a time.
+
+What all runs of an ensemble pass together is not checked one by one, which costs a hundred times as
+much. What one of them does not pass plainly (a number of mpmath, a start off the constraints, a γ
+below 0) is checked as a single run is, so that the message names the value and the run.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arguments import proposal, shown
 from ...core.errors import InputError
+from ...core.exact_numbers import as_double, exact
 from ...core.registry import AIMS
+from ...core.warnings import warn
+from ..bindings.array_checks import as_positive_count, as_real, as_step
 from ..bindings.inputs import Inputs
-from ..rigid_body.gamma_rules import gamma_by_rule, inertia_names
+from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names, is_inertia_parameter
+from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 from .consistency import defects_of_starts
 
 if TYPE_CHECKING:
@@ -27,7 +37,8 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
     from .frame_following import Follow
 
-__all__ = ["EnsembleArguments", "RawArguments", "RunArguments", "checked_runs"]
+__all__ = ["EnsembleArguments", "RawArguments", "RunArguments", "as_parameters", "checked_runs",
+           "refuse_auto", "refuse_choice", "step_count", "warn_of_negative"]
 
 Array = NDArray[Any]
 
@@ -306,3 +317,134 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
 
     with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
         return all(judge(slice(i, i + at_once)) for i in range(0, len(runs), at_once))
+
+
+def as_parameters(
+    given: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double,
+    symmetries: Sequence[Symmetry] = (),
+) -> dict[str, Any]:
+    """Return the parameters a stepper needs, each checked against its domain.
+
+    The rates of a co-moving frame, those of ``symmetries``, are 0 where they are not given.
+
+    Raises
+    ------
+    InputError
+        Naming a missing, unknown or unusable parameter.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
+    frame = {symmetry.name: 0 for symmetry in symmetries}
+    needed = [name for name in domains if name not in frame]
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise InputError(
+            f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(needed)}."
+        )
+    if frame and "frame" in given and "frame" not in domains:
+        refuse_choice(given["frame"])
+    unknown = [str(name) for name in given if name not in domains]
+    if unknown:
+        raise InputError(
+            f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}"
+            f"{proposal(unknown[0], domains)}."
+        )
+    whole = {**frame, **given}
+    made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
+    refuse_broken(symmetries, made)
+    return made
+
+
+def refuse_choice(value: Any) -> None:
+    """Refuse ``"frame"`` among the parameters where nothing chooses."""
+    raise InputError(f"Parameter frame = {shown(value)} is for runs, which look at their start: "
+                     "'start' or, for integrate alone, 'auto'; here give rates, those of "
+                     "choose_frame for example.")
+
+
+def refuse_auto(name: str, value: Any) -> None:
+    """Refuse the value "auto" where nothing chooses."""
+    if isinstance(value, str) and value in AIMS:
+        raise InputError(f"Parameter {name} = {value!r} is chosen by integrate alone; call "
+                         "choose_gamma once and give its number.")
+
+
+def _as_parameter(
+    name: str, domain: str, given: Mapping[str, Any], number: Callable[[Fraction], Any]
+) -> Any:
+    value = given[name]
+    refuse_auto(name, value)
+    if isinstance(value, str) and is_inertia_parameter(name):
+        value = gamma_by_rule(name, value, given)
+    made = as_real(f"Parameter {name}", value, number)
+    if domain == "positive" and made <= 0:
+        raise InputError(f"Parameter {name} = {made} is not positive, as the system declares it; "
+                         "give a number above 0. (Where 0 is meant, declare the symbol without "
+                         "positive=True.)")
+    if domain == "nonzero" and made == 0:
+        raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
+    return made
+
+
+def warn_of_negative(parameters: Mapping[str, Any]) -> None:
+    """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
+    for name, values in parameters.items():
+        least = float(np.min(values)) if has_inertia(name, parameters) else 0.0
+        if least < 0:
+            warn(f"Parameter {name} = {least:.6g} is below 0. The motion does not depend on it, "
+                 "but its error does: several times that of a value near the moments of inertia, "
+                 "such as m.")
+
+
+#: What t_end, t0 and dt may be off by, in parts of their sizes: two roundings of a double each.
+_ROUNDING = Fraction(1, 2**52)
+
+
+def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) -> int:
+    """Return the number of steps: as given, or (t_end − t0)/dt.
+
+    That is a whole number n if |t_end − t0 − n dt| ≤ 2⁻⁵² (|t_end| + |t0| + n |dt|): decimals such
+    as 0.1 are rounded before they come here. ``nearest`` takes the whole number next to any t_end.
+
+    Raises
+    ------
+    InputError
+        For both or neither of them, and for a time that no whole number of steps leads to.
+    """
+    if (steps is None) == (t_end is None):
+        raise InputError("Give either steps, their number, or t_end, the time of the last state.")
+    if nearest and t_end is None:
+        raise InputError("round is for t_end, the time of the last state; give that, or leave "
+                         "round away.")
+    if t_end is None:
+        return as_positive_count("steps", steps)
+    as_step(dt)
+    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dt", dt)))
+    span = end - begin
+    if span * step < 0:
+        raise InputError(f"t_end = {_text(end)} lies {'before' if span < 0 else 'behind'} "
+                         f"t0 = {_text(begin)}, and dt = {_text(step)} leads away from it; give "
+                         f"dt = {_text(-step)}.")
+    count = round(span / step)
+    rounding = _ROUNDING * (abs(end) + abs(begin) + count * abs(step))
+    if nearest or abs(span - count * step) <= rounding:
+        return as_positive_count("steps", count)
+    few = math.floor(span / step)
+    times = " and ".join(_text(begin + n * step) for n in (few, few + 1) if n)
+    steps_of = " or ".join(_text(span / n) for n in (few + 1, few) if n)
+    raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "
+                     f"t0 = {_text(begin)}; round=True (--round) ends at the step next to it. The "
+                     f"nearest that fit: t_end = {times}, or dt = "
+                     f"{steps_of}.")
+
+
+def _fraction(name: str, value: Any) -> Fraction:
+    """Return a number of any type as it is."""
+    as_real(name, value)
+    number = exact(value)
+    assert isinstance(number, Fraction), shown(value)
+    return number
+
+
+def _text(value: Fraction) -> str:
+    return repr(as_double(value))

@@ -14,11 +14,10 @@ from ...core.arguments import as_path, choose, shown
 from ...core.errors import InputError
 from ...core.file_formats import format_of, with_ending
 from ..compilation.body_columns import bodies_of, joints_of, placed_of
-from .body_motion import BodyMotion
+from .body_motion import BodyMotion, PlacedMotion
 from .crossings import Crossings
 from .diagnostics import Report
 from .joint_motion import JointMotion
-from .placed_motion import PlacedMotion
 from .run_arrays import place_of_quantity
 from .trajectory_display import Shown
 from .trajectory_file import read_npz

@@ -24,8 +24,13 @@ from ..events.detection import Levels
 from ..events.location import crossings_of, detectors_for
 from ..integration.failure import Diagnosis
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
-from ..integration.parameters import refuse_auto, refuse_choice, warn_of_negative
-from ..integration.run_arguments import RawArguments, checked_runs
+from ..integration.run_arguments import (
+    RawArguments,
+    checked_runs,
+    refuse_auto,
+    refuse_choice,
+    warn_of_negative,
+)
 from ..integration.step_loop import failure_of, trajectory_of
 from ..results import ensemble_table
 from ..results.crossings import Crossings, CrossingsOfMany

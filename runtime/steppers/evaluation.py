@@ -17,7 +17,7 @@ from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
-from ..integration.parameters import as_parameters, warn_of_negative
+from ..integration.run_arguments import as_parameters, warn_of_negative
 from ..tuning.manifest_symmetries import symmetries_of
 
 __all__ = ["Evaluation"]

@@ -28,8 +28,7 @@ from ..bindings.binding import Binding
 from ..bindings.inputs import Inputs
 from ..integration.consistency import refuse_inconsistent
 from ..integration.failure import diagnose
-from ..integration.parameters import as_parameters, warn_of_negative
-from ..integration.run_arguments import RunArguments
+from ..integration.run_arguments import RunArguments, as_parameters, warn_of_negative
 from ..integration.step_loop import FIRST_STEPS, ChunkSize, Rows, advance, ended_at, trajectory_of
 from ..results.diagnostics import Report
 from ..results.run_arrays import place_of_quantity

@@ -26,9 +26,7 @@ from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
 from ..integration.frame_following import follow_frame
-from ..integration.parameters import as_parameters, warn_of_negative
-from ..integration.run_arguments import RunArguments
-from ..integration.step_count import step_count
+from ..integration.run_arguments import RunArguments, as_parameters, step_count, warn_of_negative
 from ..integration.step_loop import integrate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory

@@ -160,7 +160,7 @@ def test_a_step_against_fifty_digits(method):
 
 
 @pytest.mark.parametrize("stages", [
-    2, 3, 5, *(pytest.param(s, stored_steps=pytest.mark.slow) for s in (1, 4, 6, 7, 8))])
+    2, 3, 5, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 4, 6, 7, 8))])
 def test_order_is_twice_the_stages(stages):
     """The paper's fast top, 126 rad/s, over 1/128 s; differences of runs with dt, dt/2, dt/4."""
     top = fast_top()

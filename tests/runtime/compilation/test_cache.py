@@ -227,7 +227,7 @@ def small_disk(tmp_path):
     call(["umount", "-l", disk])
 
 
-@pytest.mark.parametrize("size", [4, *(pytest.param(size, stored_steps=pytest.mark.slow)
+@pytest.mark.parametrize("size", [4, *(pytest.param(size, marks=pytest.mark.slow)
                                        for size in (20, 120)), 60])
 def test_full_cache_is_reported(size, small_disk, quick):
     """Wherever in the build the disk fills up: an error in words, nothing left that is loaded."""
@@ -261,7 +261,7 @@ def test_read_only_cache_serves_what_it_has(small_disk, quick):
 # ---------------------------------------------------------------- killed, at once, damaged
 
 
-@pytest.mark.parametrize("kills", [3, pytest.param(40, stored_steps=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [3, pytest.param(40, marks=pytest.mark.slow)])
 def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
     """SIGKILL at random instants of a cold build, then one that is left alone succeeds."""
     rng = random.Random(2026)
@@ -308,7 +308,7 @@ def test_killed_derivation_leaves_nothing(own_cache, quick):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("many", [3, pytest.param(16, stored_steps=pytest.mark.slow)])
+@pytest.mark.parametrize("many", [3, pytest.param(16, marks=pytest.mark.slow)])
 def test_many_processes_at_once(many, own_cache, quick):
     """All build the same stepper cold: all succeed, with the same bits; one module stays."""
     processes = [
@@ -368,7 +368,7 @@ def built(tmp_path_factory):
 
 
 @pytest.mark.parametrize("damage", [
-    pytest.param(damage, id=name, stored_steps=[] if name in ("empty", "first half", "one bit")
+    pytest.param(damage, id=name, marks=[] if name in ("empty", "first half", "one bit")
                  else pytest.mark.slow) for name, damage in DAMAGE.items()])
 def test_damaged_module_is_built_anew(damage, built, own_cache):
     """Loading it would end the process with a bus error: it is not even tried."""
@@ -383,8 +383,8 @@ def test_damaged_module_is_built_anew(damage, built, own_cache):
 
 
 @pytest.mark.parametrize("proof", [
-    None, pytest.param(b"", stored_steps=pytest.mark.slow), b"\xff",
-    pytest.param(b"0" * 64, stored_steps=pytest.mark.slow)])
+    None, pytest.param(b"", marks=pytest.mark.slow), b"\xff",
+    pytest.param(b"0" * 64, marks=pytest.mark.slow)])
 def test_module_without_its_checksum_is_built_anew(proof, built, own_cache):
     content, expected = built
     own_cache.mkdir()

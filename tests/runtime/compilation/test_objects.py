@@ -59,7 +59,7 @@ def results(step):
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize(("scheme", "real", "level"), [
     ("IMS", "double", "1"),
-    *(pytest.param(*what, stored_steps=pytest.mark.slow)
+    *(pytest.param(*what, marks=pytest.mark.slow)
       for what in (("IMS", "long-double", "1"), ("G-L", "double", "3")))])
 def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeypatch):
     """Runs, Newton behind them, lanes and what is evaluated once, against the file in one piece."""

@@ -17,13 +17,13 @@ import gyrospark as gs
 from event_runs import pendulum, period, start
 from gyrospark.commands import gyrospark
 from gyrospark.core.event import event_of_text
-from gyrospark.runtime.events.root_finding import zeros
+from gyrospark.runtime.events.location import zeros
 
 EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
 
 
 @pytest.mark.parametrize("ahead", [1, -1])
-@pytest.mark.parametrize("steps", [5000, pytest.param(700_000, stored_steps=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [5000, pytest.param(700_000, marks=pytest.mark.slow)])
 def test_a_pendulum_through_the_bottom(steps: int, ahead: int) -> None:
     """At T/4 + k T/2, to twelve digits; and as often as that: 74 times, slowly 10,448 times."""
     run = pendulum().integrate(*start(), dt=ahead * 0.05, steps=steps, every=steps,
@@ -139,7 +139,7 @@ def test_a_dip_is_found_near_the_end(terminal: bool) -> None:
 
 
 @pytest.mark.parametrize("ahead", [1, -1])
-@pytest.mark.parametrize("steps", [200, pytest.param(1600, stored_steps=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [200, pytest.param(1600, marks=pytest.mark.slow)])
 def test_chaos_misses_none(steps: int, ahead: int) -> None:
     """A double pendulum goes over 19 levels of either attitude as often as with a hundredth of Δt.
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from calls import RUN, TOP, refused
 from command_line import refused as refused_by_command
-from gyrospark.runtime.integration.step_count import step_count
+from gyrospark.runtime.integration.run_arguments import step_count
 
 COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--json"]
 plain = st.floats(1e-6, 1e3)
