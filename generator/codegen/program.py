@@ -123,8 +123,7 @@ class Elements:
 
 @dataclass(frozen=True)
 class LaneIteration:
-    """The fixed-point iteration of profile ``full``, on lanes (``engine/gyrospark/fixed_point``).
-    """
+    """The fixed-point iteration of profile ``full``, on lanes."""
 
     kernels: list[EmittedKernel]
     #: Constant of the run → C of its value.

@@ -65,9 +65,9 @@ def test_each_integer_of_work_memory_is_checked_or_not_read(number, tmp_path):
                     struct = state.report if kind == "report" else state.work
                     one.binding.image(struct)[at : at + place.item] = np.frombuffer(
                         value.to_bytes(place.item, "little", signed=True), np.uint8)
-                    is_sound = one.binding.function("is_sound")(state.report, state.work)
+                    is_valid = one.binding.function("is_valid")(state.report, state.work)
                     counts = kind == "report" and place.path != "newton_steps" and value > 0
-                    assert is_sound == counts, (kind, place, value)
+                    assert is_valid == counts, (kind, place, value)
     assert gone_on(one, ignored) == sound
 
 

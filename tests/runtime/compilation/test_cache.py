@@ -511,12 +511,13 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
         patch.setattr(api, "ROOT", tmp_path)
         keys = [key()]
         assert keys == [here]
-        for path in (tmp_path / "templates" / "stepper.c.jinja", tmp_path / "engine" / "judge.h",
+        for path in (tmp_path / "templates" / "stepper.c.jinja",
+                     tmp_path / "engine" / "gyrospark" / "engine.h",
                      tmp_path / "generator" / "tableaux" / "nodes.py",
                      tmp_path / "core" / "real_types.py"):
             path.write_text(path.read_text(encoding="utf-8") + "\n", encoding="utf-8")
             keys.append(key())
-        (tmp_path / "engine" / "judge.h").unlink()
+        (tmp_path / "engine" / "gyrospark" / "engine.h").unlink()
         keys.append(key())
         patch.setattr(api, "__version__", "99")
         keys.append(key())

@@ -14,6 +14,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.api import checked_in_files
 from gyrospark.core.errors import CompilerError, InputWarning
 from gyrospark.core.real_types import REALS
 from gyrospark.generator.pipeline import generate
@@ -22,14 +23,12 @@ from gyrospark.generator.symbolic.switching_functions import Max
 from gyrospark.runtime.compilation import kernel_check, kernel_text, verified_build
 from gyrospark.runtime.compilation.compiler import compile_module, find_compiler
 from gyrospark.runtime.compilation.stepper_module import load_module
-from processes import ROOT
 
 
 @cache
 def files_of(name: str) -> dict[str, str]:
     """Return the files of a stepper in generated/."""
-    return {path.name: path.read_text(encoding="utf-8")
-            for path in (ROOT / "generated").glob(f"{name}.*")}
+    return checked_in_files(name)
 
 
 @cache
@@ -69,7 +68,7 @@ def test_every_kernel_is_read(name):
     assert "prepare" in read
     on_lanes = set(re.findall(r"\b(lanes_(?:\w+_)?(?:energy|gradient|velocity|force))\(const",
                               source.source))
-    assert read >= {k for k in on_lanes if f"{k}(const lane_constants *c, const lanes q[N]"
+    assert read >= {k for k in on_lanes if f"{k}(const lanes_constants *c, const lanes q[N]"
                     not in source.source}
 
 
