@@ -6,15 +6,20 @@ A format of states has a writer for each kind of result. Writers are imported wh
 
 from __future__ import annotations
 
+import contextlib
+import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from .errors import InputError, MissingDependencyError
+from .arguments import why_unwritable
+from .errors import GyrosparkError, InputError, MissingDependencyError
 from .extras import install
 
-__all__ = ["FORMATS", "FileFormat", "Kind", "ending_of", "endings", "format_of", "with_ending"]
+__all__ = ["FORMATS", "FileFormat", "Kind", "atomic_file", "ending_of", "endings", "format_of",
+           "with_ending"]
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -110,6 +115,27 @@ def format_of(path: Path, what: str, *kinds: Kind) -> FileFormat:
             return one
     raise InputError(f"{what} cannot be written as {path.name!r}; end it in "
                      f"{', '.join(endings(*kinds))}.")
+
+
+@contextlib.contextmanager
+def atomic_file(path: Path, what: str) -> Iterator[Path]:
+    """Yield the name of a file to write, which then becomes ``path``, complete or not at all.
+
+    Raises
+    ------
+    GyrosparkError
+        Saying why ``what`` cannot be written, where the system refuses it.
+    """
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield part
+        part.replace(path)
+    except OSError as error:
+        raise GyrosparkError(f"{what} cannot be written to {str(path)!r}: "
+                             f"{why_unwritable(path, error)}.") from error
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()
 
 
 def with_ending(path: Path, ending: str) -> Path:

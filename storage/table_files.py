@@ -20,8 +20,8 @@ from ..core.errors import InputError, StorageError
 from ..core.file_formats import format_of
 from ..runtime.results.run_arrays import labels_of
 from ..runtime.results.state_columns import (
-    beside,
     event_headings,
+    events_path,
     headings,
     places_of,
     spreadsheet_text,
@@ -142,7 +142,7 @@ def _write(
 ) -> Path:
     try:
         if table.events and events:
-            with finished(beside(path)) as part:
+            with finished(events_path(path)) as part:
                 _write_events(table, part)
         with finished(path) as part:
             write(table, part)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_path, choose, shown, why_unwritable
-from ...core.errors import GyrosparkError, InputError, MissingDependencyError
-from ...core.file_formats import ending_of, format_of
+from ...core.arguments import as_path, choose, shown
+from ...core.errors import InputError, MissingDependencyError
+from ...core.file_formats import atomic_file, ending_of, format_of
 from ...core.inertia import real_array
 from .scene import SHAPES, Scene, ScenePart, ShapeName, scene_of
 from .trajectory_plots import figure_class, thin
@@ -65,18 +65,10 @@ def animate(
     figure = figure_class()(figsize=(6, 5.6), layout="constrained")
     stage = _Stage(figure, scene, shape)
     stage.draw_energy(trajectory)
-    part = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
-    try:
-        with writer.saving(figure, part, dpi=80):
-            for frame in range(len(scene.t)):
-                stage.show(frame)
-                writer.grab_frame()
-        part.replace(target)
-    except OSError as error:
-        raise GyrosparkError(f"The film cannot be written to {str(target)!r}: "
-                             f"{why_unwritable(target, error)}.") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with atomic_file(target, "The film") as part, writer.saving(figure, part, dpi=80):
+        for frame in range(len(scene.t)):
+            stage.show(frame)
+            writer.grab_frame()
     return target
 
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_items, as_path, choose, why_unwritable
-from ...core.errors import GyrosparkError, MissingDependencyError
+from ...core.arguments import as_items, as_path, choose
+from ...core.errors import MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import format_of
+from ...core.file_formats import atomic_file, format_of
 from ...core.real_types import REALS
 from ..compilation.body_columns import bodies_of
 
@@ -101,12 +101,8 @@ def save(figure: Any, target: Path) -> None:
     GyrosparkError
         If it cannot be written.
     """
-    try:
-        figure.savefig(target, dpi=150)
-    except OSError as error:
-        raise GyrosparkError(
-            f"The picture cannot be written to {str(target)!r}: {why_unwritable(target, error)}."
-        ) from error
+    with atomic_file(target, "The picture") as part:
+        figure.savefig(part, dpi=150)
 
 
 def figure_class() -> Any:

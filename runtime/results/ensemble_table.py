@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from ..._version import __version__
 from ...core.arguments import as_path
-from ...core.errors import GyrosparkError, MissingDependencyError
+from ...core.errors import MissingDependencyError
 from ...core.event import Event, refuse_unusable_names
 from ...core.extras import install
-from ...core.file_formats import format_of, with_ending
+from ...core.file_formats import atomic_file, format_of, with_ending
 from .run_arrays import OUTPUTS, about, labels_of, parts
-from .state_columns import beside, event_headings, finished, headings, states_of, write_csv
+from .state_columns import event_headings, events_path, headings, states_of, write_csv
 from .trajectory_file import storable
 
 if TYPE_CHECKING:
@@ -56,15 +56,11 @@ def save(ensemble: Ensemble, path: Any) -> Path:
     form = format_of(target, "An ensemble", "states")
     write = form.writer("ensemble")
     form.require_packages()
-    try:
-        if ensemble.events and form.tabular:
-            with finished(beside(target)) as part:
-                _write_events(ensemble, part)
-        with finished(target) as part:
-            write(ensemble, part)
-    except OSError as error:
-        raise GyrosparkError(f"The ensemble cannot be written to {str(target)!r}: "
-                             f"{error.strerror or error}.") from error
+    if ensemble.events and form.tabular:
+        with atomic_file(events_path(target), "The ensemble") as part:
+            _write_events(ensemble, part)
+    with atomic_file(target, "The ensemble") as part:
+        write(ensemble, part)
     return target
 
 

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._version import __version__
-from ...core.arguments import listed, why_unwritable
-from ...core.errors import GyrosparkError, InputError
+from ...core.arguments import listed
+from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
+from ...core.file_formats import atomic_file
 from ...core.real_types import REALS
 from ..bindings.real_numbers import from_text, without_padding
 from ..compilation.manifest import sizes_of
 from .crossings import Crossings
 from .diagnostics import Report, known_fields
 from .run_arrays import OUTPUTS, Output, absent, parts
-from .state_columns import finished
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -48,17 +48,12 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
     }
     crossings = {f"event{i}_{name}": getattr(found, name)
                  for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
-    try:
-        with finished(target) as part, part.open("wb") as file:
-            np.savez_compressed(
-                file, allow_pickle=False, about=np.array(json.dumps(about)),
-                **{name: np.array(_names(trajectory.manifest, name), dtype=str)
-                   for name in _LABELS},
-                **{one.attribute: storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
-                **{name: storable(array) for name, array in crossings.items()})
-    except OSError as error:
-        raise GyrosparkError(f"The trajectory cannot be written to {str(target)!r}: "
-                             f"{why_unwritable(target, error)}.") from error
+    with atomic_file(target, "The trajectory") as part, part.open("wb") as file:
+        np.savez_compressed(
+            file, allow_pickle=False, about=np.array(json.dumps(about)),
+            **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
+            **{one.attribute: storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
+            **{name: storable(array) for name, array in crossings.items()})
     return target
 
 
