@@ -135,7 +135,7 @@ def consistent(
     system: System | Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, float], *,
     t: float = 0.0,
 ) -> Projection:
-    """Return the state next to (q, p) with g(q) = 0 and g_q H_p = 0, and what was moved.
+    """Return the projection of (q, p) on g(q) = 0 and g_q H_p = 0, with its report.
 
         q ← q − g_qᵀ (g_q g_qᵀ)⁻¹ g,   p ← p − g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_p
 
@@ -233,9 +233,9 @@ def model_stepper(
 ) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a spec with a model file, and the numbers of the file.
 
-    Both are kept: the second time the same file asks for the same stepper, no SymPy is imported;
-    nor is it for other values of parameters that no other number of the file mentions. What is to
-    be said of the file is said every time.
+    Both are cached: SymPy is not imported for a file that is known, nor for other values of
+    parameters that no other number of the file depends on. Warnings about the file are issued
+    every time.
 
     Parameters
     ----------

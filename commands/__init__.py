@@ -106,7 +106,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
 
 @contextlib.contextmanager
 def _printing_warnings(name: str) -> Iterator[None]:
-    """Have every remark on an input said in one line on stderr, each once."""
+    """Print each warning about the input once, in one line on stderr."""
     said: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
@@ -127,7 +127,7 @@ def _one_line(message: str) -> str:
 
 
 def _forget_output() -> None:
-    """Let what cannot be written go nowhere, so that Python does not try it again at its end."""
+    """Discard unwritten output, so that Python does not try to write it at exit."""
     with contextlib.suppress(OSError, AttributeError):  # stdout may be no file at all
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())

@@ -513,7 +513,7 @@ def _failed(part: Any) -> bool:
 
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
-    """Yield a callback that says on the terminal what is measured."""
+    """Yield a callback that shows on the terminal which benchmark is running."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda text: None
         return

@@ -1,4 +1,4 @@
-"""``generate``: write a stepper's C, compile it, say what it is."""
+"""``generate``: write a stepper's C, compile it, print its properties."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def write_stepper(
 
 
 def summary(made: Generated, out: Path, derive: float, compile_seconds: float | None) -> str:
-    """Return what was made, in a few lines."""
+    """Return the properties of a generated stepper, in a few lines."""
     scheme = made.scheme
     operations = sum_operations(made.source.manifest)
     said = manifest_warnings(json.loads(made.source.manifest))

@@ -95,7 +95,7 @@ def frame_option(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --json, with which nothing is said on the way."""
+    """Add --json, which shows no progress."""
 
     def choose(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
         if value:
@@ -130,7 +130,7 @@ def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[st
 
 
 def completing(names: Iterable[str]) -> Callable[..., list[str]]:
-    """Return what completes an option's text to one of the names, on a shell's Tab."""
+    """Return the shell completion of an option's text to one of the names."""
     return lambda context, parameter, text: [name for name in names if name.startswith(text)]
 
 
@@ -179,7 +179,7 @@ def check_no_file(option: str, folder: Path) -> None:
 
 
 def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
-    """Refuse a name whose ending says something else than what can be written."""
+    """Refuse a name with an ending of no format that can be written."""
     if ending_of(path) not in allowed:
         raise InputError(f"{option} {path.name!r} ends in {path.suffix!r}, which cannot be "
                          f"written; end it in {', '.join(filter(None, allowed))}.")

@@ -70,7 +70,7 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
 
 
 def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:
-    """Return where the report goes, and what is to be said if there is none: before all work.
+    """Return the folder of the report, and the notice where there is none: before all work.
 
     Raises
     ------

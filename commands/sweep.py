@@ -107,7 +107,7 @@ def sweep(
 
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Progress | None]:
-    """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
+    """Yield a callback that moves a progress bar; None without a terminal."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return

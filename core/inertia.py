@@ -1,4 +1,4 @@
-"""What callers say of a rigid body in numbers: moments of inertia, attitude, angles.
+"""Checks of the numbers of a rigid body: moments of inertia, attitude, angles.
 
 What no body can have is refused. What was perhaps meant otherwise is taken, with a remark that
 names the value and the cure: angles in degrees, a quaternion with the scalar last or of another

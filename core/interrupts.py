@@ -18,7 +18,7 @@ _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Interrupts:
-    """Whether someone wants this process to end."""
+    """Whether a signal has asked this process to end."""
 
     def __init__(self) -> None:
         self.signal = 0
@@ -29,19 +29,19 @@ class Interrupts:
         return self.signal != 0
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Take note of a signal; the second one ends the process at once."""
+        """Record a signal; the second one ends the process at once."""
         if self.requested:
             raise KeyboardInterrupt
         self.signal = number
 
 
-#: What hears the main thread's signals at present: a watch within another one is the same.
+#: The record in use in the main thread: nested calls share it.
 _active: list[Interrupts] = []
 
 
 @contextlib.contextmanager
 def catch_signals() -> Iterator[Interrupts]:
-    """Yield what hears the signals that end a process; in threads beside the main one, nothing.
+    """Yield a record of the signals that end a process; in other threads than the main one, none.
 
     Signals that are ignored (nohup, a shell's background) stay ignored. A second one raises
     ``KeyboardInterrupt``: what is stored stays whole.
@@ -53,7 +53,7 @@ def catch_signals() -> Iterator[Interrupts]:
 
 @contextlib.contextmanager
 def catch_ctrl_c() -> Iterator[Interrupts]:
-    """Yield what hears Ctrl-C where Python would raise ``KeyboardInterrupt``, and nothing else.
+    """Yield a record of Ctrl-C, where Python would raise ``KeyboardInterrupt``.
 
     A program that has its own way with signals keeps it.
     """

@@ -35,7 +35,7 @@ FRAMES = ("symmetries",)
 
 @dataclass(frozen=True)
 class Entry:
-    """A name, and where the function lives that makes what it stands for.
+    """A name, and the module of the function that makes its system, problem or model.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ def entry_named(name: Any, what: str = "problem") -> Entry:
 
 
 def unknown_name(what: str, name: Any, names: Sequence[str]) -> InputError:
-    """Return the refusal of a name that is none of these; examples, which are files, are proposed.
+    """Return the error for an unknown name, with the closest of names and example files.
     """
     files = {path.stem: f"examples/{path.name}" for path in (_HOME / "examples").glob("*.toml")}
     return InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "

@@ -1,4 +1,4 @@
-"""What a run is to choose: its steps, γ and α of ``--gamma`` and ``--alpha``, a ``--frame``."""
+"""Choices of a run: time step, γ and α of ``--gamma`` and ``--alpha``, the ``--frame``."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def gamma_for(
 
 
 def _fast_gamma(step: Stepper, start: RunDefaults) -> float:
-    """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
+    """Return the γ with the fewest iterations; refuse it where γ would change the solution."""
     from ...runtime.rigid_body.gamma_rules import gamma_fast
     from ...runtime.rigid_body.quaternion import angular_velocity
 

@@ -77,7 +77,7 @@ class RunCommand(Grouped):
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m; without "
                    "--scheme auto for a single body); auto: smallest error of the motion in short "
                    "pilot runs, γ_m if any axis would get worse; auto-energy: smallest energy "
-                   "error; fast: fewest sweeps, from 6 stages on.")
+                   "error; fast: fewest iterations, from 6 stages on.")
 @click.option("--alpha", metavar=f"{{{','.join(RULES)},NUMBER}}", shell_complete=completing(RULES),
               help="The same for --rep alpha.")
 @click.option("--frame", "frames", metavar="{auto,start,follow,NAME=RATE,...}", multiple=True,
@@ -101,7 +101,7 @@ class RunCommand(Grouped):
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
 @click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
-              help="auto (sweeps, Newton behind them), fixed-point (sweeps alone), newton, python.")
+              help="auto (fixed point, Newton as fallback), fixed-point, newton, python.")
 @click.option("--tolerance", metavar="TOL", help="Of the Newton increment (default: round-off).")
 @click.option("--max-iterations", metavar="N", default="50", show_default=True,
               help="Iterations of one step.")
@@ -338,7 +338,7 @@ def _projected(
 
 @contextmanager
 def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
+    """Yield a callback that moves a progress bar; None without a terminal."""
     if quiet or steps < _BAR_FROM or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Angles", "RunOutcome", "check_targets", "events_of", "integrate_to", "stored_location"]
 
-#: States in memory for pictures and errors of a stored run: more cannot be told apart.
+#: States in memory for pictures and errors of a stored run: more are not distinguishable.
 _SHOWN = 20_000
 
 
@@ -85,7 +85,7 @@ class Angles:
 def check_targets(
     out: Path | None, plot: Path | None, page: Path | None, film: Path | None, *, resume: bool
 ) -> None:
-    """Refuse what cannot be written before a long run, not after it."""
+    """Refuse unwritable files before a long run."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
         check_ending("--out", out, ("", *endings("states", "store")))
@@ -137,7 +137,7 @@ def integrate_to(
     step: Stepper, out: Path | None, arguments: dict[str, Any], *, resume: bool, seed: int | None,
     progress: Callable[[int], None] | None, angles: Angles,
 ) -> RunOutcome:
-    """Integrate and write the states; what goes wrong on the way comes with all before it."""
+    """Integrate and write the states; an error comes with all states before it."""
     if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
         return _in_memory(step, out, arguments, progress, angles)
     if _is_store(out):
@@ -179,7 +179,7 @@ def store_beside(out: Path) -> Path:
 
 
 def stored_location(out: Path | None) -> str:
-    """Return a sentence on what a run that ended at once has left; empty if that is nothing."""
+    """Return a sentence on the store of an interrupted run; empty where there is none."""
     if out is None:
         return ""
     store = out if _is_store(out) else store_beside(out)
@@ -230,7 +230,7 @@ def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
 
 
 def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
-    """Return what a signal has ended with where its states are, for people."""
+    """Return the error of an interrupted run with the location of its states."""
     from ...runtime.integration.step_loop import ended_at
 
     where = "--out would keep its states." if written is None else f"It is in {written!r}."

@@ -1,4 +1,4 @@
-"""What ``gyrospark run`` says of a run: as a dictionary for scripts, as text for people."""
+"""The report of ``gyrospark run``: a dictionary for scripts, text for people."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def json_text(result: dict[str, Any]) -> str:
 
 
 def about_choice(choice: GammaChoice) -> dict[str, Any]:
-    """Return what is reported of a choice."""
+    """Return the report of a choice of γ."""
     name = "alpha" if "alpha" in next(iter(choice.values)) else "gamma"
     return {
         **choice.values,
@@ -50,7 +50,7 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
 def result_of(
     start: RunDefaults, step: Stepper, done: RunOutcome, t0: float = 0.0
 ) -> dict[str, Any]:
-    """Return what is said of a run that began at t0."""
+    """Return the report of a run that began at t0."""
     from ...core.real_types import REALS  # and NumPy: not for --help
     from ...runtime.results.rotation_rate import fastest_rotation
 
@@ -168,7 +168,7 @@ def _resumed_lines(result: dict[str, Any]) -> list[str]:
 
 
 def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
-    """Return the result for people; ``system`` is what the manifest says of it."""
+    """Return the report as text; ``system`` is that part of the manifest."""
     balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
     lines = [
         f"{result['problem']} with {result['stepper']} (order {result['order']})",

@@ -1,6 +1,6 @@
 """The compiled functions of one stepper as Python callables on NumPy arrays.
 
-What a step is made of, and what is said of states; runs are those of ``compiled_module``.
+Functions of a step and of states; those of runs are in ``compiled_module``.
 
 The constraints of a compiled stepper, with difference quotients for their derivatives.
 

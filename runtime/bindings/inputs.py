@@ -51,7 +51,7 @@ class Inputs:
     def throughout(self) -> dict[str, Any]:
         """The inputs of the first run by name; those that change are nan, for no number they are.
 
-        So whoever asks the run's parameters for a step that nobody stored is not told a wrong one.
+        A quantity of a step whose inputs were not stored is then nan, not wrong.
         """
         rows = self.values[0]
         first = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)

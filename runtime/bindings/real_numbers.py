@@ -18,7 +18,7 @@ __all__ = ["ALIGNMENT", "WIDE_BYTES", "aligned", "as_bytes", "as_float", "from_b
 Array = NDArray[Any]
 
 def rounding(real: RealName) -> Callable[[Fraction], Any]:
-    """Return what rounds a number to a type: to NumPy's long double, to mpf, else to double."""
+    """Return the rounding function of a type: to NumPy's long double, to mpf, else to double."""
     if REALS[real].in_mpmath:
         from .binary128 import rounded  # mpmath costs time, and only float128 needs it
 

@@ -67,7 +67,7 @@ _CURE = (
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: the command that starts it, what it says of its version, and for whom it works.
+    """A C compiler: its command, its version, and its target.
     """
 
     command: tuple[str, ...]
@@ -231,7 +231,7 @@ def compile_module(
 
 
 def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
-    """Compile again what may permute doubles wrongly; commands end with the name of the object."""
+    """Compile objects with suspect permutations again; commands end with the object's name."""
     for flags in WITHOUT_PERMUTATIONS:
         again = [command for command in commands
                  if has_permutation((folder / command[-1]).read_bytes())]
@@ -288,7 +288,7 @@ def module_name(name: str) -> str:
 
 
 def extension_suffix() -> str:
-    """Return what extension modules of this interpreter end with."""
+    """Return the file ending of extension modules of this interpreter."""
     return str(sysconfig.get_config_var("EXT_SUFFIX"))
 
 

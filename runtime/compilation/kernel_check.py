@@ -1,4 +1,4 @@
-"""Each compiled kernel beside the same statements evaluated by NumPy, once per compilation.
+"""Comparison of each compiled kernel with NumPy's value of its statements, once per compilation.
 
 A compiler can err: correct C, a wrong object and no warning. When a stepper is compiled, a function
 is appended to its text that evaluates each kernel, of numbers or of lanes, at given points. Its
@@ -47,7 +47,7 @@ POSITIVE = (0.25, 1.0)
 
 @dataclass(frozen=True)
 class KernelMismatch:
-    """A kernel whose compiled value is not that of its statements."""
+    """A kernel whose compiled value differs from its statements."""
 
     kernel: str
     place: str
@@ -152,14 +152,14 @@ def _block(number: int, lines: Iterable[str]) -> str:
 
 
 def inputs_of(kernel: KernelText) -> list[str]:
-    """Return what a kernel reads, as C writes it: parameters or constants, then arrays."""
+    """Return the arguments that a kernel reads, in C: parameters or constants, then arrays."""
     if kernel.name == "prepare":
         return [f"par->{name}" for name in kernel.inputs]
     return [f"c->{name}" for name in kernel.fields] + _places(kernel.inputs)
 
 
 def outputs_of(kernel: KernelText) -> list[str]:
-    """Return the entries that a kernel computes, as C writes them; "" is what it returns."""
+    """Return the entries that a kernel computes, in C; "" is its return value."""
     return _places(kernel.outputs)
 
 
@@ -195,7 +195,7 @@ def check_text(functions: Iterable[CheckFunction], source: str) -> str:
 def differences(
     module: Any, functions: Iterable[CheckFunction], real: Real, points: int = POINTS
 ) -> tuple[list[KernelMismatch], dict[str, int]]:
-    """Return the kernels that differ, with the place that differs most, and what was compared.
+    """Return the kernels that differ, with the place that differs most, and the kernels compared.
 
     ``points`` is how many random points are drawn: a multiple of 16.
 

@@ -2,10 +2,10 @@
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
 side, on lanes, in another one that is made when they are first asked for. Each module is linked of
-objects of the same text: Newton and all that is evaluated once, beside the sweeps, and for one
-trajectory beside what its run is set up with and learns. An object defines some of the public
-functions. The others are static in its header, so that the compiler drops them, and what only they
-call.
+objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
+iteration, and for one trajectory beside what its run is set up with and learns. An object defines
+some of the public functions. The others are static in its header, so that the compiler drops them,
+and what only they call.
 
 Objects in which gcc may have permuted a vector of eight doubles wrongly.
 
@@ -44,7 +44,8 @@ Part = Literal["runs", "lanes"]
 _BOTH = {"lanes", "work_size"}
 _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
-#: Which kernels an object is made of, by its number: Newton's of numbers, those of sweeps of lanes.
+#: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
+#: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {1: ("numbers",), 2: ("lanes",), 3: ("lanes",)}
 #: Of objects that have functions which nothing in them calls.
 _FLAGS = ("-fvisibility=hidden", "-Wno-unused-function")
@@ -52,12 +53,12 @@ _FLAGS = ("-fvisibility=hidden", "-Wno-unused-function")
 
 @dataclass(frozen=True)
 class Object:
-    """One compilation of the text of a stepper: its header, and flags beside those of all."""
+    """One compilation of the text of a stepper: its header and additional flags."""
 
     name: str
     header: str
     flags: tuple[str, ...] = ()
-    #: Whether it has no loops that sweeps or iterations go through.
+    #: Whether it has no loops of an iteration.
     seldom: bool = False
     #: Kernels of these kinds are compared with their statements when it has been compiled.
     checks: tuple[Kind, ...] = ()

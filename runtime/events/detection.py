@@ -161,7 +161,7 @@ class Memory:
 
 
 class EventDetector:
-    """What is seen of one run's events, piece by piece; the same whatever the pieces are."""
+    """Detects the events of one run, piece by piece; the result does not depend on the pieces."""
 
     def __init__(self, levels: Levels, parameters: Any, t0: Any, dt: Any) -> None:
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt

@@ -103,7 +103,7 @@ def crossings_of(
     stepper: Stepper, levels: Levels, runs: EnsembleArguments, detectors: Sequence[EventDetector],
     fill: Callable[[EnsembleStates], None],
 ) -> list[dict[str, Crossings]]:
-    """Return the crossings of each run by the events' names, of what its watch has seen."""
+    """Return the crossings of each run by the events' names, from its detector's brackets."""
     if runs.inputs is not None:  # they are held throughout, as parameters are
         each = [runs[i] for i in range(len(runs))]
         runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
@@ -125,7 +125,7 @@ def crossings_of(
 def detectors_for(
     stepper: Stepper, levels: Levels | None, runs: EnsembleArguments
 ) -> list[EventDetector]:
-    """Return what looks at each run, nothing without events."""
+    """Return the event detector of each run; none without events."""
     if levels is None:
         return []
     binding, found = stepper.binding, []

@@ -36,7 +36,7 @@ class TerminalEvent:
 
 
 class Observer:
-    """What looks for the events of a run while it goes.
+    """Detection and location of the events of a run while it is stored.
 
     What it finds, and where that ends the run, is what ``integrate`` finds, however the run is cut
     into pieces and wherever events are solved for.

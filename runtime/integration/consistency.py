@@ -33,7 +33,7 @@ _DRAWS = 2
 
 @dataclass(frozen=True)
 class Defects:
-    """|g| and |f| of states, and what is allowed of each; arrays with one entry a state."""
+    """|g| and |f| of states, and their bounds; arrays with one entry a state."""
 
     g: Array
     f: Array
@@ -42,7 +42,7 @@ class Defects:
 
     @property
     def consistent(self) -> Array:
-        """Whether each state can be started from; NaN cannot be told, the steps judge it."""
+        """Whether each state is consistent; NaN counts as such, and its first step fails."""
         return ~((self.g > self.g_bound) | (self.f > self.f_bound))
 
 
@@ -122,7 +122,7 @@ def _bounds(
     binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array, f: Array,
     changes: Callable[..., tuple[Array, Array]],
 ) -> tuple[Array, Array]:
-    """Return what is allowed of |g| and |f| in each row, by ``_changes`` or a bound below them."""
+    """Return the bounds of |g| and |f| in each row, by ``_changes`` or a bound below them."""
     sizes = [np.sqrt((x.astype(float) ** 2).sum(axis=1)) for x in (q, p)]
     nudge = 2.0**-10 * binding.epsilon**0.25
     epsilons = 64 * binding.epsilon / nudge

@@ -223,7 +223,8 @@ def _times(stepper: Stepper, times: ArrayLike) -> Array:
 
 
 def _refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
-    """Refuse what does not say which inputs each step had: what was read, or lies between steps."""
+    """Refuse a trajectory without the inputs of each step: one read from a file, or between steps.
+    """
     changing = [name for name in stepper.binding.input_names
                 if trajectory.parameters[name] != trajectory.parameters[name]]
     if changing and trajectory._inputs is None:

@@ -1,4 +1,4 @@
-"""A frame that follows a motion which changes for good, such as that of a body with drag.
+"""A frame that follows a motion with secular change, such as a body with drag.
 
     {"frame": "follow"}        rates chosen anew every 100 steps
     {"frame": "follow 50"}     every 50 steps
@@ -36,7 +36,7 @@ __all__ = ["Follow", "follow_frame"]
 
 Array = NDArray[Any]
 
-#: What ``parameters["frame"]`` begins with; steps of a block where nothing is said.
+#: What ``parameters["frame"]`` begins with; default number of steps of a block.
 FOLLOW, _HOLD = "follow", 100
 _FOLLOW = re.compile(rf"{FOLLOW}(?: +([1-9][0-9]{{0,17}}))?")
 #: By how much a frame that stays must be better over short runs, which see little of a change.

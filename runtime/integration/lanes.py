@@ -1,4 +1,4 @@
-"""What an ensemble's trajectories are stored in, and the code that fills it, batch by batch.
+"""The stored states of an ensemble, and their integration batch by batch.
 
 Where there is a fast path, the trajectories of a batch lie side by side in the lanes of vector
 registers; else each is integrated by itself.

@@ -171,7 +171,7 @@ class EnsembleArguments:
 
 @dataclass(frozen=True)
 class RawArguments:
-    """What a caller gives for each of many runs, unchecked: rows, numbers, dicts."""
+    """The arguments of many runs as a caller passed them, unchecked: rows, numbers, dicts."""
 
     q: Array
     p: Array
@@ -264,7 +264,7 @@ def _parameters(
 def _given(
     given: RawArguments, name: str, first: RunArguments, size: int, rates: Collection[str]
 ) -> Array | list[Any]:
-    """Return what is given for a parameter; γ and α by their rules, where they can be told.
+    """Return the column of a parameter; γ and α by their rules, where these apply.
 
     The rates of a co-moving frame are 0 where they are left out.
     """
@@ -285,7 +285,7 @@ def _given(
     try:
         return [_by_rule(name, value, given.parameters_of(i)) for i, value in enumerate(values)]
     except InputError:
-        return values  # text, which is no number: it will be said of which run
+        return values  # text that is no number: the check of single runs names the run
 
 
 def _by_rule(name: str, value: Any, parameters: Mapping[str, Any]) -> Any:

@@ -1,4 +1,4 @@
-"""One integration: chunks of compiled steps, everything kept that was computed."""
+"""One integration in chunks of compiled steps; an interrupted one returns its states."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def advance_with_events(
     binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
     p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
-    """Do what ``advance`` does, with the run's watch looking at every state.
+    """Advance as ``advance`` does, with the run's event detector on every state.
 
     Where it sees the run's end within a step, the state before that step is the last one.
     """
@@ -223,7 +223,8 @@ def advance_with_events(
 
 
 def _room(binding: Binding, detector: EventDetector, steps: int) -> tuple[Array, ...]:
-    """Return room for the states of so many steps: that of the piece before, if it is enough."""
+    """Return arrays for the states of so many steps, those of the last piece if they are long
+    enough."""
     if detector.buffer is None or len(detector.buffer.iterations) < steps:
         detector.buffer = Rows.allocate(binding, steps)
     room: Rows = detector.buffer
@@ -271,7 +272,7 @@ def _python_chunk(
     binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
     p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
-    """Do what the compiled chunk does, with ``newton_step`` for each step."""
+    """Advance as the compiled chunk does, with ``newton_step`` for each step."""
     if report.steps == 0:  # the compiled code starts the record; no step is taken
         _compiled_chunk(binding, run, parameters, 0, 1, q, p, out, report, work)
     most = 0

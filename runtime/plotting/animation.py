@@ -100,7 +100,7 @@ def _frames(seconds: Any, fps: Any) -> int:
 
 
 def _writer(target: Path, fps: int) -> Any:
-    """Return what writes the pictures of a film."""
+    """Return matplotlib's writer of a film."""
     figure_class()  # or says that matplotlib is missing
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
@@ -113,7 +113,7 @@ def _writer(target: Path, fps: int) -> Any:
 
 
 class _Stage:
-    """What stands still of a film, and how it comes to show a frame."""
+    """The axes and artists of a film, which are updated for each frame."""
 
     def __init__(self, figure: Any, scene: Scene, shape: ShapeName) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

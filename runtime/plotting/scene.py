@@ -1,4 +1,4 @@
-"""What moving pictures show of a trajectory: bodies as boxes or ellipsoids, joints, places.
+"""The scene of a film or page: bodies as boxes or ellipsoids, joints, places.
 
 A uniform ellipsoid of mass m has semi-axes a_i with I_j + I_k − I_i = 2 m a_i²/5, a uniform box
 half edges with I_j + I_k − I_i = 2 m a_i²/3, the moments being those about the centre of mass. So a

@@ -123,7 +123,7 @@ def figure_class() -> Any:
 
 
 def thin(trajectory: Trajectory) -> slice:
-    """Return the states that a picture shows: more of them cannot be told apart."""
+    """Return the states that a picture shows, fewer than its resolution."""
     return slice(None, None, max(1, len(trajectory) // _POINTS))
 
 

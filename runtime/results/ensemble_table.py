@@ -83,7 +83,7 @@ def write_csv_rows(ensemble: Ensemble, part: Path) -> None:
 
 
 def _write_events(ensemble: Ensemble, part: Path) -> None:
-    """Write the events beside, with the number of the trajectory of each."""
+    """Write the events to a second file, with the number of the trajectory of each."""
     write_csv(part, ["trajectory", *event_headings(ensemble.members[0].manifest["system"])], (
         [np.full(len(found), i), np.full(len(found), name), found.t, found.q, found.p,
          found.steps, found.rising.astype(int)]
@@ -141,7 +141,7 @@ def _together(rows: list[Array], length: int) -> Array:
 
 
 def _of_trajectories(ensemble: Ensemble) -> Variables:
-    """Return what each trajectory has one of: its step, its parameters, how it ended."""
+    """Return the variables with one value a trajectory: dt, parameters, status."""
     members = ensemble.members
     number = members[0].t.dtype
     found: Variables = {

@@ -142,7 +142,7 @@ def _written(numbers: Array) -> list[list[Any]]:
 
 
 def events_path(path: Path) -> Path:
-    """Return the name of the file with the events of a run whose states are in a .csv file."""
+    """Return the path of the events of a run whose states are in a .csv file."""
     return path.with_name(f"{path.stem}.events{path.suffix}")
 
 
@@ -162,7 +162,7 @@ def spreadsheet_text(name: str) -> str:
 
 
 def save_events(trajectory: Trajectory, path: Path) -> None:
-    """Write the events of a trajectory, if it has any, beside the .csv file of its states."""
+    """Write the events of a trajectory, if it has any, to a second .csv file."""
     if trajectory.events:
         with atomic_file(events_path(path), "The table") as part:
             write_csv(part, event_headings(trajectory.manifest["system"]), [

@@ -1,4 +1,4 @@
-"""A trajectory: what an integration returns, what can be asked of it, and its file."""
+"""A trajectory: the result of an integration, its quantities, and its file."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Trajectory(Shown):
     multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
         Λ_0..Λ_p of the step that ends at each stored state (λ for IMS and EMS).
     iterations : array, shape (N,)
-        Iterations of that step (sweeps or Newton's), the most of the ``every`` steps since the
+        Iterations of that step (fixed-point or Newton), the most of the ``every`` steps since the
         last state.
     energies : array, shape (N+1,)
         H of each state.

@@ -1,4 +1,4 @@
-"""What a trajectory shows of itself: tables, pictures, pages, films, and itself in a notebook."""
+"""Tables, pictures, pages, films of a trajectory, and its display in a notebook."""
 
 from __future__ import annotations
 

@@ -327,7 +327,7 @@ def _lost_digits(rest: Fraction) -> int:
 
 
 def _context(digits: int) -> Any:
-    """Return an mpmath context of its own, so that nobody's precision is changed."""
+    """Return a separate mpmath context, so that the caller's precision does not change."""
     from mpmath import MPContext
 
     mp = MPContext()

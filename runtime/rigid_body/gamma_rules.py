@@ -90,12 +90,12 @@ MEANS_BY_SYMBOL = {GAMMA_RULES[name].symbol: mean for name, mean in MEANS.items(
 
 
 def gamma_fast(inertia: InertiaLike, omega: Sequence[float]) -> float:
-    """Return the γ with which sweeps converge fastest: 1.1 times the moment about a fast axis.
+    """Return the γ of fastest fixed-point convergence: 1.1 times the moment about a fast axis.
 
     For a body that is symmetric about the axis it spins about (Ω in body axes, rad/s); for any
     other, γ_m, which is best there already. From 6 stages on the solution no longer depends on γ,
-    only the number of sweeps does, and it is safe; with fewer stages γ changes the accuracy, and
-    γ_m or γ_h is the choice.
+    only the number of iterations does, and it is safe; with fewer stages γ changes the accuracy,
+    and γ_m or γ_h is the choice.
 
     Raises
     ------
@@ -144,14 +144,15 @@ def has_inertia(name: str, parameters: Mapping[str, Any]) -> bool:
 
 
 def inertia_names(name: str) -> tuple[list[str], list[str]]:
-    """Return what the moments beside an inertia parameter are called, and the entries of J⁻¹."""
+    """Return the names of the moments that belong to an inertia parameter, and of the entries of
+    J⁻¹."""
     prefix = name.removesuffix("gamma").removesuffix("alpha")
     return ([f"{prefix}I{axis}" for axis in (1, 2, 3)],
             [f"{prefix}K{pair}" for pair in ("11", "12", "13", "22", "23", "33")])
 
 
 def gamma_by_rule(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
-    """Return γ or α by one of the rules m, h, mt and ht, from the inertia beside it.
+    """Return γ or α by the name of a mean, from the inertia among the parameters.
 
     Raises
     ------
@@ -165,7 +166,7 @@ def gamma_by_rule(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
 
 
 def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
-    """Return the moments beside an inertia parameter: I1.. for gamma, a_I1.. for a_gamma.
+    """Return the moments that belong to an inertia parameter: I1.. for gamma, a_I1.. for a_gamma.
 
     Of a body with a tensor, a_K11.. tell them.
 

@@ -225,7 +225,7 @@ def _levels(stepper: Stepper, events: Any) -> Levels | None:
 def _ensemble(
     stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]]
 ) -> Ensemble:
-    """Return what was stored as arrays, NaN where nothing was, the failures beside them."""
+    """Return the stored states as arrays, NaN behind a failed step, and the failures."""
     binding, runs, rows = stepper.binding, computed.runs, computed.rows
     states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
     at = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
@@ -253,7 +253,7 @@ def _ensemble(
 
 
 def _with_frames(stepper: Stepper, given: RawArguments, inputs: Inputs | None) -> RawArguments:
-    """Return what is given with each start's own least squares where a frame is asked for."""
+    """Return the arguments with the least-squares frame of each start, where one is asked for."""
     def rates(i: int) -> dict[str, float]:
         own = given.parameters_of(i)
         if own["frame"] != "start":

@@ -1,4 +1,4 @@
-"""What a compiled stepper says of a state, and of what a step solves; no step is taken."""
+"""Energy, constraints, residual and Jacobian of a compiled stepper at a state; no step is taken."""
 
 from __future__ import annotations
 

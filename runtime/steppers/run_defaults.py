@@ -1,4 +1,4 @@
-"""What a run needs to know of a model beside its stepper: numbers, no formulas."""
+"""Default parameters and start of a model: numbers, no formulas."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NUMBERS = ("parameters", "q0", "p0", "bodies", "dt")
 
 @dataclass(frozen=True)
 class RunDefaults:
-    """Parameters and the state at t = 0, in doubles that know what was typed in a file.
+    """Parameters and the state at t = 0, in doubles that carry the digits of a file.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class RunDefaults:
     events : tuple of Event
         What its runs look for.
     remarks : list of str
-        What is to be said of the file that the model came from.
+        Warnings about the file that the model came from.
     """
 
     name: str

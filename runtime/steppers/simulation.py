@@ -1,9 +1,9 @@
-"""One trajectory held in compiled memory between calls: its predictor, its rounding errors.
+"""Trajectories whose solver memory (predictor, compensation terms) persists between calls.
 
 ``AdvancingRun`` is what both users of it share: ``Simulation``, which its caller advances by any
 number of steps, and a loop of ``Stepper.step``, which gives each call the end of the one before. As
 long as it does, with the same time step, parameters and solver, compiled code goes on in the memory
-of that call: a call then takes the sweeps, and gives the bits, of a step inside ``integrate``. Any
+of that call: a step then has the iterations and the bits of a step inside ``integrate``. Any
 other call starts anew, as ``integrate`` does. ``RecordingRun`` keeps every state of a simulation as
 well.
 """
@@ -43,7 +43,7 @@ Array = NDArray[Any]
 
 
 class AdvancingRun:
-    """A run in its own memory: ``steps``, ``q`` and ``p`` are what compiled code makes of them."""
+    """A run with its own solver memory; compiled code advances ``steps``, ``q`` and ``p``."""
 
     def __init__(self, binding: Binding, run: RunArguments) -> None:
         self.run, self.binding = run, binding
@@ -109,7 +109,7 @@ class AdvancingRun:
 
 
 class ContinuedStep(AdvancingRun):
-    """A trajectory that is taken one step at a time by a caller who gives all anew each time."""
+    """A trajectory of ``Stepper.step``: the caller passes all arguments again at each step."""
 
     def __init__(self, binding: Binding, run: RunArguments, given: tuple[Any, ...]) -> None:
         super().__init__(binding, run)
@@ -134,7 +134,7 @@ class ContinuedStep(AdvancingRun):
 
 
 class RecordingRun(AdvancingRun):
-    """A run that keeps each of its states: the steps of ``integrate``, a piece at a time."""
+    """A run that stores each of its states, as ``integrate`` does, in several calls."""
 
     def __init__(self, binding: Binding, run: RunArguments) -> None:
         super().__init__(binding, run)
@@ -221,7 +221,7 @@ class RecordingRun(AdvancingRun):
 
 
 class Simulation:
-    """A trajectory to hold in the hand: ``Stepper.start`` makes it, ``advance`` takes it on.
+    """A trajectory that its caller advances: ``Stepper.start`` makes it, ``advance`` takes steps.
 
     However the steps are shared out among calls, their bits are those of one ``integrate``. One
     thread at a time may use it; ``copy`` gives another its own.
@@ -445,7 +445,7 @@ class Simulation:
 def _simulation(
     stepper: Stepper, run: RunArguments, image: tuple[Any, ...], record: bool
 ) -> Simulation:
-    """Return a simulation that goes on from an image of another one."""
+    """Return a simulation with a copy of another one's memory."""
     made = Simulation(stepper, run, record)
     made._held.image = image
     return made

@@ -1,4 +1,4 @@
-"""A compiled stepper: steps, trajectories, ensembles, and what a step solves, from Python."""
+"""A compiled stepper: steps, trajectories and ensembles from Python."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Stepper(Evaluation):
         super().__init__(name, files)
         self.order = int(self.manifest["scheme"]["order"])
         self.remarks = [remark for _, remark in manifest_warnings(self.manifest)]
-        #: How far bodies turn in a step, which integrations warn of.
+        #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
 
@@ -128,7 +128,7 @@ class Stepper(Evaluation):
 
         A call that is given what the last one in this thread returned, and the rest as before
         (``t0`` one ``dt`` on, where the system depends on time), goes on where that ended: a loop
-        of calls gives the bits of ``integrate``, and costs as few sweeps.
+        of calls gives the bits of ``integrate``, and costs as few iterations.
         """
         fed = as_inputs(inputs, self.binding, 1)
         if fed is not None:
@@ -166,7 +166,7 @@ class Stepper(Evaluation):
         max_iterations: int = 50,
         record: bool = False,
     ) -> Simulation:
-        """Return a simulation that stands at (q0, p0) and is advanced by its caller.
+        """Return a simulation that starts at (q0, p0) and is advanced by its caller.
 
         The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
         ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
@@ -253,10 +253,10 @@ class Stepper(Evaluation):
         every : int
             Store every so many steps, and the last.
         solver : {"auto", "newton", "fixed-point", "python"}
-            ``auto`` sweeps (fixed point with a Schur correction of the multipliers) from values
-            predicted out of the past steps, and takes a step with Newton where sweeps do not
-            converge; ``fixed-point`` sweeps only; ``newton`` is full Newton in C from a constant
-            guess, ``python`` the same driven from Python.
+            ``auto`` is the fixed-point iteration with a Schur correction of the multipliers, from
+            values predicted from past steps, with Newton's method for steps where it does not
+            converge; ``fixed-point`` has no fallback; ``newton`` is full Newton in C from a
+            constant guess, ``python`` the same method driven from Python.
         tolerance : float, optional
             Bound on the last increment relative to the state; by default down to round-off.
         max_iterations : int
@@ -449,5 +449,5 @@ class Stepper(Evaluation):
 
 @lru_cache(maxsize=64)
 def _stepper_of(name: str, files: tuple[tuple[str, str], ...]) -> Stepper:
-    """Return the stepper of these sources: the same one to all that ask in a process."""
+    """Return the stepper of these sources, the same object for equal sources in a process."""
     return Stepper(name, dict(files))

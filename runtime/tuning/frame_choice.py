@@ -199,7 +199,7 @@ def _usable(stepper: Stepper, parameters: Any) -> dict[str, Any]:
 
 
 def _without_rules(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with rules as numbers; "auto" stands for γ_m as yet."""
+    """Return parameters with numbers for rules, and γ_m for "auto"."""
     return {name: gamma_by_rule(name, "m" if value in AIMS else value, parameters)
             if isinstance(value, str) else value for name, value in parameters.items()}
 

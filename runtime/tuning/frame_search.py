@@ -211,7 +211,7 @@ class FramePilots:
 
 
 def _units(error: MotionError) -> Array:
-    """Return what a column of an error is held against: 1 rad, or the reach of a point."""
+    """Return the unit of each column of an error: 1 rad, or the reach of a point."""
     units = np.ones(max(max(path) for path in error.paths) + 1)
     for path, unit in zip(error.paths, error.units, strict=True):
         units[path] = unit or 1.0
@@ -293,7 +293,7 @@ _SEARCHES, _STEPS = 3, 8
 _FEW = 32
 #: Of what is chosen by steps twice as long.
 _COARSER = "chosen at twice the step"
-#: Runs for derivatives, of which nobody need be told.
+#: Label of runs for derivatives, which are not reported.
 _SLOPE = "slope"
 #: Searches start from choices that differ by this part at least.
 _APART = 0.04
@@ -301,7 +301,7 @@ _APART = 0.04
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """A choice of rates, and of γ where it was asked for, with what it was chosen by.
+    """A choice of rates, and of γ where it was asked for, and the pilot runs behind it.
 
     Attributes
     ----------
@@ -362,7 +362,7 @@ class FrameChoice:
 
 
 class FrameSearch:
-    """What is tried, and what of it is chosen."""
+    """The search over rates and γ."""
 
     def __init__(self, pilots: FramePilots, velocities: Velocities) -> None:
         self.pilots, self.velocities = pilots, velocities
@@ -524,7 +524,7 @@ class FrameSearch:
 
 
 def _gain(plain: float, chosen: float, doubt: float) -> float:
-    """Return how many times smaller an error is, no more than can be told."""
+    """Return how many times smaller an error is, bounded by its uncertainty."""
     if plain == chosen:
         return 1.0
     return plain / max(chosen, doubt)

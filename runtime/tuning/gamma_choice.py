@@ -41,7 +41,7 @@ _ERRORS: dict[Aim, str] = {"motion": "error of the motion", "energy": "energy er
 
 @dataclass(frozen=True)
 class GammaChoice:
-    """A choice of γ (or α) with what it was chosen by.
+    """A choice of γ (or α), and the pilot runs behind it.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ def _reason_of_rule(pilots: Pilots, best: int, used: GammaSearch) -> str:
 
 
 def _price(pilots: Pilots, chosen: Pilot) -> str:
-    """Return what the motion pays for the energy, if it does."""
+    """Return by how much the motion's error grows for a smaller energy error, if it does."""
     if pilots.aim == "motion" or not chosen.worst > 1 / WORTHWHILE:
         return ""
     return f"; the error of the motion grows up to {chosen.worst:.3g} times"

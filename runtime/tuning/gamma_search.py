@@ -1,4 +1,4 @@
-"""Short runs with different γ, and what they are measured by.
+"""Pilot runs with different γ, their errors, and the law of the error in 1/γ.
 
 Every run has two errors. That of the energy is H_k − H_0 − W_k. That of the motion is q_k − q(t_k),
 path by path (``motion_distance``), with q(t) extrapolated from the same method at Δt/2 and Δt/4:

@@ -59,7 +59,7 @@ class StepPilot:
 
 @dataclass(frozen=True)
 class StepChoice:
-    """A time step with what it was chosen by.
+    """A time step, and the pilot runs that it was chosen by.
 
     Attributes
     ----------
