@@ -293,14 +293,14 @@ def _cached_model(
     key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
     found = read_cache(key)
     if found is None:
-        with capture_warnings() as heard:
+        with capture_warnings() as captured:
             name, files, start = _generate_model(spec, make, allow_invalid)
-        start = replace(start, remarks=heard)
+        start = replace(start, warnings=captured)
         write_cache(key, [name, files, start.as_json()])
     else:
         name, files, start = found[0], found[1], RunDefaults.from_json(found[2])
-    for said in start.remarks:
-        warn(said)
+    for message in start.warnings:
+        warn(message)
     return Stepper(name, files), start
 
 

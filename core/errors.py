@@ -122,7 +122,7 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
         self.dt = dt
         self.detail = detail or reason
         self.cure = cure
-        super().__init__(f"{self.told}; everything before it is in .trajectory.")
+        super().__init__(f"{self.summary}; everything before it is in .trajectory.")
 
     @property
     def hint(self) -> str:
@@ -133,7 +133,7 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
             "tanh(x/1e-3) for sign(x).")
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """The failed step, its time, the reason and the cure."""
         where = f"Step {self.step} at t = {self.t:.9g} s"
         return f"{where} failed: {self.detail}.{self.hint} {self.cure}"

@@ -46,7 +46,7 @@ class RunDefaults:
         Parameters that another value may be given for and nothing else changes.
     events : tuple of Event
         What its runs look for.
-    remarks : list of str
+    warnings : list of str
         Warnings about the file that the model came from.
     """
 
@@ -60,7 +60,7 @@ class RunDefaults:
     steps: int | None
     rules: Mapping[str, str] = field(default_factory=dict)
     free: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     events: tuple[Event, ...] = ()
 
     def __repr__(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 import threading
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -65,15 +66,15 @@ class Stepper(Evaluation):
         All that the generator says of the stepper.
     symmetries : tuple of Symmetry, with name, A, J and condition
         What a co-moving frame may move along.
-    remarks : list of str
-        What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
-        would allow; and where H or forces switch, as |x| does at 0. Empty for what lacks nothing.
+    warnings : list of str
+        Properties that a tableau of your own lacks: symplecticity, symmetry, fixed-point iteration,
+        the order that its weights allow; and where H or forces switch, as |x| does at 0.
     """
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
         super().__init__(name, files)
         self.order = int(self.manifest["scheme"]["order"])
-        self.remarks = [remark for _, remark in manifest_warnings(self.manifest)]
+        self.warnings = [text for _, text in manifest_warnings(self.manifest)]
         #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
@@ -95,12 +96,19 @@ class Stepper(Evaluation):
                     ("joints", system.get("joints", ())),
                     ("quantities", system.get("quantities", ())),
                     ("frame", [s.name for s in self.symmetries])) if names),
-                ("numbers", self.manifest["real"]), *(("note", text) for text in self.remarks)]
+                ("numbers", self.manifest["real"]), *(("note", text) for text in self.warnings)]
         return card(f"Stepper {self.name}", table(rows))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by sources: another process, or another machine, compiles them or has them."""
         return _stepper_of, (self.name, tuple(sorted(self.files.items())))
+
+    @property
+    def remarks(self) -> list[str]:
+        """Former name of ``warnings``."""
+        warnings.warn("Stepper.remarks is Stepper.warnings now; the old name goes in the next "
+                      "version.", DeprecationWarning, stacklevel=2)
+        return self.warnings
 
     @property
     def provenance(self) -> dict[str, str]:
