@@ -20,19 +20,19 @@ from .options import check_folder, json_option, real_number, whole_number
 
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
-    from ..benchmarks.contest import Limits, Row
-    from ..benchmarks.drift import Course
+    from ..benchmarks.contest import ContestRow, Limits
+    from ..benchmarks.drift import DriftRun
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
     from ..benchmarks.joined_bodies import BodyRow
-    from ..benchmarks.steps import Cell
+    from ..benchmarks.steps import StepTiming
     from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
 
 __all__ = ["PRINT", "bench"]
 
-def _print_peers(rows: Sequence[Row]) -> None:
+def _print_peers(rows: Sequence[ContestRow]) -> None:
     if not rows:
         click.echo("None of these peers has the fast top; they have bodies on joints.")
         return
@@ -48,7 +48,7 @@ def _print_ensemble(rows: Sequence[EnsembleRow]) -> None:
     _print_rows(f"{rows[0].trajectories} tops, cost for each, worst error", lines, ["wall µs/s"])
 
 
-def _print_rows(title: str, lines: Sequence[tuple[Row, list[str]]], more: list[str]) -> None:
+def _print_rows(title: str, lines: Sequence[tuple[ContestRow, list[str]]], more: list[str]) -> None:
     names = ["µs/s", "±", "ns/step", "× base", "dx (m)", "ΔH/H", "|q| − 1", *more]
     grid = _grid(title, ["peer", "setting"], names)
     for row, extra in lines:
@@ -60,7 +60,7 @@ def _print_rows(title: str, lines: Sequence[tuple[Row, list[str]]], more: list[s
     _show(grid)
 
 
-def _print_step(cells: Sequence[Cell]) -> None:
+def _print_step(cells: Sequence[StepTiming]) -> None:
     from ..benchmarks.steps import BASE
 
     solvers = list(dict.fromkeys(s for cell in cells for s in (*cell.ns, *cell.notes)))
@@ -78,11 +78,11 @@ def _print_step(cells: Sequence[Cell]) -> None:
         click.echo(text)
 
 
-def _iterations(cell: Cell, solver: str) -> str:
+def _iterations(cell: StepTiming, solver: str) -> str:
     return f" [{cell.iterations[solver]:.1f}]" if solver in cell.iterations else ""
 
 
-def _print_drift(courses: Sequence[Course]) -> None:
+def _print_drift(courses: Sequence[DriftRun]) -> None:
     from ..benchmarks.reference_states import TIMES
 
     times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]
@@ -398,7 +398,7 @@ def _checked(
 # ---------------------------------------------------------------- measure
 
 
-def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Row]:
+def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[ContestRow]:
     from ..benchmarks.contest import compete, with_ratios
     from ..benchmarks.peers import entries
 
@@ -406,14 +406,14 @@ def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Ro
     return with_ratios(found, _base(choice, found))
 
 
-def _base(choice: _Choice, rows: Sequence[Row]) -> str | None:
+def _base(choice: _Choice, rows: Sequence[ContestRow]) -> str | None:
     if choice.base is not None and rows and not any(choice.base in row.name for row in rows):
         raise InputError(f"No row has {choice.base!r} in its name; --base takes a part of "
                          f"peer and setting, such as {rows[0].name!r}.")
     return choice.base
 
 
-def _measure_step(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Cell]:
+def _measure_step(choice: _Choice, watch: Callable[[str], None]) -> Sequence[StepTiming]:
     from ..benchmarks.steps import compare_steps, variants
 
     dts = (1e-3,) if choice.quick else (1e-3, 1e-2)
@@ -430,7 +430,7 @@ def _measure_ensemble(choice: _Choice, watch: Callable[[str], None]) -> Sequence
     return compare_ensembles(found, choice.limits(10.0), count, watch)
 
 
-def _measure_drift(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Course]:
+def _measure_drift(choice: _Choice, watch: Callable[[str], None]) -> Sequence[DriftRun]:
     from ..benchmarks.drift import follow
     from ..benchmarks.peers import entries
 

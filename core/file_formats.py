@@ -18,8 +18,8 @@ from .arguments import why_unwritable
 from .errors import GyrosparkError, InputError, MissingDependencyError
 from .extras import install
 
-__all__ = ["FORMATS", "FileFormat", "Kind", "atomic_file", "ending_of", "endings", "format_of",
-           "with_ending"]
+__all__ = ["FORMATS", "FileFormat", "Kind", "ending_of", "endings", "format_of",
+           "result_file", "with_ending"]
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -118,7 +118,7 @@ def format_of(path: Path, what: str, *kinds: Kind) -> FileFormat:
 
 
 @contextlib.contextmanager
-def atomic_file(path: Path, what: str) -> Iterator[Path]:
+def result_file(path: Path, what: str) -> Iterator[Path]:
     """Yield the name of a file to write, which then becomes ``path``, complete or not at all.
 
     Raises

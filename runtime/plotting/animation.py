@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import as_path, choose, shown
 from ...core.errors import InputError, MissingDependencyError
-from ...core.file_formats import atomic_file, ending_of, format_of
+from ...core.file_formats import ending_of, format_of, result_file
 from ...core.inertia import real_array
 from .scene import SHAPES, Scene, ScenePart, ShapeName, scene_of
 from .trajectory_plots import figure_class, thin
@@ -65,7 +65,7 @@ def animate(
     figure = figure_class()(figsize=(6, 5.6), layout="constrained")
     stage = _Stage(figure, scene, shape)
     stage.draw_energy(trajectory)
-    with atomic_file(target, "The film") as part, writer.saving(figure, part, dpi=80):
+    with result_file(target, "The film") as part, writer.saving(figure, part, dpi=80):
         for frame in range(len(scene.t)):
             stage.show(frame)
             writer.grab_frame()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...core.arguments import as_path, choose
-from ...core.file_formats import atomic_file, format_of
+from ...core.file_formats import format_of, result_file
 from .scene import SHAPES, Scene, ShapeName, scene_of
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     scene = scene_of(trajectory, count)
     page = _page(scene, shape)
     if target is not None:
-        with atomic_file(target, "The page") as part:
+        with result_file(target, "The page") as part:
             part.write_text(page, encoding="utf-8")
     return View(scene.title, page, target)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_items, as_path, choose
 from ...core.errors import MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import atomic_file, format_of
+from ...core.file_formats import format_of, result_file
 from ...core.real_types import REALS
 from ..compilation.body_columns import bodies_of
 
@@ -101,7 +101,7 @@ def save(figure: Any, target: Path) -> None:
     GyrosparkError
         If it cannot be written.
     """
-    with atomic_file(target, "The picture") as part:
+    with result_file(target, "The picture") as part:
         figure.savefig(part, dpi=150)
 
 

@@ -14,7 +14,7 @@ from ...core.arguments import as_path
 from ...core.errors import MissingDependencyError
 from ...core.event import Event, refuse_unusable_names
 from ...core.extras import install
-from ...core.file_formats import atomic_file, format_of, with_ending
+from ...core.file_formats import format_of, result_file, with_ending
 from .run_arrays import OUTPUTS, about, labels_of, parts
 from .state_columns import event_headings, events_path, headings, states_of, write_csv
 from .trajectory_file import storable
@@ -57,9 +57,9 @@ def save(ensemble: Ensemble, path: Any) -> Path:
     write = form.writer("ensemble")
     form.require_packages()
     if ensemble.events and form.tabular:
-        with atomic_file(events_path(target), "The ensemble") as part:
+        with result_file(events_path(target), "The ensemble") as part:
             _write_events(ensemble, part)
-    with atomic_file(target, "The ensemble") as part:
+    with result_file(target, "The ensemble") as part:
         write(ensemble, part)
     return target
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_items, as_text, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
-from ...core.file_formats import atomic_file
+from ...core.file_formats import result_file
 from .run_arrays import OUTPUTS, QUANTITY, pieces
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def spreadsheet_text(name: str) -> str:
 def save_events(trajectory: Trajectory, path: Path) -> None:
     """Write the events of a trajectory, if it has any, to a second .csv file."""
     if trajectory.events:
-        with atomic_file(events_path(path), "The table") as part:
+        with result_file(events_path(path), "The table") as part:
             write_csv(part, event_headings(trajectory.manifest["system"]), [
                 [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p,
                  found.steps, found.rising.astype(int)]

@@ -14,7 +14,7 @@ from ..._version import __version__
 from ...core.arguments import listed
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
-from ...core.file_formats import atomic_file
+from ...core.file_formats import result_file
 from ...core.real_types import REALS
 from ..bindings.real_numbers import from_text, without_padding
 from ..compilation.manifest import sizes_of
@@ -48,7 +48,7 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
     }
     crossings = {f"event{i}_{name}": getattr(found, name)
                  for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
-    with atomic_file(target, "The trajectory") as part, part.open("wb") as file:
+    with result_file(target, "The trajectory") as part, part.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
             **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},

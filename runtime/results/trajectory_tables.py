@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_flag, as_path
 from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import atomic_file, ending_of
+from ...core.file_formats import ending_of, result_file
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName
 from .run_arrays import OUTPUTS, about, labels_of, parts
@@ -52,7 +52,7 @@ def to_csv(
         raise InputError(f"{target.name!r} is no name of a CSV file; end it in .csv.")
     found = _columns(trajectory, euler, degrees, angular_velocity, columns)
     save_events(trajectory, target)
-    with atomic_file(target, "The table") as part:
+    with result_file(target, "The table") as part:
         write_csv(part, list(found), [list(found.values())])
     return target
 

@@ -14,6 +14,7 @@ under ``--work``.
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import random
@@ -22,13 +23,14 @@ import shutil
 import subprocess
 import sys
 import time
+import traceback
 from collections import Counter, defaultdict
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
+
+import pytest
 
 from mutants import Mutant, mutants_of
 
@@ -36,6 +38,9 @@ PACKAGES = ("generator", "runtime", "storage", "engine")
 ROOT = next(folder for folder in Path(__file__).resolve().parents
             if (folder / "pyproject.toml").is_file())
 EXPLAINED = ROOT / "tests" / "data" / "mutation_survivors.json"
+#: What tests import: once, in the process from which theirs are forked (no plugins of pytest).
+HEAVY = ("cffi", "click", "jinja2", "matplotlib.figure", "mpmath", "numpy", "rich", "scipy.spatial",
+         "scipy.spatial.transform", "sympy", "xarray")
 #: Test files that look at text, pages and packaging, or take minutes, and see no behaviour.
 UNRELATED = re.compile(
     r"/(benchmarks|docs|fuzz|studies)/|architecture|bare|citations|docstrings|first_call|naming|"
@@ -44,6 +49,7 @@ UNRELATED = re.compile(
 
 # ---------------------------------------------------------------- as a plugin of pytest
 
+COMPILE, CONFTEST = "the compiler", "import of conftest"
 LIMITS, SEEN = "GYROSPARK_MUTATION_LIMITS", "GYROSPARK_MUTATION_SEEN"
 _seen: dict[str, Any] = {"tests": {}, "failed": []}
 
@@ -140,7 +146,7 @@ class Copy:
         (self.folder / mutant.file).write_bytes(source)
         os.utime(self.folder / mutant.file, (self.clock, self.clock))
 
-    def pytest(self, tests: Iterable[str], seconds: float, *, seen: Path | None = None,
+    def run(self, tests: Iterable[str], seconds: float, *, seen: Path | None = None,
                skipped: Iterable[str] = ()) -> tuple[int | None, str]:
         """Return the exit code, None after too long a time, and what pytest wrote."""
         cache = self.cache if seen else self.fresh
@@ -149,22 +155,35 @@ class Copy:
             shutil.copytree(self.cache, cache, copy_function=os.link)
             cache.chmod(0o700)
         here = os.pathsep.join([str(self.folder.parent), str(Path(__file__).resolve().parent)])
-        environment = {**os.environ, "PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0",
-                       "GYROSPARK_CACHE": str(cache), LIMITS: json.dumps([int(seconds), 12])}
-        if seen:
-            environment[SEEN] = str(seen)
-        command = [sys.executable, "-m", "pytest", "-p", Path(__file__).stem, "-q", "-n", "0", "-p",
-                   "no:cacheprovider", "--basetemp", str(self.scratch), *([] if seen else ["-x"]),
+        environment = {"PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0", "GYROSPARK_CACHE": str(cache),
+                       LIMITS: json.dumps([int(seconds), 12])} | ({SEEN: str(seen)} if seen else {})
+        command = ["-p", Path(__file__).stem, "-q", "-n", "0", "-p", "no:cacheprovider",
+                   "--basetemp", str(self.scratch), *([] if seen else ["-x"]),
                    *(f"--deselect={name}" for name in skipped), *tests]
-        process = subprocess.Popen(
-            command, cwd=self.folder, env=environment, text=True, errors="replace",
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
-        try:
-            said = process.communicate(timeout=60 + 5 * seconds)[0]
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, 9)
-            return None, process.communicate()[0]
-        return (None if process.returncode in (-9, -24) else process.returncode), said
+        said, until = self.folder.parent / "said.txt", time.monotonic() + 60 + 5 * seconds
+        child = os.fork()  # what this process has imported needs no second import
+        if not child:
+            os.setsid()
+            os.environ.update(environment)
+            os.chdir(self.folder)
+            sys.path.insert(0, str(self.folder.parent))
+            with said.open("w") as file:
+                os.dup2(file.fileno(), 1)
+                os.dup2(file.fileno(), 2)
+            ended = 70
+            try:
+                ended = int(pytest.main(command))
+            except BaseException:
+                traceback.print_exc()
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(ended)
+        while not (done := os.waitpid(child, os.WNOHANG))[0]:
+            time.sleep(0.05)
+            if time.monotonic() > until:
+                os.killpg(child, 9)
+        code = os.waitstatus_to_exitcode(done[1])
+        return None if code in (-9, -24) else code, said.read_text(errors="replace")
 
 
 class Map:
@@ -211,21 +230,43 @@ class Map:
         return [part for part in (sorted(first), then, then_whole if whole else []) if part]
 
 
-def try_out(copy: Copy, known: Map, mutant: Mutant, *, changed: bool,
-            whole: bool) -> dict[str, Any]:
-    """Return what became of a mutant, with the test that caught it."""
+def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) -> str | None:
+    """Return the first test that fails, "" if none does, None after too long a time."""
+    code, said = copy.run(tests, cost, skipped=failed)
+    if code == 4 and (gone := set(re.findall(r"not found: \S*?(tests/.*)", said))):
+        tests = [name for name in tests if name not in gone]  # renamed since the map was made
+        return failing(copy, tests, cost, failed) if tests else ""
+    if code in (None, 0, 5):  # 5: no test was left
+        return None if code is None else ""
+    if found := re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said, re.MULTILINE):
+        return COMPILE if re.search(r"\.[ch]:\d+:\d+: .*error:", said) else found[1]
+    if "while loading conftest" in said:
+        return CONFTEST
+    raise RuntimeError(said)
+
+
+def try_out(copy: Copy, parts: list[list[tuple[float, str]]], sound: set[str], failed: set[str],
+            mutant: Mutant, *, changed: bool) -> dict[str, Any]:
+    """Return what became of a mutant, with the test that caught it and passes without it."""
     began, outcome, by = time.monotonic(), "not executed", ""
-    copy.write(mutant, changed=changed)
-    for tests in known.choose(mutant, whole=whole):
-        cost = 30 + 4 * sum(seconds for seconds, _ in tests)
-        code, said = copy.pytest([name for _, name in tests], cost, skipped=known.failed)
-        found = re.search(r"^(?:FAILED|ERROR) (\S+)", said, re.MULTILINE)
-        by = found[1] if found else said[-300:] if code else ""
-        if code == 4 and "not found" in said:
-            code, by = 1, "tests of other names"
-        outcome = ("timeout" if code is None else "survived" if code == 0 else "caught")
-        if outcome == "caught" and mutant.package == "engine" and re.search(
-                r"\.[ch]:\d+:\d+: .*error:", said):
+    for tests in parts:
+        cost, names = 30 + 4 * sum(seconds for seconds, _ in tests), [name for _, name in tests]
+        found: str | None = ""
+        copy.write(mutant, changed=changed)
+        while names and (found := failing(copy, names, cost, failed)) and found not in sound:
+            if found in failed:
+                raise RuntimeError(f"{found} fails although it was left out")
+            copy.write(mutant, changed=False)
+            alone = [found] if "::" in found else [found, "--collect-only"]
+            if failing(copy, alone, cost, ()) == "":
+                sound.add(found)
+            else:
+                names = [name for name in names if found not in (name, name.split("::")[0])]
+                failed.add(found)
+            copy.write(mutant, changed=changed)
+        outcome, by = ("timeout", "") if found is None else ("caught", found) if found else (
+            "survived", "")
+        if found == COMPILE and mutant.package == "engine":
             outcome = "does not compile"
         if outcome != "survived":
             break
@@ -243,6 +284,11 @@ def read_log(work: Path) -> dict[str, dict[str, Any]]:
     return {record["key"]: record for record in records}
 
 
+def reasons() -> dict[str, str]:
+    """Return why a mutant may live, by its key."""
+    return {record["key"]: record["reason"] for record in json.loads(EXPLAINED.read_text())}
+
+
 def measure(work: Path, seconds: int, wanted: list[str]) -> None:
     """Run each file of tests once and write the lines that its tests execute."""
     copy, folder = Copy(work, os.getpid()), work / "map"
@@ -253,7 +299,7 @@ def measure(work: Path, seconds: int, wanted: list[str]) -> None:
         if target.exists() or UNRELATED.search(name) or (wanted and path.stem not in wanted):
             continue
         began = time.monotonic()
-        code, said = copy.pytest([name], 2 * seconds, seen=target)
+        code, said = copy.run([name], 2 * seconds, seen=target)
         print(f"{name:48} {time.monotonic() - began:6.1f} s  {said.splitlines()[-1:]} {code}",
               flush=True)
 
@@ -275,31 +321,28 @@ def pick(count: int, least: int, packages: list[str], seed: int,
     return chosen
 
 
-def run(work: Path, mutants: list[Mutant], jobs: int, *, changed: bool, whole: bool) -> None:
+def run(work: Path, mutants: list[Mutant], tests: list[str], *, changed: bool,
+        whole: bool) -> None:
     """Try mutants out and log each."""
-    known, copies = Map(work / "map"), SimpleQueue[Copy]()
-    for number in range(jobs):
-        copies.put(Copy(work, number))
+    known, copy = Map(work / "map"), Copy(work, os.getpid())
+    sound = {COMPILE, CONFTEST}  # tests that pass without a change
+    for name in HEAVY:
+        importlib.import_module(name)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
                             capture_output=True, check=False).stdout.strip()
-
-    def one(mutant: Mutant) -> None:
-        copy = copies.get()
-        found = try_out(copy, known, mutant, changed=changed, whole=whole)
-        copies.put(copy)
+    for mutant in mutants:
+        parts = [[(60.0, name) for name in tests]] if tests else known.choose(mutant, whole=whole)
+        found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
             log.write(json.dumps(record) + "\n")
         print(f"{found['outcome']:12} {found['seconds']:6} s  {mutant.file}:{mutant.line} "
-              f"{mutant.before[:40]!r} -> {mutant.after[:40]!r}  {found['by'][:60]}", flush=True)
-
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(one, mutants))
+              f"{mutant.before[:40]!r} -> {mutant.after[:40]!r}  {found['by'][:90]}", flush=True)
 
 
 def table(work: Path) -> None:
     """Print the share by package, then the survivors and why they may live."""
-    why = {record["key"]: record["reason"] for record in json.loads(EXPLAINED.read_text())}
+    why = reasons()
     rows: dict[str, Counter[str]] = defaultdict(Counter)
     survivors = []
     for key, record in read_log(work).items():
@@ -334,11 +377,13 @@ def main() -> None:
     parser.add_argument("--least", type=int, default=40, help="how many of each package at least")
     parser.add_argument("--packages", nargs="+", choices=PACKAGES, default=list(PACKAGES))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=20, help="of CPU for a file of tests in map")
-    parser.add_argument("--tests", nargs="+", default=[], help="files of tests that map measures")
+    parser.add_argument("--tests", nargs="+", default=[], help="names of the files that map "
+                        "measures, or the tests that run runs in place of the map's")
     parser.add_argument("--again", action="store_true",
                         help="only the survivors of the log, against whole files of tests")
+    parser.add_argument("--files", type=re.compile, default="", metavar="PATTERN",
+                        help="only mutants of files whose path has this regular expression")
     parser.add_argument("--unchanged", action="store_true",
                         help="run the same tests without the changes: none may fail")
     given = parser.parse_args()
@@ -352,14 +397,15 @@ def main() -> None:
         done = read_log(work)
         if given.again:
             living = {key for key, record in done.items()
-                      if record["outcome"] in ("survived", "not executed")}
+                      if record["outcome"] in ("survived", "not executed")} - reasons().keys()
             mutants = list({mutant.key: mutant for package in given.packages
                             for places in mutants_of(ROOT, package) for mutant in places
                             if mutant.key in living}.values())
         else:
             mutants = pick(given.mutants, given.least, given.packages, given.seed,
                            {} if given.unchanged else done)
-        run(work, mutants, given.jobs, changed=not given.unchanged, whole=given.again)
+        mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
+        run(work, mutants, given.tests, changed=not given.unchanged, whole=given.again)
 
 
 if __name__ == "__main__":

@@ -41,6 +41,23 @@ def test_clock_that_jumps(gl3, tmp_path, monkeypatch):
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "jumping.zarr")
 
 
+def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypatch):
+    """1,001 states in blocks of 64, and no time goes by: a commit for each block."""
+    small_blocks(monkeypatch, 64, seconds=5.0)
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 50)
+    monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: 1e6))
+    commits, commit = [], recorder.Course._commit
+
+    def counted(course, writer):
+        commits.append(course.state.steps)
+        commit(course, writer)
+
+    monkeypatch.setattr(recorder.Course, "_commit", counted)
+    recorded(gl3, tmp_path / "run.zarr", **START, steps=3000, every=3)
+    assert len(commits) == 16
+    assert commits[-1] == 3000
+
+
 @pytest.mark.parametrize("clock", [[0.0], [0.0, 1e9], [0.0, 5.0, 5.0, 5.0]])
 def test_number_of_commits_does_not_matter(clock, gl3, tmp_path, monkeypatch):
     """However the time since the last commit comes out: never, always, now and then."""

@@ -131,8 +131,9 @@ def test_signal_after_the_last_step_loses_nothing(gl3, tmp_path):
         if done == 5000:
             os.kill(os.getpid(), signal.SIGINT)
 
-    with pytest.raises(gs.Stopped, match=r"5,000.*complete"):
+    with pytest.raises(gs.Stopped, match=r"5,000.*complete") as end:
         gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=5000, progress=progress)
+    assert "--resume" not in str(end.value)
     assert gs.open_recording(tmp_path / "run.zarr").status == "complete"
     assert signal.getsignal(signal.SIGINT) is before
 

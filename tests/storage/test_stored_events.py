@@ -278,6 +278,18 @@ def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
         gs.open_recording(tmp_path / "run.zarr")
 
 
+@pytest.mark.parametrize(("real", "array", "types"), [
+    ("double", "event_side_q", ("float64", "float32")),
+    ("float128", array_layout.wide_name("event_side_q"), ("uint8", "int8"))])
+def test_events_in_arrays_of_another_form_are_damaged(real, array, types, tmp_path) -> None:
+    step, run = arguments(real, steps=20, events=gs.Event("side"))
+    gs.record(step, out=tmp_path / "run.zarr", **run)
+    about = tmp_path / "run.zarr" / array / "zarr.json"
+    about.write_text(about.read_text().replace(*types))
+    with pytest.raises(gs.InputError, match=f"'{array}'"):
+        gs.record(step, out=tmp_path / "run.zarr", **run | {"steps": 30}, resume=True)
+
+
 def test_an_end_before_the_first_stored_state(tmp_path) -> None:
     """One row beside the start, in memory and in a store."""
     step, run = arguments(events=STOP, every=1000)

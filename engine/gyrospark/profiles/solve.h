@@ -2,7 +2,11 @@
 #ifndef GS_PROFILES_SOLVE_H
 #define GS_PROFILES_SOLVE_H
 
-#include "gyrospark/profiles/arithmetic.h"
+#if GS_SPARK
+#include "gyrospark/profiles/spark.h"
+#else
+#include "gyrospark/profiles/midpoint.h"
+#endif
 
 /* ---------------------------------------------------------------- starting values from the past */
 

@@ -13,6 +13,7 @@ through one stepper, G-L 3, and the two with the most of everything through EMS 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import mpmath as mp
@@ -290,3 +291,9 @@ def test_every_model_is_consistent_in_both_representations(name):
         assert moved.p_moved <= 64 * EPS * max(1, np.abs(model.p0).max())
         assert model.dt > 0
         assert model.description.endswith(".")
+
+
+@pytest.mark.parametrize("dt", ["fast", np.inf, [1e-3, 1e-3]])
+def test_the_step_of_a_model_is_a_finite_number(dt):
+    with pytest.raises(gs.InputError, match="dt"):
+        replace(gs.models.double_top(), dt=dt)

@@ -6,7 +6,8 @@ import pytest
 import sympy as sp
 
 from equivalent_forms import HALF, stand_ins
-from gyrospark.generator.normal_forms.canonical_expressions import Forms
+from gyrospark.generator.normal_forms.additive_terms import split, total
+from gyrospark.generator.normal_forms.canonical_expressions import CanonicalForms
 
 x, y, z = sp.symbols("x y z", real=True)
 a, b = sp.symbols("a b", real=True)
@@ -17,12 +18,13 @@ ROOT = sp.sqrt(x**2 + y**2)
 def form(e, *moving):
     """Return the canonical form of an expression in which these move."""
     names = stand_ins(moving, sorted(e.free_symbols - set(moving), key=str))
-    found = Forms().expression(e.xreplace(names))
+    found = CanonicalForms().expression(e.xreplace(names))
     return found.xreplace({stand: s for s, stand in names.items()})
 
 
 @pytest.mark.parametrize("spellings", [
     (x**2 / (a + b) + k * y**2, (x**2 + k * y**2 * (a + b)) / (a + b)),
+    ((x / m + y / k) ** -2, (m * k) ** 2 / (k * x + m * y) ** 2),
     (x / 2, 0.5 * x, x - HALF * x, sp.Mul(sp.Float(0.25), x, 2, evaluate=False)),
     (-(x - y) * k, (y - x) * k, (-1) * k * x + k * y),
     (x**3, x * x * x, x**5 / x**2, sp.Mul(x, x, x, evaluate=False)),
@@ -58,3 +60,11 @@ def test_what_is_short_stays_as_it_is(e):
 
 def test_decimals_are_exact_numbers():
     assert form(0.1 * x, x).coeff(x) == sp.Rational(*(0.1).as_integer_ratio())
+
+
+def test_a_product_of_sums_is_multiplied_out_as_far_as_its_pieces_need():
+    product = k * (x + y) * (z + L)
+    for most, count in ((4, 1), (2, 2), (1, 4)):
+        pieces = list(split(CanonicalForms(), product, lambda terms, most=most: len(terms) <= most))
+        assert len(pieces) == count
+        assert sp.expand(total(pieces) - product) == 0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
 from gyrospark.generator.schemes.step_equations import hoisted
 from gyrospark.generator.symbolic.derivatives import derivative
+from gyrospark.generator.symbolic.shared_subexpressions import Shared
 
 X = sp.symbols("x y z", real=True)
 M = sp.Symbol("m", positive=True)
@@ -51,3 +52,8 @@ def test_first_and_second_derivatives_of_bodies_are_those_of_sympy(body, rep):
 def test_derivative_of_what_does_not_depend_is_zero(e):
     assert derivative(e, X[0]) == 0
     assert derivative(X[0], X[0]) == 1
+
+
+def test_sympy_derives_a_shared_part_too():
+    x, y, _ = X
+    assert sp.diff(sp.sin(Shared(x**2 + y)), x).subs({x: 2, y: -4}) == 4

@@ -201,6 +201,13 @@ def test_wrong_claims_are_refuted(read: Any) -> None:
     assert failed(read(example() | {"order": 5})) == ["order"]
 
 
+@pytest.mark.parametrize("order", [0, 101])
+def test_claimed_orders_are_1_to_100(read: Any, order: int) -> None:
+    assert read(example() | {"order": 100}).claims["order"] == 100
+    with pytest.raises(TableauError, match="order"):
+        read(example() | {"order": order})
+
+
 def test_confluent_nodes_are_allowed(read: Any) -> None:
     content = example()
     content["c"] = ["1/2", "1/2"]

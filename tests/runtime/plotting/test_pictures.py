@@ -59,6 +59,13 @@ def test_joints_and_phases(tops):
         tops.plot_phase("x")
 
 
+def test_an_output_with_a_panel_is_drawn_against_time(tops, monkeypatch):
+    monkeypatch.setattr(type(tops), "panels", lambda run: {"momenta": run.p})
+    axes = tops.plot().axes[-1]
+    assert (axes.get_title(), axes.get_xlabel()) == ("momenta", "t [s]")
+    assert [line.get_ydata().tolist() for line in axes.get_lines()] == tops.p.T.tolist()
+
+
 def test_several_bodies_have_a_legend(tops, gl3):
     figure = tops.plot()
     assert np.array_equal(lines(figure.axes[2])["b"], tops.body("b").position()[:, 2])

@@ -84,6 +84,16 @@ def test_shapes_have_the_inertia_of_their_bodies():
         assert part.to_scale
 
 
+def test_a_body_without_a_mass_has_the_proportions_of_its_moments(gl3):
+    (part,) = scene_of(gl3.integrate(TOP.q0, TOP.p0, steps=20, **RUN), 10).parts
+    assert not part.to_scale
+    I1, I2, I3 = TOP.inertia
+    squares = np.array([I2 + I3 - I1, I3 + I1 - I2, I1 + I2 - I3])
+    for size in part.sizes.values():
+        assert size.max() == 1
+        assert np.abs(size**2 - squares / squares.max()).max() < 1e-12
+
+
 def test_joints_are_where_the_run_has_them():
     run = integrated(gs.models.four_bar(), 30)
     scene = scene_of(run, 31)

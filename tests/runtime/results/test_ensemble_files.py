@@ -57,6 +57,8 @@ def test_a_failure_is_reported() -> None:
     assert found.steps.values.tolist() == [20, 0, 20]
     assert np.isnan(found.energy[1, 1:]).all()
     assert np.isfinite(found.energy[::2]).all()
+    assert (found.iterations[1] == 0).all()
+    assert found.iterations.dtype.kind == "i"
 
 
 @pytest.mark.parametrize("real", ["double", "float", "float128"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -127,3 +128,11 @@ def test_gamma_fast_costs_no_sweeps_and_changes_nothing():
                  for g in (gamma_m(top.inertia), gs.gamma_fast(top.inertia, [0, 0, 126])))
     assert few.iterations.mean() < 1.05 * many.iterations.mean()
     assert np.abs(few.q - many.q).max() < 1e-11
+
+
+def test_exact_moments_have_exact_means():
+    third, half, fifth = Fraction(1, 3), Fraction(1, 2), Fraction(1, 5)
+    moments = (third, half, fifth)
+    assert gamma_m(moments) == (third + half + fifth) / 3
+    assert gamma_m_tilde(moments) == (third + half) / 2
+    assert gamma_h_tilde(moments) == 2 / (1 / third + 1 / half)
