@@ -12,7 +12,7 @@ import click
 
 from ..core.errors import InputError
 from ..core.inertia import REPS, RepName
-from ..core.progress import doing
+from ..core.progress import log_task
 from ..core.real_types import REALS
 from ..core.registry import SYSTEMS, entry_named
 from ..generator.schemes.named_schemes import SCHEMES
@@ -83,7 +83,7 @@ def verify(
 
     verdicts = []
     for spec in specs:
-        with doing(f"verifying {spec.tableau or spec.name}"):
+        with log_task(f"verifying {spec.tableau or spec.name}"):
             verdicts.append(verify_stepper(spec))
     holds = all(verdict.holds for verdict in verdicts)
     if as_json:
@@ -158,7 +158,7 @@ def _certify(
     from ..runtime.rigid_body.problems import Problem
 
     step_size = None if dt is None else real_number("--dt", dt)
-    with doing(f"checking what {name} keeps"):
+    with log_task(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
         rep = choice["rep"] if isinstance(model, Problem) else None  # a file has had its say
         found = certify(
@@ -170,7 +170,7 @@ def _certify(
         )
     drawn = {}
     if plot is not None:
-        with doing(f"measuring how exact {found.stepper} is"):
+        with log_task(f"measuring how exact {found.stepper} is"):
             drawn = _draw(model, found, choice, count, rep, plot)
     if as_json:
         click.echo(json.dumps(found.as_dict() | drawn, indent=2, allow_nan=False))

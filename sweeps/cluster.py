@@ -92,17 +92,17 @@ def run_tiles(
         future.add_done_callback(ended.put)
 
     def fill() -> None:
-        while len(begun) < memory.tiles and not interrupts.asked:
+        while len(begun) < memory.tiles and not interrupts.requested:
             tile = next(tiles, None)
             if tile is None:
                 break
             begin(tile)
-        if not begun and blamed and not interrupts.asked:
+        if not begun and blamed and not interrupts.requested:
             last.add(blamed[-1].place)
             begin(blamed.pop())
 
     def withdraw() -> None:
-        if interrupts.asked:
+        if interrupts.requested:
             client.cancel([future for future, _ in begun.values() if future.status == "pending"])
 
     shared, last = share(), set[tuple[int, ...]]()
@@ -120,7 +120,7 @@ def run_tiles(
                 sink.write(tile, future.result())
             advance(tile)
         elif future.status == "cancelled":
-            if not interrupts.asked:
+            if not interrupts.requested:
                 begin(tile)
         elif isinstance(future.exception(), KilledWorker):
             (left if tile.place in last else blamed).append(tile)

@@ -9,7 +9,7 @@ from typing import Any
 import sympy as sp
 
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..parsing.grammar import UNITS
 from ..parsing.tokens import names_in, shorten
 from ..symbolic.switching_functions import Where
@@ -107,8 +107,8 @@ class Formulas:
         mentioned = self.mentioned | self.numbers.values.mentioned
         for name in self.content.table("parameters").items():
             if name not in mentioned:
-                remark(f"[parameters] {name} is in no formula and no other number of the file; "
-                       "remove it, or write it where it is meant.")
+                warn(f"[parameters] {name} is in no formula and no other number of the file; "
+                     "remove it, or write it where it is meant.")
 
     def in_use(
         self, expressions: Iterable[sp.Expr]

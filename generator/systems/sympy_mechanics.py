@@ -24,7 +24,7 @@ from sympy.physics import mechanics as me
 
 from ...core.arguments import as_flag, shown
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..parsing.tokens import shorten
 from ..symbolic.derivatives import derivative, slopes
 from ..symbolic.numeric_evaluation import evaluate
@@ -184,11 +184,11 @@ def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:
         point, near = pair
-        remark(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
-               f"that of {near} {shown(near.vel(motion.frame))}, which is not how its place from "
-               "there changes; velocities are taken as they are. A joint of SymPy sets its point "
-               "at rest in the axes of its first body: a base that moves needs a frame of its own, "
-               f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
+        warn(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
+             f"that of {near} {shown(near.vel(motion.frame))}, which is not how its place from "
+             "there changes; velocities are taken as they are. A joint of SymPy sets its point "
+             "at rest in the axes of its first body: a base that moves needs a frame of its own, "
+             f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
 
 
 # ---------------------------------------------------------------- loads

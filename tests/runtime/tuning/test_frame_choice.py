@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 
 import gyrospark as gs
 from gyrospark.benchmarks.reference_states import distance
-from gyrospark.runtime.tuning.frame_spectrum import Lines
+from gyrospark.runtime.tuning.frame_search import Lines
 
 TOP = gs.problems.fast_top()
 CONE = gs.problems.regular_precession()
