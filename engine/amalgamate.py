@@ -1,15 +1,14 @@
 """One C file that compiles alone: the headers of the engine in place of their includes.
 
-A preprocessor for the names that begin with ``GS_``, for includes of ``gyrospark/`` and for macros
-of features that are off, as ``IF_TIME(...)`` and ``AT(c, t)``: it keeps what the features select,
-and leaves all other lines as they are.
+A preprocessor for the names that begin with ``GS_`` and for includes of ``gyrospark/``, and for
+nothing else: it keeps the branches of the features, and leaves all other lines as they are.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from functools import cache, reduce
+from functools import cache
 from pathlib import Path
 
 from ..core.errors import GyrosparkError
@@ -30,8 +29,6 @@ _INCLUDE = re.compile(r'#include "(gyrospark/[\w./]+)"$')
 _DEFINE = re.compile(r"#define (GS_\w+)(?: (\d+))?(?: */\*.*\*/)?$")
 _OWN = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) ((?:[!() ]*\bGS_\w+|[\d&|=!() ])+)"
                   r"|(else|endif)\b)")
-#: Text in which parentheses are balanced, to a depth of five.
-_BALANCED = reduce(lambda inner, _: rf"(?:[^()]|\({inner}\))*", range(5), r"[^()]*")
 _TOKEN = re.compile(r"\s*(\w+|&&|\|\||==|!=|[!()])")
 
 
@@ -47,7 +44,7 @@ def amalgamate(source: str) -> str:
         return source
     lines: list[str] = []
     _process(source.replace(INCLUDE_CHECK, ""), {}, lines)
-    return re.sub(r"\n{3,}", "\n\n", _expand("\n".join(lines))) + "\n"
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)) + "\n"
 
 
 def complete(files: Mapping[str, str]) -> dict[str, str]:
@@ -111,27 +108,6 @@ def _process(text: str, names: dict[str, int], lines: list[str]) -> None:
         if kept:
             lines.append(line)
     assert not open_
-
-
-def _expand(text: str) -> str:
-    """Expand ``IF_X(...)`` to nothing and ``AT(c, t)`` to ``c`` where the feature is off.
-
-    ``KERNEL(f)`` becomes the name of the kernel. No blank line follows a heading.
-    """
-    kernels = dict(re.findall(r"^#define KERNEL_(\w+) (\w+)$", text, re.MULTILINE))
-    text = re.sub(r"^#define KERNEL.*\n", "", text, flags=re.MULTILINE)
-    text = re.sub(r"\bKERNEL\((\w+)\)", lambda call: str(kernels.get(call[1], call[1])), text)
-    text = re.sub(r"^(/\* -{5,} .* \*/\n)\n", r"\1", text, flags=re.MULTILINE)
-    for name, kept in re.findall(r"^#define (\w+)\((?:\.\.\.\)|(\w+),[^)]*\) \2)$", text,
-                                 re.MULTILINE):
-        text = re.sub(rf"^#define {name}\(.*\n", "", text, flags=re.MULTILINE)
-        if kept:
-            text = re.sub(rf"\b{name}\(([^(),]+),{_BALANCED}\)", r"\1", text)
-        else:
-            call = rf"\b{name}\({_BALANCED}\)"
-            text = re.sub(rf"^ *{call}\n", "", text, flags=re.MULTILINE)
-            text = re.sub(rf"{call} ?", "", text)
-    return text
 
 
 def _value(expression: str, names: dict[str, int]) -> bool:

@@ -100,6 +100,11 @@
 #define LANES_AT(c, t) c
 #define LANES_BETWEEN(c, t, late) c
 #endif
+#if GS_FORCES
+#define IF_FORCES(...) __VA_ARGS__
+#else
+#define IF_FORCES(...)
+#endif
 #if GS_INPUTS
 #define IF_INPUTS(...) __VA_ARGS__
 #else
