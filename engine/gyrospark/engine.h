@@ -137,10 +137,9 @@ typedef NAME(batch) batch_memory;
 #endif
 #endif
 
-/* The status of a step, as in the public header. */
+/* The status of a step and its solver, as in the public header. */
 enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
 #if !GS_PROFILE_CONTROL
-/* How a step is solved. */
 enum { NEWTON = 1, FIXED_POINT };
 #endif
 
