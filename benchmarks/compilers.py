@@ -55,8 +55,8 @@ from ..runtime.compilation.object_files import Part, objects_of
 from ..runtime.compilation.verified_build import import_module
 from ..runtime.rigid_body.problems import fast_top, free_body
 
-__all__ = ["BUILDS", "Build", "Difference", "Source", "compare", "compare_kernels", "main",
-           "sources"]
+__all__ = ["BUILDS", "Build", "KernelDifference", "StepperSource", "compare", "compare_kernels",
+           "main", "sources"]
 
 Array = NDArray[Any]
 
@@ -96,7 +96,7 @@ BUILDS = tuple(Build(kind, (level, "-march=native", f"-mprefer-vector-width={bit
 
 
 @dataclass(frozen=True)
-class Source:
+class StepperSource:
     """The files of a stepper, and a state and parameters of its system."""
 
     name: str
@@ -107,7 +107,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Difference:
+class KernelDifference:
     """The entry of a function that is furthest from the exact one.
 
     Attributes
@@ -139,18 +139,18 @@ class Difference:
 
 def of_model(
     name: str, make: Callable[[], Model], scheme: SchemeName, stages: int | None
-) -> Source:
+) -> StepperSource:
     """Return a stepper of a model, generated."""
     model = make()
     made = generate(Spec.checked(scheme, stages, None, None, "double", None), system=model.system)
-    return Source(f"{name} {made.source.name}", made.source.files(), *_start(model))
+    return StepperSource(f"{name} {made.source.name}", made.source.files(), *_start(model))
 
 
 def _start(model: Model) -> tuple[Array, Array, dict[str, Any]]:
     return (np.array(model.q0, float), np.array(model.p0, float), dict(model.parameters))
 
 
-def sources() -> Iterator[tuple[str, Callable[[], Source]]]:
+def sources() -> Iterator[tuple[str, Callable[[], StepperSource]]]:
     """Yield the names of all steppers and what makes each."""
     for path in sorted((ROOT / "generated").glob("*.json")):
         yield path.stem, partial(_checked_in, path.stem)
@@ -172,13 +172,13 @@ def robots() -> list[Path]:
     return [Path(str(file.locate())) for file in files if file.name.endswith(".urdf")]
 
 
-def _checked_in(name: str) -> Source:
+def _checked_in(name: str) -> StepperSource:
     files = checked_in_files(name)
     assert files is not None, name
     problem = free_body() if name.startswith("free_body") else fast_top()
     values = {"gamma": 0.0013, "alpha": 0.0007, **problem.parameters}
     wanted = read_manifest(name, files)["system"]["parameters"]
-    return Source(name, files, problem.q0, problem.p0, {key: values[key] for key in wanted})
+    return StepperSource(name, files, problem.q0, problem.p0, {key: values[key] for key in wanted})
 
 
 # ---------------------------------------------------------------- comparing
@@ -187,7 +187,7 @@ def _checked_in(name: str) -> Source:
 class _Functions:
     """The functions of a stepper from one build, called at points."""
 
-    def __init__(self, source: Source, library: Path, real: str) -> None:
+    def __init__(self, source: StepperSource, library: Path, real: str) -> None:
         self.source, self.real = source, real
         self.dtype: Any = np.longdouble if real == "long double" else np.float64
         self.name = next(f[:-2] for f in source.files if f.endswith(".c"))
@@ -234,8 +234,8 @@ class _Functions:
 
 
 def compare(
-    source: Source, builds: Sequence[Build] = BUILDS, points: int = POINTS
-) -> Iterator[Difference]:
+    source: StepperSource, builds: Sequence[Build] = BUILDS, points: int = POINTS
+) -> Iterator[KernelDifference]:
     """Yield for each build and function how far it is from the exact numbers."""
     with tempfile.TemporaryDirectory() as folder:
         exact = _compiled(source, Build(builds[0].kind, tuple(_EXACT), mended=False),
@@ -268,13 +268,13 @@ def compare(
                 error = np.abs(made.call(function, *at)[usable] - right).max(0)
                 error = np.where(np.isfinite(error), error, np.inf)
                 worst = int(np.argmax(error / np.maximum(bound, np.finfo(float).tiny)))
-                yield Difference(source.name, str(build), function, right.size,
-                                 float(error[worst]), float(bound[worst]), again)
+                yield KernelDifference(source.name, str(build), function, right.size,
+                                       float(error[worst]), float(bound[worst]), again)
 
 
 def compare_kernels(
-    source: Source, builds: Sequence[Build] = BUILDS, points: int = POINTS
-) -> Iterator[Difference]:
+    source: StepperSource, builds: Sequence[Build] = BUILDS, points: int = POINTS
+) -> Iterator[KernelDifference]:
     """Yield for each build the kernels that differ from their statements, or that all agree."""
     name = next(f[:-2] for f in source.files if f.endswith(".c"))
     manifest = read_manifest(name, source.files)
@@ -288,11 +288,12 @@ def compare_kernels(
                 found, kernels = differences(import_module(name, path), checks,
                                              REALS[manifest["real"]], points - points % 16)
             entries = points * sum(kernels.values())
-            yield Difference(source.name, str(build), f"{len(kernels)} kernels of {part}", entries,
-                             0.0, 1.0, 0)
+            yield KernelDifference(source.name, str(build), f"{len(kernels)} kernels of {part}",
+                                   entries,
+                                   0.0, 1.0, 0)
             for one in found:
-                yield Difference(source.name, str(build), one.kernel, points,
-                                 abs(one.compiled - one.expected), one.allowed, 0)
+                yield KernelDifference(source.name, str(build), one.kernel, points,
+                                       abs(one.compiled - one.expected), one.allowed, 0)
 
 
 def _version(kind: str) -> str:
@@ -300,7 +301,7 @@ def _version(kind: str) -> str:
 
 
 def _compiled(
-    source: Source, build: Build, folder: Path, real: str = "double"
+    source: StepperSource, build: Build, folder: Path, real: str = "double"
 ) -> tuple[_Functions, int]:
     """Compile the object with the functions that evaluate; return them."""
     folder.mkdir()

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import GyrosparkError
-from .peers.entry import Entry, Run
+from .peers.entry import PeerEntry, Run
 from .peers.optional import Unavailable
 from .reference_states import distance, has
 from .timing import alternate, stopwatch
-from .tops import State, energy, state_of, tops
+from .tops import TopState, energy, state_of, tops
 
-__all__ = ["Limits", "Row", "compete", "judged", "with_ratios"]
+__all__ = ["ContestRow", "Limits", "compete", "judged", "with_ratios"]
 
 #: Every time step divides it; simulated seconds of the run that foretells the cost of a long one.
 _SHORT = 0.2
@@ -52,7 +52,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Row:
+class ContestRow:
     """What was found of one entry; numbers are None where there is none.
 
     Attributes
@@ -99,10 +99,10 @@ class Row:
         return asdict(self)
 
 
-def compete(entries: Sequence[Entry], limits: Limits, watch: Watch = lambda name: None
-            ) -> list[Row]:
+def compete(entries: Sequence[PeerEntry], limits: Limits, watch: Watch = lambda name: None
+            ) -> list[ContestRow]:
     """Return a row for each entry, in their order."""
-    rows: dict[str, Row] = {}
+    rows: dict[str, ContestRow] = {}
     spans: dict[str, tuple[Run, float]] = {}
     for entry in entries:
         watch(entry.name)
@@ -121,9 +121,9 @@ def compete(entries: Sequence[Entry], limits: Limits, watch: Watch = lambda name
     return [rows[entry.name] for entry in entries]
 
 
-def judged(entry: Entry, limits: Limits) -> tuple[Row, Run | None]:
+def judged(entry: PeerEntry, limits: Limits) -> tuple[ContestRow, Run | None]:
     """Return a row with the errors at ``t_end``, and the run if it is good for timing."""
-    row = Row(entry.peer, entry.version, entry.setting, limits.t_end)
+    row = ContestRow(entry.peer, entry.version, entry.setting, limits.t_end)
     try:
         run = entry.prepare()
         short = max(_SHORT, limits.t_end / 100)
@@ -139,13 +139,13 @@ def judged(entry: Entry, limits: Limits) -> tuple[Row, Run | None]:
         return replace(row, note=note, failed=True), None
 
 
-def _foretold(row: Row, entry: Entry, cost: float, note: str) -> Row:
+def _foretold(row: ContestRow, entry: PeerEntry, cost: float, note: str) -> ContestRow:
     """Return the row of an entry that is too dear to run: its cost from a short run, no errors."""
     return replace(row, us_per_second=cost * 1e6, note=note,
                    ns_per_step=None if entry.dt is None else cost * entry.dt * 1e9)
 
 
-def _with_errors(row: Row, end: State) -> Row:
+def _with_errors(row: ContestRow, end: TopState) -> ContestRow:
     """Return the row with the errors of the worst top of a run."""
     q = np.atleast_2d(end.q)
     starts = [state_of(top) for top in tops(len(q))]
@@ -170,7 +170,7 @@ def _job(run: Run, t_end: float) -> Callable[[], object]:
     return lambda: run(t_end)
 
 
-def with_ratios(rows: Sequence[Row], base: str | None = None) -> list[Row]:
+def with_ratios(rows: Sequence[ContestRow], base: str | None = None) -> list[ContestRow]:
     """Return the rows with their cost over that of the base: the first timed row it occurs in.
 
     Without a row to compare with, there are no ratios.

@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from .contest import Limits, judged
-from .peers.entry import Entry
+from .peers.entry import PeerEntry
 
-__all__ = ["Course", "Point", "drift_times", "follow"]
+__all__ = ["DriftRun", "Point", "drift_times", "follow"]
 
 #: Times of a decade, in seconds; every time step of the entries divides them.
 _DECADE = (1, 2, 5)
@@ -30,7 +30,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Course:
+class DriftRun:
     """The points of one entry, and why there are no more."""
 
     peer: str
@@ -57,8 +57,8 @@ def drift_times(t_end: float) -> list[float]:
 
 
 def follow(
-    entries: Sequence[Entry], limits: Limits, watch: Callable[[str], None] = lambda name: None
-) -> list[Course]:
+    entries: Sequence[PeerEntry], limits: Limits, watch: Callable[[str], None] = lambda name: None
+) -> list[DriftRun]:
     """Return the course of each entry up to ``limits.t_end``."""
     courses = []
     for entry in entries:
@@ -67,7 +67,7 @@ def follow(
     return courses
 
 
-def _course(entry: Entry, limits: Limits) -> Course:
+def _course(entry: PeerEntry, limits: Limits) -> DriftRun:
     points: list[Point] = []
     prepared: list[Any] = []
 
@@ -77,7 +77,7 @@ def _course(entry: Entry, limits: Limits) -> Course:
         return prepared[0]
 
     kept = replace(entry, prepare=once)
-    course = Course(entry.peer, entry.version, entry.setting, ())
+    course = DriftRun(entry.peer, entry.version, entry.setting, ())
     for t in drift_times(limits.t_end):
         row, run = judged(kept, replace(limits, t_end=t))
         if run is None:

@@ -16,12 +16,12 @@ import numpy as np
 from .._version import __version__
 from ..api import stepper
 from ..runtime.rigid_body.quaternion import angular_velocity
-from .contest import Limits, Row, judged
-from .peers.entry import Entry, Run
+from .contest import ContestRow, Limits, judged
+from .peers.entry import PeerEntry, Run
 from .peers.heyoka_taylor import prepare_batch
 from .peers.optional import version
 from .timing import alternate
-from .tops import FREE_RATE, INERTIA, LANES, State, parameters, tops
+from .tops import FREE_RATE, INERTIA, LANES, TopState, parameters, tops
 
 __all__ = ["EnsembleRow", "compare_ensembles", "ensemble_entries"]
 
@@ -51,7 +51,7 @@ class EnsembleRow:
         Wall seconds of every round.
     """
 
-    row: Row
+    row: ContestRow
     trajectories: int
     wall_us_per_second: float | None = None
     wall_samples: tuple[float, ...] = ()
@@ -61,24 +61,24 @@ class EnsembleRow:
         return asdict(self)
 
 
-def ensemble_entries(count: int, *, quick: bool = False) -> list[Entry]:
+def ensemble_entries(count: int, *, quick: bool = False) -> list[PeerEntry]:
     """Return our ensembles with one and two workers, and heyoka's batches."""
     ours = [
-        Entry("gyrospark", __version__,
-              f"G-L s={stages} Δt={dt:g}{_note(gamma, tolerance, spin)}, {_workers(workers)}",
-              partial(_prepare, count, stages, dt, gamma, tolerance, spin, workers), dt,
-              stages < 8)
+        PeerEntry("gyrospark", __version__,
+                  f"G-L s={stages} Δt={dt:g}{_note(gamma, tolerance, spin)}, {_workers(workers)}",
+                  partial(_prepare, count, stages, dt, gamma, tolerance, spin, workers), dt,
+                  stages < 8)
         for stages, dt, gamma, tolerance, spin in _OURS for workers in (1, 2)
     ]
     theirs = [_batch(count, width, tol) for width, tol in _BATCHES]
     return [entry for entry in (*ours, *theirs) if entry.quick or not quick]
 
 
-def _batch(count: int, width: int | None, tol: str) -> Entry:
+def _batch(count: int, width: int | None, tol: str) -> PeerEntry:
     options = {} if tol == "default" else {"tol": float(tol)}
     lanes = "SIMD width" if width is None else str(width)
-    return Entry("heyoka", version("heyoka"), f"batch of {lanes}, tol {tol}",
-                 partial(prepare_batch, count, width, options), None, tol == "default")
+    return PeerEntry("heyoka", version("heyoka"), f"batch of {lanes}, tol {tol}",
+                     partial(prepare_batch, count, width, options), None, tol == "default")
 
 
 def _workers(count: int) -> str:
@@ -99,7 +99,7 @@ def _prepare(
     q, p = np.array([top.q for top in starts]), np.array([top.p for top in starts])
     values = parameters(gamma) | ({"omega_body": spin} if spin else {})
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         steps = round(t_end / dt)
         ends = step.integrate_ensemble(q, p, dt=dt, steps=steps, every=max(steps, 1),
                                        parameters=values, workers=workers,
@@ -107,13 +107,13 @@ def _prepare(
         for failure in ends.failures.values():
             raise failure
         last = np.asarray(ends.q[:, -1], dtype=np.float64)
-        return State(last, angular_velocity(last, ends.p[:, -1], INERTIA))
+        return TopState(last, angular_velocity(last, ends.p[:, -1], INERTIA))
 
     return run
 
 
 def compare_ensembles(
-    entries: Sequence[Entry], limits: Limits, count: int = LANES,
+    entries: Sequence[PeerEntry], limits: Limits, count: int = LANES,
     watch: Callable[[str], None] = lambda name: None,
 ) -> list[EnsembleRow]:
     """Return a row for each entry: alternately timed by process CPU time, then by wall time."""

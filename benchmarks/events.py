@@ -46,7 +46,7 @@ _BITS = 120
 
 
 @dataclass(frozen=True)
-class Job:
+class EventJob:
     """A run of one program: alone, for the times of its event, for positions at some times."""
 
     alone: Callable[[], object]
@@ -126,12 +126,12 @@ class Pendulum:
         """Return the largest relative error of times, and the largest error of angles."""
         return _worst(times, self.crossings), float(abs(positions - self.positions).max())
 
-    def ours(self) -> dict[str, Callable[[], Job]]:
+    def ours(self) -> dict[str, Callable[[], EventJob]]:
         """Return our settings: the point on its circle in the plane."""
         return {f"G-L s={stages} Δt={dt:g}": partial(self._our_job, stages, dt)
                 for stages, dt in ((5, 0.05), (8, 0.2))}
 
-    def _our_job(self, stages: int, dt: float) -> Job:
+    def _our_job(self, stages: int, dt: float) -> EventJob:
         x, y, u, v, g = sp.symbols("x y u v g")
         step = stepper("G-L", stages, system=System(
             (x, y), (u, v), (g,), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - 1,), name="pendulum"))
@@ -139,14 +139,14 @@ class Pendulum:
         return _our_job(step, q, p, dt, self.t_end, {"g": 1.0}, Event("x"), self.times,
                         lambda q: np.arctan2(q[:, 0], -q[:, 1]))
 
-    def heyoka(self) -> Job:
+    def heyoka(self) -> EventJob:
         """Return the run of heyoka: θ' = ω, ω' = −sin θ."""
         heyoka = need("heyoka")
         angle, rate = heyoka.make_vars("angle", "rate")
         return _heyoka_job([(angle, rate), (rate, -heyoka.sin(angle))], [self.angle, 0.0], angle, 0,
                            self.t_end, self.times, lambda x: x[:, 0])
 
-    def scipy(self) -> Job:
+    def scipy(self) -> EventJob:
         """Return the run of SciPy, of the same equations."""
         return _scipy_job(lambda t, x: (x[1], -np.sin(x[0])), [self.angle, 0.0],
                           lambda t, x: x[0], 0, self.t_end, self.times, lambda x: x[0])
@@ -187,17 +187,17 @@ class FastTop:
         apart = np.linalg.norm(LEVER * axis(positions) - centres, axis=1)
         return _worst(times, crossings), float(apart.max())
 
-    def ours(self) -> dict[str, Callable[[], Job]]:
+    def ours(self) -> dict[str, Callable[[], EventJob]]:
         """Return our settings."""
         return {f"G-L s={stages} Δt={dt:g}": partial(self._our_job, stages, dt)
                 for stages, dt in ((4, 5e-3), (8, 2e-2))}
 
-    def _our_job(self, stages: int, dt: float) -> Job:
+    def _our_job(self, stages: int, dt: float) -> EventJob:
         top = tops()[0]
         return _our_job(self._stepper(stages), top.q, top.p, dt, self.t_end, parameters(),
                         Event("height", self._reference[0], -1), self.times, lambda q: q)
 
-    def heyoka(self) -> Job:
+    def heyoka(self) -> EventJob:
         """Return the run of heyoka, by Euler's equations."""
         equations = heyoka_taylor.equations()
         q0, q1, q2, q3 = (variable for variable, _ in equations[:4])
@@ -205,7 +205,7 @@ class FastTop:
         return _heyoka_job(equations, self._start, height, -1, self.t_end, self.times,
                            lambda x: x[:, :4])
 
-    def scipy(self) -> Job:
+    def scipy(self) -> EventJob:
         """Return the run of SciPy, by the same equations."""
         level = self._reference[0]
         right = scipy_dop853.right_hand_side()
@@ -230,7 +230,7 @@ def _worst(times: Array, exact: Array) -> float:
 def _our_job(
     step: Any, q: Any, p: Any, dt: float, t_end: float, values: dict[str, float], event: Event,
     times: Array, position: Callable[[Array], Array],
-) -> Job:
+) -> EventJob:
     steps = int(np.ceil(t_end / dt))
     run: dict[str, Any] = {"dt": dt, "steps": steps, "parameters": values}
 
@@ -239,14 +239,14 @@ def _our_job(
         t: Array = found.events[event.name].t
         return t[t <= t_end]
 
-    return Job(lambda: step.integrate(q, p, **run, every=steps), events,
-               lambda: position(step.integrate(q, p, **run, t_eval=times).q))
+    return EventJob(lambda: step.integrate(q, p, **run, every=steps), events,
+                    lambda: position(step.integrate(q, p, **run, t_eval=times).q))
 
 
 def _heyoka_job(
     equations: Any, start: Any, value: Any, direction: int, t_end: float, times: Array,
     position: Callable[[Array], Array],
-) -> Job:
+) -> EventJob:
     heyoka = need("heyoka")
     found: list[float] = []
     way = {0: heyoka.event_direction.any, -1: heyoka.event_direction.negative}[direction]
@@ -268,13 +268,13 @@ def _heyoka_job(
         output = next(part for part in run(plain, c_output=True) if callable(part))
         return position(output(times))
 
-    return Job(lambda: run(plain), events, dense)
+    return EventJob(lambda: run(plain), events, dense)
 
 
 def _scipy_job(
     right: Any, start: Any, value: Callable[[float, Array], Any], direction: int, t_end: float,
     times: Array, position: Callable[[Array], Array],
-) -> Job:
+) -> EventJob:
     solve = need("scipy.integrate", "scipy").solve_ivp
 
     def run(**options: Any) -> Any:
@@ -285,8 +285,8 @@ def _scipy_job(
         return value(t, x)
 
     event.direction = direction  # type: ignore[attr-defined]  # SciPy's way to say so
-    return Job(run, lambda: run(events=event).t_events[0],
-               lambda: position(run(t_eval=times).y))
+    return EventJob(run, lambda: run(events=event).t_events[0],
+                    lambda: position(run(t_eval=times).y))
 
 
 def compare_events(
@@ -296,7 +296,7 @@ def compare_events(
     """Return a row for each case, program and setting; those of a case take turns."""
     rows = []
     for case in cases:
-        makers: dict[tuple[str, str], Callable[[], Job]] = {}
+        makers: dict[tuple[str, str], Callable[[], EventJob]] = {}
         if "gyrospark" in peers:
             makers |= {("gyrospark", name): make for name, make in case.ours().items()}
         if "heyoka" in peers:
@@ -308,7 +308,7 @@ def compare_events(
 
 
 def _rows_of(
-    case: Pendulum | FastTop, makers: dict[tuple[str, str], Callable[[], Job]], rounds: int,
+    case: Pendulum | FastTop, makers: dict[tuple[str, str], Callable[[], EventJob]], rounds: int,
     least: float, watch: Callable[[str], None],
 ) -> list[EventRow]:
     found: dict[tuple[str, str], EventRow] = {}

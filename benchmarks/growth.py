@@ -107,7 +107,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class _Made:
+class _GeneratedChain:
     """A chain that is ready to run."""
 
     model: Model
@@ -159,7 +159,7 @@ def laws(sizes: Sequence[Size]) -> dict[str, float]:
     return fitted
 
 
-def _make(count: int, rounds: int) -> _Made:
+def _make(count: int, rounds: int) -> _GeneratedChain:
     seconds: dict[str, list[float]] = {"model_s": [], "generate_s": [], "compile_s": []}
     for _ in range(rounds):
         _forget()
@@ -173,7 +173,7 @@ def _make(count: int, rounds: int) -> _Made:
         seconds["compile_s"].append(_compile_seconds(made))
     files = made.source.files()
     text = files[f"{made.source.name}.c"]
-    return _Made(model, Stepper(made.source.name, files), {
+    return _GeneratedChain(model, Stepper(made.source.name, files), {
         "bodies": count, "coordinates": model.system.n, "constraints": model.system.m,
         "structured": Structure(made.scheme.system).is_worthwhile,
         "lines": text.count("\n"),
@@ -204,7 +204,7 @@ def _cpu_with_children() -> float:
     return sum(os.times()[:4])
 
 
-def _job(one: _Made, steps: int) -> Callable[[], object]:
+def _job(one: _GeneratedChain, steps: int) -> Callable[[], object]:
     return lambda: one.run(steps)
 
 

@@ -205,7 +205,7 @@ def _ours(linkage: Linkage, *, quick: bool) -> Iterator[tuple[BodyRow, Run]]:
 
 
 def _enter_exudyn(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bool) -> None:
-    machine = exudyn_bodies.Machine(linkage)
+    machine = exudyn_bodies.ExudynBodies(linkage)
     for solver in list(exudyn_bodies.SOLVERS)[: 1 if quick else None]:
         for dt in _THEIRS[:2] if quick else _THEIRS:
             contest.enter(replace(row, method=solver, dt=dt),
@@ -214,7 +214,7 @@ def _enter_exudyn(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bo
 
 def _enter_mujoco(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bool) -> None:
     """Halve the time step until nothing better is asked for."""
-    machine = mujoco_bodies.Machine(linkage)
+    machine = mujoco_bodies.MujocoBodies(linkage)
     for integrator in list(mujoco_bodies.INTEGRATORS)[: 1 if quick else None]:
         order = machine.order(integrator)
         for dt in _THEIRS[:2] if quick else _THEIRS:
@@ -224,7 +224,7 @@ def _enter_mujoco(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bo
 
 
 def _enter_pydy(contest: Contest, linkage: Linkage, row: BodyRow, *, quick: bool) -> None:
-    machine = pydy_bodies.Machine(linkage)
+    machine = pydy_bodies.PydyBodies(linkage)
     for tolerance in pydy_bodies.TOLERANCES[-1:] if quick else pydy_bodies.TOLERANCES:
         contest.enter(replace(row, method=f"DOP853 tol {tolerance:g}"),
                       partial(machine.run, tolerance, T_END))

@@ -135,7 +135,7 @@ def _bennett(theta: Any) -> Place:
     lever = _cross(axis, along)
     past = _minus(_minus(BC.end_rate, DA.end_rate), _cross(DA.turn, along))
     turn = _plus(DA.turn, _times(_dot(past, lever) / _dot(lever, lever), axis))
-    rods = [DA, BC, Rod(DA.end, along, DA.end_rate, turn)]
+    rods = [DA, BC, LoopRod(DA.end, along, DA.end_rate, turn)]
     mass, potential = _energies(rods, mp.mpf("1.65") / 12, mp.mpf("0.01") / 6,
                                 [mp.mpf(0), mp.mpf(0), mp.mpf(1)])
     return Place(mass, potential, [BC.end, DA.end], [BC.end_rate, DA.end_rate])
@@ -185,7 +185,7 @@ def _reached(slope: Callable[[Any], Any], t: Any, s: Any = 0, piece: float = 0.2
 
 
 @dataclass(frozen=True)
-class Rod:
+class LoopRod:
     """A rod of 1 kg from a point along a vector; rates are per that of the coordinate."""
 
     begin: Vector
@@ -205,9 +205,9 @@ class Rod:
 
 
 def _chain(hinges: Sequence[tuple[Vector, Any]], angles: Sequence[Any], begin: Vector,
-           along: Sequence[Vector]) -> list[Rod]:
+           along: Sequence[Vector]) -> list[LoopRod]:
     """Return rods from hinge to hinge; axes and directions are those of the start."""
-    rods: list[Rod] = []
+    rods: list[LoopRod] = []
     point: Vector = begin
     rate: Vector = [mp.mpf(0)] * 3
     turn: Vector = rate
@@ -219,12 +219,12 @@ def _chain(hinges: Sequence[tuple[Vector, Any]], angles: Sequence[Any], begin: V
         vector = along[k]
         for j in reversed(range(k + 1)):
             vector = _turned(hinges[j][0], angles[j], vector)
-        rods.append(Rod(point, vector, rate, turn))
+        rods.append(LoopRod(point, vector, rate, turn))
         point, rate = rods[-1].end, rods[-1].end_rate
     return rods
 
 
-def _energies(rods: Sequence[Rod], across: Any, own: Any, up: Vector) -> tuple[Any, Any]:
+def _energies(rods: Sequence[LoopRod], across: Any, own: Any, up: Vector) -> tuple[Any, Any]:
     """Return 2T/θ'² and V of rods of 1 kg with moments across and about their axis."""
     mass, height = mp.mpf(0), mp.mpf(0)
     for rod in rods:

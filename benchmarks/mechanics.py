@@ -143,7 +143,7 @@ def _integrate(model: Links, step: Stepper, dt: float) -> Array:
 def _enter_pydy(contest: Contest, model: Links, *, quick: bool) -> None:
     row = BodyRow(model.name, "pydy", version("pydy"), "")
     try:
-        machine = pydy_mechanics.Machine(model.system(), VALUES)
+        machine = pydy_mechanics.PydyMechanics(model.system(), VALUES)
     except Unavailable as reason:
         contest.rows.append(replace(row, note=str(reason)))
         return
@@ -156,7 +156,7 @@ def _enter_pydy(contest: Contest, model: Links, *, quick: bool) -> None:
                       partial(_run, model, machine, tolerance))
 
 
-def _run(model: Links, machine: pydy_mechanics.Machine, tolerance: float) -> Array:
+def _run(model: Links, machine: pydy_mechanics.PydyMechanics, tolerance: float) -> Array:
     return model.centres(machine.run(tolerance, model.start, T_END))
 
 

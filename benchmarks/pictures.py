@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..references.work_precision import LIMIT, Run
+from ..references.work_precision import LIMIT, WorkPrecisionRun
 from ..runtime.plotting.trajectory_plots import figure_class
-from .contest import Row
-from .drift import Course
+from .contest import ContestRow
+from .drift import DriftRun
 from .growth import Size, laws
 from .joined_bodies import BodyRow
 
@@ -30,7 +30,7 @@ _FLOOR = 1e-18
 _ROUNDED = 1e-16
 
 
-def draw_work_precision(rows: Sequence[Row], path: Path) -> None:
+def draw_work_precision(rows: Sequence[ContestRow], path: Path) -> None:
     """Draw cost against error; a line joins those settings of a family that no other beats.
 
     Raises
@@ -53,7 +53,7 @@ def draw_work_precision(rows: Sequence[Row], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def draw_drift(courses: Sequence[Course], path: Path) -> None:
+def draw_drift(courses: Sequence[DriftRun], path: Path) -> None:
     """Draw energy error and position error against time.
 
     Raises
@@ -133,7 +133,7 @@ def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def draw_references(measured: Sequence[tuple[str, Sequence[Run]]], path: Path) -> None:
+def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], path: Path) -> None:
     """Draw error against CPU time, a panel for each problem and a line for each scheme.
 
     Those of a peer are alike; tolerances of one of its schemes are one line.
@@ -171,7 +171,7 @@ def draw_references(measured: Sequence[tuple[str, Sequence[Run]]], path: Path) -
     figure.savefig(path, dpi=80)
 
 
-def _lines(runs: Sequence[Run]) -> list[list[tuple[float, float]]]:
+def _lines(runs: Sequence[WorkPrecisionRun]) -> list[list[tuple[float, float]]]:
     """Return CPU ms and error of runs, scheme by scheme; those with one run each are a line."""
     schemes = dict.fromkeys(run.scheme for run in runs)
     if len(schemes) == len(runs):
@@ -205,7 +205,7 @@ def draw_sweeps(rows: Sequence[SweepRow], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def _family(row: Row) -> str:
+def _family(row: ContestRow) -> str:
     """Return peer and method; ours is told by scheme and solver."""
     words = row.setting.split()
     kinds = {"gyrospark": [words[0], words[-1]], "casadi": words[:1]}

@@ -14,16 +14,16 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 from ..references.problem import Reference, largest_error
-from ..references.work_precision import Run
+from ..references.work_precision import WorkPrecisionRun
 from .peers import exudyn_scenes, mujoco_scenes
 from .peers.optional import Unavailable
 from .reference_scenes import Told, told
-from .scenes import Motion, Scene
+from .scenes import ReferenceScene, SceneMotion
 from .timing import stopwatch
 
 __all__ = ["measure_bodies"]
 
-Go = Callable[[], Mapping[str, Motion]]
+Go = Callable[[], Mapping[str, SceneMotion]]
 #: Steps and seconds → what goes.
 Prepare = Callable[[int, float], Go]
 
@@ -34,7 +34,7 @@ _ENOUGH = 1e-13
 
 
 def measure_bodies(problem: Reference, *, rounds: int = 3, quick: bool = False,
-                   watch: Callable[[str], None] = lambda text: None) -> Iterator[Run]:
+                   watch: Callable[[str], None] = lambda text: None) -> Iterator[WorkPrecisionRun]:
     """Yield runs of a problem by exudyn and MuJoCo, from as many steps as our fewest on.
 
     Parameters
@@ -61,31 +61,33 @@ def measure_bodies(problem: Reference, *, rounds: int = 3, quick: bool = False,
             watch(f"{peer} is left out: {missing}.")
 
 
-def _exudyn(scene: Scene) -> Iterator[tuple[str, Prepare]]:
+def _exudyn(scene: ReferenceScene) -> Iterator[tuple[str, Prepare]]:
     for methods, lie_group in ((exudyn_scenes.IMPLICIT, False), (exudyn_scenes.EXPLICIT, True)):
         if lie_group and scene.joints:
             continue  # explicit methods know none
-        machine = exudyn_scenes.Machine(scene, lie_group=lie_group)
+        machine = exudyn_scenes.ExudynScene(scene, lie_group=lie_group)
         for method in methods:
             yield method, partial(_of_exudyn, machine, method)
 
 
-def _of_exudyn(machine: exudyn_scenes.Machine, method: str, steps: int, seconds: float) -> Go:
+def _of_exudyn(machine: exudyn_scenes.ExudynScene, method: str, steps: int, seconds: float) -> Go:
     return partial(machine.run, method, seconds, steps)
 
 
-def _mujoco(scene: Scene) -> Iterator[tuple[str, Prepare]]:
-    machine = mujoco_scenes.Machine(scene)
+def _mujoco(scene: ReferenceScene) -> Iterator[tuple[str, Prepare]]:
+    machine = mujoco_scenes.MujocoScene(scene)
     for integrator in mujoco_scenes.INTEGRATORS:
         yield integrator, partial(_of_mujoco, machine, integrator)
 
 
-def _of_mujoco(machine: mujoco_scenes.Machine, integrator: str, steps: int, seconds: float) -> Go:
+def _of_mujoco(
+    machine: mujoco_scenes.MujocoScene, integrator: str, steps: int, seconds: float
+) -> Go:
     return machine.prepare(integrator, seconds, steps)
 
 
 def _finer(problem: Reference, scene: Told, peer: str, scheme: str, prepare: Prepare, rounds: int,
-           most: int, watch: Callable[[str], None]) -> Iterator[Run]:
+           most: int, watch: Callable[[str], None]) -> Iterator[WorkPrecisionRun]:
     """Yield runs with ever more steps; one that fails is told."""
     steps = min(min(attempt.steps) for attempt in problem.attempts)
     for _ in range(most):
@@ -99,13 +101,13 @@ def _finer(problem: Reference, scene: Told, peer: str, scheme: str, prepare: Pre
             error, cost = _error(problem, scene, end), time.thread_time() - start
             if cost < _DEAR:
                 cost = statistics.median([cost, *(stopwatch(go) for _ in range(rounds - 1))])
-            yield Run(problem.name, scheme, steps, error, cost, {}, peer)
+            yield WorkPrecisionRun(problem.name, scheme, steps, error, cost, {}, peer)
         if cost > _DEAR or error < _ENOUGH:
             return
         steps *= _FACTOR
 
 
-def _error(problem: Reference, scene: Told, end: Mapping[str, Motion]) -> float:
+def _error(problem: Reference, scene: Told, end: Mapping[str, SceneMotion]) -> float:
     """Return how far the end of a run is from the truth, as ``Reference.error`` does of ours."""
     found = scene.read(end)
     return max(largest_error(found[group], [problem.truth.value(name) for name in names])

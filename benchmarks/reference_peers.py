@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..references.problem import Reference, largest_error
-from ..references.work_precision import Run
+from ..references.work_precision import WorkPrecisionRun
 from . import equations
 from .peers.optional import Unavailable, need
 from .reference_bodies import measure_bodies
@@ -67,7 +67,7 @@ _WAYS: Mapping[str, _Way] = {
 
 
 def measure_peers(problem: Reference, *, rounds: int = 3, quick: bool = False,
-                  watch: Callable[[str], None] = lambda text: None) -> Iterator[Run]:
+                  watch: Callable[[str], None] = lambda text: None) -> Iterator[WorkPrecisionRun]:
     """Yield runs of a problem by peers; none where they cannot go.
 
     Parameters
@@ -85,7 +85,7 @@ def measure_peers(problem: Reference, *, rounds: int = 3, quick: bool = False,
 
 
 def _measure_equations(problem: Reference, rounds: int,
-                       watch: Callable[[str], None]) -> Iterator[Run]:
+                       watch: Callable[[str], None]) -> Iterator[WorkPrecisionRun]:
     for peer, prepare in (("SciPy", _scipy), ("heyoka", _heyoka)):
         watch(f"{problem.name}, {peer}")
         try:
@@ -98,7 +98,7 @@ Prepared = Callable[[], tuple[Array, int]]
 
 
 def _runs(problem: Reference, peer: str, prepare: Callable[[_Way, float, float], Prepared],
-          rounds: int) -> Iterator[Run]:
+          rounds: int) -> Iterator[WorkPrecisionRun]:
     true = [[problem.truth.value(name) for name in names] for names in problem.groups.values()]
     scheme = {"SciPy": "DOP853, projected", "heyoka": "Taylor"}[peer]
     for tolerance in _TOLERANCES:
@@ -111,8 +111,8 @@ def _runs(problem: Reference, peer: str, prepare: Callable[[_Way, float, float],
         parts = np.split(end, [len(true[0])])
         error = max(largest_error(found.tolist(), wanted)
                     for found, wanted in zip(parts, true, strict=True))
-        yield Run(problem.name, f"{scheme}, {tolerance:.0e}", steps, error,
-                  statistics.median(seconds), {}, peer)
+        yield WorkPrecisionRun(problem.name, f"{scheme}, {tolerance:.0e}", steps, error,
+                               statistics.median(seconds), {}, peer)
 
 
 def _scipy(way: _Way, tolerance: float, seconds: float) -> Prepared:

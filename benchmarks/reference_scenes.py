@@ -22,18 +22,18 @@ from ..references.mechanisms import EXAMPLES
 from ..references.problem import Reference
 from ..runtime.rigid_body.quaternion import rotation_matrix
 from .peers.optional import Unavailable
-from .scenes import GROUND, Motion, Scene, SceneBody, SceneJoint, scene_of
+from .scenes import GROUND, ReferenceScene, SceneBody, SceneJoint, SceneMotion, scene_of
 
 __all__ = ["Told", "andrews", "at_start", "told"]
 
-Motions = Mapping[str, Motion]
+Motions = Mapping[str, SceneMotion]
 Numbers = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True)
 class Told:
     """A scene, and what is read off it: numbers by group, as ``Reference.read`` gives them."""
 
-    scene: Scene
+    scene: ReferenceScene
     read: Callable[[Motions], Numbers]
 
 
@@ -68,7 +68,7 @@ def _signed(problem: Reference, found: Numbers) -> Numbers:
 # ---------------------------------------------------------------- a point on a rod
 
 
-def _pendulum(model: Model) -> Scene:
+def _pendulum(model: Model) -> ReferenceScene:
     """Return a point on a rod, its mass and weight those of H.
 
     Raises
@@ -87,10 +87,10 @@ def _pendulum(model: Model) -> Scene:
     if sp.expand(system.constraints[0] + length**2 - sum(x**2 for x in system.q)):
         raise Unavailable(f"{model.name} is no point on a rod")
     still = np.zeros(3)
-    start = Motion(np.array([1.0, 0, 0, 0]), place, rush / mass, still)
+    start = SceneMotion(np.array([1.0, 0, 0, 0]), place, rush / mass, still)
     point = SceneBody(mass, np.zeros((3, 3)), still, start)
     joint = SceneJoint("rod", GROUND, "point", still, np.eye(3), ())
-    return Scene(model.name, model, weight / mass, {"point": point}, (joint,))
+    return ReferenceScene(model.name, model, weight / mass, {"point": point}, (joint,))
 
 
 # ---------------------------------------------------------------- Andrews
@@ -182,6 +182,6 @@ def _governor_end(motions: Motions) -> Numbers:
             "velocities": [shaft.omega[2], rod.omega[1], slider.v[2]]}
 
 
-def at_start(scene: Scene) -> Motions:
+def at_start(scene: ReferenceScene) -> Motions:
     """Return how the bodies of a scene move at t = 0."""
     return {name: body.start for name, body in scene.bodies.items()}

@@ -1,7 +1,8 @@
 """Bodies on joints as another program must build them, read off what a model's system records.
 
 A scene has no equations: masses, inertia, where bodies are and how they move at t = 0, points and
-axes of joints in space then. What another program returns, a ``Motion`` for each body, becomes a
+axes of joints in space then. What another program returns, a ``SceneMotion`` for each body,
+becomes a
 state (q, p) of the model again, so that it is read as our own runs are.
 """
 
@@ -17,18 +18,19 @@ from numpy.typing import NDArray
 
 from ..core.inertia import inertia_matrix, tensor_of_inverse
 from ..generator.multibody.model import Model
-from ..generator.systems.body_layout import BodyAt, JointAt
+from ..generator.systems.body_layout import BodyLayout, JointLayout
 from ..runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
 from .peers.optional import Unavailable
 
-__all__ = ["GROUND", "Motion", "Scene", "SceneBody", "SceneJoint", "SceneSpring", "scene_of"]
+__all__ = ["GROUND", "ReferenceScene", "SceneBody", "SceneJoint", "SceneMotion", "SceneSpring",
+           "scene_of"]
 
 Array = NDArray[np.float64]
 GROUND = ""
 
 
 @dataclass(frozen=True)
-class Motion:
+class SceneMotion:
     """Where a body is and how it moves: quaternion; origin and its velocity in space; Ω in it."""
 
     q: Array
@@ -54,7 +56,7 @@ class SceneBody:
     mass: float
     inertia: Array
     centre: Array
-    start: Motion
+    start: SceneMotion
     held: bool = False
 
     @property
@@ -103,7 +105,7 @@ class SceneSpring:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ReferenceScene:
     """All of it; ``torques`` are constant ones in space."""
 
     name: str
@@ -126,7 +128,7 @@ class Scene:
         return hinges and flat and not self.gravity[2] and not any(
             torque[:2].any() for torque in self.torques.values())
 
-    def end(self, motions: Mapping[str, Motion]) -> End:
+    def end(self, motions: Mapping[str, SceneMotion]) -> FinalState:
         """Return the state of the model at which its bodies are and move so."""
         system = self.model.system
         places = {x: i for i, x in enumerate(system.q)}
@@ -142,11 +144,11 @@ class Scene:
             if at.x:
                 move = [places[x] for x in at.x]
                 q[move], p[move] = found.x, body.mass * found.v
-        return End(tuple(map(str, system.q)), q[None], p[None])
+        return FinalState(tuple(map(str, system.q)), q[None], p[None])
 
 
 @dataclass(frozen=True)
-class End:
+class FinalState:
     """A run of one state, as far as a reference problem reads one."""
 
     coordinates: tuple[str, ...]
@@ -154,7 +156,7 @@ class End:
     p: Array
 
 
-def scene_of(model: Model) -> Scene:
+def scene_of(model: Model) -> ReferenceScene:
     """Return what a model's bodies, joints, springs and gravity are.
 
     Raises
@@ -172,17 +174,17 @@ def scene_of(model: Model) -> Scene:
         gravity = np.array([0.0, 0.0, -_pull(model)])
     joints, springs = [], []
     for at in model.system.joints:
-        if at.pulls:
+        if at.constraint_forces:
             joints.append(_joint(at, bodies, values))
         else:
             springs.append(_spring(at, values))
-    return Scene(model.name, model, gravity, bodies, tuple(joints), tuple(springs))
+    return ReferenceScene(model.name, model, gravity, bodies, tuple(joints), tuple(springs))
 
 
 # ---------------------------------------------------------------- bodies
 
 
-def _body(at: BodyAt, model: Model) -> SceneBody:
+def _body(at: BodyLayout, model: Model) -> SceneBody:
     values, places = model.parameters, {x: i for i, x in enumerate(model.system.q)}
     entries = [float(values[str(x)]) for x in at.inertia]
     inertia = inertia_matrix((entries[0], entries[1], entries[2]) if len(entries) == 3
@@ -193,9 +195,9 @@ def _body(at: BodyAt, model: Model) -> SceneBody:
     if at.x:
         assert at.mass is not None
         mass = _number(at.mass, values)
-        start = Motion(q[turn], q[move], p[move] / mass, omega)
+        start = SceneMotion(q[turn], q[move], p[move] / mass, omega)
         return SceneBody(mass, inertia, np.zeros(3), start)
-    start = Motion(q[turn], _vector(at.origin, values), np.zeros(3), omega)
+    start = SceneMotion(q[turn], _vector(at.origin, values), np.zeros(3), omega)
     if at.mass is None:
         mass, centre = 1.0, _moment(model) / (_pull(model) or 1.0)
     else:
@@ -240,8 +242,10 @@ def _pull(model: Model) -> float:
 # ---------------------------------------------------------------- joints and springs
 
 
-def _joint(at: JointAt, bodies: Mapping[str, SceneBody], values: Mapping[str, float]) -> SceneJoint:
-    there = {name.partition(": ")[2]: pull for name, pull in at.pulls}
+def _joint(
+    at: JointLayout, bodies: Mapping[str, SceneBody], values: Mapping[str, float]
+) -> SceneJoint:
+    there = {name.partition(": ")[2]: pull for name, pull in at.constraint_forces}
     where = _in_space(at.a, _vector(at.on_a, values), bodies)
     points = tuple(axis in there for axis in "xyz")
     if "cross" in there:
@@ -264,7 +268,7 @@ def _joint(at: JointAt, bodies: Mapping[str, SceneBody], values: Mapping[str, fl
                       (*points, "axis 1" in there, "axis 2" in there))
 
 
-def _spring(at: JointAt, values: Mapping[str, float]) -> SceneSpring:
+def _spring(at: JointLayout, values: Mapping[str, float]) -> SceneSpring:
     return SceneSpring(at.a, at.b, _vector(at.on_a, values), _vector(at.on_b, values),
                        values[f"{at.name}_stiffness"], values.get(f"{at.name}_length", 0.0),
                        values.get(f"{at.name}_damping", 0.0))

@@ -24,7 +24,7 @@ from ..runtime.steppers.stepper import Stepper
 from .peers.ours import SOLVERS, available
 from .timing import alternate, stopwatch
 
-__all__ = ["BASE", "Cell", "Variant", "compare_steps", "variants"]
+__all__ = ["BASE", "StepTiming", "Variant", "compare_steps", "variants"]
 
 #: The solver that others are compared with.
 BASE = "newton"
@@ -42,7 +42,7 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Cell:
+class StepTiming:
     """One variant, number of stages and time step.
 
     Attributes
@@ -103,7 +103,7 @@ def _free_symmetric() -> Problem:
 def compare_steps(
     chosen: Sequence[Variant], dts: Sequence[float], rounds: int, least: float,
     watch: Callable[[str], None] = lambda name: None,
-) -> Iterator[Cell]:
+) -> Iterator[StepTiming]:
     """Yield a cell for each variant, number of stages and time step."""
     for variant in chosen:
         for stages in variant.stages:
@@ -114,7 +114,7 @@ def compare_steps(
 
 
 def _cell(variant: Variant, step: Stepper, stages: int, dt: float, rounds: int, least: float
-          ) -> Cell:
+          ) -> StepTiming:
     runs = {solver: _run(variant, step, dt, solver) for solver in SOLVERS if available(solver)}
     notes = {solver: "not available" for solver in SOLVERS if solver not in runs}
     ends: dict[str, Any] = {}
@@ -128,7 +128,7 @@ def _cell(variant: Variant, step: Stepper, stages: int, dt: float, rounds: int, 
     samples = alternate({solver: _job(run, steps[solver]) for solver, run in runs.items()}, rounds)
     ns = {solver: sample.median / steps[solver] * 1e9 for solver, sample in samples.items()}
     base = ends.get(BASE)
-    return Cell(
+    return StepTiming(
         variant.name, stages, dt, steps, ns,
         ratio={s: ns[BASE] / ns[s] for s in ns if s != BASE and BASE in ns},
         iterations={s: float(end.report.iterations_mean) for s, end in ends.items()},

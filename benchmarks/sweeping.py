@@ -37,7 +37,8 @@ from ..sweeps.study import Study
 from ..sweeps.tiles import Tile, cells_of
 from .peers.optional import Unavailable, need
 
-__all__ = ["CASES", "QUICK", "SCHEMES", "WAYS", "Case", "SweepRow", "compare_sweeps", "kernel_job"]
+__all__ = ["CASES", "QUICK", "SCHEMES", "WAYS", "SweepCase", "SweepRow", "compare_sweeps",
+           "kernel_job"]
 
 Job = Callable[[], object]
 
@@ -48,7 +49,7 @@ _PARTS, _LEAST = 16, 64
 
 
 @dataclass(frozen=True)
-class Case:
+class SweepCase:
     """A sweep of ``side`` × ``side`` cells."""
 
     part: str
@@ -59,15 +60,15 @@ class Case:
 
 
 CASES = (
-    *(Case("steps", side, steps) for side, steps in (
+    *(SweepCase("steps", side, steps) for side, steps in (
         (316, 10), (100, 100), (32, 1000), (10, 10000))),
-    *(Case("cells", side, 100) for side in (8, 32, 316)),
-    *(Case("samples", 32, 1000, every) for every in (1000, 100, 10, 1)),
-    *(Case("threads", 64, 1000, None, workers) for workers in (1, 2)),
-    *(Case("dask", 64, 1000, None, workers) for workers in (1, 2, 4)),
+    *(SweepCase("cells", side, 100) for side in (8, 32, 316)),
+    *(SweepCase("samples", 32, 1000, every) for every in (1000, 100, 10, 1)),
+    *(SweepCase("threads", 64, 1000, None, workers) for workers in (1, 2)),
+    *(SweepCase("dask", 64, 1000, None, workers) for workers in (1, 2, 4)),
 )
-QUICK = (Case("steps", 32, 10), Case("cells", 8, 100), Case("samples", 8, 100, 10),
-         Case("threads", 16, 100, None, 1))
+QUICK = (SweepCase("steps", 32, 10), SweepCase("cells", 8, 100), SweepCase("samples", 8, 100, 10),
+         SweepCase("threads", 16, 100, None, 1))
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def _share(seconds: Mapping[str, Sequence[float]], way: str) -> float | None:
 
 
 def compare_sweeps(
-    cases: Sequence[Case], schemes: Sequence[str], rounds: int,
+    cases: Sequence[SweepCase], schemes: Sequence[str], rounds: int,
     watch: Callable[[str], None] = lambda name: None,
 ) -> list[SweepRow]:
     """Return a row for each case and scheme; the ways of a row take turns."""
@@ -155,7 +156,7 @@ def compare_sweeps(
     return found
 
 
-def study_of(case: Case, scheme: str) -> Study:
+def study_of(case: SweepCase, scheme: str) -> Study:
     """Return the sweep of a case: steps that converge for every γ."""
     over = {"gamma": {"from": 4e-4, "to": 4e-3, "count": case.side, "spacing": "log"},
             "dt": {"from": 1e-4, "to": 2e-3, "count": case.side, "spacing": "log"}}

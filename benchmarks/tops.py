@@ -18,7 +18,7 @@ from ..runtime.rigid_body.gamma_rules import gamma_m
 from ..runtime.rigid_body.problems import fast_top
 from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
 
-__all__ = ["FREE_RATE", "INERTIA", "LANES", "LEVER", "MGL", "State", "Top", "axis", "energy",
+__all__ = ["FREE_RATE", "INERTIA", "LANES", "LEVER", "MGL", "Top", "TopState", "axis", "energy",
            "euler_equations", "parameters", "spin_of", "state_of", "tops"]
 
 Array = NDArray[Any]
@@ -34,7 +34,7 @@ LANES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class TopState:
     """Attitude q and angular velocity Ω in body axes; leading axes are trajectories."""
 
     q: Array
@@ -75,9 +75,9 @@ def spin_of(top: Top, real: Any = np.float64) -> Array:
     return spin
 
 
-def state_of(top: Top) -> State:
+def state_of(top: Top) -> TopState:
     """Return a start as peers take it."""
-    return State(top.q, spin_of(top))
+    return TopState(top.q, spin_of(top))
 
 
 def euler_equations(
@@ -103,7 +103,7 @@ def axis(q: Array) -> Array:
                      q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3], axis=-1)
 
 
-def energy(state: State) -> Array:
+def energy(state: TopState) -> Array:
     """Return H = ½ ΩᵀJΩ + mgl R33, in joules."""
     kinetic = (np.array(INERTIA) * state.omega**2).sum(axis=-1) / 2
     total: Array = kinetic + MGL * axis(state.q)[..., 2]

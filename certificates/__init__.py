@@ -1,4 +1,4 @@
-"""Certificates: guaranteed and measured properties of a stepper, each number beside its bound.
+"""Certificates: guaranteed and measured properties of a stepper, each number with its bound.
 
     guarantees           properties that a scheme guarantees for a model, derived
     round_off            bounds of round-off in a run

@@ -23,9 +23,9 @@ Array = NDArray[Any]
 
 #: Steps of the longest of runs that are compared, and how often the step is halved from there.
 _MOST_STEPS, _HALVINGS = 250, 6
-#: The reference takes steps so many times shorter than the shortest that is judged.
+#: Ratio of the shortest tested step to the step of the reference.
 _FINER = 4
-#: The shortest CPU time that is told, in s.
+#: The shortest CPU time that is reported, in s.
 _TICK = 1e-6
 
 
@@ -100,7 +100,7 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
 
 
 def draw(model: str, found: Accuracy, target: Path) -> None:
-    """Draw the error over the step, beside a line of the derived order, and over the CPU time."""
+    """Draw the error over the step, with a line of the derived order, and over the CPU time."""
     figure = figure_class()(figsize=(9, 3.8), layout="constrained")
     order, work = figure.subplots(1, 2, sharey=True)
     dt, error, seconds = map(np.array, (found.dt, found.error, found.seconds))

@@ -1,4 +1,4 @@
-"""What a model keeps when it is integrated: each promise of a scheme beside its measurement.
+"""Certificate of a stepper on a model: each guaranteed property with its measurement.
 
 Like ``api`` and ``verification`` one of the places where generator and runtime meet: what must
 hold is derived (``guarantees``), what does hold is measured (``measured_properties``).
@@ -34,14 +34,14 @@ from ..runtime.integration.frame_following import followed
 from ..runtime.rigid_body.gamma_rules import gamma_m
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
-from .guarantees import MeanPromises, Promises, SparkPromises
-from .measured_properties import Examination, Line
+from .guarantees import Guarantees, MeanGuarantees, SparkGuarantees
+from .measured_properties import CertificateLine, Examination
 from .round_off import RoundOff
 
 if TYPE_CHECKING:
     from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["Certificate", "Line", "certify", "compiled"]
+__all__ = ["Certificate", "CertificateLine", "certify", "compiled"]
 
 #: Steps where the model names none; of a named problem also the step.
 STEPS, PROBLEM_DT = 1000, 1e-3
@@ -57,16 +57,16 @@ class Certificate:
     dt: float
     steps: int
     parameters: dict[str, float]
-    lines: list[Line]
+    lines: list[CertificateLine]
 
     def __repr__(self) -> str:
-        judged = [line for line in self.lines if line.holds is not None]
+        compared = [line for line in self.lines if line.holds is not None]
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
-                f"{self.dt:g} s: {sum(line.holds is True for line in judged)} of {len(judged)} "
+                f"{self.dt:g} s: {sum(line.holds is True for line in compared)} of {len(compared)} "
                 "promises hold>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: a row for each promise, what was seen, and the verdict."""
+        """Return HTML for notebooks: a row for each property, its measurement and the result."""
         rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
         result = "every promise holds" if self.holds else "a promise is broken"
         return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
@@ -75,10 +75,10 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether no promise is broken."""
+        """Whether no property is refuted or missed."""
         return all(line.holds is not False for line in self.lines)
 
-    def line(self, quantity: str) -> Line:
+    def line(self, quantity: str) -> CertificateLine:
         """Return the first line whose quantity begins so; KeyError if there is none."""
         for line in self.lines:
             if line.quantity.startswith(quantity):
@@ -109,7 +109,7 @@ def certify(
     steps: int | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Certificate:
-    """Integrate a model and check what the scheme promises to keep.
+    """Integrate a model and check the properties that the scheme guarantees.
 
     Parameters
     ----------
@@ -161,10 +161,10 @@ def certify(
                               parameters=values)
     run = step.integrate(known.q0, known.p0, dt=as_step(dt), steps=count, parameters=values)
     values = dict(run.parameters)  # with a number where a rule was given
-    promises = _promises(known, step, scheme, stages, tableau, values)
+    guarantees = _guarantees(known, step, scheme, stages, tableau, values)
     round_off = RoundOff(known.system, run, values, step)
     with listening():  # what is to be said of the run has been said
-        lines = list(Examination(known, step, promises, run, values, round_off,
+        lines = list(Examination(known, step, guarantees, run, values, round_off,
                                  "" if follow is None else str(follow)).lines())
     return Certificate(model.name, step.name, step.order, run.dt, count, values, lines)
 
@@ -193,18 +193,18 @@ def compiled(
                                allow_invalid=allow_invalid)
 
 
-def _promises(
+def _guarantees(
     model: Model, step: Stepper, scheme: SchemeName | None, stages: int | None,
     tableau: str | Path | Tableau | None, values: Mapping[str, float],
-) -> Promises:
-    """Return what the scheme promises at these parameters: fractions, as doubles are."""
+) -> Guarantees:
+    """Return the guarantees of the scheme at these parameters, as exact fractions."""
     numbers = {s: as_rational(values[str(s)]) for s in model.system.parameters}
     if tableau is None and scheme_named(scheme).tableau is None:
-        return MeanPromises(model.system, numbers, str(scheme), step.order)
+        return MeanGuarantees(model.system, numbers, str(scheme), step.order)
     if tableau is None:
-        return SparkPromises(model.system, numbers, make_tableau(str(scheme), stages))
+        return SparkGuarantees(model.system, numbers, make_tableau(str(scheme), stages))
     exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
-    return SparkPromises(model.system, numbers, exact)
+    return SparkGuarantees(model.system, numbers, exact)
 
 
 def _parameters(model: Model, step: Stepper, changes: Mapping[str, Any]) -> dict[str, Any]:

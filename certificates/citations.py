@@ -1,4 +1,4 @@
-"""What a stepper rests on: ``gyrospark.cite``, the works to name beside its results.
+"""Citations of a stepper: ``gyrospark.cite``, the works to cite with its results.
 
 The works are chosen by the manifest: by the scheme's record, by rigid bodies with γ or α, by the
 way steps are solved.
@@ -155,7 +155,7 @@ class Citations:
 
 
 def cite(stepper: Any) -> Citations:
-    """Return the works to cite beside results of a stepper: of its scheme, bodies and sums.
+    """Return the works to cite with results of a stepper: of its scheme, bodies and sums.
 
     Parameters
     ----------

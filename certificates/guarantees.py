@@ -1,4 +1,4 @@
-"""What a scheme promises of a model, and why: derived in exact algebra, not listed.
+"""Guaranteed properties of a scheme on a model, derived in exact algebra, not listed.
 
 A promise is made, is not made, or is made and broken: then a condition that it rests on is not
 met, exactly, however little of that a run may show.
@@ -27,22 +27,22 @@ from ..generator.tableaux.families import gauss_lobatto
 from ..generator.tableaux.stability import Stability, stability
 from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["MeanPromises", "Promise", "Promises", "SparkPromises"]
+__all__ = ["Guarantee", "Guarantees", "MeanGuarantees", "SparkGuarantees"]
 
 Numbers = Mapping[sp.Symbol, sp.Rational]
 
 
 @dataclass(frozen=True)
-class Promise:
-    """Whether something is promised, why or why not, and the condition that breaks the promise."""
+class Guarantee:
+    """Whether a property is guaranteed, why or why not, and the exact condition that refutes it."""
 
-    made: bool
+    guaranteed: bool
     why: str
-    broken: str = ""
+    refuted: str = ""
 
 
-class Promises(Protocol):
-    """What a certificate asks of a scheme on a system."""
+class Guarantees(Protocol):
+    """Properties of a scheme on a system that a certificate needs."""
 
     @property
     def symmetric(self) -> bool:
@@ -50,20 +50,20 @@ class Promises(Protocol):
 
     @property
     def discrete(self) -> bool:
-        """Whether the discrete gradient carries the step."""
+        """Whether the step uses a discrete gradient."""
 
     @property
     def stability(self) -> Stability | None:
-        """What a step makes of a fast decay; None where q and p have no method in common."""
+        """Stability function; None if q and p have different methods."""
 
-    def loop(self) -> Promise:
-        """Return whether the map is symplectic: ∮p·dq stays."""
+    def loop(self) -> Guarantee:
+        """Return whether the map is symplectic: ∮p·dq is invariant."""
 
-    def energy(self) -> Promise:
-        """Return whether H less the work of the forces stays."""
+    def energy(self) -> Guarantee:
+        """Return whether H minus the work of the forces is conserved."""
 
-    def momentum(self, J: MomentumMap) -> Promise:
-        """Return whether a momentum map stays."""
+    def momentum(self, J: MomentumMap) -> Guarantee:
+        """Return whether a momentum map is conserved."""
 
 
 def forces_are_gradient(system: System, numbers: Numbers) -> bool:
@@ -87,13 +87,13 @@ def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], numbers: Numbers) -> 
     return bool(identically_zero([terms]))
 
 
-def _not_exact(J: MomentumMap) -> Promise:
-    """Say of a map whose bracket with H is not zero everywhere what is known of it."""
+def _not_exact(J: MomentumMap) -> Guarantee:
+    """Return the guarantee of a map whose bracket with H is not identically zero."""
     if J.on_constraints:
-        return Promise(False, "{J, H} = 0 on the constraints only, as far as random points show: "
-                              "the motion keeps it, stages do not; write V for any q")
-    return Promise(False, f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
-                          "symmetry, J drifts as far as that allows")
+        return Guarantee(False, "{J, H} = 0 on the constraints only, as far as random points show: "
+                         "the motion keeps it, stages do not; write V for any q")
+    return Guarantee(False, f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
+                     "symmetry, J drifts as far as that allows")
 
 
 def _domain(J: MomentumMap) -> str:
@@ -104,8 +104,8 @@ def _domain(J: MomentumMap) -> str:
 
 
 @dataclass(frozen=True)
-class SparkPromises:
-    """Promises of a SPARK method.
+class SparkGuarantees:
+    """Guaranteed properties of a SPARK method.
 
     With b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j and b = b̂ it is symplectic,
     and keeps every J bilinear in q and p: summed over a step,
@@ -129,7 +129,7 @@ class SparkPromises:
 
     @property
     def disclaimed(self) -> bool:
-        """Whether the tableau says of itself that it is not symplectic."""
+        """Whether the tableau is declared not symplectic."""
         return self.tableau.claims.get("symplectic") == 0
 
     @property
@@ -148,39 +148,39 @@ class SparkPromises:
         """R(z) of A and b, where Â and b̂ are the same."""
         return stability(self.tableau)
 
-    def loop(self) -> Promise:
+    def loop(self) -> Guarantee:
         """Every SPARK method that does not deny it should be symplectic."""
         if not forces_are_gradient(self.system, self.numbers):
-            return Promise(False, "the forces are no gradient in q and may do work on the loop")
+            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if self.disclaimed:
-            return Promise(False, "; ".join(filter(None, (
+            return Guarantee(False, "; ".join(filter(None, (
                 "the tableau says that it is not symplectic", self.violation))))
-        return Promise(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
-                             f"{self._digits}", self.violation)
+        return Guarantee(True, f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
+                         f"{self._digits}", self.violation)
 
-    def energy(self) -> Promise:
-        """H is kept if it is a quadratic invariant of a method that keeps those."""
+    def energy(self) -> Guarantee:
+        """H is conserved if it is quadratic and the method conserves quadratic invariants."""
         order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
         state = [*system.q, *system.p]
-        if system.m or system.is_timed or not is_quadratic(system.H, state, self.numbers):
-            return Promise(False, order)
+        if system.m or system.is_time_dependent or not is_quadratic(system.H, state, self.numbers):
+            return Guarantee(False, order)
         violation = _first_violated(invariant_conditions(self.tableau))
         if violation:
-            return Promise(False, f"{order}: H is quadratic, but {violation}")
-        return Promise(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
-                             f"and each by itself{self._digits}")
+            return Guarantee(False, f"{order}: H is quadratic, but {violation}")
+        return Guarantee(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
+                         f"and each by itself{self._digits}")
 
-    def momentum(self, J: MomentumMap) -> Promise:
-        """J is kept as the docstring of the class says."""
+    def momentum(self, J: MomentumMap) -> Guarantee:
+        """J is conserved under the conditions of the class."""
         if not J.everywhere:
             return _not_exact(J)
         why = f"{{J, H}} = 0{_domain(J)} ({J.proof})"
         if not J.A.any():
-            return Promise(True, f"{why}, and J is linear in p alone")
+            return Guarantee(True, f"{why}, and J is linear in p alone")
         if self.disclaimed and self.violation:
-            return Promise(False, f"{why}; {self.violation}")
-        return Promise(True, f"{why}{self._digits}", self.violation)
+            return Guarantee(False, f"{why}; {self.violation}")
+        return Guarantee(True, f"{why}{self._digits}", self.violation)
 
     @property
     def _digits(self) -> str:
@@ -197,8 +197,9 @@ def _first_violated(lines: Sequence[Condition]) -> str:
 
 
 @dataclass(frozen=True)
-class MeanPromises:
-    """Promises of IMS and EMS: (Δq, Δp) = Δt (D_p, −D_q + F − Ḡᵀλ), each an identity in D.
+class MeanGuarantees:
+    """Guaranteed properties of IMS and EMS: (Δq, Δp) = Δt (D_p, −D_q + F − Ḡᵀλ), each an identity
+    in D.
 
     H stays if D_q·Δq + D_p·Δp = ΔH and Ḡ·Δq = Δg, which EMS's D is made for; IMS's is for quadratic
     H and g. J stays if p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0. Without constraints the
@@ -231,34 +232,34 @@ class MeanPromises:
         """F(q̄, p̄): for p' = λp the midpoint rule, that of one Gauss stage."""
         return stability(gauss_lobatto(1))
 
-    def loop(self) -> Promise:
+    def loop(self) -> Guarantee:
         """Only without constraints, and with the gradient at the midpoint."""
         if self.system.m:
-            return Promise(False, f"{self.name} does not project p: with constraints it promises "
-                                  "no ∮p·dq")
+            return Guarantee(False, f"{self.name} does not project p: with constraints it promises "
+                             "no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
-            return Promise(False, "the forces are no gradient in q and may do work on the loop")
+            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if not self.scheme.discrete:
-            return Promise(True, "the implicit midpoint rule")
+            return Guarantee(True, "the implicit midpoint rule")
         if not self._is_midpoint:
-            return Promise(False, f"{self.name}'s D is not the gradient at the midpoint: it "
-                                  "promises no ∮p·dq")
-        return Promise(True, "D is the gradient at the midpoint: H is quadratic")
+            return Guarantee(False, f"{self.name}'s D is not the gradient at the midpoint: it "
+                             "promises no ∮p·dq")
+        return Guarantee(True, "D is the gradient at the midpoint: H is quadratic")
 
-    def energy(self) -> Promise:
+    def energy(self) -> Guarantee:
         """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
         how = self._how_energy
         if self.scheme.discrete:
-            timed = self.system.is_timed
+            timed = self.system.is_time_dependent
             law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * timed
-            return Promise(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
-                           "" if how else f"{law} is refuted")
+            return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
+                             "" if how else f"{law} is refuted")
         if how:
-            return Promise(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
-                                 f"({how})")
-        return Promise(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
+            return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
+                             f"({how})")
+        return Guarantee(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
 
-    def momentum(self, J: MomentumMap) -> Promise:
+    def momentum(self, J: MomentumMap) -> Guarantee:
         """p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0."""
         if not J.everywhere:
             return _not_exact(J)
@@ -270,12 +271,12 @@ class MeanPromises:
         slides = [[a * b for a, b in zip(row, reach, strict=True)]
                   for row in self.scheme.mean_constraint]
         if not self._vanish(slides, J):
-            return Promise(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
-                                  "midpoints are")
+            return Guarantee(False, f"{why}; g_q X = 0 is not seen off the constraints, where the "
+                             "midpoints are")
         how = self._vanish([rate], J)
         if not how:
-            return Promise(False, f"{why}; D is not seen to turn as the gradient does")
-        return Promise(True, f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
+            return Guarantee(False, f"{why}; D is not seen to turn as the gradient does")
+        return Guarantee(True, f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
 
     # ------------------------------------------------------------ identities
 
@@ -288,13 +289,13 @@ class MeanPromises:
 
     @cached_property
     def _how_energy(self) -> str:
-        """How ΔH = D·Δ and Δg = Ḡ·Δq are known; empty if they do not hold."""
+        """Proof of ΔH = D·Δ and Δg = Ḡ·Δq; empty if they do not hold."""
         scheme, system = self.scheme, self.system
         (q, p), (dq, dp) = scheme.means, scheme.differences
         slopes = [[*scheme.mean_gradient[0], *scheme.mean_gradient[1]],
                   *([*row, *[sp.Integer(0)] * system.n] for row in scheme.mean_constraint)]
-        if system.is_timed:
-            rates = [scheme.mean_drive, *scheme.mean_constraint_rate]
+        if system.is_time_dependent:
+            rates = [scheme.mean_energy_rate, *scheme.mean_constraint_rate]
             slopes = [[*slope, rate] for slope, rate in zip(slopes, rates, strict=True)]
         variables, means, differences = with_time(
             [*system.q, *system.p], [*q, *p], [*dq, *dp], system.clock)
@@ -321,7 +322,7 @@ class MeanPromises:
         return substitute(reach, at_mean), substitute(kicks, at_mean)
 
     def _vanish(self, sums: Sequence[Sequence[sp.Expr]], J: MomentumMap | None = None) -> str:
-        """Return how sums are known to vanish at these parameters, or at any that J holds for."""
+        """Return the proof that sums vanish at these parameters, or at any that J holds for."""
         numbers = {} if J is not None and J.any_parameters else self.numbers
         return identically_zero([substitute(terms, numbers) for terms in sums])
 

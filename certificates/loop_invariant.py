@@ -150,8 +150,8 @@ def loop_drift(
     best: LoopDrift | None = None
     for radius in _RADII:
         for points in _POINTS:
-            found = _followed(stepper, q0, p0, sizes, rounded, radius, points, dt, steps,
-                              parameters)
+            found = _integrated_loop(stepper, q0, p0, sizes, rounded, radius, points, dt, steps,
+                                     parameters)
             if found is None:
                 break  # too large a loop: no step or no projection from some of its states
             if best is None or found.tail < best.tail:
@@ -163,7 +163,7 @@ def loop_drift(
     return best
 
 
-def _followed(
+def _integrated_loop(
     stepper: Stepper, q0: Array, p0: Array, sizes: tuple[Array, Array],
     rounded: tuple[Array, Array] | None, radius: float, points: int, dt: float, steps: int,
     parameters: Mapping[str, float],

@@ -1,4 +1,4 @@
-"""What a run of a model shows of the promises of its scheme, a line each."""
+"""Measured properties of a run, a line for each property of its scheme."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from ..generator.symmetry.momentum_maps import (
 from ..generator.systems.smoothness import Switching
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
-from .guarantees import Promise, Promises
+from .guarantees import Guarantee, Guarantees
 from .loop_invariant import loop_drift
-from .measurements import order_seen, reversal, trend
+from .measurements import measure_order, reversal, trend
 from .round_off import RoundOff
 
-__all__ = ["Examination", "Line"]
+__all__ = ["CertificateLine", "Examination"]
 
-#: A step too short to move anything: what the residual says is then of the state itself.
+#: A step so short that the residual is that of the state itself.
 _SHORT = 1e-30
 
 
 @dataclass(frozen=True)
-class Line:
-    """One promise of a scheme on a model.
+class CertificateLine:
+    """One property of a scheme on a model.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Line:
     why : str
         Where the expectation comes from.
     value, bound : float or None
-        The number that is judged, and its bound.
+        The measured number, and its bound.
     """
 
     quantity: str
@@ -71,28 +71,30 @@ class Line:
         return {True: "holds", False: "FAILS", None: "-"}[self.holds]
 
 
-def judged(
-    quantity: str, found: str, expected: str, promise: Promise, value: float, bound: float
-) -> Line:
+def compared(
+    quantity: str, found: str, expected: str, guarantee: Guarantee, value: float, bound: float
+) -> CertificateLine:
     """Return a line that holds if its value is within its bound; NaN is not.
 
     A promise that exact algebra refutes fails however small the value is, and the line then says
     that the run does not show it.
     """
     within = bool(value <= bound)
-    why = promise.why
-    if promise.broken:
-        why = f"refuted in exact algebra: {promise.broken}"
+    why = guarantee.why
+    if guarantee.refuted:
+        why = f"refuted in exact algebra: {guarantee.refuted}"
         found += " (not told from round-off in this run)" if within else ""
-    return Line(quantity, found, expected, within and not promise.broken, why, float(value),
-                float(bound))
+    return CertificateLine(quantity, found, expected, within and not guarantee.refuted, why,
+                           float(value),
+                           float(bound))
 
 
-def told(
+def reported(
     quantity: str, found: str, expected: str, why: str, value: float | None = None
-) -> Line:
+) -> CertificateLine:
     """Return a line for information."""
-    return Line(quantity, found, expected, None, why, None if value is None else float(value))
+    return CertificateLine(quantity, found, expected, None, why,
+                           None if value is None else float(value))
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class Examination:
 
     model: Model
     step: Stepper
-    promises: Promises
+    guarantees: Guarantees
     run: Trajectory
     parameters: dict[str, float]
     round_off: RoundOff
@@ -114,14 +116,14 @@ class Examination:
 
     @cached_property
     def switching(self) -> Switching:
-        """Where H or forces switch sides, as |x| does: promises are of smooth motion."""
+        """Places where H or forces switch sides, as |x| does: guarantees need smooth motion."""
         return Switching(self.model.system)
 
-    def lines(self) -> Iterator[Line]:
-        """Yield the lines, the strictest promises first."""
+    def lines(self) -> Iterator[CertificateLine]:
+        """Yield the lines, the strictest properties first."""
         if self.follow:
-            yield told("co-moving frame", f"{self.follow} steps", "-",
-                       "each block keeps what the scheme keeps; that rates are chosen from the "
+            yield reported("co-moving frame", f"{self.follow} steps", "-",
+                           "each block keeps what the scheme keeps; that rates are chosen from the "
                        f"state breaks it by O(Δt^{self.step.order}) from block to block; loops are "
                        "measured with the rates of the start")
         yield self._compiled_system()
@@ -137,7 +139,7 @@ class Examination:
 
     # ------------------------------------------------------------ the compiled equations
 
-    def _compiled_system(self) -> Line:
+    def _compiled_system(self) -> CertificateLine:
         """Compare compiled H, H_p, H_q - F and g with the model's expressions, in units of ε.
 
         All other lines are measured with the compiled stepper alone, which would agree with itself
@@ -167,30 +169,31 @@ class Examination:
             off = np.abs(found - expected) / (self.round_off.epsilon * sizes)
         off[found == expected] = 0.0
         value = float(off.max())
-        return judged("compiled H, H_p, H_q − F, g", f"{value:.2g} times the estimated round-off",
-                      "≤ 16", Promise(True, "compiled from this model's H, g and F"), value, 16.0)
+        return compared("compiled H, H_p, H_q − F, g", f"{value:.2g} times the estimated round-off",
+                      "≤ 16", Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
 
     # ------------------------------------------------------------ symplecticity, symmetry
 
-    def _loop(self) -> Line:
-        quantity, promise = "loop invariant ∮p·dq", self.promises.loop()
+    def _loop(self) -> CertificateLine:
+        quantity, guarantee = "loop invariant ∮p·dq", self.guarantees.loop()
         rounded = self.round_off
         loop = loop_drift(self.step, self.run.q[0], self.run.p[0], self._loop_sizes(),
                           (rounded.q_sizes, rounded.p_sizes), dt=self.run.dt, steps=self.steps,
                           parameters=self.parameters)
         if loop is None or not loop.resolved:
-            why = f"refuted in exact algebra: {promise.broken}; " if promise.broken else ""
-            return Line(quantity, "no loop could be followed", "-",
-                        False if promise.broken else None,
+            why = f"refuted in exact algebra: {guarantee.refuted}; " if guarantee.refuted else ""
+            return CertificateLine(quantity, "no loop could be followed", "-",
+                                   False if guarantee.refuted else None,
                         f"{why}neighbours of the start part too fast, or some have no step")
         drift, bound = loop.drift / loop.scale, rounded.walk
         found = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
-        if not promise.made:
-            return told(quantity, found, "not promised", promise.why, drift)
-        if self.switching.named and not promise.broken:
-            return told(quantity, found, "kept by smooth motion",
-                        f"across {self.switching.named} loops have kinks", drift)
-        return judged(quantity, found, f"drift ≤ {bound * loop.scale:.1e}", promise, drift, bound)
+        if not guarantee.guaranteed:
+            return reported(quantity, found, "not promised", guarantee.why, drift)
+        if self.switching.named and not guarantee.refuted:
+            return reported(quantity, found, "kept by smooth motion",
+                            f"across {self.switching.named} loops have kinks", drift)
+        return compared(quantity, found, f"drift ≤ {bound * loop.scale:.1e}", guarantee, drift,
+                        bound)
 
     def _loop_sizes(self) -> tuple[Any, Any]:
         """Return how far the loop may reach in each coordinate and momentum.
@@ -214,33 +217,33 @@ class Examination:
             reach = np.sqrt((kinetic or work) / inertia)
         return widths, np.where(np.isfinite(reach) & (reach > 0), reach, p.max() or 1.0)
 
-    def _reversal(self) -> Line:
+    def _reversal(self) -> CertificateLine:
         quantity = "reversal, N steps and back"
         sizes = self.round_off.sizes_of_steps(self.run.dt)
         back = reversal(self.step, self.run, self.parameters, sizes)
         if back is None:
-            return told(quantity, "a step of the way back, or of a neighbour, failed", "-",
-                        "neighbours part too fast")
+            return reported(quantity, "a step of the way back, or of a neighbour, failed", "-",
+                            "neighbours part too fast")
         kicks = 1 + self._kick / sizes[1]
         bound = back.growth * kicks * self.round_off.epsilon * max(64, 8 * (2 * self.steps) ** 0.5)
         value = max(back.q_error / sizes[0], back.p_error / sizes[1])
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
-        if not self.promises.symmetric:
-            return told(quantity, found, "not promised", "the tableau is not symmetric", value)
+        if not self.guarantees.symmetric:
+            return reported(quantity, found, "not promised", "the tableau is not symmetric", value)
         if self.follow:
-            return told(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
+            return reported(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
                         "the start: the same steps back are those of each block's own rates", value)
-        jumps = self.switching.named_jumps(discrete=self.promises.discrete)
+        jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
         if jumps:
-            return told(quantity, found, "by the same steps back",
-                        f"forces jump at {jumps}: a step may have several ends, or none", value)
+            return reported(quantity, found, "by the same steps back",
+                            f"forces jump at {jumps}: a step may have several ends, or none", value)
         expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
-        promise = Promise(True, f"symmetric; neighbours part {back.growth:.3g} times")
-        return judged(quantity, found, expected, promise, value, bound)
+        guarantee = Guarantee(True, f"symmetric; neighbours part {back.growth:.3g} times")
+        return compared(quantity, found, expected, guarantee, value, bound)
 
     @property
     def _kick(self) -> float:
-        """What rounding of multipliers is worth in p: of those found from g alone, without T2."""
+        """Round-off of multipliers in p, where they follow from g alone, without T2."""
         if self._projects or not self.step.m:
             return 0.0
         return float(self.round_off.impulse.max() / abs(self.run.dt))
@@ -251,27 +254,27 @@ class Examination:
 
     @property
     def _manifest(self) -> dict[str, Any]:
-        """What the stepper says of its scheme."""
+        """The scheme in the stepper's manifest."""
         about: dict[str, Any] = self.step.manifest["scheme"]
         return about
 
     # ------------------------------------------------------------ constraints and energy
 
-    def _constraints(self) -> Iterator[Line]:
-        """Judge every state but the start, which is the user's."""
+    def _constraints(self) -> Iterator[CertificateLine]:
+        """Yield the lines of the constraints, without the initial state, which is the user's."""
         unit = 16 * self.round_off.epsilon
         g_size, f_size = (float(sizes.max()) for sizes in self.round_off.constraints)
         g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
-        yield judged("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
-                     Promise(True, "g(q) = 0 is solved in every step: 16 ε of what rounding the "
+        yield compared("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
+                     Guarantee(True, "g(q) = 0 is solved in every step: 16 ε of what rounding the "
                                    "run is worth in it"), g, unit * g_size)
         quantity = "largest |g_q H_p|"
         if not self._projects:
-            yield told(quantity, f"{f:.1e}", "O(Δt²), comes back",
-                       f"{self._manifest['method']} has no projection of p", f)
+            yield reported(quantity, f"{f:.1e}", "O(Δt²), comes back",
+                           f"{self._manifest['method']} has no projection of p", f)
             return
-        yield judged(quantity, f"{f:.1e}", f"≤ {unit * f_size:.1e}",
-                     Promise(True, "T2 projects p in every step"), f, unit * f_size)
+        yield compared(quantity, f"{f:.1e}", f"≤ {unit * f_size:.1e}",
+                       Guarantee(True, "T2 projects p in every step"), f, unit * f_size)
 
     @cached_property
     def moving(self) -> list[tuple[float, MomentumMap]]:
@@ -281,15 +284,15 @@ class Examination:
                 for symmetry in self.step.symmetries
                 if (rate := float(self.parameters[symmetry.name]))]
 
-    def _energies(self) -> Iterator[Line]:
-        """Yield the line of H; in a co-moving frame a scheme's promise is one for H − Σ ω_i J_i."""
-        promise = self.promises.energy()
-        lost = [J.name for _, J in self.moving if not self.promises.momentum(J).made]
-        if not (promise.made and lost):
-            yield self._energy(promise)
+    def _energies(self) -> Iterator[CertificateLine]:
+        """Yield the line of H; in a co-moving frame the guarantee is for H − Σ ω_i J_i."""
+        guarantee = self.guarantees.energy()
+        lost = [J.name for _, J in self.moving if not self.guarantees.momentum(J).guaranteed]
+        if not (guarantee.guaranteed and lost):
+            yield self._energy(guarantee)
             return
-        yield self._energy(Promise(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
-                                          f"{', '.join(lost)}"))
+        yield self._energy(Guarantee(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
+                                     f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
         if self.follow:
             return  # another H − Σ ω_i J_i in each block
@@ -300,38 +303,39 @@ class Examination:
             values = values - rate * (moved - moved[0])
             bound += rounded.walk * abs(rate) * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
         value = float(np.abs(values).max())
-        yield judged("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
-                     f"≤ {bound:.1e}", promise, value, bound)
+        yield compared("energy in the frame, H − Σ ω_i J_i", f"largest error {value:.1e}",
+                       f"≤ {bound:.1e}", guarantee, value, bound)
 
-    def _energy(self, promise: Promise) -> Line:
-        works = self.model.system.forces or self.model.system.is_timed
+    def _energy(self, guarantee: Guarantee) -> CertificateLine:
+        works = self.model.system.forces or self.model.system.is_time_dependent
         quantity = "energy H less work" if works else "energy H"
         error = self.run.energy_error().astype(float)
         linear, swing = trend(self.run.t, error)
         value = float(np.abs(error).max())
         found = f"largest error {value:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
-        if not promise.made:
+        if not guarantee.guaranteed:
             crossed = self.switching.named
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
-            return told(quantity, found, f"O(Δt^{self.step.order})"
-                        f"{' between crossings' if crossed else ''}", promise.why + why, value)
+            return reported(quantity, found, f"O(Δt^{self.step.order})"
+                        f"{' between crossings' if crossed else ''}", guarantee.why + why, value)
         bound = self.round_off.walk * self.round_off.energy
-        return judged(quantity, found, f"≤ {bound:.1e}", promise, value, bound)
+        return compared(quantity, found, f"≤ {bound:.1e}", guarantee, value, bound)
 
-    def _damping(self) -> Iterator[Line]:
-        """Tell what becomes of dampers that are fast beside Δt, and what of oscillations."""
-        found = self.promises.stability
+    def _damping(self) -> Iterator[CertificateLine]:
+        """Yield the damping of dampers fast relative to Δt, and of oscillations."""
+        found = self.guarantees.stability
         if found is None:
             return
         if self.decay:
             why = "what decays faster than Δt is gone after a step" if found.l_stable else \
                 "what decays faster than Δt goes on as R(∞)^k: it rings"
             stiffness = float(self.decay * abs(self.run.dt))
-            yield told("dampers", f"λΔt up to {stiffness:.2g}; {found}", "-", why, stiffness)
+            yield reported("dampers", f"λΔt up to {stiffness:.2g}; {found}", "-", why, stiffness)
         if found.damping is not None:
             share, power = found.damping
-            yield told("numerical damping", f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
-                       "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
+            yield reported("numerical damping",
+                           f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
+                           "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
 
     @cached_property
     def decay(self) -> float:
@@ -349,64 +353,65 @@ class Examination:
 
     # ------------------------------------------------------------ momentum maps
 
-    def _momentum_maps(self) -> Iterator[Line]:
+    def _momentum_maps(self) -> Iterator[CertificateLine]:
         system, run, rounded = self.model.system, self.run, self.round_off
         try:
             found = momentum_maps(system, self.parameters, run.q[0], run.p[0])
         except InputError as error:
-            yield told("momentum maps", "not searched", "-", str(error))
+            yield reported("momentum maps", "not searched", "-", str(error))
             return
         if not found:
             searched = "any A and a" if system.n <= MAX_COORDINATES else "translations, rotations"
-            yield told("momentum maps", "none", "-",
-                       f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
+            yield reported("momentum maps", "none", "-",
+                           f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
         for J in found:
-            values, promise = J.values(run.q, run.p), self._in_frame(J, self.promises.momentum(J))
+            values = J.values(run.q, run.p)
+            guarantee = self._in_frame(J, self.guarantees.momentum(J))
             value = float(np.abs(values - values[0]).max())
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
             text = f"{float(values[0]):.6g}, drift {value:.1e}"
-            if promise.made:
-                yield judged(J.name, text, f"drift ≤ {bound:.1e}", promise, value, bound)
+            if guarantee.guaranteed:
+                yield compared(J.name, text, f"drift ≤ {bound:.1e}", guarantee, value, bound)
             else:
-                yield told(J.name, text, "not promised", promise.why, value)
+                yield reported(J.name, text, "not promised", guarantee.why, value)
 
-    def _in_frame(self, J: MomentumMap, promise: Promise) -> Promise:
-        """Return a promise for J as it is in the frame, where J turns unless it commutes."""
+    def _in_frame(self, J: MomentumMap, guarantee: Guarantee) -> Guarantee:
+        """Return the guarantee for J in the frame, where J rotates unless it commutes."""
         A = sum((rate * other.A for rate, other in self.moving), np.zeros_like(J.A))
         size = np.abs(A).max() * np.abs(J.A).max()
-        if not promise.made or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
-                                and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
-            return promise
-        return Promise(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
+        if not guarantee.guaranteed or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
+                                        and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
+            return guarantee
+        return Guarantee(False, f"it turns in the frame: kept to O(Δt^{self.step.order})")
 
     # ------------------------------------------------------------ order, quantities
 
-    def _order(self) -> Line:
+    def _order(self) -> CertificateLine:
         quantity, wanted = "order", self.step.order
         run = self.run
-        seen = order_seen(self.step, run.q[0], run.p[0], run.dt, self.parameters,
-                          self.round_off.sizes_of_steps)
+        seen = measure_order(self.step, run.q[0], run.p[0], run.dt, self.parameters,
+                             self.round_off.sizes_of_steps)
         if seen is None:
-            return told(quantity, "errors are round-off", str(wanted),
-                        "fewer than three errors |y_h − y_(h/2)| stand out of it")
+            return reported(quantity, "errors are round-off", str(wanted),
+                            "fewer than three errors |y_h − y_(h/2)| stand out of it")
         if not seen.agrees:
             slopes = ", ".join(f"{slope:.2f}" for slope in seen.slopes)
-            return told(quantity, f"slopes {slopes}", str(wanted),
+            return reported(quantity, f"slopes {slopes}", str(wanted),
                         "no two neighbours agree to 0.2: steps are too long for the order to show")
         found = f"{seen.order:.2f} at Δt = {seen.dt:.2g}"
         if self.switching.named:
-            return told(quantity, found, f"{wanted} between crossings",
-                        f"steps across {self.switching.named} have a lower one", seen.order)
+            return reported(quantity, found, f"{wanted} between crossings",
+                            f"steps across {self.switching.named} have a lower one", seen.order)
         if self.decay * seen.dt > 1:
-            return told(quantity, found, f"{wanted} once λΔt is small",
-                        f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
-                        "about that of the stages", seen.order)
+            return reported(quantity, found, f"{wanted} once λΔt is small",
+                            f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
+                            "about that of the stages", seen.order)
         lacking = wanted - seen.order  # a run may happen to be better than its method
-        promise = Promise(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
-        return judged(quantity, found, f"at least {wanted}", promise, lacking, 0.3)
+        guarantee = Guarantee(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
+        return compared(quantity, found, f"at least {wanted}", guarantee, lacking, 0.3)
 
-    def _quantities(self) -> Iterator[Line]:
+    def _quantities(self) -> Iterator[CertificateLine]:
         for name in self.run.quantities:
             values = self.run.quantity(name).astype(float)
             drift = float(np.abs(values - values[0]).max())
-            yield told(name, f"{values[0]:.6g}, drift {drift:.1e}", "-", "", drift)
+            yield reported(name, f"{values[0]:.6g}, drift {drift:.1e}", "-", "", drift)

@@ -1,4 +1,4 @@
-"""What is measured of a stepper on a model: reversal, separation of neighbours, order, trend."""
+"""Measurements of a stepper on a model: reversal, separation of neighbours, order, trend."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..core.errors import GyrosparkError, StepFailed
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["OrderSeen", "Reversal", "constraint_scales", "order_seen", "reversal", "trend"]
+__all__ = ["MeasuredOrder", "Reversal", "constraint_scales", "measure_order", "reversal", "trend"]
 
 Array = NDArray[Any]
 
@@ -89,7 +89,7 @@ def _largest(x: Array) -> float:
 
 # ---------------------------------------------------------------- constraints
 
-#: Numbers that are kept at a time.
+#: Most numbers in memory at a time.
 _ROOM = 2**20
 
 
@@ -97,7 +97,7 @@ def constraint_scales(
     stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
     sizes: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Return what sizes of coordinates and momenta are worth in g and in f, m entries each.
+    """Return the scales of g and f from sizes of coordinates and momenta, m entries each.
 
     Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i by differences, the largest over the
     run; with the round-off r and s of q and p in units of ε, that of g and f.
@@ -124,7 +124,7 @@ def constraint_scales(
 
 
 @dataclass(frozen=True)
-class OrderSeen:
+class MeasuredOrder:
     """log2 of successive errors' ratio for halved steps, and how much two such slopes differ.
 
     ``slopes`` are all that were seen from one longest step on; ``order`` is the second of the two
@@ -138,21 +138,21 @@ class OrderSeen:
 
     @property
     def agrees(self) -> bool:
-        """Whether the two slopes tell one order."""
+        """Whether the two slopes agree on the order."""
         return self.spread <= 0.2
 
 
-def order_seen(
+def measure_order(
     stepper: Stepper, q: Array, p: Array, dt: float, parameters: Mapping[str, float],
     sizes: Callable[[float], tuple[float, float]],
-) -> OrderSeen | None:
+) -> MeasuredOrder | None:
     """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
 
     The longest step is dt, doubled until three errors stand out of round-off, or halved until two
     neighbouring slopes agree. None if there are no two. ``sizes`` are those of q and p of which
     ε is round-off in steps of a given length.
     """
-    found: list[OrderSeen] = []
+    found: list[MeasuredOrder] = []
     h, doubled = dt, False
     for _ in range(14):
         errors = _halving_errors(stepper, q, p, h, sizes(h), parameters)
@@ -169,7 +169,7 @@ def order_seen(
     return min(found, key=lambda seen: seen.spread, default=None)
 
 
-def _agreeing(errors: list[float], h: float) -> OrderSeen | None:
+def _agreeing(errors: list[float], h: float) -> MeasuredOrder | None:
     """Return the two neighbouring slopes from step h on that differ least; None if there are none.
 
     After two that agree the first that falls ends them: there round-off, which may grow like 1/h
@@ -177,11 +177,11 @@ def _agreeing(errors: list[float], h: float) -> OrderSeen | None:
     """
     slopes = list(takewhile(lambda slope: slope > _NO_ORDER,
                             (math.log2(a / b) for a, b in pairwise(errors))))
-    best: OrderSeen | None = None
+    best: MeasuredOrder | None = None
     for k, (one, other) in enumerate(pairwise(slopes)):
         if best is not None and best.agrees and other < one - 0.3:
             break
-        seen = OrderSeen(other, abs(other - one), h / 2 ** (k + 3), tuple(slopes))
+        seen = MeasuredOrder(other, abs(other - one), h / 2 ** (k + 3), tuple(slopes))
         best = seen if best is None or seen.spread < best.spread else best
     return best
 

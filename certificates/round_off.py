@@ -28,7 +28,7 @@ __all__ = ["RoundOff"]
 
 Array = NDArray[np.float64]
 
-#: Numbers that are kept at a time, of all parts of all expressions.
+#: Most numbers in memory at a time, of all subexpressions.
 _ROOM = 2**22
 
 
@@ -53,7 +53,7 @@ class RoundOff:
 
     @property
     def walk(self) -> float:
-        """What rounding may add up to: a random walk of 4 ε a step, and at least 32 ε."""
+        """Bound of accumulated round-off: a random walk of 4 ε a step, and at least 32 ε."""
         return self.epsilon * max(32.0, 4 * math.sqrt(self.run.report.steps))
 
     @cached_property
@@ -100,7 +100,7 @@ class RoundOff:
 
     @cached_property
     def impulse(self) -> Array:
-        """What ε of g is worth in each p, in units of ε and divided by Δt.
+        """Effect of ε of g on each p, in units of ε and divided by Δt.
 
         Multipliers that are found from g alone are its round-off divided by Δt:
         Δp = g_qᵀ (g_q H_pp g_qᵀ)⁻¹ δg/Δt, for a quaternion 4γ δg/Δt.
@@ -130,7 +130,7 @@ class RoundOff:
         return largest
 
     def states(self, expressions: Sequence[sp.Expr]) -> Iterator[tuple[dict[Any, Any], int]]:
-        """Yield the values of all symbols, as many states at a time as there is room for."""
+        """Yield the values of all symbols, as many states at a time as fit in memory."""
         parts = sum(1 for _ in parts_of(expressions)) + 1
         size = max(16, _ROOM // parts)
         for start in range(0, len(self.run.t), size):

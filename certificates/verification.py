@@ -1,4 +1,4 @@
-"""What ``gyrospark verify`` finds out about a stepper: symbols, measurement, compiled numbers.
+"""Verification of a stepper, for ``gyrospark verify``: symbols, measurement, compiled numbers.
 
 The one place besides ``api`` where generator and runtime meet: it reads the coefficients back
 out of the *compiled* module and compares them with the exact ones to the last bit.
@@ -19,12 +19,12 @@ from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
 from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["Verdict", "verify_stepper"]
+__all__ = ["Verification", "verify_stepper"]
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Everything that was checked of one stepper."""
+class Verification:
+    """All checked conditions of one stepper."""
 
     name: str
     title: str
@@ -47,7 +47,7 @@ class Verdict:
                 "conditions": [asdict(line) for line in self.conditions]}
 
 
-def verify_stepper(spec: Spec) -> Verdict:
+def verify_stepper(spec: Spec) -> Verification:
     """Check the stepper of a spec; a tableau that violates conditions is checked all the same."""
     made = generate(spec, allow_invalid=True)
     if made.tableau is None:
@@ -59,8 +59,8 @@ def verify_stepper(spec: Spec) -> Verdict:
             _compiled(made, made.tableau, spec.real),
             *_symmetrised(made.tableau, spec.real),
         ]
-    return Verdict(made.source.name, f"{made.source.name}, order {made.scheme.order}",
-                   made.scheme.order, conditions)
+    return Verification(made.source.name, f"{made.source.name}, order {made.scheme.order}",
+                        made.scheme.order, conditions)
 
 
 def _measured(tableau: Tableau) -> Condition:

@@ -21,13 +21,13 @@ from .options import check_folder, json_option, real_number, whole_number
 
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
-    from ..benchmarks.contest import Limits, Row
-    from ..benchmarks.drift import Course
+    from ..benchmarks.contest import ContestRow, Limits
+    from ..benchmarks.drift import DriftRun
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
     from ..benchmarks.joined_bodies import BodyRow
-    from ..benchmarks.steps import Cell
+    from ..benchmarks.steps import StepTiming
     from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
 
@@ -157,7 +157,7 @@ def _checked(
 # ---------------------------------------------------------------- measure
 
 
-def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Row]:
+def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[ContestRow]:
     from ..benchmarks.contest import compete, with_ratios
     from ..benchmarks.peers import entries
 
@@ -165,14 +165,14 @@ def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Ro
     return with_ratios(found, _base(choice, found))
 
 
-def _base(choice: _Choice, rows: Sequence[Row]) -> str | None:
+def _base(choice: _Choice, rows: Sequence[ContestRow]) -> str | None:
     if choice.base is not None and rows and not any(choice.base in row.name for row in rows):
         raise InputError(f"No row has {choice.base!r} in its name; --base takes a part of "
                          f"peer and setting, such as {rows[0].name!r}.")
     return choice.base
 
 
-def _measure_step(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Cell]:
+def _measure_step(choice: _Choice, watch: Callable[[str], None]) -> Sequence[StepTiming]:
     from ..benchmarks.steps import compare_steps, variants
 
     dts = (1e-3,) if choice.quick else (1e-3, 1e-2)
@@ -189,7 +189,7 @@ def _measure_ensemble(choice: _Choice, watch: Callable[[str], None]) -> Sequence
     return compare_ensembles(found, choice.limits(10.0), count, watch)
 
 
-def _measure_drift(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Course]:
+def _measure_drift(choice: _Choice, watch: Callable[[str], None]) -> Sequence[DriftRun]:
     from ..benchmarks.drift import follow
     from ..benchmarks.peers import entries
 

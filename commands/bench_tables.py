@@ -9,20 +9,20 @@ import click
 
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
-    from ..benchmarks.contest import Row
-    from ..benchmarks.drift import Course
+    from ..benchmarks.contest import ContestRow
+    from ..benchmarks.drift import DriftRun
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
     from ..benchmarks.growth import Size
     from ..benchmarks.joined_bodies import BodyRow
-    from ..benchmarks.steps import Cell
+    from ..benchmarks.steps import StepTiming
     from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
 
 __all__ = ["PRINT"]
 
 
-def _print_peers(rows: Sequence[Row]) -> None:
+def _print_peers(rows: Sequence[ContestRow]) -> None:
     if not rows:
         click.echo("None of these peers has the fast top; they have bodies on joints.")
         return
@@ -38,7 +38,7 @@ def _print_ensemble(rows: Sequence[EnsembleRow]) -> None:
     _print_rows(f"{rows[0].trajectories} tops, cost for each, worst error", lines, ["wall µs/s"])
 
 
-def _print_rows(title: str, lines: Sequence[tuple[Row, list[str]]], more: list[str]) -> None:
+def _print_rows(title: str, lines: Sequence[tuple[ContestRow, list[str]]], more: list[str]) -> None:
     names = ["µs/s", "±", "ns/step", "× base", "dx (m)", "ΔH/H", "|q| − 1", *more]
     grid = _grid(title, ["peer", "setting"], names)
     for row, extra in lines:
@@ -50,7 +50,7 @@ def _print_rows(title: str, lines: Sequence[tuple[Row, list[str]]], more: list[s
     _show(grid)
 
 
-def _print_step(cells: Sequence[Cell]) -> None:
+def _print_step(cells: Sequence[StepTiming]) -> None:
     from ..benchmarks.steps import BASE
 
     solvers = list(dict.fromkeys(s for cell in cells for s in (*cell.ns, *cell.notes)))
@@ -68,11 +68,11 @@ def _print_step(cells: Sequence[Cell]) -> None:
         click.echo(text)
 
 
-def _iterations(cell: Cell, solver: str) -> str:
+def _iterations(cell: StepTiming, solver: str) -> str:
     return f" [{cell.iterations[solver]:.1f}]" if solver in cell.iterations else ""
 
 
-def _print_drift(courses: Sequence[Course]) -> None:
+def _print_drift(courses: Sequence[DriftRun]) -> None:
     from ..benchmarks.reference_states import TIMES
 
     times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]

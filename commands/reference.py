@@ -14,7 +14,7 @@ from .options import check_ending, check_picture, check_writable, json_option
 
 if TYPE_CHECKING:
     from ..references.problem import Reference
-    from ..references.work_precision import Run
+    from ..references.work_precision import WorkPrecisionRun
 
 __all__ = ["reference"]
 
@@ -107,7 +107,7 @@ def _list(problems: Sequence[Reference], as_json: bool) -> None:
         click.echo(f"{problem.name:<{width}}  {problem.title} ({problem.source})")
 
 
-def _print(problem: Reference, runs: Sequence[Run]) -> None:
+def _print(problem: Reference, runs: Sequence[WorkPrecisionRun]) -> None:
     click.echo(f"{problem.title}, t = {problem.seconds} s; digits: {problem.truth.made}")
     if problem.published is not None:
         worst, off = max(problem.deviations.items(), key=lambda pair: pair[1])

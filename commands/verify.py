@@ -29,7 +29,7 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..certificates.certificate import Certificate
-    from ..certificates.verification import Verdict
+    from ..certificates.verification import Verification
     from ..generator.multibody.model import Model
     from ..runtime.rigid_body.problems import Problem
 
@@ -230,7 +230,7 @@ def _print_certificate(found: Certificate) -> None:
     click.echo(f"{found.model}: {judged} promises of {found.stepper}: {result}")
 
 
-def _print(verdicts: list[Verdict], *, details: bool) -> None:
+def _print(verdicts: list[Verification], *, details: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 

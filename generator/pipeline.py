@@ -16,7 +16,7 @@ from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
 from .schemes.named_schemes import scheme_named
-from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_drive
+from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
 from .spec import Spec, join_name
 from .symmetry.frame_symmetries import frame_of
 from .systems.redundant_constraints import refuse_redundant_anywhere
@@ -89,7 +89,7 @@ def generate(
     frame = frame_of(system) if framed else None
     if frame is not None:
         system = frame.moving(system)
-    system = with_drive(system)
+    system = with_work_of_time(system)
     reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
     scheme: SparkScheme | MeanScheme

@@ -1,4 +1,4 @@
-"""What is to be generated, checked before anything expensive is imported."""
+"""Specification of a stepper, checked before anything expensive is imported."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Spec:
     ``tableau`` names a JSON file; scheme and stages are then the file's. ``model`` names a TOML
     file; the system is then the file's, and so is the representation unless ``rep`` says
     otherwise; likewise where ``system`` names one of ``gyrospark.models``. Construct with
-    ``Spec.checked`` or ``Spec.of_tableau``, which say what is wrong in one sentence.
+    ``Spec.checked`` or ``Spec.of_tableau``, which raise one-sentence errors.
     """
 
     scheme: str
@@ -52,7 +52,7 @@ class Spec:
         return self if frame is None else replace(self, frame=choose("frame", frame, FRAMES))
 
     def with_profile(self, profile: Any) -> Spec:
-        """Return the spec with a profile: how much of the stepper is written.
+        """Return the spec with a profile: the extent of the generated stepper.
 
         Raises
         ------

@@ -30,9 +30,9 @@ Modules::
 from .problem import Published, Reference
 from .problem_registry import names, reference
 from .true_digits import Truth
-from .work_precision import Run, measure
+from .work_precision import WorkPrecisionRun, measure
 
-__all__ = ["Published", "Reference", "Run", "Truth", "measure", "names", "reference"]
+__all__ = ["Published", "Reference", "Truth", "WorkPrecisionRun", "measure", "names", "reference"]
 
 
 def __dir__() -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from .problem import Reference
-from .work_precision import LIMIT, Run
+from .work_precision import LIMIT, WorkPrecisionRun
 
 __all__ = ["page", "reached"]
 
@@ -34,12 +34,14 @@ unstable.
 """
 
 
-def reached(runs: Iterable[Run]) -> bool:
+def reached(runs: Iterable[WorkPrecisionRun]) -> bool:
     """Return whether one of the runs of a problem has its digits."""
     return any(run.error <= LIMIT for run in runs if not run.peer)
 
 
-def page(measured: Sequence[tuple[Reference, Sequence[Run]]], picture: str = "") -> str:
+def page(
+    measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]], picture: str = ""
+) -> str:
     """Return the page of all problems that were measured, with a picture of a file name."""
     parts = [_HEAD, _summary(measured)]
     if picture:
@@ -49,7 +51,7 @@ def page(measured: Sequence[tuple[Reference, Sequence[Run]]], picture: str = "")
     return "\n".join(parts)
 
 
-def _summary(measured: Sequence[tuple[Reference, Sequence[Run]]]) -> str:
+def _summary(measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]]) -> str:
     rows = []
     for problem, runs in measured:
         enough = [run for run in runs if run.error <= LIMIT and not run.peer]
@@ -80,7 +82,7 @@ def _numbers(problem: Reference) -> str:
     return _table(["quantity", "reference", "published", "error"], rows)
 
 
-def _costs(runs: Sequence[Run]) -> str:
+def _costs(runs: Sequence[WorkPrecisionRun]) -> str:
     invariants = min((run for run in runs if not run.peer), key=lambda run: run.error).invariants
     table = _table(["scheme", "steps", "error", "CPU ms"], [
         [run.label, f"{run.steps}", f"{run.error:.1e}", f"{run.cpu_seconds * 1e3:.2f}"]

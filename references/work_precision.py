@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from ..runtime.results.trajectory import Trajectory
     from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["LIMIT", "Run", "measure", "run_once"]
+__all__ = ["LIMIT", "WorkPrecisionRun", "measure", "run_once"]
 
 #: What at least one of our schemes has to reach.
 LIMIT = 1e-12
 
 
 @dataclass(frozen=True)
-class Run:
+class WorkPrecisionRun:
     """One run of a problem.
 
     Attributes
@@ -65,7 +65,7 @@ class Run:
 
 
 def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
-            watch: Callable[[str], None] = lambda text: None) -> Iterator[Run]:
+            watch: Callable[[str], None] = lambda text: None) -> Iterator[WorkPrecisionRun]:
     """Yield a run for each scheme of a problem and each number of steps.
 
     Parameters
@@ -93,8 +93,8 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
                 start = time.thread_time()
                 run = run_once(problem, step, model, steps)
                 seconds.append(time.thread_time() - start)
-            yield Run(problem.name, attempt.name, steps, problem.error(run),
-                      statistics.median(seconds), _invariants(problem, run))
+            yield WorkPrecisionRun(problem.name, attempt.name, steps, problem.error(run),
+                                   statistics.median(seconds), _invariants(problem, run))
 
 
 def run_once(problem: Reference, step: Stepper, model: Model, steps: int,

@@ -1,20 +1,18 @@
-"""Runs on disk: streamed while they are computed, resumed after any end, read by anyone.
+"""Runs on disk: streamed while they are computed, resumed after any interruption.
 
-    durable_files  a Zarr store each of whose files appears whole and stays, whatever happens
-    writer_lock    one writer a store
-    staging        a new store appears whole
-    chunks         how arrays are cut and packed
-    identity       what makes two runs the same, and what differs
+    durable_files  a Zarr store with atomic, durable files
+    staging        atomic creation of stores, and their writer lock
+    chunks         chunks of arrays as files
+    identity       everything that determines the bits of a run
     array_layout   the arrays of a run: names, dimensions, units
-    event_store    the arrays of events, to append to
+    event_store    appendable arrays of events
     checkpoint     the bytes from which a run resumes
-    writer         writes in a thread what another computes
-    record         ``record``: a run begun, or resumed
+    writer         the writer thread
+    record         ``record``: begins or resumes a run
     recorder       the loop: steps, events, commits, the end
-    validation     a store is read only if it is whole
-    recording      a stored run, to read
-    state_tables   the states as columns, of a store or in memory
-    table_files    these as .npz, .csv and .nc
+    validation     checks of a store before it is read
+    recording      a stored run, read-only
+    table_files    states as columns; .npz, .csv and .nc files
 """
 
 from importlib.util import find_spec

@@ -1,15 +1,15 @@
-"""The arrays of a stored run: what xarray, Julia or any other reader of Zarr finds.
+"""The arrays of a stored run, as xarray, Julia and other readers of Zarr see them.
 
 Those of ``OUTPUTS``, of which some systems have no multipliers, no work, no quantities, lie
 along the dimension ``time``, one entry a stored state; multipliers and iterations belong to the
-steps that end there and have none at the start. What is not computed yet is NaN, or 0. Wide
+steps that end there and have none at the start. Values not yet computed are NaN, or 0. Wide
 numbers (long double, binary128), which Zarr has not, stand rounded to double under these names and
 whole, as bytes, under ``<name>_bytes``.
 
 A row of all arrays is a state; rows are written in blocks, each a chunk of every array.
 
 The events of a run have arrays of their own, ``event_<name>_t``, ``_q``, ``_p``, ``_steps`` and
-``_rising``, along a dimension ``event_<name>`` that grows with what is found.
+``_rising``, along a dimension ``event_<name>`` that grows with the events found.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
 from .chunks import codecs_of
 from .durable_files import DurableStore, write_durably
 
-__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "Field", "array_of", "attributes_of",
-           "block_rows", "consolidate", "create", "create_array", "extend", "fields_of",
-           "fields_of_event", "names_of", "open_group", "wide_name"]
+__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "StoredField", "array_of",
+           "attributes_of", "block_rows", "consolidate", "create", "create_array", "extend",
+           "fields_of", "fields_of_event", "names_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
 _METADATA = "zarr.json"
@@ -42,14 +42,14 @@ EXTENDS = "extends_to_rows"
 #: is: large enough for that not to count, small enough for a few to be in memory.
 _BLOCK_BYTES = 32 * 2**20
 _MOST_ROWS = 2**18
-#: The same of what happens now and then: the last block is written again with each commit.
+#: Block size of rare events: the last block is written again with each commit.
 _BLOCK_OF_EVENTS, _MOST_EVENTS = 2**20, 2**12
-#: Bytes that stand where no wide number is computed yet; 16 of them are NaN.
+#: Fill bytes of wide numbers not yet computed; 16 of them are NaN.
 WIDE_FILL = 255
 
 
 @dataclass(frozen=True)
-class Field:
+class StoredField:
     """One array of a run.
 
     Attributes
@@ -83,7 +83,7 @@ class Field:
 
     @property
     def fill(self) -> float:
-        """What stands where nothing is computed yet."""
+        """Fill value of entries not yet computed."""
         return np.nan if self.dtype.startswith("f") else 0
 
     @property
@@ -97,7 +97,7 @@ def wide_name(name: str) -> str:
     return f"{name}_bytes"
 
 
-def fields_of(manifest: dict[str, Any]) -> list[Field]:
+def fields_of(manifest: dict[str, Any]) -> list[StoredField]:
     """Return the arrays of a run of the stepper with this manifest."""
     system, real = manifest["system"], REALS[manifest["real"]]
     found = []
@@ -105,34 +105,36 @@ def fields_of(manifest: dict[str, Any]) -> list[Field]:
         said: dict[str, Any] = {}
         if one.labels in system and not one.split:
             said["components"] = list(system[one.labels])
-        found += [Field(name, one.inner(manifest) or (), about(one, manifest, name) | said,
-                        one.dtype or real.stored, real.wide and not one.whole)
+        found += [StoredField(name, one.inner(manifest) or (), about(one, manifest, name) | said,
+                              one.dtype or real.stored, real.wide and not one.whole)
                   for name in parts(one, manifest)]
     return found
 
 
-def fields_of_event(manifest: dict[str, Any], name: str) -> list[Field]:
+def fields_of_event(manifest: dict[str, Any], name: str) -> list[StoredField]:
     """Return the arrays of an event of this name, in the order of ``Crossings``."""
     real = REALS[manifest["real"]]
     state = [(one, one.inner(manifest) or ()) for one in OUTPUTS if one.name in ("q", "p")]
     return [
-        Field(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
-              real.wide),
-        *(Field(f"event_{name}_{one.name}", inner,
-                about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
-                real.stored, real.wide) for one, inner in state),
-        Field(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
-        Field(f"event_{name}_rising", (), {"long_name": "1 where the quantity rises along the run"},
-              "i1")]
+        StoredField(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",
+                    real.wide),
+        *(StoredField(f"event_{name}_{one.name}", inner,
+                      about(one, manifest, one.name) | {"long_name": f"{one.long_name} at {name}"},
+                      real.stored, real.wide) for one, inner in state),
+        StoredField(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
+        StoredField(f"event_{name}_rising", (),
+                    {"long_name": "1 where the quantity rises along the run"},
+                    "i1")]
 
 
-def names_of(fields: Iterable[Field]) -> list[str]:
+def names_of(fields: Iterable[StoredField]) -> list[str]:
     """Return the names of the arrays that have these fields."""
     return [name for one in fields for name in (one.name, wide_name(one.name))[: 1 + one.wide]]
 
 
 def block_rows(
-    fields: list[Field], rows: int, most_bytes: int = _BLOCK_BYTES, most_rows: int | None = None
+    fields: list[StoredField], rows: int, most_bytes: int = _BLOCK_BYTES,
+    most_rows: int | None = None
 ) -> int:
     """Return how many states are written at a time."""
     most = min(most_bytes // sum(f.row_bytes for f in fields), most_rows or _MOST_ROWS)
@@ -140,8 +142,9 @@ def block_rows(
 
 
 def create(
-    path: Path, fields: list[Field], rows: int, checkpoint_bytes: int, attributes: dict[str, Any],
-    events: Mapping[str, list[Field]] | None = None,
+    path: Path, fields: list[StoredField], rows: int, checkpoint_bytes: int,
+    attributes: dict[str, Any],
+    events: Mapping[str, list[StoredField]] | None = None,
 ) -> None:
     """Make an empty store; nothing is computed in it yet. ``events`` have arrays by their names."""
     group = zarr.create_group(DurableStore(path),
@@ -156,7 +159,7 @@ def create(
 
 
 def _create_along(
-    group: zarr.Group, dimension: str, fields: list[Field], rows: int, block: int
+    group: zarr.Group, dimension: str, fields: list[StoredField], rows: int, block: int
 ) -> None:
     for one in fields:
         inner = [name for name, _ in one.inner]
@@ -172,8 +175,8 @@ def _create_along(
 def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str, Any]) -> None:
     """Give the arrays of a store so many rows, and then the store these attributes.
 
-    A process may end between any two files: until all is done the store says ``EXTENDS``, and its
-    arrays have their old number of rows or the new one.
+    A process may end between any two files: until all is done the store has the attribute
+    ``EXTENDS``, and its arrays have their old number of rows or the new one.
     """
     group = open_group(path, write=True)
     group.update_attributes({EXTENDS: rows})
@@ -197,10 +200,10 @@ def create_array(
 def consolidate(
     path: Path, names: Iterable[str] | None = None, attributes: Mapping[str, Any] | None = None
 ) -> None:
-    """Repeat what each array says of itself in the group: readers then open one file, not ten.
+    """Consolidate the metadata of arrays in the group: readers then open one file, not ten.
 
-    xarray warns where it does not find it. ``names`` are those of the arrays that say something
-    new, all if none are given; ``attributes`` of the group change at the same instant.
+    xarray warns where it does not find it. ``names`` are the arrays with new
+    metadata, by default all; ``attributes`` of the group change at the same instant.
     """
     root = json.loads((path / _METADATA).read_bytes())
     root["attributes"] |= attributes or {}
@@ -214,13 +217,13 @@ def consolidate(
 
 
 def open_group(path: Path, *, write: bool = False) -> zarr.Group:
-    """Return the group of a store; to read, as its arrays say themselves, not as the root does."""
+    """Return the group of a store; to read, with the metadata of its arrays, not of the root."""
     return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r",
                            use_consolidated=write)
 
 
 def attributes_of(group: zarr.Group) -> dict[str, Any]:
-    """Return what a store says of itself."""
+    """Return the attributes of a store."""
     return dict(group.attrs)
 
 

@@ -1,9 +1,9 @@
-"""The bytes from which a run goes on: how far it is, its state, its record, its memory.
+"""Checkpoints, from which a run resumes: step count, state, running record, work memory.
 
-Of a run with events also what looking for them goes on from, and how many of each are stored.
+A run with events also stores the state of their detection, and the number stored of each.
 
-The compiled code keeps all that a run has learned (compensation terms, the predictor's past, the
-rate at which sweeps converge) in its work memory, and that is kept byte for byte.
+The work memory of the compiled code holds compensation terms, the predictor's history and the
+convergence rate of the fixed-point iteration; it is stored byte for byte.
 
 The digest detects damage, not intent: anyone can compute it. Every integer that indexes, counts or
 selects is therefore checked against its range before a run continues, those of work memory by the
@@ -23,7 +23,7 @@ from ..runtime.bindings.binding import REASONS, Binding
 from ..runtime.bindings.wide_numbers import as_bytes, from_bytes
 from ..runtime.events.detection import TAIL, Memory
 
-__all__ = ["Seen", "State", "pack", "room", "unpack"]
+__all__ = ["CheckpointState", "EventProgress", "checkpoint_size", "pack", "unpack"]
 
 Array = NDArray[Any]
 _DIGEST = 32
@@ -31,22 +31,22 @@ _UNSOUND = "the checkpoint holds numbers that no run leaves"
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What is known of the events of a run: how often each has happened, what looking needs."""
+class EventProgress:
+    """Event detection of a run: the count of each event, and the memory of detection."""
 
     counts: Array
     memory: Memory
 
     @classmethod
-    def none(cls, binding: Binding, events: int) -> Seen:
-        """Return what is known before the first step."""
+    def none(cls, binding: Binding, events: int) -> EventProgress:
+        """Return the progress before the first step."""
         no_rows = binding.new(0, binding.n)
         return cls(np.zeros(events, int), Memory(no_rows, no_rows, np.zeros(events, bool)))
 
 
 @dataclass(frozen=True)
-class State:
-    """Where a run stands.
+class CheckpointState:
+    """State of a run after a step.
 
     Attributes
     ----------
@@ -56,8 +56,8 @@ class State:
     most : int
         Most iterations of a step since the last stored state.
     status : int
-        Why the last step failed; 0 if it did not; −1 − i where event i has ended the run.
-    seen : Seen or None
+        Failure code of the last step; 0 for none; −1 − i if event i ended the run.
+    event_progress : EventProgress or None
         Of a run with events.
     """
 
@@ -67,7 +67,7 @@ class State:
     work: Any
     most: int = 0
     status: int = 0
-    seen: Seen | None = None
+    event_progress: EventProgress | None = None
 
     @property
     def steps(self) -> int:
@@ -76,40 +76,43 @@ class State:
 
     @property
     def ended_by(self) -> int | None:
-        """Which event has ended the run."""
+        """Index of the event that ended the run."""
         return -1 - self.status if self.status < 0 else None
 
 
-def room(binding: Binding, events: int = 0) -> int:
-    """Return how many bytes a checkpoint has."""
+def checkpoint_size(binding: Binding, events: int = 0) -> int:
+    """Return the size of a checkpoint in bytes."""
     start = binding.new(binding.n)
-    seen = Seen.none(binding, events) if events else None
-    return len(pack(binding, State(start, start, binding.report(), binding.work(), seen=seen)))
+    event_progress = EventProgress.none(binding, events) if events else None
+    return len(pack(binding,
+                    CheckpointState(start, start, binding.report(), binding.work(),
+                                    event_progress=event_progress)))
 
 
-def pack(binding: Binding, state: State) -> Array:
+def pack(binding: Binding, state: CheckpointState) -> Array:
     """Return a state as bytes, the same for the same state: a digest, then the parts."""
     binding.clear_padding(state.report, state.work)
     numbers = np.array([state.most, state.status], dtype="<i8")
     parts = [numbers, as_bytes(state.q), as_bytes(state.p), binding.image(state.report),
-             binding.image(state.work), *_packed(binding, state.seen)]
+             binding.image(state.work), *_packed(binding, state.event_progress)]
     body = np.concatenate([np.ascontiguousarray(part).view(np.uint8).reshape(-1)
                            for part in parts])
     digest = np.frombuffer(hashlib.sha256(body.data).digest(), dtype=np.uint8)
     return np.concatenate([digest, body])
 
 
-def _packed(binding: Binding, seen: Seen | None) -> list[Array]:
-    """Return what is known of events in parts of one length, however many rows there are."""
-    if seen is None:
+def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Array]:
+    """Return event progress in arrays of constant length, for any number of rows."""
+    if event_progress is None:
         return []
-    memory, rows = seen.memory, binding.new(2, TAIL, binding.n)
+    memory, rows = event_progress.memory, binding.new(2, TAIL, binding.n)
     rows[0, : len(memory.q)], rows[1, : len(memory.p)] = memory.q, memory.p
-    return [np.array([len(memory.q), *seen.counts, *memory.closed], dtype="<i8"), as_bytes(rows)]
+    return [np.array([len(memory.q), *event_progress.counts, *memory.closed], dtype="<i8"),
+            as_bytes(rows)]
 
 
-def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
-    """Return the state of ``pack``'s bytes, None where nothing was packed yet.
+def unpack(binding: Binding, data: Array, events: int = 0) -> CheckpointState | None:
+    """Return the state of packed bytes, None if nothing was packed yet.
 
     Raises
     ------
@@ -125,7 +128,7 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
     at = 0
 
     def take(size: int) -> Array:
-        """Return the next bytes, no part of the data: a run changes its state in place."""
+        """Return a copy of the next bytes: a run changes its state in place."""
         nonlocal at
         at += size
         return body[at - size : at].copy()
@@ -143,10 +146,11 @@ def unpack(binding: Binding, data: Array, events: int = 0) -> State | None:
             and binding.function("is_valid")(report, work)):
         raise ValueError(_UNSOUND)
     if not events:
-        return State(q, p, report, work, most, status)
+        return CheckpointState(q, p, report, work, most, status)
     rows, *known = (int(x) for x in take(8 * (1 + 2 * events)).view("<i8"))
     if not (0 <= rows <= TAIL and min(known) >= 0 and max(known[events:]) <= 1):
         raise ValueError(_UNSOUND)
     tail = numbers(2, TAIL, binding.n)[:, :rows]
     memory = Memory(tail[0], tail[1], np.array(known[events:], bool))
-    return State(q, p, report, work, most, status, Seen(np.array(known[:events]), memory))
+    return CheckpointState(q, p, report, work, most, status,
+                           EventProgress(np.array(known[:events]), memory))

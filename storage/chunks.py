@@ -25,12 +25,12 @@ __all__ = ["Chunk", "codecs_of", "write_chunks"]
 Bytes = NDArray[np.uint8]
 
 _CHECKSUM = 4
-#: Files that are written at once; more threads only take each other's time.
+#: Number of files written at once; more threads do not help.
 _AT_ONCE = 4
 
 
 def codecs_of(dtype: Any) -> tuple[BytesCodec, Crc32cCodec]:
-    """Return what these files are, in Zarr's words.
+    """Return Zarr's codecs of these files.
 
     No compression: the last bits of a motion are noise, and a tenth is all it saves.
     """

@@ -21,10 +21,10 @@ from ..core.arguments import as_path
 from ..core.errors import InputError, StorageError
 from ..core.file_formats import ENDINGS, ending_of
 
-__all__ = ["DurableStore", "finished", "new_store_path", "one_line", "remove_parts",
+__all__ = ["DurableStore", "atomic_file", "new_store_path", "one_line", "remove_parts",
            "storage_errors", "store_path", "sync_folder", "write_durably"]
 
-#: How the names of unfinished files end.
+#: Suffix of unfinished files.
 _PART = ".part"
 
 
@@ -50,7 +50,7 @@ class DurableStore(LocalStore):
         write_durably(path, value.as_buffer_like(), _unlisted(self.root) if at_root else None)
 
     async def set_if_not_exists(self, key: str, value: Buffer) -> None:
-        """Write a file unless it is there; there is one writer, see ``writer_lock``."""
+        """Write a file unless it is there; there is one writer, see ``staging``."""
         if not (self.root / key).exists():
             await self.set(key, value)
 
@@ -69,12 +69,12 @@ def _unlisted(root: Path) -> Path | None:
 def write_durably(path: Path, data: Any, workshop: Path | None = None) -> None:
     """Write a file that is there whole, or not at all, and on the disk when this returns."""
     _make_folder(path.parent)
-    with finished(path, workshop) as part:
+    with atomic_file(path, workshop) as part:
         part.write_bytes(data)
 
 
 @contextlib.contextmanager
-def finished(path: Path, workshop: Path | None = None) -> Iterator[Path]:
+def atomic_file(path: Path, workshop: Path | None = None) -> Iterator[Path]:
     """Yield the name of a file to write, which then becomes ``path``; removed if that fails.
 
     It is in ``workshop``, by default the folder of ``path``.
@@ -101,7 +101,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Force to the disk which names a folder has; Windows has no such call, and needs none."""
+    """Force the entries of a folder to the disk; Windows has no such call, and needs none."""
     if os.name == "nt":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -112,7 +112,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def remove_parts(root: Path) -> None:
-    """Remove what killed processes left unfinished. The caller is the store's only writer."""
+    """Remove unfinished files of killed processes. The caller is the store's only writer."""
     for part in root.rglob(f".*{_PART}"):
         part.unlink(missing_ok=True)
 
@@ -144,7 +144,7 @@ def new_store_path(path: Any, cure: str) -> Path:
 
 
 def one_line(error: Exception) -> str:
-    """Return what an error of another library says as a phrase."""
+    """Return the message of a library's error as one line."""
     return " ".join(str(error).split()).rstrip(".")
 
 

@@ -1,7 +1,7 @@
-"""The events of a stored run: arrays to which is appended what has happened, and what they hold.
+"""Event store of a run: arrays to which found events are appended.
 
-Nothing in them changes once it is there. How many of each there are stands in the attributes, and
-in the checkpoint from which a run goes on; what lies behind is of a process that was ended.
+Nothing in them changes once it is there. Attributes and checkpoint hold the number of
+each; later entries belong to a process that was interrupted, and are dropped.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from ..core.real_types import REALS
 from ..runtime.bindings.wide_numbers import as_bytes
 from ..runtime.results.crossings import Crossings
-from .array_layout import Field, array_of, fields_of_event, names_of, wide_name
+from .array_layout import StoredField, array_of, fields_of_event, names_of, wide_name
 from .chunks import Chunk
 from .validation import refuse_missing_blocks, stored_values
 
-__all__ = ["Happened", "crossings_in", "values_of"]
+__all__ = ["EventStore", "crossings_in", "values_of"]
 
 Array = NDArray[Any]
 
 
-class Happened:
-    """The arrays of a run's events, to append to."""
+class EventStore:
+    """Appendable arrays of a run's events."""
 
     def __init__(self, group: zarr.Group, manifest: dict[str, Any], names: list[str]) -> None:
         self._fields = {name: fields_of_event(manifest, name) for name in names}
@@ -35,12 +35,12 @@ class Happened:
                         for one in names_of(fields)}
 
     def chunks(self, begun: Mapping[str, int], found: Mapping[str, Crossings]) -> list[Chunk]:
-        """Return as chunks what has happened, behind the so many of each that are there."""
+        """Return new events as chunks, after the given number stored of each."""
         return [chunk for name, crossings in found.items() if len(crossings)
                 for field, values in zip(self._fields[name], values_of(crossings), strict=True)
                 for chunk in self._of_field(field, begun[name], values)]
 
-    def _of_field(self, field: Field, begun: int, values: Array) -> list[Chunk]:
+    def _of_field(self, field: StoredField, begun: int, values: Array) -> list[Chunk]:
         parts = {field.name: values.astype(field.dtype)}
         if field.wide:
             parts[wide_name(field.name)] = as_bytes(values)
@@ -48,7 +48,7 @@ class Happened:
                 for chunk in _behind(self._arrays[name], begun, rows)]
 
     def grow(self, counts: Mapping[str, int]) -> list[str]:
-        """Give the arrays of each event so many rows, and drop what lies behind.
+        """Resize the arrays of each event, and drop later rows.
 
         Returns the names of those that had not as many.
         """
@@ -78,7 +78,7 @@ def values_of(crossings: Crossings) -> tuple[Array, ...]:
 def crossings_in(
     path: Path, group: zarr.Group, manifest: dict[str, Any], counts: Mapping[str, int]
 ) -> dict[str, Crossings]:
-    """Return the first so many crossings of each event."""
+    """Return the given number of crossings of each event."""
     dtype = REALS[manifest["real"]].dtype
     found = {}
     for name, count in counts.items():

@@ -1,4 +1,4 @@
-"""What makes two runs the same: everything on which a bit of the result depends."""
+"""Identity of a run: everything that determines the bits of its result."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ FORMAT = 1
 def identity_of(
     stepper: Stepper, run: Run, events: tuple[Event, ...] = ()
 ) -> dict[str, Any]:
-    """Return what is compared before a run goes on, in terms that JSON can hold.
+    """Return the identity of a run, compared before it is resumed, as JSON values.
 
     Numbers have all their digits: as text where a double does not hold them. A run without events
-    has no word on them, as those of earlier versions.
+    has no entry for them, as in earlier versions.
     """
     return _watched(events) | {
         "format": FORMAT,
@@ -68,18 +68,18 @@ def _level(level: Any) -> float | str:
 
 
 def versions() -> dict[str, str]:
-    """Return with what a store was made; for people, and not compared."""
+    """Return the versions that made a store; for information, not compared."""
     return {"gyrospark": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
             "python": platform.python_version()}
 
 
 def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: str) -> None:
-    """Refuse to go on with a run that is another one.
+    """Refuse to resume another run.
 
     Raises
     ------
     InputError
-        Saying everything that differs, with both values.
+        With all differences, both values each.
     """
     found = list(_differences(kept, now))
     writer = kept.get("gyrospark")
@@ -93,7 +93,7 @@ def refuse_if_different(kept: Mapping[str, Any], now: Mapping[str, Any], where: 
         )
     if found:
         raise InputError(
-            f"{where} holds another run and cannot be gone on with: {'; '.join(found)}. Repeat the "
+            f"{where} holds another run and cannot be resumed: {'; '.join(found)}. Repeat the "
             "command that began it, or choose another store."
         )
 

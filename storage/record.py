@@ -1,7 +1,7 @@
-"""Records a run: begins its store, or goes on with it; ``recorder`` does the rest.
+"""Recording a run: begins its store, or resumes it; ``recorder`` computes.
 
-At every instant the store holds a run up to some commit. What is recorded is what
-``Stepper.integrate`` returns, to the bit, however often a run was ended.
+At every instant the store holds a run up to some commit. The record has the
+bits of ``Stepper.integrate``, for any number of interruptions.
 """
 
 from __future__ import annotations
@@ -32,22 +32,21 @@ from .array_layout import (
     fields_of_event,
     open_group,
 )
-from .checkpoint import room
+from .checkpoint import checkpoint_size
 from .durable_files import new_store_path, remove_parts, storage_errors
 from .identity import identity_of, refuse_if_different, versions
-from .recorder import Course
+from .recorder import Recorder
 from .recording import Recording
-from .staging import appearing, is_new
+from .staging import created_atomically, is_new, writer_lock
 from .validation import COMPLETE, ENDED, FAILED, RUNNING, refuse_other_arrays
 from .writer import CURE
-from .writer_lock import claim
 
 __all__ = ["record"]
 
-#: What helps where a store cannot be made.
+#: Cure where a store cannot be made.
 _NEW = "Nothing is stored yet: free some space, or choose another place."
-#: What makes a file of a stored run.
-_AS_FILE = "What record(...) returns is then written by .export('run.csv')."
+#: How to make a file of a stored run.
+_AS_FILE = "The result of record(...) is then written by .export('run.csv')."
 
 
 def record(
@@ -71,25 +70,25 @@ def record(
 ) -> Recording:
     """Integrate as ``Stepper.integrate`` does and stream the states to a Zarr store.
 
-    Memory stays constant; states are written while the next ones are computed. After any end (a
-    signal, ``kill -9``, a power cut, a full disk) the store is whole up to its last commit, a few
-    seconds ago, and ``resume=True`` goes on there: compensation terms, the predictor's past and
-    the running record are kept, so the result is that of an uninterrupted run, bit for bit.
+    Memory stays constant; states are written while the next ones are computed. After any
+    interruption (a signal, ``kill -9``, a power cut, a full disk) the store is whole up to its last
+    commit, a few seconds ago, and ``resume=True`` resumes there: compensation terms, the
+    predictor's history and the running record are stored, so the result has the bits of an
+    uninterrupted run.
 
     Parameters
     ----------
     stepper : Stepper
     q, p, dt, steps, parameters, t0, every, solver, tolerance, max_iterations, progress, events
-        As for ``Stepper.integrate``. What has happened of the events is in ``Recording.events``,
-        to the bit what ``integrate`` finds; a run that one of them has ended goes on to no more
-        steps.
+        As for ``Stepper.integrate``. Events are in ``Recording.events``, with the bits of
+        ``integrate``; a run that an event has ended is not continued.
     out : path
         The store, a folder; by custom its name ends in ``.zarr``.
     resume : bool
-        Go on with the run in ``out``; begins it if there is none. With more steps than it began
-        with it goes on to these, finished or not.
+        Resume the run in ``out``; begin it if there is none. It may be given more steps than
+        before, finished or not.
     seed : int, optional
-        Of the random numbers that made this start, if it was drawn: kept with the run, not used.
+        Of the random numbers that made this start, if it was drawn: stored with the run, not used.
 
     Returns
     -------
@@ -98,9 +97,9 @@ def record(
     Raises
     ------
     InputError
-        If the store exists and ``resume`` is not set, or holds another run: says what differs.
+        If the store exists and ``resume`` is not set, or holds another run.
     StorageError
-        If the store cannot be written, or another process is at it.
+        If the store cannot be written, or another process writes to it.
     StepFailed
         When a step finds no solution; everything before it is in the store.
     Stopped
@@ -120,10 +119,10 @@ def record(
     asked = as_events(events, stepper.manifest["system"])
     refuse_unusable_names(asked, "arrays of a store")
     warned = stepper.warned(run)
-    with claim(path):
+    with writer_lock(path):
         group = _opened(stepper, run, asked, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
-            Course(stepper, run, asked, path, group).go(progress)
+            Recorder(stepper, run, asked, path, group).run_to_end(progress)
     recording = Recording(path)
     if recording.status != COMPLETE and not recording.status.startswith(ENDED):
         raise recording.failure()
@@ -137,11 +136,11 @@ def _opened(
     stepper: Stepper, run: Run, events: tuple[Event, ...], path: Path, resume: bool,
     seed: int | None,
 ) -> zarr.Group:
-    """Return the store's group: the one that is there, or a new one."""
+    """Return the store's group, existing or new."""
     identity = identity_of(stepper, run, events)
     if not is_new(path, resume, "run"):
-        return _begun_earlier(stepper, run, path, identity)
-    about = _course(stepper, run, identity) | {
+        return _existing_group(stepper, run, path, identity)
+    about = _run_attributes(stepper, run, identity) | {
         **({"events": dict.fromkeys(identity["events"], 0)} if events else {}),
         "steps_done": 0,
         "seed": seed,
@@ -149,17 +148,17 @@ def _opened(
         "manifest": stepper.manifest,
     }
     with storage_errors(path, _NEW):
-        with appearing(path) as fresh:
+        with created_atomically(path) as fresh:
             create(fresh, fields_of(stepper.manifest), run.rows + 1,
-                   room(stepper.binding, len(events)), about,
+                   checkpoint_size(stepper.binding, len(events)), about,
                    {one.name: fields_of_event(stepper.manifest, one.name) for one in events})
         return open_group(path, write=True)
 
 
-def _begun_earlier(
+def _existing_group(
     stepper: Stepper, run: Run, path: Path, identity: dict[str, Any]
 ) -> zarr.Group:
-    """Return the group of a store that is there, and holds this run, or its first steps."""
+    """Return the group of an existing store of this run, or of its first steps."""
     kept = Recording(path)
     begun = kept.attributes["run"]
     longer = run.steps > begun["steps"] and not kept.status.startswith(FAILED)
@@ -168,7 +167,7 @@ def _begun_earlier(
     if kept.status.startswith(ENDED):
         return kept.group()
     fields = fields_of(stepper.manifest)
-    checkpoint = room(stepper.binding, len(kept.attributes["events"]))
+    checkpoint = checkpoint_size(stepper.binding, len(kept.attributes["events"]))
     rows, coming = kept.rows, kept.attributes.get(EXTENDS)
     of_events = [one for name in kept.attributes["events"]
                  for one in fields_of_event(stepper.manifest, name)]
@@ -177,17 +176,17 @@ def _begun_earlier(
                             of_events)
         if longer or coming is not None:
             extend(path, kept.attributes["arrays"], run.rows + 1,
-                   _course(stepper, run, identity, kept) if longer else {})
+                   _run_attributes(stepper, run, identity, kept) if longer else {})
         remove_parts(path)
         return kept.group(write=True)
 
 
-def _course(
+def _run_attributes(
     stepper: Stepper, run: Run, identity: dict[str, Any], kept: Recording | None = None
 ) -> dict[str, Any]:
-    """Return what a store says of a run that is begun, or that has more steps than it ``kept``.
+    """Return the attributes of a new run, or of one with more steps than ``kept``.
 
-    A last state between two that are stored is none of the longer run's.
+    A last state off the storage interval does not belong to the longer run.
     """
     begun = kept is not None and kept.report is not None
     return {

@@ -1,7 +1,7 @@
-"""The course of a stored run: computes states in blocks, finds events, commits both.
+"""The recorder: computes states in blocks, finds events, commits both.
 
-One thread computes, another writes. A commit is a block of rows, whole or begun, what has happened
-since the last one, and the checkpoint that belongs to them.
+One thread computes, another writes. A commit is a block of rows, full or partial, the new events
+and the checkpoint of the last row.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from .array_layout import (
     names_of,
     wide_name,
 )
-from .checkpoint import Seen, State, pack, unpack
+from .checkpoint import CheckpointState, EventProgress, pack, unpack
 from .durable_files import storage_errors
-from .event_store import Happened
+from .event_store import EventStore
 from .validation import (
     COMPLETE,
     ENDED,
@@ -55,14 +55,14 @@ from .validation import (
 )
 from .writer import CURE, Batch, Writer
 
-__all__ = ["Course"]
+__all__ = ["Recorder"]
 
-#: Seconds between two commits: what a killed run computes again, at most.
+#: Seconds between two commits: the most work that a killed run repeats.
 COMMIT_SECONDS = 5.0
 
 
-class Course:
-    """A run under way: where it stands, and the block of rows that it fills."""
+class Recorder:
+    """Recorder of a run: its state, and the block of rows being filled."""
 
     def __init__(self, stepper: Stepper, run: Run, events: tuple[Event, ...], path: Path,
                  group: zarr.Group) -> None:
@@ -72,27 +72,28 @@ class Course:
         self.parameters = self.binding.parameters(run.parameters, run.t0)
         named = {one.name: one for one in events}  # in the order of the store
         self.events = tuple(named[name] for name in attributes_of(group).get("events", {}))
-        #: How often each has happened, up to the last commit; the time where one ended the run.
+        #: Count of each event up to the last commit; time of the one that ended the run.
         self.counts = np.zeros(len(events), int)
         self.end: Any = None
         self.observer = Observer(stepper, run, self.events) if events else None
-        self.state, self.first, self.rows = self._begun()
-        self.committed = pack(self.binding, replace(self.state, seen=self._seen()))
+        self.state, self.first, self.rows = self._resume_state()
+        self.committed = pack(self.binding,
+                              replace(self.state, event_progress=self._event_progress()))
         self.pace = Pace(self.observer is not None)
 
     # ------------------------------------------------------------ where it stands
 
-    def _begun(self) -> tuple[State, int, Rows]:
-        """Return the state to go on from, and the block that it is in."""
+    def _resume_state(self) -> tuple[CheckpointState, int, Rows]:
+        """Return the state to resume from, and its block."""
         try:
             kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
                           len(self.events))
             self._refuse_beyond(kept)
         except ValueError as error:
-            raise InputError(f"The store {str(self.path)!r} cannot be gone on with: {error}. What "
+            raise InputError(f"The store {str(self.path)!r} cannot be resumed: {error}. What "
                              "is stored can be read; choose another store for the run.") from error
         if self.events:
-            self._go_on_looking(kept)
+            self._resume_detection(kept)
         if kept is None:
             return self._start()
         done = self._states(kept)
@@ -103,46 +104,46 @@ class Course:
         rows.iterations[done - first] = kept.most
         return kept, first, rows
 
-    def _refuse_beyond(self, kept: State | None) -> None:
+    def _refuse_beyond(self, kept: CheckpointState | None) -> None:
         """Refuse a checkpoint of more steps, rows or events than the store has."""
         if kept is None:
             return
-        counts = [] if kept.seen is None else kept.seen.counts.tolist()
+        counts = [] if kept.event_progress is None else kept.event_progress.counts.tolist()
         stored = [array_of(self.group, fields_of_event(self.manifest, one.name)[0].name).shape[0]
                   for one in self.events]
         if (kept.steps > self.run.steps or self._states(kept) > self.run.rows + 1
                 or any(count > rows for count, rows in zip(counts, stored, strict=True))):
             raise ValueError("its checkpoint is ahead of what is stored")
 
-    def _go_on_looking(self, kept: State | None) -> None:
-        """Look for events from where the run stands; what is stored from behind there is dropped.
+    def _resume_detection(self, kept: CheckpointState | None) -> None:
+        """Resume event detection at the state of the run, and drop later stored events.
 
-        That is of a process that was ended between its events and its checkpoint.
+        These belong to a process interrupted between its events and its checkpoint.
         """
-        if kept is not None and kept.seen is not None:
-            self.counts = kept.seen.counts
+        if kept is not None and kept.event_progress is not None:
+            self.counts = kept.event_progress.counts
             assert self.observer is not None
-            self.observer.go_on(kept.steps, kept.seen.memory)
+            self.observer.go_on(kept.steps, kept.event_progress.memory)
             for one, count in zip(self.events, self.counts.tolist(), strict=True):
                 refuse_missing_blocks(self.path, self.group, 0, count,
                                       names_of(fields_of_event(self.manifest, one.name)))
         names = [one.name for one in self.events]
         with storage_errors(self.path, CURE):
-            Happened(self.group, self.manifest, names).grow(
+            EventStore(self.group, self.manifest, names).grow(
                 dict(zip(names, self.counts.tolist(), strict=True)))
 
-    def _start(self) -> tuple[State, int, Rows]:
+    def _start(self) -> tuple[CheckpointState, int, Rows]:
         """Return the state and the block at the start; no step is taken."""
         binding, run, rows = self.binding, self.run, self._empty()
         rows.q[0], rows.p[0] = run.q, run.p
-        state = State(run.q.copy(), run.p.copy(), binding.report(), binding.work())
-        status = advance(binding, run, self.parameters, 0, 1, state.q, state.p, _out(rows, 0),
+        state = CheckpointState(run.q.copy(), run.p.copy(), binding.report(), binding.work())
+        status = advance(binding, run, self.parameters, 0, 1, state.q, state.p,
+                         _output_rows(rows, 0),
                          state.report, state.work)
-        return State(state.q, state.p, state.report, state.work, status=status), 0, rows
+        return CheckpointState(state.q, state.p, state.report, state.work, status=status), 0, rows
 
-    def _states(self, state: State) -> int:
-        """Return how many states are done, with the start, and that where an event ended the run.
-        """
+    def _states(self, state: CheckpointState) -> int:
+        """Return the number of states, with the start and that of a final event."""
         run = self.run
         if state.ended_by is not None:
             return state.steps // run.every + 2
@@ -159,7 +160,7 @@ class Course:
         return rows
 
     def _read(self, first: int, count: int) -> Rows:
-        """Return a block of rows with what is stored of it."""
+        """Return a block of rows with its stored part."""
         refuse_missing_blocks(self.path, self.group, first, first + count)
         rows = self._empty()
         for one in self.fields:
@@ -176,7 +177,7 @@ class Course:
 
     # ------------------------------------------------------------ computing
 
-    def go(self, progress: Callable[[int], None] | None) -> None:
+    def run_to_end(self, progress: Callable[[int], None] | None) -> None:
         """Compute and commit to the end of the run, to a step that fails, or to a signal."""
         with ExitStack() as stack:
             interrupts = stack.enter_context(watched())
@@ -188,18 +189,18 @@ class Course:
             ended = self.state.status < 0
             said = ended_at(self.state.steps, self.state.steps if ended else self.run.steps)
             rest = ("It is" if ended or self.state.steps == self.run.steps else
-                    "The same command with --resume goes on: everything up to there is")
+                    "The same command with --resume continues it: everything up to there is")
             raise Stopped(f"{said} {rest} in {str(self.path)!r}.", interrupts.signal)
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
         run, committed = self.run, time.monotonic()
-        while self.state.steps < run.steps and not self._over() and not interrupts.asked:
+        while self.state.steps < run.steps and not self._has_ended() and not interrupts.asked:
             place = self.state.steps // run.every + 1 - self.first
             if place == self.block:
                 self._commit(writer)
                 committed = time.monotonic()
-                if self._over():
+                if self._has_ended():
                     return
                 self.first, self.rows, place = self.first + self.block, self._empty(), 0
             self._advance(place, self.run if self.observer is None else self.observer.run)
@@ -212,47 +213,47 @@ class Course:
                 self._commit(writer)
                 committed = time.monotonic()
 
-    def _parameters(self, state: State) -> Any:
-        """Return what compiled code goes on with from a state."""
+    def _parameters(self, state: CheckpointState) -> Any:
+        """Return the compiled parameters after a state."""
         if self.run.follow is None:
             return self.parameters
         return self.run.follow.parameters(self.run, state.steps, state.q, state.p, state.work)
 
-    def _over(self) -> bool:
+    def _has_ended(self) -> bool:
         """Whether a step has failed, or an event has ended the run."""
         return self.state.status != 0
 
     def _advance(self, place: int, run: Run) -> None:
-        """Compute the next piece into the block, from that row on."""
+        """Compute the next chunk into the block, from that row on."""
         state, rows = self.state, self.rows
         count, every = next_chunk(run, state.steps, self.pace.begin(), self.block - place)
         parameters = self._parameters(state)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
         step_on = advance if run.watch is None else advance_watched
         status = step_on(self.binding, run, parameters, count, every, state.q, state.p,
-                         _out(rows, place), state.report, state.work)
+                         _output_rows(rows, place), state.report, state.work)
         rows.iterations[place] = max(most, rows.iterations[place])
         self.pace.end(count)
-        self.state = State(state.q, state.p, state.report, state.work, status=status)
+        self.state = CheckpointState(state.q, state.p, state.report, state.work, status=status)
 
     # ------------------------------------------------------------ events
 
-    def _settled(self) -> dict[str, Crossings]:
-        """Return what has happened since the last commit, and end the run where that ends it."""
+    def _commit_events(self) -> dict[str, Crossings]:
+        """Return the events since the last commit; end the run at a terminal one."""
         observer = self.observer
         if observer is None or self.state.ended_by is not None:
             return {}
-        found, end = observer.settle(self._ahead() if observer.terminal else None)
+        found, end = observer.settle(self._next_state() if observer.terminal else None)
         if end is not None:
             self._end(end)
         return found
 
-    def _ahead(self) -> tuple[Any, Any] | None:
-        """Return the state one step on, which the run does not go to; None where there is none."""
+    def _next_state(self) -> tuple[Any, Any] | None:
+        """Return the state one step ahead, which is not part of the run; None if there is none."""
         assert self.observer is not None
         if self.state.status or self.state.steps == self.run.steps or self.observer.at_end:
             return None
-        copy = unpack(self.binding, pack(self.binding, replace(self.state, seen=None)))
+        copy = unpack(self.binding, pack(self.binding, replace(self.state, event_progress=None)))
         assert copy is not None
         rows = Rows.room(self.binding, 1)
         status = advance(self.binding, self.run, self._parameters(copy), 1, 1, copy.q, copy.p,
@@ -260,7 +261,7 @@ class Course:
         return None if status else (rows.q[1:], rows.p[1:])
 
     def _end(self, end: End) -> None:
-        """End the run at an event, in the step behind the state where it is or an earlier one."""
+        """End the run at an event, in the next step or an earlier one."""
         run, steps = self.run, int(end.at.steps[0])
         if steps < self.state.steps:  # a value that only touched its level: from the last commit
             kept = unpack(self.binding, self.committed, len(self.events))
@@ -272,7 +273,7 @@ class Course:
                 self._advance(self.state.steps // run.every + 1 - self.first, run.until(steps))
         state, place = self.state, steps // run.every + 1 - self.first
         work = self._report(state).work
-        for part, row in zip(_out(self.rows, place), _out(end.row, 0), strict=True):
+        for part, row in zip(_output_rows(self.rows, place), _output_rows(end.row, 0), strict=True):
             part[0] = row[0]
         self.rows.work[place] += work
         self.end = end.at.t
@@ -281,8 +282,8 @@ class Course:
     # ------------------------------------------------------------ committing
 
     def _commit(self, writer: Writer) -> None:
-        """Hand over the block as far as it is filled, and where the run stands."""
-        found = self._settled()
+        """Commit the filled part of the block, and the state of the run."""
+        found = self._commit_events()
         state, run = self.state, self.run
         count = self._states(state) - self.first
         place = state.steps // run.every + 1 - self.first  # of a row that is begun
@@ -290,27 +291,28 @@ class Course:
         most = int(self.rows.iterations[place]) if begun else 0
         counts = {one.name: int(n) for one, n in zip(self.events, self.counts, strict=True)}
         self.counts = self.counts + [len(found.get(name, ())) for name in counts]
-        kept = replace(state, most=most, seen=self._seen())
+        kept = replace(state, most=most, event_progress=self._event_progress())
         rows = self.rows
         if count < self.block:  # more rows come into it while these are written
             rows = Rows(*(getattr(rows, field.name)[:count].copy() for field in fields(Rows)))
         self.committed = pack(self.binding, kept)
-        writer.put(Batch(self.first, count, rows, self.committed, self._said(kept), self.end,
+        writer.put(Batch(self.first, count, rows, self.committed, self._run_attributes(kept),
+                         self.end,
                          counts, found))
 
-    def _seen(self) -> Seen | None:
-        """Return what is known of events here; nothing more is looked for behind an end."""
+    def _event_progress(self) -> EventProgress | None:
+        """Return the event progress at the state; detection stops behind an end."""
         if self.observer is None:
             return None
         if self.state.ended_by is not None:
-            return replace(Seen.none(self.binding, len(self.events)), counts=self.counts)
-        return Seen(self.counts, self.observer.memory)
+            return replace(EventProgress.none(self.binding, len(self.events)), counts=self.counts)
+        return EventProgress(self.counts, self.observer.memory)
 
-    def _report(self, state: State) -> Report:
+    def _report(self, state: CheckpointState) -> Report:
         return Report.read(state.report, state.q, state.p, forced=self.binding.has_forces)
 
-    def _said(self, state: State) -> dict[str, Any]:
-        """Return what the store says of the run so far."""
+    def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:
+        """Return the attributes of the run so far."""
         if state.ended_by is not None:
             status = ENDED + self.events[state.ended_by].name
         elif state.status:
@@ -323,7 +325,7 @@ class Course:
         return said | ({"events": counts} if counts else {})
 
 
-def _out(rows: Rows, place: int) -> tuple[Any, ...]:
-    """Return what compiled code fills from this row on."""
+def _output_rows(rows: Rows, place: int) -> tuple[Any, ...]:
+    """Return the output arrays of compiled code from this row on."""
     return (rows.q[place:], rows.p[place:], rows.multipliers[place:], rows.iterations[place:],
             rows.work[place:])

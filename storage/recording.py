@@ -1,4 +1,4 @@
-"""A stored run, finished or not: its states for xarray, and as a ``Trajectory``."""
+"""A stored run, complete or not: its states for xarray, and as a ``Trajectory``."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from .identity import written_by
 from .validation import (
     FAILED,
     UNREADABLE,
+    checked_attributes,
     refuse_missing_blocks,
     rows_of,
-    sound_attributes,
     stored_values,
 )
 
@@ -40,7 +40,7 @@ __all__ = ["Recording", "open_recording"]
 
 Array = NDArray[Any]
 
-#: States that a failed run hands over with its error; the others are in the store.
+#: States in the error of a failed run; the others are in the store.
 _LAST = 4096
 
 
@@ -62,20 +62,20 @@ class Recording:
     ----------
     path : Path
     status : str
-        ``"complete"``, ``"running"`` (also of a run that was ended: it can be gone on with),
-        ``"ended: "`` and the name of the event that has ended it, or ``"failed: "`` and the reason.
+        ``"complete"``, ``"running"`` (also of an interrupted run: it can be resumed),
+        ``"ended: "`` and the name of the event that ended it, or ``"failed: "`` and the reason.
     steps_done : int
     states : int
         States that are stored, with the start.
     report : Report or None
-        Diagnostics over every step that is done; None before the first commit.
+        Diagnostics over every step so far; None before the first commit.
     attributes : dict
-        All that the store says: run, manifest, versions, seed.
+        Attributes of the store: run, manifest, versions, seed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.attributes = sound_attributes(path, self.group())
+        self.attributes = checked_attributes(path, self.group())
         self.status: str = self.attributes["status"]
         self.steps_done: int = self.attributes["steps_done"]
         self.states: int = self.attributes["states"]
@@ -106,7 +106,7 @@ class Recording:
 
     @property
     def events(self) -> dict[str, Crossings]:
-        """What has happened of the events that the run looks for, up to the last commit.
+        """Events found up to the last commit.
 
         ``events["height"].t``, ``.q``, ``.p``, as of a trajectory; read anew each time.
         """
@@ -158,7 +158,7 @@ class Recording:
             stored it.
         """
         if self.report is None:
-            raise InputError(f"{str(self.path)!r} holds no state yet; go on with its run first.")
+            raise InputError(f"{str(self.path)!r} holds no state yet; resume its run first.")
         first = as_positive_count("first", first)
         thin = as_positive_count("thin", thin, least=1)
         group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]

@@ -1,4 +1,8 @@
-"""How a store comes to be: under another name, until it is whole."""
+"""Creation of stores, and their lock: one writer per store.
+
+A store is made under another name and renamed when it is complete. The lock is one of the operating
+system, which ends with the process that holds it.
+"""
 
 from __future__ import annotations
 
@@ -8,31 +12,32 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..core.errors import InputError
+from filelock import FileLock, Timeout
+
+from ..core.errors import InputError, StorageError
 from .durable_files import sync_folder
 
-__all__ = ["appearing", "is_new"]
-
+__all__ = ["created_atomically", "is_new", "lock_file", "writer_lock"]
 
 def is_new(path: Path, resume: bool, holds: str) -> bool:
-    """Return whether a store is to be made; the one that is there is gone on with.
+    """Return whether a store is to be made; an existing one is resumed.
 
     Raises
     ------
     InputError
-        If one is there and nobody said to go on with what it ``holds``.
+        If one exists that ``holds`` a run and is not to be resumed.
     """
     if path.exists() and not resume:
-        raise InputError(f"The store {str(path)!r} is there already; --resume (resume=True) goes "
+        raise InputError(f"The store {str(path)!r} exists already; --resume (resume=True) goes "
                          f"on with its {holds}, another name begins a new one.")
     return not path.exists()
 
 
 @contextlib.contextmanager
-def appearing(path: Path) -> Iterator[Path]:
+def created_atomically(path: Path) -> Iterator[Path]:
     """Yield the name of a folder to make, which then becomes ``path``, or what that links to.
 
-    Nothing is left of one that cannot be made.
+    Nothing remains of one that cannot be made.
     """
     real = Path(os.path.realpath(path))
     fresh = real.with_name(f".{real.name}.new")
@@ -45,3 +50,42 @@ def appearing(path: Path) -> Iterator[Path]:
         shutil.rmtree(fresh, ignore_errors=True)
         raise
     sync_folder(real.parent)
+
+
+def lock_file(store: Path) -> Path:
+    """Return the path of a store's lock: next to it, as a Zarr folder holds arrays only.
+
+    Next to the folder itself, for any links to it.
+    """
+    real = Path(os.path.realpath(store))
+    return real.with_name(f".{real.name}.lock")
+
+
+@contextlib.contextmanager
+def writer_lock(store: Path) -> Iterator[None]:
+    """Hold the lock of a store.
+
+    Raises
+    ------
+    StorageError
+        If another process, or another run of this one, has it; if no lock can be made there.
+    """
+    lock = FileLock(lock_file(store), thread_local=False)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise StorageError(
+            f"Another process is writing to {str(store)!r}; wait for its end, or choose another "
+            "store. A process that has died holds no lock."
+        ) from error
+    except OSError as error:
+        raise StorageError(
+            f"The store {str(store)!r} cannot be written: its lock {str(lock_file(store))!r} "
+            f"cannot be made, {error.strerror or error}. Choose a folder that can be written."
+        ) from error
+    try:
+        yield
+    finally:
+        if not store.exists():  # it could not be made: nothing hidden stays in its place
+            lock_file(store).unlink(missing_ok=True)
+        lock.release()

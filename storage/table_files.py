@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +18,11 @@ from numpy.typing import NDArray
 
 from ..core.arguments import why_unwritable
 from ..core.errors import InputError, MissingDependencyError, StorageError
+from ..core.exact_numbers import digits_of
 from ..core.extras import install
 from ..core.file_formats import ENDINGS, ending_of
+from ..core.real_types import REALS
+from ..runtime.bindings.wide_numbers import as_bytes, from_bytes
 from ..runtime.results.run_arrays import labels_of
 from ..runtime.results.state_columns import (
     beside,
@@ -26,23 +30,29 @@ from ..runtime.results.state_columns import (
     headings,
     places_of,
     spreadsheet_text,
+    states_of,
     write_csv,
 )
 from ..runtime.rigid_body.euler_angles import check_sequence
-from .durable_files import finished
-from .state_tables import Column, Table, stored_table, table_of
+from .array_layout import StoredField, array_of, fields_of, fields_of_event, names_of, wide_name
+from .durable_files import atomic_file
+from .event_store import values_of
+from .recording import Recording
+from .validation import refuse_missing_blocks, stored_values
+
+__all__ = ["Column", "StateTable", "check_angles", "check_export", "export", "save_table",
+           "stored_table", "table_of"]
 
 if TYPE_CHECKING:
     from ..runtime.results.trajectory import Trajectory
     from .recording import Recording
 
-__all__ = ["check_angles", "check_export", "export", "save_table"]
 
 Array = NDArray[Any]
 
 
 def check_export(path: Path) -> None:
-    """Refuse what no run can be exported to.
+    """Refuse paths that no run can be exported to.
 
     Raises
     ------
@@ -132,16 +142,16 @@ def save_table(trajectory: Trajectory, path: Path) -> Path:
 
 
 def _write(
-    table: Table, path: Path, columns: str | Iterable[str] | None = None
+    table: StateTable, path: Path, columns: str | Iterable[str] | None = None
 ) -> Path:
-    write: Callable[[Table, Path], None] = _write_netcdf
+    write: Callable[[StateTable, Path], None] = _write_netcdf
     if ending_of(path) == ".csv":
         write = partial(_write_csv, picks=_picks(table, columns))
     try:
         if table.events and ending_of(path) == ".csv":
-            with finished(beside(path)) as part:
+            with atomic_file(beside(path)) as part:
                 _write_events(table, part)
-        with finished(path) as part:
+        with atomic_file(path) as part:
             write(table, part)
     except (OSError, RuntimeError) as error:  # HDF5 has a RuntimeError for some of the system's
         raise StorageError(f"The file {str(path)!r} cannot be written: "
@@ -150,7 +160,7 @@ def _write(
 
 
 def _picks(
-    table: Table, wanted: str | Iterable[str] | None
+    table: StateTable, wanted: str | Iterable[str] | None
 ) -> list[tuple[str, Column, int]]:
     """Return the heading of each column that is wanted, its array and its place in it."""
     arrays = table.numbers
@@ -160,7 +170,7 @@ def _picks(
     return [(titles[k], *places[k]) for k in places_of(wanted, titles, sizes)]
 
 
-def _write_csv(table: Table, path: Path, picks: list[tuple[str, Column, int]]) -> None:
+def _write_csv(table: StateTable, path: Path, picks: list[tuple[str, Column, int]]) -> None:
     arrays = list({array.name: array for _, array, _ in picks}.values())
     at = [([one.name for one in arrays].index(array.name), i) for _, array, i in picks]
 
@@ -172,14 +182,14 @@ def _write_csv(table: Table, path: Path, picks: list[tuple[str, Column, int]]) -
     write_csv(path, [title for title, _, _ in picks], blocks())
 
 
-def _write_events(table: Table, path: Path) -> None:
-    """Write what has happened as CSV: the name of the event, then what its arrays hold."""
+def _write_events(table: StateTable, path: Path) -> None:
+    """Write events as CSV: the name of the event, then the entries of its arrays."""
     blocks = ([np.full(len(arrays[0]), spreadsheet_text(name)), *arrays]
               for name, own in table.events.items() for _, arrays in own.blocks(own.numbers))
     write_csv(path, event_headings(table.system), blocks)
 
 
-def _write_netcdf(table: Table, path: Path) -> None:
+def _write_netcdf(table: StateTable, path: Path) -> None:
     import h5netcdf
 
     with h5netcdf.File(path, "w") as file:
@@ -216,3 +226,145 @@ def _text() -> Any:
 def _plain(value: Any) -> Any:
     """Return an attribute as NetCDF can hold it."""
     return value if isinstance(value, (str, int, float)) else json.dumps(value)
+
+
+if TYPE_CHECKING:
+    from ..runtime.results.trajectory import Trajectory
+
+
+
+#: Rows of a block of what is in memory.
+_ROWS = 2**16
+#: The last dimension of numbers stored as bytes.
+BYTE = "byte"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One array along the time.
+
+    Attributes
+    ----------
+    name : str
+    inner : tuple of (dimension, length)
+        Of one state.
+    dtype : numpy type
+    attributes : dict
+        ``units`` and ``long_name`` for readers.
+    read : callable
+        Returns rows ``begin`` to ``end``.
+    """
+
+    name: str
+    inner: tuple[tuple[str, int], ...]
+    dtype: np.dtype[Any]
+    attributes: dict[str, Any]
+    read: Callable[[int, int], Array]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one state's entry."""
+        return tuple(length for _, length in self.inner)
+
+    @property
+    def is_bytes(self) -> bool:
+        """Whether it repeats, as bytes, numbers that another column has as doubles."""
+        return any(dimension == BYTE for dimension, _ in self.inner)
+
+
+@dataclass(frozen=True)
+class StateTable:
+    """Columns of ``rows`` states each, read in blocks of ``block``; attributes of the run.
+
+    ``events`` are tables of what has happened, by names; each along a dimension of its own.
+    """
+
+    columns: list[Column]
+    rows: int
+    block: int
+    attributes: dict[str, Any]
+    along: str = "time"
+    events: dict[str, StateTable] = field(default_factory=dict)
+
+    @property
+    def system(self) -> dict[str, Any]:
+        """The system's part of the manifest."""
+        system: dict[str, Any] = self.attributes["manifest"]["system"]
+        return system
+
+    @property
+    def numbers(self) -> list[Column]:
+        """The columns of numbers: wide ones in their own type, not as doubles and as bytes."""
+        dtype = REALS[self.attributes["manifest"]["real"]].dtype
+        known = {column.name: column for column in self.columns}
+
+        def whole(column: Column) -> Column:
+            wide = known.get(wide_name(column.name))
+            return column if wide is None else replace(
+                column, read=lambda begin, end: from_bytes(wide.read(begin, end), dtype))
+
+        return [whole(column) for column in self.columns if not column.is_bytes]
+
+    def blocks(self, columns: list[Column]) -> Iterator[tuple[int, list[Array]]]:
+        """Yield the first row of each block, and the block of each of these columns."""
+        for begin in range(0, self.rows, self.block):
+            end = min(begin + self.block, self.rows)
+            yield begin, [column.read(begin, end) for column in columns]
+
+
+def stored_table(recording: Recording) -> StateTable:
+    """Return the table of a stored run, complete or not."""
+    group = recording.group()
+    refuse_missing_blocks(recording.path, group, 0, recording.states)
+
+    def column(name: str) -> Column:
+        array = array_of(group, name)
+        dimensions = getattr(array.metadata, "dimension_names", None) or ()
+        return Column(
+            name, tuple(zip(map(str, dimensions[1:]), array.shape[1:], strict=True)), array.dtype,
+            dict(array.attrs),
+            lambda begin, end: stored_values(array, begin, end - begin, False, array.dtype))
+
+    names = ["time", *(name for name in recording.attributes["arrays"] if name != "time")]
+    events = {}
+    for name, count in recording.attributes["events"].items():
+        own = names_of(fields_of_event(recording.attributes["manifest"], name))
+        refuse_missing_blocks(recording.path, group, 0, count, own)
+        events[name] = StateTable([column(one) for one in own], count,
+                             array_of(group, own[0]).chunks[0], recording.attributes,
+                             f"event_{name}")
+    return StateTable([column(name) for name in names], recording.states,
+                 array_of(group, "time").chunks[0], recording.attributes, events=events)
+
+
+def table_of(trajectory: Trajectory) -> StateTable:
+    """Return a trajectory as it would be stored."""
+    values = states_of(trajectory)
+    columns = [column for field in fields_of(trajectory.manifest)
+               for column in _columns_of(field, values[field.name])]
+    about = {
+        "title": f"{trajectory.manifest['name']}: {trajectory.report.steps} steps of "
+                 f"{float(trajectory.dt):g} s",
+        "run": {"parameters": {name: digits_of(x) for name, x in trajectory.parameters.items()},
+                "dt": digits_of(trajectory.dt), "every": trajectory.every,
+                "steps": trajectory.report.steps},
+        "report": asdict(trajectory.report),
+        "manifest": trajectory.manifest,
+    }
+    events = {name: StateTable([column for one, part in zip(
+        fields_of_event(trajectory.manifest, name), values_of(found), strict=True)
+        for column in _columns_of(one, part)], len(found), _ROWS, about, f"event_{name}")
+        for name, found in trajectory.events.items()}
+    return StateTable(columns, len(trajectory), _ROWS, about, events=events)
+
+
+def _columns_of(field: StoredField, values: Array) -> Iterator[Column]:
+    """Yield the column of a field, and the one with its bytes if it is wide."""
+    dtype = np.dtype(field.dtype)
+    yield Column(field.name, field.inner, dtype, field.attributes,
+                 lambda begin, end: values[begin:end].astype(dtype))
+    if field.wide:
+        inner = (*field.inner, (BYTE, field.wide_shape[-1]))
+        yield Column(wide_name(field.name), inner, np.dtype("u1"), {
+            "long_name": f"{field.name} with all its digits"},
+            lambda begin, end: as_bytes(values[begin:end]))

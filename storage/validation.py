@@ -1,4 +1,4 @@
-"""Whether a store is a run: what it says of itself is complete, and fits its arrays.
+"""Validation of a store: its attributes are complete and match its arrays.
 
 A store may come from another version, a disk that loses bytes, or an editor. What is refused here
 would otherwise be an error somewhere else, or a wrong number.
@@ -25,7 +25,7 @@ from ..runtime.results.diagnostics import Report, known_fields
 from .array_layout import (
     CHECKPOINT,
     EXTENDS,
-    Field,
+    StoredField,
     array_of,
     attributes_of,
     fields_of_event,
@@ -35,26 +35,26 @@ from .array_layout import (
 from .durable_files import one_line
 from .identity import FORMAT, written_by
 
-__all__ = ["COMPLETE", "ENDED", "FAILED", "RUNNING", "UNREADABLE", "refuse_missing_blocks",
-           "refuse_other_arrays", "rows_of", "sound_attributes", "stored_values"]
+__all__ = ["COMPLETE", "ENDED", "FAILED", "RUNNING", "UNREADABLE", "checked_attributes",
+           "refuse_missing_blocks", "refuse_other_arrays", "rows_of", "stored_values"]
 
 Array = NDArray[Any]
 
 RUNNING = "running"
 COMPLETE = "complete"
-#: What the status of a run begins with that found a step without a solution.
+#: Beginning of the status of a run with a step without a solution.
 FAILED = "failed: "
-#: What it begins with where an event has ended the run; its name follows.
+#: Beginning of the status of a run ended by an event; its name follows.
 ENDED = "ended: "
 
-#: What Zarr raises for files that it does not understand; RuntimeError for endless brackets.
+#: Errors of Zarr for unreadable files; RuntimeError for endless brackets.
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError, OverflowError)
 
 _CURE = "restore it from a copy, or compute the run anew in another store."
 
 
-def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
-    """Return what a store says of itself.
+def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
+    """Return the attributes of a store, checked.
 
     Raises
     ------
@@ -79,14 +79,14 @@ def sound_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
 def _complaints(
     about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
 ) -> Iterator[str]:
-    """Yield what is wrong, as long as what is looked at makes sense."""
-    first = list(_about_manifest(about))
-    first = first or list(_about_run(run, about["manifest"]["real"]))
+    """Yield complaints until one makes further checks meaningless."""
+    first = list(_check_manifest(about))
+    first = first or list(_check_run(run, about["manifest"]["real"]))
     yield from first
     if not first:
-        yield from _about_events(about, run, group)
-        yield from _about_course(about, run)
-        yield from _about_arrays(about, group)
+        yield from _check_events(about, run, group)
+        yield from _check_run_attributes(about, run)
+        yield from _check_arrays(about, group)
 
 
 def _damaged(path: Path, complaint: str) -> InputError:
@@ -106,8 +106,8 @@ def _is_number(value: Any, real: RealName = "double") -> bool:
     return True
 
 
-def _about_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
-    """Yield what is wrong with the run's arguments."""
+def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
+    """Yield complaints about the run's arguments."""
     for name, least in (("steps", 0), ("every", 1)):
         if not _is_count(run.get(name), least):
             yield f"run.{name} is {run.get(name)!r}"
@@ -120,7 +120,7 @@ def _about_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
         yield "run.parameters are no numbers"
 
 
-def _about_manifest(about: Mapping[str, Any]) -> Iterator[str]:
+def _check_manifest(about: Mapping[str, Any]) -> Iterator[str]:
     manifest = about.get("manifest")
     system = manifest.get("system") if isinstance(manifest, Mapping) else None
     if not isinstance(manifest, Mapping) or not isinstance(system, Mapping):
@@ -134,8 +134,8 @@ def _about_manifest(about: Mapping[str, Any]) -> Iterator[str]:
             yield "its manifest is not complete"
 
 
-def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what is wrong with how far the run is."""
+def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:
+    """Yield complaints about the progress of the run."""
     done, states, status = (about.get(name) for name in ("steps_done", "states", "status"))
     if not _is_count(done, 0) or done > run["steps"]:
         yield f"steps_done is {done!r}, of {run['steps']} steps"
@@ -156,13 +156,13 @@ def _about_course(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[
         expected = done // run["every"] + 1 + ended
     if type(states) is not int or states != expected:
         yield f"states is {states!r} after {done} steps"
-    yield from _about_report(about.get("report"))
+    yield from _check_report(about.get("report"))
 
 
-def _about_events(
+def _check_events(
     about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
 ) -> Iterator[str]:
-    """Yield what is wrong with how often events have happened, and with their arrays."""
+    """Yield complaints about event counts and event arrays."""
     asked, counts = run.get("events", {}), about["events"]
     if not isinstance(asked, Mapping) or not isinstance(counts, Mapping) or (
             asked.keys() != counts.keys()):
@@ -182,7 +182,7 @@ def _about_events(
                 yield f"array {one!r} has not {count} rows"
 
 
-def _about_report(report: Any) -> Iterator[str]:
+def _check_report(report: Any) -> Iterator[str]:
     if report is None:
         return
     needed = {f.name for f in fields(Report) if f.default is MISSING}
@@ -200,8 +200,8 @@ def rows_of(run: Mapping[str, Any]) -> int:
     return -(-int(run["steps"]) // int(run["every"])) + 1
 
 
-def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
-    """Yield what is wrong with the arrays that every run has, and those that it names."""
+def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
+    """Yield complaints about the arrays of every run, and those it names."""
     names, rows = about.get("arrays"), {rows_of(about["run"]), about.get(EXTENDS)}
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         yield f"arrays are {names!r}"
@@ -222,10 +222,11 @@ def _about_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
 
 
 def refuse_other_arrays(
-    path: Path, group: zarr.Group, fields: list[Field], rows: Iterable[int], checkpoint_bytes: int,
-    events: Iterable[Field] = (),
+    path: Path, group: zarr.Group, fields: list[StoredField], rows: Iterable[int],
+    checkpoint_bytes: int,
+    events: Iterable[StoredField] = (),
 ) -> None:
-    """Refuse to go on with a store whose arrays are not those of a run of so many rows.
+    """Refuse to resume a store whose arrays are not those of a run of so many rows.
 
     Those of ``events`` may have any number.
 
@@ -266,7 +267,7 @@ def refuse_other_arrays(
 def refuse_missing_blocks(
     path: Path, group: zarr.Group, first: int, states: int, names: Iterable[str] | None = None
 ) -> None:
-    """Refuse to read rows whose files are gone: Zarr would give NaN for them without a word.
+    """Refuse to read rows whose files are gone: Zarr would silently give NaN for them.
 
     ``names`` are those of the arrays; by default of all that have a row a state.
 

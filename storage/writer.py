@@ -18,10 +18,10 @@ from ..runtime.bindings.wide_numbers import as_bytes
 from ..runtime.integration.step_loop import Rows, Run
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.run_arrays import OUTPUTS, States, parts, pieces, value_of
-from .array_layout import CHECKPOINT, Field, array_of, attributes_of, consolidate, wide_name
+from .array_layout import CHECKPOINT, StoredField, array_of, attributes_of, consolidate, wide_name
 from .chunks import Chunk, write_chunks
 from .durable_files import storage_errors
-from .event_store import Happened
+from .event_store import EventStore
 
 if TYPE_CHECKING:
     from ..runtime.bindings.binding import Binding
@@ -36,7 +36,7 @@ CURE = ("What is stored up to the last commit is whole: free some space or mend 
 
 @dataclass(frozen=True)
 class Batch:
-    """A commit: rows ``first`` to ``first + count`` of the run, and where the run stands then.
+    """A commit: rows ``first`` to ``first + count`` of the run, and its state then.
 
     ``first`` begins a block of rows, of which none may be done; ``attributes`` are those of the
     store that change. ``end`` is the time of the last row where an event ended the run there.
@@ -60,7 +60,7 @@ class Writer:
     thread is raised at the next ``put``, and at the end.
     """
 
-    def __init__(self, path: Path, group: zarr.Group, fields: list[Field], binding: Binding,
+    def __init__(self, path: Path, group: zarr.Group, fields: list[StoredField], binding: Binding,
                  run: Run, block: int) -> None:
         self._path, self._fields = path, fields
         self._arrays = {name: array_of(group, name)
@@ -68,7 +68,7 @@ class Writer:
         self._binding, self._run, self._block = binding, run, block
         about = attributes_of(group)
         self._manifest = about["manifest"]
-        self._happened = Happened(group, self._manifest, list(about.get("events", {})))
+        self._happened = EventStore(group, self._manifest, list(about.get("events", {})))
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
         self._queue: queue.Queue[Batch | None] = queue.Queue(maxsize=1)
@@ -110,7 +110,7 @@ class Writer:
                     self._error = error
 
     def _commit(self, batch: Batch) -> None:
-        """Write the rows, then the checkpoint, then what it says: never more than is there."""
+        """Write rows, then checkpoint, then attributes: these never claim more than is stored."""
         states = self._chunks(batch) if batch.count else []
         write_chunks(self._path, states + self._happened.chunks(batch.counts, batch.found))
         grown = self._happened.grow({name: batch.counts[name] + len(crossings)

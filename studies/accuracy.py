@@ -19,7 +19,7 @@ from .case_runner import Case, Engine, Quantity, scheme_of
 from .labels import NORMS, row_name
 from .printed import COLUMNS, MISPRINTS, TABLE_4, TABLE_6, TABLE_7
 from .study_result import Cell, Claim, Figure, Panel, Series, Table
-from .verdict import ROUND_OFF, judge, same_digits
+from .verdict import ROUND_OFF, compare_value, same_digits
 
 __all__ = ["figure_8", "figure_9", "table_4", "table_5", "table_6", "table_7"]
 
@@ -116,7 +116,7 @@ def _unprinted(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cel
     """Return a cell whose number our copy lost."""
     ours = engine.mean(case, quantity)
     note = ROUND_OFF if ours <= engine.floor(case, quantity) else ""
-    return judge(row_name(quantity, case.rep, rule), case.method, ours, None, reason=note)
+    return compare_value(row_name(quantity, case.rep, rule), case.method, ours, None, reason=note)
 
 
 def _cells(
@@ -129,10 +129,11 @@ def _cells(
             case = setting.case(method, rep, rule)
             ours, floor = engine.mean(case, quantity), engine.floor(case, quantity)
             misprint = MISPRINTS.get((table, quantity, rule, method))
-            cell = judge(row_name(quantity, rep, rule), method, ours, number, floor, misprint)
+            cell = compare_value(row_name(quantity, rep, rule), method, ours, number, floor,
+                                 misprint)
             if cell.verdict == "differs":
-                cell = judge(cell.row, method, ours, number, floor, misprint,
-                             _sensitivity(engine, case, quantity, ours, number))
+                cell = compare_value(cell.row, method, ours, number, floor, misprint,
+                                     _sensitivity(engine, case, quantity, ours, number))
             cells.append(cell)
     return cells
 

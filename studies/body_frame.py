@@ -17,13 +17,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Top", "conjugate", "dot", "motion", "multiply", "over"]
+__all__ = ["BodyFrameTop", "conjugate", "dot", "motion", "multiply", "over"]
 
 Vector = list[Any]
 
 
 @dataclass(frozen=True)
-class Top:
+class BodyFrameTop:
     """A state with its parameters: l, Γ, (1/I₁, 1/I₂, 1/I₃) and mgl."""
 
     l: Sequence[Any]  # noqa: E741
@@ -85,7 +85,7 @@ class _Taylor:
         return sum((a[k] * b[self.n - k] for k in range(1, self.n + 1)), a[0] * b[self.n])
 
 
-def motion(top: Top, order: int) -> tuple[list[Vector], list[Vector]]:
+def motion(top: BodyFrameTop, order: int) -> tuple[list[Vector], list[Vector]]:
     """Return the Taylor coefficients x₀..x_order and y₀..y_order, four components each."""
     zero = 0 * top.l[0]
     l, G = [[c + zero] for c in top.l], [[c + zero] for c in top.vertical]  # noqa: E741

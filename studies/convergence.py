@@ -26,7 +26,7 @@ _TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
-class Study:
+class ConvergenceStudy:
     """One curve: a scheme with its expected order."""
 
     method: str
@@ -55,21 +55,23 @@ class Study:
 
 STYLES: tuple[tuple[RepName, str], ...] = (("gamma", "o-"), ("alpha", "x--"))
 FIGURE_10 = tuple(
-    Study(method, order, rep, style=style)
+    ConvergenceStudy(method, order, rep, style=style)
     for method, order in (("IMS", 2), ("EMS", 2), ("3-LIIIA-B", 4), ("2-G-L", 4))
     for rep, style in STYLES
 )
 FIGURE_16 = {
     stages: tuple(
-        Study(f"{stages}-LIIIA-B", 2 * stages - 2, parameter=rule, style=style,
-              real="long-double" if stages > 3 else "double")
+        ConvergenceStudy(f"{stages}-LIIIA-B", 2 * stages - 2, parameter=rule, style=style,
+                         real="long-double" if stages > 3 else "double")
         for rule, style in (("m", "o-"), ("h", "s--"), ("100m", "x:"))
     )
     for stages in (2, 3, 4, 5)
 }
 
 
-def measure(engine: Engine, study: Study) -> tuple[list[float], list[float], list[float]]:
+def measure(
+    engine: Engine, study: ConvergenceStudy
+) -> tuple[list[float], list[float], list[float]]:
     """Return Δt, relative periodic errors and their round-off floors."""
     errors, floors = [], []
     for dt in STEPS:
@@ -102,7 +104,7 @@ def figure_16(engine: Engine) -> Figure:
                   claims=claims)
 
 
-def _panel(engine: Engine, title: str, studies: tuple[Study, ...]) -> Panel:
+def _panel(engine: Engine, title: str, studies: tuple[ConvergenceStudy, ...]) -> Panel:
     series = []
     for study in studies:
         dt, errors, _ = measure(engine, study)
@@ -110,7 +112,7 @@ def _panel(engine: Engine, title: str, studies: tuple[Study, ...]) -> Panel:
     return Panel(title, "Δt [s]", "relative periodic error", series, "log", "log")
 
 
-def _orders_claim(engine: Engine, studies: Sequence[Study]) -> Claim:
+def _orders_claim(engine: Engine, studies: Sequence[ConvergenceStudy]) -> Claim:
     """Judge all slopes of a figure, gathered by order."""
     slopes: dict[int, list[float]] = {}
     for study in studies:
@@ -127,7 +129,7 @@ def _range(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _slope_claim(engine: Engine, study: Study) -> Claim:
+def _slope_claim(engine: Engine, study: ConvergenceStudy) -> Claim:
     slope, used = fit_slope(*measure(engine, study))
     return Claim(f"{study.name}: slope in the log-log plot ({used} points)", f"{slope:.2f}",
                  f"{study.order} ± {_TOLERANCE}", abs(slope - study.order) <= _TOLERANCE)

@@ -29,7 +29,7 @@ from sympy import QQ
 
 from ..generator.tableaux.families import lobatto_iiiab
 from ..generator.tableaux.node_algebra import Nodes, power
-from .body_frame import Top, dot, motion, over
+from .body_frame import BodyFrameTop, dot, motion, over
 
 __all__ = ["Law", "NodeNumbers", "energy_law", "node_numbers", "node_slope"]
 
@@ -81,7 +81,7 @@ def node_numbers(s: int) -> NodeNumbers:
     return NodeNumbers(*(QQ.to_sympy(value) for value in (mu, spread, quadrature)))
 
 
-def energy_law(s: int, top: Top) -> Law:
+def energy_law(s: int, top: BodyFrameTop) -> Law:
     """Return the law of s-LIIIA-B at the state of the top."""
     x, y = motion(top, 2 * s - 1)
     mu, spread, quadrature = (_as(top, number) for number in vars(node_numbers(s)).values())
@@ -94,7 +94,7 @@ def energy_law(s: int, top: Top) -> Law:
     return Law(A, -2 * mu * spread * X * X, over(mu * radial * radial, 8 * s), X, radial)
 
 
-def _as(top: Top, number: sp.Rational) -> Any:
+def _as(top: BodyFrameTop, number: sp.Rational) -> Any:
     """Return a rational number in the arithmetic of the state."""
     domain = getattr(getattr(top.l[0], "ring", None), "domain", None)
     if domain is not None or isinstance(top.l[0], type(QQ(1, 2))):

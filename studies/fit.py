@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
-__all__ = ["Line", "crossing", "fit_line", "fit_slope"]
+__all__ = ["FittedLine", "crossing", "fit_line", "fit_slope"]
 
 
 @dataclass(frozen=True)
-class Line:
+class FittedLine:
     """y ≈ slope · x + offset, with R² = 1 − Σ(y − fit)²/Σ(y − ȳ)²."""
 
     slope: float
@@ -30,14 +30,14 @@ class Line:
         return self.slope * x + self.offset
 
 
-def fit_line(x: Sequence[float], y: Sequence[float]) -> Line:
+def fit_line(x: Sequence[float], y: Sequence[float]) -> FittedLine:
     """Return the least-squares line."""
     xs, ys = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     slope = float((xs - xs.mean()) @ (ys - ys.mean()) / ((xs - xs.mean()) @ (xs - xs.mean())))
     offset = float(ys.mean() - slope * xs.mean())
     left = ys - slope * xs - offset
     spread = float((ys - ys.mean()) @ (ys - ys.mean()))
-    return Line(slope, offset, 1 - float(left @ left) / spread if spread else 1.0)
+    return FittedLine(slope, offset, 1 - float(left @ left) / spread if spread else 1.0)
 
 
 def fit_slope(

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, gamma_m
 from .case_runner import Engine
-from .fit import Line, fit_line
-from .gamma_trials import BODIES, METHODS, TIMES, Body, Trial
+from .fit import FittedLine, fit_line
+from .gamma_trials import BODIES, METHODS, TIMES, Trial, TrialBody
 from .study_result import Claim, Finding, Panel, Series
 
 __all__ = ["study"]
@@ -50,7 +50,7 @@ def study(engine: Engine) -> Finding:
 # ---------------------------------------------------------------- the motion
 
 
-def motion_claim(body: Body, trials: list[Trial], times: tuple[float, ...]) -> Claim:
+def motion_claim(body: TrialBody, trials: list[Trial], times: tuple[float, ...]) -> Claim:
     """Claim that no path is farther from the true one than with γ_m by more than 5 %."""
     worst = [float(np.nanmax(trial.ratios(times=times), initial=0)) for trial in trials]
     text = ", ".join(f"{trial.method} {_ratio(w)}" for trial, w in zip(trials, worst, strict=True))
@@ -99,7 +99,7 @@ def ims_claim(trials: list[Trial]) -> Claim:
                  min(gains) >= 3)
 
 
-def energy_claim(body: Body, trials: list[Trial]) -> Claim:
+def energy_claim(body: TrialBody, trials: list[Trial]) -> Claim:
     """Claim that on the pilots' length no recommendation is better by more than 5 %."""
     kept = [trial for trial in trials if not trial.at_round_off()]
     return _energy_claim(f"{body.name}: energy error with the best of γ_m, γ_h, γ̃_m, γ̃_h, "
@@ -107,7 +107,7 @@ def energy_claim(body: Body, trials: list[Trial]) -> Claim:
                          f"{body.dt:g} s, errors at round-off excluded.", kept, 1)
 
 
-def longer_claim(body: Body, trials: list[Trial]) -> Claim:
+def longer_claim(body: TrialBody, trials: list[Trial]) -> Claim:
     """Claim the same over ten times the steps."""
     kept = [trial for trial in trials if not trial.at_round_off(LONGER)]
     return _energy_claim(f"{body.name}: the same γ over {LONGER * body.steps} steps, errors at "
@@ -131,9 +131,10 @@ def kinetic_claim(trials: list[Trial]) -> Claim:
                  all(abs(8 * line.slope + 1) < 0.01 and line.r_squared > 0.999 for line in found))
 
 
-def kinetic_line(trial: Trial) -> Line:
+def kinetic_line(trial: Trial) -> FittedLine:
     """Fit ∂(H_k − H_0)/∂(1/γ) over h²(T_k² − T_0²), at a quarter of Δt."""
-    finer = Trial(Body(trial.body.name, trial.body.make, trial.body.dt / 4, 4 * trial.body.steps),
+    finer = Trial(TrialBody(trial.body.name, trial.body.make, trial.body.dt / 4,
+                            4 * trial.body.steps),
                   trial.scheme, trial.stages)
     problem = trial.body.make()
     gamma, steps = gamma_m(problem.inertia), finer.body.steps
@@ -182,7 +183,7 @@ def _spoken(times: tuple[float, ...]) -> str:
     return f"{', '.join(first)} and {last} s"
 
 
-def _about(ims: dict[Body, Trial]) -> str:
+def _about(ims: dict[TrialBody, Trial]) -> str:
     asymmetric = ", ".join(f"{body.name} {trial.energy_gain('γ_m'):.2f}"
                            for body, trial in ims.items() if not body.symmetric)
     return f"""The law (34), error = d + K/γ, is linear to leading order at every step of a run \

@@ -26,7 +26,7 @@ from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
 from ..runtime.tuning.gamma_choice import GammaChoice, choose_gamma
 from ..runtime.tuning.motion_distance import MotionError, sizes
 
-__all__ = ["BODIES", "METHODS", "TIMES", "Body", "Trial", "asymmetric_top"]
+__all__ = ["BODIES", "METHODS", "TIMES", "Trial", "TrialBody", "asymmetric_top"]
 
 Array = NDArray[Any]
 
@@ -50,7 +50,7 @@ def asymmetric_top(
 
 
 @dataclass(frozen=True)
-class Body:
+class TrialBody:
     """A problem with Δt and the number of steps of its pilot runs for the energy."""
 
     name: str
@@ -70,18 +70,18 @@ def _top(inertia: tuple[float, float, float], mgl: float, theta: float, *omega: 
 
 
 BODIES = (
-    Body("fast top", fast_top, 0.001, 320),
-    Body("precession, r = h/2", regular_precession, 0.005, 80),
-    Body("precession, r = 3h/2", lambda: regular_precession(1.5), 0.01, 80),
-    Body("free body", free_body, 0.001, 500),
-    Body("fast asymmetric top", _top((0.002, 0.0013, 0.0008), 0.3924, math.pi / 6, 0, 0, 126),
-         0.001, 500),
-    Body("heavy asymmetric top", _top((3, 2, 1), 10, 0.5, 0, 0.5, 20), 0.005, 500),
-    Body("Lagrange's top", _top((0.004, 0.004, 0.001), 0.3924, 0.6, 0, 0, 60), 0.002, 500),
-    Body("slow top", _top((0.002, 0.002, 0.0008), 0.3924, 1, 1, 2, 20), 0.001, 500),
-    Body("sleeping top", _top((0.002, 0.002, 0.0008), 0.3924, 0.05, 0.5, 0, 150), 0.001, 500),
-    Body("flat top", _top((0.001, 0.001, 0.0018), 0.3924, 0.7, 2, -3, 60), 0.001, 500),
-    Body("free symmetric body", lambda: free_body((0.002, 0.002, 0.0008)), 0.001, 500),
+    TrialBody("fast top", fast_top, 0.001, 320),
+    TrialBody("precession, r = h/2", regular_precession, 0.005, 80),
+    TrialBody("precession, r = 3h/2", lambda: regular_precession(1.5), 0.01, 80),
+    TrialBody("free body", free_body, 0.001, 500),
+    TrialBody("fast asymmetric top", _top((0.002, 0.0013, 0.0008), 0.3924, math.pi / 6, 0, 0, 126),
+              0.001, 500),
+    TrialBody("heavy asymmetric top", _top((3, 2, 1), 10, 0.5, 0, 0.5, 20), 0.005, 500),
+    TrialBody("Lagrange's top", _top((0.004, 0.004, 0.001), 0.3924, 0.6, 0, 0, 60), 0.002, 500),
+    TrialBody("slow top", _top((0.002, 0.002, 0.0008), 0.3924, 1, 1, 2, 20), 0.001, 500),
+    TrialBody("sleeping top", _top((0.002, 0.002, 0.0008), 0.3924, 0.05, 0.5, 0, 150), 0.001, 500),
+    TrialBody("flat top", _top((0.001, 0.001, 0.0018), 0.3924, 0.7, 2, -3, 60), 0.001, 500),
+    TrialBody("free symmetric body", lambda: free_body((0.002, 0.002, 0.0008)), 0.001, 500),
 )
 
 
@@ -89,7 +89,7 @@ BODIES = (
 class Trial:
     """One body and one method, with the γ chosen for it."""
 
-    body: Body
+    body: TrialBody
     scheme: SchemeName
     stages: int | None
 
@@ -170,7 +170,7 @@ class Trial:
         return min(errors) < 4 * epsilon * size
 
 
-def _steps(body: Body, times: tuple[float, ...]) -> list[int]:
+def _steps(body: TrialBody, times: tuple[float, ...]) -> list[int]:
     return [round(t / body.dt) for t in times]
 
 
@@ -188,7 +188,7 @@ def _energy_error(trial: Trial, gamma: float, times: int) -> float:
 
 
 @cache
-def _exact(body: Body, steps: int) -> tuple[MotionError, int]:
+def _exact(body: TrialBody, steps: int) -> tuple[MotionError, int]:
     """Return what compares with the true motion, every so many steps."""
     problem = body.make()
     every = _KEPT if steps > 2000 else 1

@@ -19,7 +19,7 @@ from .case_runner import Case, Engine, Quantity
 from .labels import NORMS, PARAMETERS, row_name
 from .printed import COLUMNS
 from .study_result import Cell, Claim, Figure, Panel, Series, Table
-from .verdict import KEPT_EXACTLY, judge
+from .verdict import KEPT_EXACTLY, compare_value
 
 __all__ = ["KEPT", "figure_5", "figure_6", "figure_7", "table_2", "table_3"]
 
@@ -67,8 +67,9 @@ def _table(engine: Engine, number: int, title: str, setting: Setting) -> Table:
 
 def _cell(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
     note = KEPT_EXACTLY if _keeps(engine, case, quantity) else ""
-    return judge(row_name(quantity, case.rep, rule), case.method, engine.mean(case, quantity), None,
-                 reason=note)
+    return compare_value(row_name(quantity, case.rep, rule), case.method,
+                         engine.mean(case, quantity), None,
+                         reason=note)
 
 
 def _keeps(engine: Engine, case: Case, quantity: Quantity) -> bool:

@@ -16,7 +16,7 @@ from sympy import QQ, ring
 
 from ..generator.tableaux.families import lobatto_iiiab
 from ..generator.tableaux.tableau import Tableau
-from .body_frame import Top
+from .body_frame import BodyFrameTop
 from .energy_law import energy_law, node_numbers, node_slope
 from .one_step import energy_error
 from .study_result import Claim
@@ -77,13 +77,13 @@ def variational_claim(stages: Sequence[int]) -> Claim:
 # ---------------------------------------------------------------- one step
 
 
-def symbolic_top() -> tuple[Top, Callable[[Expression], Expression]]:
+def symbolic_top() -> tuple[BodyFrameTop, Callable[[Expression], Expression]]:
     """Return a top with l, Γ, 1/I₁, 1/I₂ as symbols, I₃ = mgl = 1, and d/dt along its motion.
 
     The units of mass and time make I₃ and mgl equal to 1; nothing else is special.
     """
     polynomials, *symbols = ring("l1 l2 l3 G1 G2 G3 j1 j2", QQ)
-    top = Top(symbols[:3], symbols[3:6], [*symbols[6:], polynomials.one], polynomials.one)
+    top = BodyFrameTop(symbols[:3], symbols[3:6], [*symbols[6:], polynomials.one], polynomials.one)
     rates = [rate for part in top.rates() for rate in part]
 
     def derivative(f: Expression) -> Expression:
@@ -136,21 +136,21 @@ def gamma_claim(stages: Sequence[int]) -> Claim:
     )
 
 
-def _rational_tops() -> list[Top]:
+def _rational_tops() -> list[BodyFrameTop]:
     def numbers(texts: Sequence[str]) -> list[Any]:
         return [QQ.from_sympy(sp.Rational(text)) for text in texts]
 
-    return [Top(numbers(a), numbers(b), numbers(c), numbers([d])[0])
+    return [BodyFrameTop(numbers(a), numbers(b), numbers(c), numbers([d])[0])
             for a, b, c, d in RATIONAL_STATES]
 
 
-def _moving(top: Top) -> Top:
+def _moving(top: BodyFrameTop) -> BodyFrameTop:
     """Return the state with its rates as the coefficients of a symbol e (e² is never read)."""
     _, e = ring("e", QQ)
     l_rate, vertical_rate = top.rates()
-    return Top([e * rate + x for x, rate in zip(top.l, l_rate, strict=True)],
-               [e * rate + x for x, rate in zip(top.vertical, vertical_rate, strict=True)],
-               top.inverse_inertia, top.mgl)
+    return BodyFrameTop([e * rate + x for x, rate in zip(top.l, l_rate, strict=True)],
+                        [e * rate + x for x, rate in zip(top.vertical, vertical_rate, strict=True)],
+                        top.inverse_inertia, top.mgl)
 
 
 def _rate(moving: Any) -> Any:
@@ -191,7 +191,7 @@ def parity_claim(stages: Sequence[int]) -> Claim:
     )
 
 
-def _parity_holds(s: int, top: Top) -> bool:
+def _parity_holds(s: int, top: BodyFrameTop) -> bool:
     law = energy_law(s, top)
     sign = (-1) ** s
     return bool(_reversed(law.Y) == sign * law.Y and _reversed(law.X) == -sign * law.X)

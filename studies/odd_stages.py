@@ -20,7 +20,7 @@ from ..runtime.rigid_body.gamma_rules import gamma_m
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
 from .energy_law import Law, energy_law, node_numbers
-from .fit import Line, fit_line
+from .fit import FittedLine, fit_line
 from .odd_proof import (
     gamma_claim,
     identities_claim,
@@ -32,7 +32,7 @@ from .odd_proof import (
 from .sampled_energy import energy_errors, run, top_along
 from .study_result import Claim, Finding, Panel, Series
 
-__all__ = ["Sweep", "law_growth", "limit", "study", "sweep", "turning_time"]
+__all__ = ["GammaSweep", "law_growth", "limit", "study", "sweep", "turning_time"]
 
 Array = NDArray[Any]
 
@@ -43,7 +43,7 @@ STEPS = {2: (72, 36, 18), 3: (144, 72, 36), 4: (36, 24, 18), 5: (24, 20, 16)}
 
 
 @dataclass(frozen=True)
-class Sweep:
+class GammaSweep:
     """Energy errors of s-LIIIA-B with one Δt at one time, for all γ, and the derived law there.
 
     Odd s takes ``long double`` steppers: the part with γ is near the round-off of double.
@@ -66,12 +66,12 @@ class Sweep:
         return [1 / g if self.even else g for g in self.gammas]
 
     @cached_property
-    def line(self) -> Line:
+    def line(self) -> FittedLine:
         """The straight line through the errors."""
         return fit_line(self.variable, self.errors)
 
     @cached_property
-    def wrong_line(self) -> Line:
+    def wrong_line(self) -> FittedLine:
         """The line in the other variable."""
         return fit_line([1 / x for x in self.variable], self.errors)
 
@@ -115,7 +115,7 @@ def _potential_rate(t: float) -> float:
     return float(top.mgl * top.rates()[1][2][-1])
 
 
-def sweep(s: int, steps: int) -> tuple[Sweep, Sweep]:
+def sweep(s: int, steps: int) -> tuple[GammaSweep, GammaSweep]:
     """Return the sweeps at half the time of the turning point and at the turning point."""
     dt = turning_time() / steps
     gammas = tuple(1 / x for x in INVERSE_GAMMA)
@@ -123,7 +123,7 @@ def sweep(s: int, steps: int) -> tuple[Sweep, Sweep]:
     runs = [run("LIIIA-B", s, dt, steps, g, real=real) for g in gammas]
     errors = [energy_errors(r) for r in runs]
     at_rows = [tuple(float(e[row]) for e in errors) for row in (steps // 2, steps)]
-    middle, peak = (Sweep(s, dt, gammas, at, law)
+    middle, peak = (GammaSweep(s, dt, gammas, at, law)
                     for at, law in zip(at_rows, law_growth(s), strict=True))
     return middle, peak
 
@@ -161,13 +161,13 @@ def study(engine: Engine) -> Finding:
 # ---------------------------------------------------------------- measured against derived
 
 
-def limit(sweeps: Sequence[Sweep], ratios: Sequence[float]) -> float:
+def limit(sweeps: Sequence[GammaSweep], ratios: Sequence[float]) -> float:
     """Return the ratio for h → 0, from the polynomial in h² through all of them."""
     squares = [sweep.dt**2 for sweep in sweeps]
     return float(np.polyfit(squares, ratios, len(squares) - 1)[-1])
 
 
-def slope_claims(s: int, sweeps: Sequence[Sweep]) -> list[Claim]:
+def slope_claims(s: int, sweeps: Sequence[GammaSweep]) -> list[Claim]:
     """Claim straightness, power of h and size of the slope."""
     first = sweeps[0]
     variable, power = ("1/γ", 2 * s - 2) if first.even else ("γ", 2 * s)
@@ -188,7 +188,7 @@ def slope_claims(s: int, sweeps: Sequence[Sweep]) -> list[Claim]:
     ]
 
 
-def hidden_claim(middles: Sequence[Sweep]) -> Claim:
+def hidden_claim(middles: Sequence[GammaSweep]) -> Claim:
     """Claim the 1/γ term of s = 3 between the turning points, where V̇ is not zero."""
     ratios = [x.hidden_ratio for x in middles]
     steps = ", ".join(f"{x.dt:.4g}" for x in middles)
@@ -201,7 +201,7 @@ def hidden_claim(middles: Sequence[Sweep]) -> Claim:
     )
 
 
-def _about(at_peak: dict[int, list[Sweep]], hidden: Claim) -> str:
+def _about(at_peak: dict[int, list[GammaSweep]], hidden: Claim) -> str:
     two, three = node_numbers(2), node_numbers(3)
     first = {s: sweeps[0] for s, sweeps in at_peak.items()}
     law, dt = first[3].law, first[3].dt
@@ -257,7 +257,7 @@ the first term in γ. Compiled steppers (long double for odd s) gave, at t = {tu
 of the fast top, the slopes {slopes}."""
 
 
-def _panels(at_peak: dict[int, list[Sweep]]) -> list[Panel]:
+def _panels(at_peak: dict[int, list[GammaSweep]]) -> list[Panel]:
     panels = []
     for s, sweeps in at_peak.items():
         x = sweeps[0]

@@ -21,15 +21,15 @@ import sympy as sp
 from sympy import QQ
 
 from ..generator.tableaux.tableau import Tableau
-from .body_frame import Top, conjugate, dot, multiply, over
-from .power_series import Series
+from .body_frame import BodyFrameTop, conjugate, dot, multiply, over
+from .power_series import PowerSeries
 
 __all__ = ["energy_error"]
 
 Vector = list[Any]
 
 
-def energy_error(tableau: Tableau, top: Top, order: int) -> Series:
+def energy_error(tableau: Tableau, top: BodyFrameTop, order: int) -> PowerSeries:
     """Return H(q₁, p₁) − H(q₀, p₀) of one step, with the powers of h up to ``order``.
 
     The tableau must have rational entries: LIIIA-B with 2 or 3 stages.
@@ -40,7 +40,7 @@ def energy_error(tableau: Tableau, top: Top, order: int) -> Series:
 class _Step:
     """The stages of one step on their way to convergence in h."""
 
-    def __init__(self, tableau: Tableau, top: Top, order: int) -> None:
+    def __init__(self, tableau: Tableau, top: BodyFrameTop, order: int) -> None:
         self.top, self.order = top, order + 1  # Λ loses two powers and P gains one
         self.s = tableau.s
         self.A, self.A_hat = _rational(tableau.A), _rational(tableau.A_hat)
@@ -52,8 +52,8 @@ class _Step:
         self.Q, self.P = [self.q0] * self.s, [self.p0] * self.s
         self.Lambda = [self.constant(0)] * (self.s - 1)
 
-    def constant(self, value: Any) -> Series:
-        return Series.constant(value + 0 * self.top.l[0], self.order)
+    def constant(self, value: Any) -> PowerSeries:
+        return PowerSeries.constant(value + 0 * self.top.l[0], self.order)
 
     def solved(self) -> _Step:
         for order in range(2, self.order):  # few terms while the high ones are still wrong
@@ -120,17 +120,17 @@ class _Step:
         a, b, c, d = multiply(G, q)
         return [x * (-2 * self.top.mgl) for x in (-d, c, -b, a)]
 
-    def energy_change(self) -> Series:
+    def energy_change(self) -> PowerSeries:
         """Return H₁ − H₀; T2 takes the radial part of p₁ away, which |q₁| = 1 keeps out of w."""
         rates = [self.velocity(q, p) for q, p in zip(self.Q, self.P, strict=True)]
         q1 = self.stage(self.q0, self.b, rates)
         p1 = self.stage(self.p0, self.b, self.forces())
         change = self.energy(q1, p1) - self.energy(self.q0, self.p0)
-        return Series(change.terms, self.order - 1)
+        return PowerSeries(change.terms, self.order - 1)
 
-    def energy(self, q: Vector, p: Vector) -> Series:
+    def energy(self, q: Vector, p: Vector) -> PowerSeries:
         w = multiply(conjugate(q), p)[1:]
-        potential: Series = dot(q, self.gravity(q)) * QQ(1, 2)
+        potential: PowerSeries = dot(q, self.gravity(q)) * QQ(1, 2)
         for x, j in zip(w, self.top.inverse_inertia, strict=True):
             potential = potential + x * x * over(j, 8)
         return potential

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from ..core.inertia import RepName
 from ..core.real_types import RealName
 from .case_runner import Case, Engine, Quantity, scheme_of
-from .fit import Line, crossing, fit_line
+from .fit import FittedLine, crossing, fit_line
 from .labels import letter
 from .study_result import Claim, Figure, Panel, Series
 
@@ -34,7 +34,7 @@ ZEROS = {"IMS": 500.5, "EMS": 501.4, "1-G-L": 440.0, "2-G-L": 903.0, "3-G-L": 93
 
 
 @dataclass(frozen=True)
-class Sweep:
+class ParameterSweep:
     """One curve: a scheme, a step and the error looked at."""
 
     method: str
@@ -60,18 +60,20 @@ class Sweep:
         return "Δl₃" if self.quantity == "l3" else "ΔH"
 
 
-FIGURE_11 = Sweep("IMS", 0.001)
-FIGURE_12 = Sweep("EMS", 0.001, quantity="l3")
-FIGURE_13 = (Sweep("1-G-L", 0.001), Sweep("2-G-L", 0.001), Sweep("3-G-L", 0.005),
-             Sweep("4-G-L", 0.005))
-FIGURE_14 = (Sweep("IMS", 0.001, "alpha"), Sweep("EMS", 0.001, "alpha", "l3"),
-             Sweep("2-G-L", 0.001, "alpha"), Sweep("3-G-L", 0.005, "alpha"),
-             Sweep("4-G-L", 0.01, "alpha"))
-FIGURE_15 = (Sweep("2-LIIIA-B", 0.001), Sweep("3-LIIIA-B", 0.001), Sweep("4-LIIIA-B", 0.005),
-             Sweep("5-LIIIA-B", 0.004, real="long-double"))
+FIGURE_11 = ParameterSweep("IMS", 0.001)
+FIGURE_12 = ParameterSweep("EMS", 0.001, quantity="l3")
+FIGURE_13 = (ParameterSweep("1-G-L", 0.001), ParameterSweep("2-G-L", 0.001),
+             ParameterSweep("3-G-L", 0.005),
+             ParameterSweep("4-G-L", 0.005))
+FIGURE_14 = (ParameterSweep("IMS", 0.001, "alpha"), ParameterSweep("EMS", 0.001, "alpha", "l3"),
+             ParameterSweep("2-G-L", 0.001, "alpha"), ParameterSweep("3-G-L", 0.005, "alpha"),
+             ParameterSweep("4-G-L", 0.01, "alpha"))
+FIGURE_15 = (ParameterSweep("2-LIIIA-B", 0.001), ParameterSweep("3-LIIIA-B", 0.001),
+             ParameterSweep("4-LIIIA-B", 0.005),
+             ParameterSweep("5-LIIIA-B", 0.004, real="long-double"))
 
 
-def measure(engine: Engine, sweep: Sweep) -> tuple[list[float], list[float]]:
+def measure(engine: Engine, sweep: ParameterSweep) -> tuple[list[float], list[float]]:
     """Return 1/γ and the signed periodic errors."""
     inverses = engine.thinned(INVERSES)
     return inverses, [engine.peak(sweep.case(inverse), sweep.quantity) for inverse in inverses]
@@ -135,7 +137,7 @@ def figure_15(engine: Engine) -> Figure:
                                      "odd s", FIGURE_15), *claims])
 
 
-def _curves_and_line(engine: Engine, number: int, title: str, sweep: Sweep) -> Figure:
+def _curves_and_line(engine: Engine, number: int, title: str, sweep: ParameterSweep) -> Figure:
     curves = []
     for inverse in CURVES:
         case = sweep.case(inverse)
@@ -148,7 +150,7 @@ def _curves_and_line(engine: Engine, number: int, title: str, sweep: Sweep) -> F
                   "signed; line: least squares.", [in_time, line], claims=claims)
 
 
-def _inverse_line(engine: Engine, sweep: Sweep, mark: str) -> tuple[Panel, list[Claim]]:
+def _inverse_line(engine: Engine, sweep: ParameterSweep, mark: str) -> tuple[Panel, list[Claim]]:
     """Draw and judge the law A + B/γ."""
     x, y = measure(engine, sweep)
     line = fit_line(x, y)
@@ -159,12 +161,12 @@ def _inverse_line(engine: Engine, sweep: Sweep, mark: str) -> tuple[Panel, list[
              _zero_claim(engine, sweep, x, y)])
 
 
-def follows_inverse(sweep: Sweep) -> bool:
+def follows_inverse(sweep: ParameterSweep) -> bool:
     """Return whether the law is A + B/γ; odd-stage LIIIA-B has A + B·γ (erratum 24)."""
     return not sweep.method.endswith("LIIIA-B") or int(sweep.method[0]) % 2 == 0
 
 
-def _direct_line(engine: Engine, sweep: Sweep, mark: str) -> tuple[Panel, list[Claim]]:
+def _direct_line(engine: Engine, sweep: ParameterSweep, mark: str) -> tuple[Panel, list[Claim]]:
     """Draw and judge the law A + B·γ."""
     x, y = measure(engine, sweep)
     line = fit_line([1 / inverse for inverse in x], y)
@@ -178,7 +180,7 @@ def _direct_line(engine: Engine, sweep: Sweep, mark: str) -> tuple[Panel, list[C
 
 
 def _panel(
-    sweep: Sweep, mark: str, series: list[Series], *, zero: bool = False
+    sweep: ParameterSweep, mark: str, series: list[Series], *, zero: bool = False
 ) -> Panel:
     return Panel(f"({mark}) {sweep.name}, Δt = {sweep.dt:g}", f"1/{letter(sweep.rep)} [1/(kg m²)]",
                  f"periodic {sweep.symbol}", series, zero=zero)
@@ -187,7 +189,7 @@ def _panel(
 # ---------------------------------------------------------------- claims
 
 
-def _law_claim(engine: Engine, statement: str, sweeps: tuple[Sweep, ...]) -> Claim:
+def _law_claim(engine: Engine, statement: str, sweeps: tuple[ParameterSweep, ...]) -> Claim:
     """Judge the worst of several laws."""
     found = []
     for sweep in sweeps:
@@ -198,12 +200,12 @@ def _law_claim(engine: Engine, statement: str, sweeps: tuple[Sweep, ...]) -> Cla
                  worst.r_squared >= 0.999)
 
 
-def _line_claim(statement: str, line: Line) -> Claim:
+def _line_claim(statement: str, line: FittedLine) -> Claim:
     return Claim(statement, f"R² = {line.quality}", "R² at least 0.999",
                  line.r_squared >= 0.999)
 
 
-def _zero_claim(engine: Engine, sweep: Sweep, x: list[float], y: list[float]) -> Claim:
+def _zero_claim(engine: Engine, sweep: ParameterSweep, x: list[float], y: list[float]) -> Claim:
     floor = engine.floor(sweep.case(x[0]), sweep.quantity)
     zeros = crossing(x, y, floor)
     found = " and ".join(f"1/γ = {zero:.1f}" for zero in zeros) or "nowhere"
@@ -215,7 +217,7 @@ def _zero_claim(engine: Engine, sweep: Sweep, x: list[float], y: list[float]) ->
                  f"once, at {expected:g} within {_TOLERANCE:.0%} (erratum 25)", holds)
 
 
-def _idle_claim(engine: Engine, sweep: Sweep, y: list[float]) -> Claim:
+def _idle_claim(engine: Engine, sweep: ParameterSweep, y: list[float]) -> Claim:
     """Judge how much the periodic error changes with α."""
     change = (max(y) - min(y)) / abs(sum(y) / len(y))
     noise = engine.floor(sweep.case(INVERSES[0]), sweep.quantity) / abs(y[0])

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["Series"]
+__all__ = ["PowerSeries"]
 
 
-class Series:
+class PowerSeries:
     """A polynomial in h, γ and 1/γ without the powers of h above ``order``.
 
     Sums, differences and products with series and with coefficients; of two orders the lower one
@@ -25,26 +25,26 @@ class Series:
         self.terms = {key: a for key, a in terms.items() if a != 0 and key[0] <= order}
 
     @classmethod
-    def constant(cls, value: Any, order: int) -> Series:
+    def constant(cls, value: Any, order: int) -> PowerSeries:
         """Return a series without h and γ."""
         return cls({(0, 0): value}, order)
 
-    def __add__(self, other: Any) -> Series:
+    def __add__(self, other: Any) -> PowerSeries:
         terms = dict(self.terms)
         for key, a in self._terms_of(other).items():
             terms[key] = terms[key] + a if key in terms else a
-        return Series(terms, self._order_with(other))
+        return PowerSeries(terms, self._order_with(other))
 
     __radd__ = __add__
 
-    def __neg__(self) -> Series:
-        return Series({key: -a for key, a in self.terms.items()}, self.order)
+    def __neg__(self) -> PowerSeries:
+        return PowerSeries({key: -a for key, a in self.terms.items()}, self.order)
 
-    def __sub__(self, other: Any) -> Series:
-        result: Series = self + (-other)
+    def __sub__(self, other: Any) -> PowerSeries:
+        result: PowerSeries = self + (-other)
         return result
 
-    def __mul__(self, other: Any) -> Series:
+    def __mul__(self, other: Any) -> PowerSeries:
         terms: dict[tuple[int, int], Any] = {}
         order = self._order_with(other)
         factors = self._terms_of(other).items()
@@ -53,29 +53,29 @@ class Series:
                 if n + m <= order:
                     key = (n + m, g + f)
                     terms[key] = terms[key] + a * b if key in terms else a * b
-        return Series(terms, order)
+        return PowerSeries(terms, order)
 
     __rmul__ = __mul__
 
-    def shifted(self, h: int = 0, gamma: int = 0) -> Series:
+    def shifted(self, h: int = 0, gamma: int = 0) -> PowerSeries:
         """Return the series times hʰ γᵍ; h < 0 is meant for series that hold that factor."""
         terms = {(n + h, g + gamma): a for (n, g), a in self.terms.items()}
         if any(n < 0 for n, _ in terms):
             raise ValueError(f"The series has terms below h^{-h}.")
-        return Series(terms, self.order)
+        return PowerSeries(terms, self.order)
 
     def coefficient(self, h: int, gamma: int = 0) -> Any:
         """Return a_ng; 0 where there is none."""
         return self.terms.get((h, gamma), 0)
 
-    def truncated(self, order: int) -> Series:
+    def truncated(self, order: int) -> PowerSeries:
         """Return the series with another order; a higher one adds no terms."""
-        return Series(self.terms, order)
+        return PowerSeries(self.terms, order)
 
     def _order_with(self, other: Any) -> int:
-        return min(self.order, other.order) if isinstance(other, Series) else self.order
+        return min(self.order, other.order) if isinstance(other, PowerSeries) else self.order
 
     def _terms_of(self, other: Any) -> dict[tuple[int, int], Any]:
-        if isinstance(other, Series):
+        if isinstance(other, PowerSeries):
             return other.terms
         return {(0, 0): other}

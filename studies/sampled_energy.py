@@ -15,7 +15,7 @@ from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.rigid_body.problems import fast_top
 from ..runtime.rigid_body.quaternion import rotation_matrix
-from .body_frame import Top
+from .body_frame import BodyFrameTop
 
 __all__ = ["energy_errors", "peak", "run", "top_along"]
 
@@ -46,11 +46,11 @@ def peak(errors: Array) -> float:
     return float(errors[np.argmax(np.abs(errors))])
 
 
-def top_along(run: Trajectory, rows: Sequence[int] = ()) -> Top:
+def top_along(run: Trajectory, rows: Sequence[int] = ()) -> BodyFrameTop:
     """Return the states of a run as one top, each entry an array over the steps."""
     problem = fast_top()
     kept = list(rows) or slice(None)
     l = run.angular_velocity()[kept] * np.asarray(problem.inertia)  # noqa: E741
     vertical = rotation_matrix(run.q[kept].astype(float))[:, 2, :]
-    return Top(list(l.astype(float).T), list(vertical.T), [1 / x for x in problem.inertia],
-               problem.parameters["mgl"])
+    return BodyFrameTop(list(l.astype(float).T), list(vertical.T), [1 / x for x in problem.inertia],
+                        problem.parameters["mgl"])

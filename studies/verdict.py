@@ -16,7 +16,7 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from .printed import Misprint
 from .study_result import Cell, Verdict
 
-__all__ = ["KEPT_EXACTLY", "ROUND_OFF", "judge", "same_digits", "units_apart"]
+__all__ = ["KEPT_EXACTLY", "ROUND_OFF", "compare_value", "same_digits", "units_apart"]
 
 #: Notes of cells that were not printed and whose digits mean nothing.
 ROUND_OFF, KEPT_EXACTLY = "round-off", "conserved"
@@ -34,7 +34,7 @@ def units_apart(ours: float, printed: str) -> int:
     return int(abs((Decimal(ours) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) - number / unit))
 
 
-def judge(
+def compare_value(
     row: str,
     column: str,
     ours: float,

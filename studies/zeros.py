@@ -13,7 +13,7 @@ from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.rigid_body.gamma_rules import gamma_h, gamma_m
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
-from .fit import Line, fit_line
+from .fit import FittedLine, fit_line
 from .odd_stages import law_growth
 from .sampled_energy import energy_errors, peak, run
 from .study_result import Claim, Finding, Panel, Series
@@ -61,7 +61,7 @@ class ErrorLine:
     y: tuple[float, ...]
 
     @cached_property
-    def line(self) -> Line:
+    def line(self) -> FittedLine:
         """The linear law of the paper."""
         return fit_line(self.x, self.y)
 

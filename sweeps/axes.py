@@ -1,4 +1,4 @@
-"""What varies in a sweep: axes, each a dimension of the result."""
+"""Axes of a parameter sweep, each a dimension of the result."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[Any]
 #: Columns that are no numbers of a cell but its scheme, or its state at the start.
 SCHEME, START = "scheme", "start"
 _SPACINGS = ("linear", "log")
-#: Values along an axis, which are kept in memory.
+#: Most values along an axis; they are in memory.
 _MOST_VALUES = 10**8
 
 

@@ -1,4 +1,4 @@
-"""Cells whose events are looked for: the runs of an ensemble, at each of whose steps one looks."""
+"""Events of cells: the runs of an ensemble with event detection after each step."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..runtime.steppers.stepper import Stepper
 from .study import Study
 from .tiles import Cells
 
-__all__ = ["Ends", "count_of", "first_of", "watched"]
+__all__ = ["CellEnds", "count_of", "first_of", "watched"]
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Ends:
+class CellEnds:
     """How cells end, their samples with the start, and what was found of their events."""
 
     q: Array
@@ -35,16 +35,16 @@ class Ends:
 
 
 def first_of(event: str) -> str:
-    """Return the name of the result that says when an event first happens in a cell."""
+    """Return the name of the result with the time of the first event in a cell."""
     return f"event_{event}_first"
 
 
 def count_of(event: str) -> str:
-    """Return the name of the result that says how often it does."""
+    """Return the name of the result with the number of events."""
     return f"event_{event}_count"
 
 
-def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array) -> Ends:
+def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array) -> CellEnds:
     """Integrate some cells that have the scheme and the steps in common, and find their events.
 
     Bits are those of cells at which nobody looks. It runs on the caller's thread.
@@ -65,7 +65,7 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
     reports = np.concatenate([np.frombuffer(binding.ffi.buffer(one), dtype=binding.report_type)
                               for one in course.reports])
     samples = course.rows.q[:, :rows], course.rows.p[:, :rows]
-    return Ends(course.q, course.p, reports, course.status, samples, found)
+    return CellEnds(course.q, course.p, reports, course.status, samples, found)
 
 
 def _fill(course: Course) -> None:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from ..core.errors import GyrosparkError, InputError, MissingDependencyError
 from ..core.extras import install
 from ..core.interrupts import Interrupts
-from ..storage.array_layout import Field
+from ..storage.array_layout import StoredField
 from .compute_tile import compute
-from .results import Sink, Store
+from .results import Sink, StoreSink
 from .study import Study
 from .tiles import Tile
 
@@ -26,7 +26,7 @@ _RETRIES = 5
 #: Tiles at the scheduler for each thread of the workers.
 _TILES_A_THREAD = 4
 #: Seconds that a scheduler may take to answer.
-_DOOR = 10
+_CONNECT_SECONDS = 10
 #: Seconds between two looks at the cluster, and how long it may be without workers.
 _LOOK, _PATIENCE = 1.0, 600
 
@@ -50,7 +50,7 @@ def client_of(where: Any) -> Client:
     if isinstance(where, Client):
         return where
     try:
-        return Client(where, timeout=_DOOR)
+        return Client(where, timeout=_CONNECT_SECONDS)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"No Dask scheduler answers at {where!r}: {error or 'no connection'}. "
                          "Start one with `dask scheduler`, and write its address, "
@@ -58,7 +58,7 @@ def client_of(where: Any) -> Client:
 
 
 def run_tiles(
-    study: Study, fields: list[Field], tiles: Iterator[Tile], sink: Sink, client: Client,
+    study: Study, fields: list[StoredField], tiles: Iterator[Tile], sink: Sink, client: Client,
     interrupts: Interrupts, advance: Callable[[Tile], None],
 ) -> None:
     """Compute tiles on the workers of a cluster.
@@ -75,12 +75,12 @@ def run_tiles(
     """
     from distributed.scheduler import KilledWorker
 
-    remote = sink if isinstance(sink, Store) else None
+    remote = sink if isinstance(sink, StoreSink) else None
     ended: SimpleQueue[Any] = SimpleQueue()
     begun: dict[str, tuple[Any, Tile]] = {}
     blamed: list[Tile] = []
     left: list[Tile] = []
-    room = _Room(client)
+    memory = _ClusterMemory(client)
 
     def share() -> Any:
         # A task, not scattered data: the scheduler makes it again when its workers have died.
@@ -92,7 +92,7 @@ def run_tiles(
         future.add_done_callback(ended.put)
 
     def fill() -> None:
-        while len(begun) < room.tiles and not interrupts.asked:
+        while len(begun) < memory.tiles and not interrupts.asked:
             tile = next(tiles, None)
             if tile is None:
                 break
@@ -112,10 +112,10 @@ def run_tiles(
             future = ended.get(timeout=_LOOK)
         except Empty:
             withdraw()
-            room.look(len(begun))
+            memory.measure(len(begun))
             continue
         _, tile = begun.pop(future.key)
-        if future.status == "finished":
+        if future.status == "atomic_file":
             if remote is None:
                 sink.write(tile, future.result())
             advance(tile)
@@ -136,7 +136,7 @@ def run_tiles(
         )
 
 
-class _Room:
+class _ClusterMemory:
     """How many tiles a cluster takes at a time; its workers are counted now and then."""
 
     def __init__(self, client: Client) -> None:
@@ -146,7 +146,7 @@ class _Room:
 
     @property
     def tiles(self) -> int:
-        """Tiles that may be begun: some wait at the scheduler, so that no worker does."""
+        """Number of tiles to submit: some wait at the scheduler, so that no worker idles."""
         if time.monotonic() > self._counted + _LOOK:
             self._count()
         return _TILES_A_THREAD * max(1, self.threads)
@@ -157,8 +157,8 @@ class _Room:
         if self.threads:
             self._seen = self._counted
 
-    def look(self, begun: int) -> None:
-        """See whether anyone is there to end the tiles that are begun.
+    def measure(self, begun: int) -> None:
+        """Check that workers exist to finish the submitted tiles.
 
         Raises
         ------
@@ -172,12 +172,12 @@ class _Room:
                 "workers, and repeat the sweep with --resume.")
 
 
-def _shared(study: Study, fields: list[Field], sink: Sink | None) -> tuple[Any, ...]:
+def _shared(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple[Any, ...]:
     return study, fields, sink
 
 
 def _compute(shared: tuple[Any, ...], tile: Tile) -> Any:
-    """Compute a tile on a worker; return its arrays where nobody else keeps them."""
+    """Compute a tile on a worker; return its arrays if there is no store."""
     study, fields, sink = shared
     arrays = compute(study, fields, tile)
     if sink is None:

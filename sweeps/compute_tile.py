@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.interrupts import Interrupts
 from ..runtime.integration.consistency import defects_of_starts
 from ..runtime.steppers.stepper import Stepper
-from ..storage.array_layout import QUANTITY, Field
-from .cell_events import Ends, watched
-from .results import BAD_START, STATUS
+from ..storage.array_layout import QUANTITY, StoredField
+from .cell_events import CellEnds, watched
+from .results import BAD_START, STATUS, Sink
 from .study import Study
 from .tiles import Cells, Tile, cells_of
 
-__all__ = ["compute"]
+__all__ = ["compute", "run_tiles"]
 
 Array = NDArray[Any]
 
@@ -25,7 +28,7 @@ _ERRORS = {"energy_error": "energy_error", "constraint": "constraint",
 _MEMORY = threading.local()
 
 
-def compute(study: Study, fields: list[Field], tile: Tile) -> dict[str, Array]:
+def compute(study: Study, fields: list[StoredField], tile: Tile) -> dict[str, Array]:
     """Return the arrays of a tile, by name and with the tile's shape, the status last.
 
     A cell whose step fails is NaN, with the steps that were done and the reason as its status; it
@@ -55,7 +58,7 @@ def _run(
     structs = _structs(study, stepper, cells, group)
     with np.errstate(all="ignore"):
         ends = (watched(study, stepper, steps, cells, group) if study.events else
-                _unwatched(study, stepper, steps, structs, dt, q0, p0))
+                _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
         bad = ~_consistent(study, stepper, cells, group, structs, q0, p0, dt)
         status[bad], reports["steps"][bad] = BAD_START, 0
@@ -71,9 +74,9 @@ def _run(
     return found
 
 
-def _unwatched(
+def _run_without_events(
     study: Study, stepper: Stepper, steps: int, structs: Array, dt: Array, q0: Array, p0: Array
-) -> Ends:
+) -> CellEnds:
     """Integrate cells in one call of compiled code."""
     binding, every = stepper.binding_of_many, study.every or steps
     q, p = q0.copy(), p0.copy()
@@ -85,7 +88,7 @@ def _unwatched(
                                              _memory(stepper))
     way = () if out is None else zip((q0, p0), out, strict=True)
     samples = tuple(np.concatenate([start[:, None], rows], axis=1) for start, rows in way)
-    return Ends(q, p, reports, status, samples, {})
+    return CellEnds(q, p, reports, status, samples, {})
 
 
 def _memory(stepper: Stepper) -> tuple[Any, ...]:
@@ -107,7 +110,7 @@ def _structs(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Arra
 
 
 def _numbers(reports: Array) -> dict[str, Array]:
-    """Return what the running records say, as doubles."""
+    """Return the running records as doubles."""
     steps = reports["steps"]
     found: dict[str, Array] = {"energy_start": reports["energy_start"].astype(float)}
     for name, recorded in _ERRORS.items():
@@ -175,3 +178,36 @@ def _alike(columns: list[Array], count: int) -> list[Array]:
         return [np.arange(count)]
     which = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
     return np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
+
+
+def run_tiles(
+    study: Study, fields: list[StoredField], tiles: Iterator[Tile], sink: Sink, workers: int,
+    interrupts: Interrupts, advance: Callable[[Tile], None],
+) -> None:
+    """Compute tiles on ``workers`` threads and write them from this one as they come.
+
+    No more than twice as many tiles are in memory. After a signal those that are begun are
+    finished and written.
+    """
+    for stepper in study.steppers:
+        _ = stepper.binding_of_many  # compiled once, before threads ask for it
+    begun: dict[Future[dict[str, NDArray[Any]]], Tile] = {}
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
+    try:
+        while True:
+            while len(begun) < 2 * workers and not interrupts.asked:
+                tile = next(tiles, None)
+                if tile is None:
+                    break
+                begun[pool.submit(compute, study, fields, tile)] = tile
+            if interrupts.asked:
+                begun = {future: tile for future, tile in begun.items() if not future.cancel()}
+            if not begun:
+                return
+            ended, _ = wait(begun, return_when=FIRST_COMPLETED)
+            for future in ended:
+                tile = begun.pop(future)
+                sink.write(tile, future.result())
+                advance(tile)
+    finally:  # after an error nobody waits for tiles that are begun: they may take long
+        pool.shutdown(wait=not begun, cancel_futures=True)

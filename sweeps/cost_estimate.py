@@ -1,4 +1,4 @@
-"""What a sweep will cost, from a few cells of it that are timed."""
+"""Cost estimate of a sweep, from a few timed cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..storage.array_layout import Field
+from ..storage.array_layout import StoredField
 from .compute_tile import compute
 from .results import fields_of
 from .study import Study
@@ -22,7 +22,7 @@ _CELLS, _SAMPLES, _STEPS = 16, 96, 200
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a sweep will cost.
+    """Estimated cost of a sweep.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Estimate:
     memory_bytes: int
 
 
-def estimate(study: Study, fields: list[Field]) -> Estimate:
+def estimate(study: Study, fields: list[StoredField]) -> Estimate:
     """Time samples of neighbouring cells, spread evenly over the axes, a part of their steps."""
     tiles, steps = _counts(study)
     samples = [_seconds_a_step(study, _sample(study, i)) for i in range(_SAMPLES)]

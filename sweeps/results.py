@@ -1,4 +1,4 @@
-"""What is kept of a cell, and where: in memory, or in a Zarr store that workers write regions of.
+"""Results of cells, in memory or in a Zarr store whose regions workers write.
 
 A tile's arrays are written side by side, for a disk answers late, and ``status`` last: where its
 chunk is there, the tile is done and on the disk, and is never computed again.
@@ -23,7 +23,7 @@ from ..runtime.bindings.binding import REASONS
 from ..runtime.results.run_arrays import labels_of
 from ..storage.array_layout import (
     QUANTITY,
-    Field,
+    StoredField,
     array_of,
     attributes_of,
     consolidate,
@@ -41,9 +41,9 @@ from .tiles import Tile, tile_counts, tile_shape, tiles_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["BAD_START", "CURE", "FORMAT", "NOT_COMPUTED", "STATUS", "Memory", "Sink", "Store",
-           "count_statuses", "create_store", "done_tiles", "fields_of", "is_complete", "meanings",
-           "open_sweep", "summary"]
+__all__ = ["BAD_START", "CURE", "FORMAT", "NOT_COMPUTED", "STATUS", "MemorySink", "Sink",
+           "StoreSink", "count_statuses", "create_store", "done_tiles", "fields_of", "is_complete",
+           "meanings", "open_sweep", "summary"]
 
 Array = NDArray[Any]
 
@@ -56,12 +56,12 @@ CURE = "Finished cells are whole: mend it, and repeat the command with --resume.
 
 
 def meanings() -> dict[int, str]:
-    """Return what each status says of a cell."""
+    """Return the meaning of each status of a cell."""
     return {NOT_COMPUTED: "not computed", 0: "done", **REASONS,
             BAD_START: "start off the constraints"}
 
 
-def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[Field]:
+def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredField]:
     """Return the arrays of a sweep's result, of all or of those to keep; the status last.
 
     Raises
@@ -74,8 +74,8 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[Field]:
     joule, momentum = ({"units": unit} if body else {} for unit in ("J", "kg m2 s-1"))
     state = (("coordinate", stepper.n),)
 
-    def number(name: str, text: str, **units: str) -> Field:
-        return Field(name, (), {"long_name": text, **units})
+    def number(name: str, text: str, **units: str) -> StoredField:
+        return StoredField(name, (), {"long_name": text, **units})
 
     work = stepper.binding.has_forces
     error = "|H - H0 - W|" if work else "|H - H0|"
@@ -88,11 +88,11 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[Field]:
         number("momentum_constraint_max", "largest |g_q H_p| of all steps"),
         number("momentum_constraint_mean", "mean |g_q H_p| of all steps"),
         number("iterations_mean", "iterations a step"),
-        Field("iterations_max", (), {"long_name": "most iterations of a step"}, "i4"),
-        Field("newton_steps", (), {"long_name": "steps that only Newton could do"}, "i8"),
-        Field("steps_done", (), {"long_name": "steps done"}, "i8"),
-        Field("q", state, {"long_name": "coordinates at the end"}),
-        Field("p", state, {"long_name": "momenta at the end", **momentum}),
+        StoredField("iterations_max", (), {"long_name": "most iterations of a step"}, "i4"),
+        StoredField("newton_steps", (), {"long_name": "steps that only Newton could do"}, "i8"),
+        StoredField("steps_done", (), {"long_name": "steps done"}, "i8"),
+        StoredField("q", state, {"long_name": "coordinates at the end"}),
+        StoredField("p", state, {"long_name": "momenta at the end", **momentum}),
     ]
     if work:
         found.append(number("work", "work of the forces"))
@@ -105,16 +105,17 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[Field]:
                   number(count_of(event.name), f"how often {what}")]
     if study.every is not None:
         samples = (("sample", study.most_steps // study.every + 1), *state)
-        found += [Field("q_samples", samples, {"long_name": "coordinates on the way"}),
-                  Field("p_samples", samples, {"long_name": "momenta on the way", **momentum})]
+        found += [StoredField("q_samples", samples, {"long_name": "coordinates on the way"}),
+                  StoredField("p_samples", samples,
+                              {"long_name": "momenta on the way", **momentum})]
     said = meanings()
-    status = Field(STATUS, (), {
+    status = StoredField(STATUS, (), {
         "long_name": "how the cell ended", "flag_values": list(said),
         "flag_meanings": " ".join(text.replace(" ", "_") for text in said.values())}, "i1")
     return [*_kept(found, keep), status]
 
 
-def _kept(found: list[Field], keep: Iterable[str] | None) -> list[Field]:
+def _kept(found: list[StoredField], keep: Iterable[str] | None) -> list[StoredField]:
     names = [field.name for field in found]
     wanted = names if keep is None else as_items("keep", keep, "results")
     for name in wanted:
@@ -131,10 +132,10 @@ class Sink(Protocol):
         """Keep the arrays of a tile."""
 
 
-class Memory:
+class MemorySink:
     """Arrays in memory."""
 
-    def __init__(self, study: Study, fields: list[Field]) -> None:
+    def __init__(self, study: Study, fields: list[StoredField]) -> None:
         self._study, self._fields = study, fields
         try:
             self.arrays = {f.name: np.full((*study.shape, *f.shape), _fill(f), dtype=f.dtype)
@@ -149,7 +150,7 @@ class Memory:
             whole[tile.slices] = arrays[name]
 
     def dataset(self, attributes: dict[str, Any]) -> xarray.Dataset:
-        """Return what is kept as an xarray Dataset."""
+        """Return the results as an xarray Dataset."""
         import xarray
 
         dimensions = [axis.name for axis in self._study.axes]
@@ -160,7 +161,7 @@ class Memory:
         return _named(xarray.Dataset(results, coordinates, attributes))
 
 
-class Store:
+class StoreSink:
     """Arrays on disk. Any number of workers may write tiles, each its own chunks."""
 
     def __init__(self, path: Path) -> None:
@@ -189,12 +190,12 @@ class Store:
         return tile.place + (0,) * (self._arrays[name].ndim - len(tile.place))
 
 
-def _fill(field: Field) -> float:
+def _fill(field: StoredField) -> float:
     return NOT_COMPUTED if field.name == STATUS else field.fill
 
 
 def create_store(
-    path: Path, study: Study, fields: list[Field], attributes: dict[str, Any]
+    path: Path, study: Study, fields: list[StoredField], attributes: dict[str, Any]
 ) -> None:
     """Make an empty store for a sweep: results, and the values along the axes."""
     group = zarr.create_group(DurableStore(path), attributes=attributes)
@@ -223,7 +224,7 @@ def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, An
 
 
 def _labelled(name: str, values: Array, attributes: dict[str, Any]) -> Array:
-    """Return what people see along an axis: the names of schemes, not their numbers."""
+    """Return the labels along an axis: the names of schemes, not their numbers."""
     return values if name != SCHEME else np.array(attributes["labels"])[values]
 
 
@@ -317,7 +318,7 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
 
 
 def _values_at(study: Study, place: tuple[int, ...]) -> dict[str, Any]:
-    """Return what varies, at a cell."""
+    """Return the values of the axes at a cell."""
     found: dict[str, Any] = {}
     for axis, i in zip(study.axes, place, strict=True):
         for column, values in axis.columns.items():

@@ -1,4 +1,4 @@
-"""``gyrospark.sweep``: compute what is not computed yet of a study, return its result."""
+"""``gyrospark.sweep``: compute the missing cells of a study, return its result."""
 
 from __future__ import annotations
 
@@ -22,19 +22,18 @@ from ..runtime.bindings.array_checks import as_callback, as_positive_count
 from ..runtime.bindings.binding import SolverName
 from ..runtime.bindings.wide_numbers import as_bytes
 from ..runtime.results.rotation_rate import Turning
-from ..storage.array_layout import Field, attributes_of, open_group
+from ..storage.array_layout import StoredField, attributes_of, open_group
 from ..storage.durable_files import new_store_path, remove_parts, storage_errors
 from ..storage.identity import refuse_if_different, versions
-from ..storage.staging import appearing, is_new
-from ..storage.writer_lock import claim
-from . import cluster, local_threads
+from ..storage.staging import created_atomically, is_new, writer_lock
+from . import cluster, compute_tile
 from .plan import plan
 from .results import (
     CURE,
     FORMAT,
-    Memory,
+    MemorySink,
     Sink,
-    Store,
+    StoreSink,
     create_store,
     done_tiles,
     fields_of,
@@ -48,7 +47,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Progress", "run_study", "sweep"]
 
-#: What makes a file of a sweep.
+#: How to make a file of a sweep.
 _AS_FILE = "xarray writes the dataset that sweep(...) returns: .to_netcdf('sweep.nc')."
 #: Called with the number of cells that are done, and how many there are.
 Progress = Callable[[int, int], None]
@@ -149,7 +148,7 @@ def run_study(
     resume: bool = False, workers: int | None = None, dask: Any = None,
     progress: Progress | None = None,
 ) -> xarray.Dataset:
-    """Compute what is not computed yet of a study, and return its result; see ``sweep``."""
+    """Compute the missing cells of a study, and return its result; see ``sweep``."""
     as_flag("resume", resume)
     fields = fields_of(study, keep)
     count = os.cpu_count() or 1
@@ -161,7 +160,7 @@ def run_study(
     if out is None:
         if resume:
             raise InputError("resume goes on with a store; give out.")
-        memory = Memory(study, fields)
+        memory = MemorySink(study, fields)
         try:
             _compute(study, fields, set(), memory, threads, client, progress, None)
         except Stopped as stopped:
@@ -169,10 +168,10 @@ def run_study(
             raise
         return memory.dataset(attributes)
     path = new_store_path(out, _AS_FILE)
-    with claim(path):
+    with writer_lock(path):
         with storage_errors(path, CURE):
             _prepare(study, fields, path, attributes, resume)
-        _compute(study, fields, done_tiles(path), Store(path.absolute()), threads, client,
+        _compute(study, fields, done_tiles(path), StoreSink(path.absolute()), threads, client,
                  progress, path)
         with storage_errors(path, CURE):
             remove_parts(path)
@@ -195,11 +194,11 @@ def _warn_of_turning(study: Study) -> None:
 
 
 def _prepare(
-    study: Study, fields: list[Field], path: Path, attributes: dict[str, Any], resume: bool
+    study: Study, fields: list[StoredField], path: Path, attributes: dict[str, Any], resume: bool
 ) -> None:
     """Make the store, or see that the one that is there belongs to this study."""
     if is_new(path, resume, "sweep"):
-        with appearing(path) as fresh:
+        with created_atomically(path) as fresh:
             create_store(fresh, study, fields, attributes)
         return
     try:
@@ -212,7 +211,7 @@ def _prepare(
 
 
 def _compute(
-    study: Study, fields: list[Field], done: set[tuple[int, ...]], sink: Sink, threads: int,
+    study: Study, fields: list[StoredField], done: set[tuple[int, ...]], sink: Sink, threads: int,
     client: Any, progress: Progress | None, path: Path | None,
 ) -> None:
     """Compute the tiles that are not done."""
@@ -223,7 +222,7 @@ def _compute(
     counted.tell()
     with watched() if stored else ctrl_c() as interrupts:
         if client is None:
-            local_threads.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
+            compute_tile.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
         else:
             cluster.run_tiles(study, fields, left, sink, client, interrupts, counted.add)
     if interrupts.asked:
@@ -231,7 +230,7 @@ def _compute(
 
 
 def _end(counted: _Count, path: Path | None) -> str:
-    """Return what is said of a sweep that a signal has ended."""
+    """Return the error of a sweep interrupted by a signal."""
     where = ".dataset" if path is None else repr(str(path))
     if counted.done == counted.all:
         return (f"Stopped after the last of {counted.all:,} cells: the sweep is complete, in "
@@ -253,7 +252,7 @@ class _Count:
         self.tell()
 
     def tell(self) -> None:
-        """Say how many cells are done."""
+        """Report the number of finished cells."""
         if self._progress is not None:
             self._progress(self.done, self.all)
 
@@ -262,8 +261,8 @@ def _size(tile: Tile) -> int:
     return int(np.prod(tile.shape, dtype=np.int64))
 
 
-def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
-    """Return what a result says of itself; ``sweep`` is compared before a sweep goes on."""
+def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
+    """Return the attributes of a result; ``sweep`` is compared before a sweep is resumed."""
     return {
         "title": study.name,
         "sweep": {
@@ -291,12 +290,12 @@ def _attributes(study: Study, fields: list[Field]) -> dict[str, Any]:
 
 
 def _events(study: Study) -> dict[str, Any]:
-    """Return what is looked for, where anything is: a store without has no word of it."""
+    """Return the events as JSON, {} without events, as in earlier stores."""
     return {"events": {one.name: [one.quantity, str(exact(one.level)), one.direction]
                        for one in study.events}} if study.events else {}
 
 
 def _digest(values: Any) -> str:
-    """Return what tells one axis' values from another's."""
+    """Return a digest of an axis' values."""
     plain = as_bytes(np.asarray(values))
     return hashlib.sha256(plain.tobytes()).hexdigest()[:32]

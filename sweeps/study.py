@@ -1,4 +1,4 @@
-"""A sweep as data: the steppers, what varies, and what all cells have in common."""
+"""A parameter sweep as data: steppers, axes and arguments common to all cells."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["Study", "checked_study"]
 
 Array = NDArray[Any]
 
-#: Quantities of a cell beside the stepper's parameters.
+#: Quantities of a cell besides the stepper's parameters.
 _OWN = ("dt", SCHEME, "q", "p")
 #: Of an event, in the names of results.
 
@@ -116,7 +116,7 @@ class Study:
 
 
 def checked_study(study: Study) -> Study:
-    """Return a study whose every value is known to be usable, its numbers as doubles.
+    """Return a checked study, its numbers as doubles.
 
     Raises
     ------

@@ -51,7 +51,7 @@ _KEYS = {"name", "model", "keep", "settings", "parameters", "grid", "events", *_
 
 @dataclass(frozen=True)
 class StudyFile:
-    """What a file says: the study, and which results to keep."""
+    """Contents of a study file: the study, and the results to store."""
 
     study: Study
     keep: list[str] | None

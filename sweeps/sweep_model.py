@@ -1,4 +1,4 @@
-"""What a sweep sweeps: a problem, a model or a model file, as steppers and numbers."""
+"""Model of a sweep: a problem, a model or a model file, as steppers and numbers."""
 
 from __future__ import annotations
 

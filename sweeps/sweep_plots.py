@@ -20,9 +20,9 @@ __all__ = ["draw"]
 Array = NDArray[Any]
 
 _LABELS = {"gamma": "γ (kg m²)", "alpha": "α (kg m²)", "dt": "Δt (s)"}
-#: Cells along an axis of a picture; more cannot be told apart.
+#: Most cells along an axis of a picture, for a readable picture.
 _MOST = 2000
-#: Lines that a legend can tell apart.
+#: Most lines of a legend.
 _LINES = 10
 #: Points of a line that are marked.
 _MARKED = 40
@@ -56,7 +56,7 @@ class _Axis:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the values stand more evenly by their logarithms."""
+        """Whether the logarithms of the values are spaced more evenly."""
         values = np.sort(self.places)
         if not self.numeric or len(values) < 3 or values[0] <= 0:
             return False
@@ -154,7 +154,7 @@ def _lines(axes: Any, array: xarray.DataArray, along: _Axis, each: _Axis | None)
     for line, name in zip(values, names, strict=True):
         axes.plot(along.places[order], line[order], style, ms=3.5, lw=1.2, label=name)
     _scale(axes.xaxis, axes.set_xscale, along)
-    axes.set_ylabel(_said(array))
+    axes.set_ylabel(_label(array))
     if _spread(values):
         axes.set_yscale("log")
     axes.grid(alpha=0.3)
@@ -173,7 +173,7 @@ def _colours(figure: Any, axes: Any, array: xarray.DataArray, x: _Axis, y: _Axis
                             shading="nearest", rasterized=True)
     _scale(axes.xaxis, axes.set_xscale, x)
     _scale(axes.yaxis, axes.set_yscale, y)
-    figure.colorbar(image, ax=axes, label=_said(array))
+    figure.colorbar(image, ax=axes, label=_label(array))
 
 
 def _scale(axis: Any, set_scale: Any, shown: _Axis) -> None:
@@ -202,7 +202,7 @@ def _spread(values: Array) -> bool:
     return bool(len(finite)) and bool((finite > 0).all()) and finite.max() > 30 * finite.min()
 
 
-def _said(array: xarray.DataArray) -> str:
+def _label(array: xarray.DataArray) -> str:
     units = array.attrs.get("units")
     text = str(array.attrs.get("long_name", array.name))
     return f"{text} ({units})" if units else text

@@ -1,4 +1,4 @@
-"""The cells of a sweep in blocks: what one worker computes at a time and writes at once.
+"""Tiles: blocks of cells of a sweep that one worker computes and writes at once.
 
 How large a tile is depends on the study alone, never on the machine: whoever computes a sweep, on
 however many cores, writes the same files.
@@ -109,7 +109,7 @@ def tiles_of(study: Study, stored: bool = True) -> Iterator[Tile]:
 
 
 def cells_of(study: Study, tile: Tile) -> Cells:
-    """Return what the cells of a tile compute, the last axis fastest."""
+    """Return the arguments of the cells of a tile, the last axis fastest."""
     indices = np.indices(tile.shape).reshape(len(tile.shape), -1)
     count = indices.shape[1]
     columns: dict[str, Array] = {}

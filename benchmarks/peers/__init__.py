@@ -12,7 +12,7 @@ import importlib
 from collections.abc import Iterable
 
 from ...core.errors import InputError
-from .entry import Entry
+from .entry import PeerEntry
 
 __all__ = ["OF_BODIES", "PEERS", "chosen", "entries"]
 
@@ -48,10 +48,10 @@ def chosen(text: str | None) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def entries(names: Iterable[str], *, quick: bool = False) -> list[Entry]:
+def entries(names: Iterable[str], *, quick: bool = False) -> list[PeerEntry]:
     """Return the entries of these peers; with ``quick`` only one or two of each."""
     found = []
     for name in (name for name in names if name in PEERS):
-        made: list[Entry] = importlib.import_module(f".{PEERS[name]}", __name__).entries()
+        made: list[PeerEntry] = importlib.import_module(f".{PEERS[name]}", __name__).entries()
         found += [entry for entry in made if entry.quick or not quick]
     return found

@@ -25,13 +25,13 @@ from ..tops import (
     INERTIA,
     MGL,
     Array,
-    State,
+    TopState,
     euler_equations,
     parameters,
     state_of,
     tops,
 )
-from .entry import Entry, Run
+from .entry import PeerEntry, Run
 from .optional import Unavailable, need, version
 
 __all__ = ["PACKAGE", "entries"]
@@ -44,14 +44,14 @@ _SPARK = ((2, 1e-3, True), (3, 1e-3, False), (4, 1e-3, False), (4, 1e-2, False),
 _COLLOCATION = ((2, 1e-3, True), (4, 1e-2, False), (8, 1e-2, False))
 
 
-def entries() -> list[Entry]:
+def entries() -> list[PeerEntry]:
     """Return SPARK and collocation with several stages."""
     number = version(PACKAGE)
     return [
-        *(Entry("casadi", number, f"SPARK G-L s={s} Δt={dt:g} generated C",
-                partial(_prepare, _spark, s, dt), dt, quick) for s, dt, quick in _SPARK),
-        *(Entry("casadi", number, f"collocation s={s} Δt={dt:g} generated C",
-                partial(_prepare, _collocation, s, dt), dt, quick)
+        *(PeerEntry("casadi", number, f"SPARK G-L s={s} Δt={dt:g} generated C",
+                    partial(_prepare, _spark, s, dt), dt, quick) for s, dt, quick in _SPARK),
+        *(PeerEntry("casadi", number, f"collocation s={s} Δt={dt:g} generated C",
+                    partial(_prepare, _collocation, s, dt), dt, quick)
           for s, dt, quick in _COLLOCATION),
     ]
 
@@ -61,11 +61,11 @@ def _prepare(build: Callable[[int, float], tuple[Any, Array, Any]], stages: int,
     step, initial, read = build(stages, dt)
     block = _compiled(step.fold(round(_BLOCK / dt)), f"block_{stages}")
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         x = initial
         for _ in range(_blocks(t_end)):
             x = block(x)
-        end: State = read(np.array(x).ravel())
+        end: TopState = read(np.array(x).ravel())
         return end
 
     return run
@@ -119,8 +119,8 @@ def _spark(stages: int, dt: float) -> tuple[Any, Array, Any]:
     k, k_hat = np.array(H_p(top.q, top.p)).ravel(), -np.array(H_q(top.q, top.p)).ravel()
     guess = np.concatenate([np.tile(k, stages), np.tile(k_hat, stages), np.zeros(stages)])
 
-    def read(x: Array) -> State:
-        return State(x[:4], angular_velocity(x[:4], x[4:8], INERTIA))
+    def read(x: Array) -> TopState:
+        return TopState(x[:4], angular_velocity(x[:4], x[4:8], INERTIA))
 
     return step, np.concatenate([top.q, top.p, guess]), read
 
@@ -185,4 +185,4 @@ def _collocation(stages: int, dt: float) -> tuple[Any, Array, Any]:
     state = casadi.MX.sym("state", 7)
     step = casadi.Function("step", [state], [integrator(x0=state)["xf"]])
     start = state_of(tops()[0])
-    return step, np.concatenate([start.q, start.omega]), lambda x: State(x[:4], x[4:])
+    return step, np.concatenate([start.q, start.omega]), lambda x: TopState(x[:4], x[4:])

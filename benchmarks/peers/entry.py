@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ..tops import State
+from ..tops import TopState
 
-__all__ = ["Entry", "Run"]
+__all__ = ["PeerEntry", "Run"]
 
 #: Integrates the first top from t = 0 to the given time and returns where it is.
-Run = Callable[[float], State]
+Run = Callable[[float], TopState]
 
 
 @dataclass(frozen=True)
-class Entry:
+class PeerEntry:
     """A program with one setting.
 
     Attributes

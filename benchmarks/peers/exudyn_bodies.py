@@ -16,7 +16,7 @@ from ...runtime.rigid_body.quaternion import rotation_matrix
 from ..peer_linkages import Array, BodyStart, Hold, Linkage
 from .optional import need
 
-__all__ = ["PACKAGE", "SOLVERS", "Machine"]
+__all__ = ["PACKAGE", "SOLVERS", "ExudynBodies"]
 
 PACKAGE = "exudyn"
 #: What the table calls a setting → integrator, relative tolerance of Newton (absolute: a
@@ -30,7 +30,7 @@ SOLVERS = {
 }
 
 
-class Machine:
+class ExudynBodies:
     """A linkage in exudyn, built and assembled once."""
 
     def __init__(self, linkage: Linkage) -> None:

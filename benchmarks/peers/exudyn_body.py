@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import INERTIA, LEVER, Array, State, state_of, tops
-from .entry import Entry, Run
+from ..tops import INERTIA, LEVER, Array, TopState, state_of, tops
+from .entry import PeerEntry, Run
 from .optional import need, version
 
 __all__ = ["PACKAGE", "entries"]
@@ -20,11 +20,12 @@ PACKAGE = "exudyn"
 _MASS, _GRAVITY = 1.0, 9.81
 
 
-def entries() -> list[Entry]:
+def entries() -> list[PeerEntry]:
     """Return two implicit integrators."""
     dt = 1e-3
-    return [Entry("exudyn", version(PACKAGE), f"{text} Δt={dt:g}", partial(_prepare, name, dt), dt,
-                  quick=name == "TrapezoidalIndex2")
+    return [PeerEntry("exudyn", version(PACKAGE), f"{text} Δt={dt:g}",
+                      partial(_prepare, name, dt), dt,
+                      quick=name == "TrapezoidalIndex2")
             for text, name in (("trapezoidal index 2", "TrapezoidalIndex2"),
                                ("generalised α", "GeneralizedAlpha"))]
 
@@ -40,7 +41,7 @@ def _prepare(solver: str, dt: float) -> Run:
                               position=[0, 0, 0], useGlobalFrame=True, show=False)
     main.Assemble()
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         settings = exudyn.SimulationSettings()
         settings.timeIntegration.endTime = t_end
         settings.timeIntegration.numberOfSteps = round(t_end / dt)
@@ -54,12 +55,12 @@ def _prepare(solver: str, dt: float) -> Run:
         reference = main.GetNodeOutput(node, exudyn.OutputVariableType.Coordinates,
                                        exudyn.ConfigurationType.Reference)[3:7]
         omega = main.GetNodeOutput(node, exudyn.OutputVariableType.AngularVelocityLocal)
-        return State(np.array(q) + np.array(reference), np.array(omega))
+        return TopState(np.array(q) + np.array(reference), np.array(omega))
 
     return run
 
 
-def _add_body(main: Any, utilities: Any, start: State) -> tuple[Any, Any]:
+def _add_body(main: Any, utilities: Any, start: TopState) -> tuple[Any, Any]:
     about_origin = np.diag(INERTIA)
     inertia = utilities.RigidBodyInertia(mass=_MASS, inertiaTensor=about_origin,
                                          com=np.array([0.0, 0.0, LEVER]))

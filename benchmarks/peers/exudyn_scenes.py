@@ -19,10 +19,10 @@ import numpy as np
 
 from ...core.inertia import quaternion_of_matrix
 from ...runtime.rigid_body.quaternion import rotation_matrix
-from ..scenes import GROUND, Array, Motion, Scene, SceneBody, SceneJoint, SceneSpring
+from ..scenes import GROUND, Array, ReferenceScene, SceneBody, SceneJoint, SceneMotion, SceneSpring
 from .optional import Unavailable, need
 
-__all__ = ["EXPLICIT", "IMPLICIT", "PACKAGE", "Machine"]
+__all__ = ["EXPLICIT", "IMPLICIT", "PACKAGE", "ExudynScene"]
 
 PACKAGE = "exudyn"
 #: What tables call a method → exudyn's name of it.
@@ -32,14 +32,14 @@ _TOLERANCE = 1e-8, 1e-10
 EXPLICIT = {"RK44": "RK44", "RK67": "RK67"}
 
 
-class Machine:
+class ExudynScene:
     """A scene in exudyn, built and assembled once.
 
     With ``lie_group`` attitudes are rotation vectors, which explicit methods want; else Euler
     parameters.
     """
 
-    def __init__(self, scene: Scene, *, lie_group: bool = False) -> None:
+    def __init__(self, scene: ReferenceScene, *, lie_group: bool = False) -> None:
         self.exudyn = _module()
         self._utilities = need("exudyn.utilities", PACKAGE)
         self._scene, self._lie_group = scene, lie_group
@@ -49,7 +49,7 @@ class Machine:
             self._build(scene)
         self._main.Assemble()
 
-    def _build(self, scene: Scene) -> None:
+    def _build(self, scene: ReferenceScene) -> None:
         self._made = {name: self._add(body) for name, body in scene.bodies.items()}
         self._items = {name: made["bodyNumber"] for name, made in self._made.items()}
         self._items[GROUND] = self._main.CreateGround()
@@ -60,7 +60,7 @@ class Machine:
         for name, torque in scene.torques.items():
             self._main.CreateTorque(itemNumber=self._items[name], loadVector=torque.tolist())
 
-    def run(self, method: str, seconds: float, steps: int) -> Mapping[str, Motion]:
+    def run(self, method: str, seconds: float, steps: int) -> Mapping[str, SceneMotion]:
         """Return how the bodies move after so many steps.
 
         Raises
@@ -90,17 +90,17 @@ class Machine:
         settings.linearSolver.solverType = self.exudyn.LinearSolverType.EigenSparse
         return settings
 
-    def _read(self, body: SceneBody, node: int) -> Motion:
+    def _read(self, body: SceneBody, node: int) -> SceneMotion:
         def output(name: str) -> Array:
             kind = getattr(self.exudyn.OutputVariableType, name)
             return np.array(self._main.GetNodeOutput(node, kind))
 
         x, v = output("Position"), output("Velocity")
         if not body.inertia.any():
-            return Motion(body.start.q, x, v, body.start.omega)
+            return SceneMotion(body.start.q, x, v, body.start.omega)
         left, _, right = np.linalg.svd(output("RotationMatrix").reshape(3, 3))
         q = quaternion_of_matrix(left @ right)  # Euler parameters of index 2 leave |q| = 1
-        return Motion(q, x, v, output("AngularVelocityLocal"))
+        return SceneMotion(q, x, v, output("AngularVelocityLocal"))
 
     # ------------------------------------------------------------ parts
 

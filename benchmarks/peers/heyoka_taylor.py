@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import INERTIA, MGL, Array, State, euler_equations, state_of, tops
-from .entry import Entry, Run
+from ..tops import INERTIA, MGL, Array, TopState, euler_equations, state_of, tops
+from .entry import PeerEntry, Run
 from .optional import need, version
 
 __all__ = ["PACKAGE", "entries", "equations", "prepare_batch"]
@@ -27,10 +27,10 @@ _SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-def entries() -> list[Entry]:
+def entries() -> list[PeerEntry]:
     """Return the scalar integrator at several tolerances."""
-    return [Entry("heyoka", version(PACKAGE), setting, partial(_prepare, options),
-                  quick=setting in ("default", "tol 1e-12"))
+    return [PeerEntry("heyoka", version(PACKAGE), setting, partial(_prepare, options),
+                      quick=setting in ("default", "tol 1e-12"))
             for setting, options in _SETTINGS.items()]
 
 
@@ -49,11 +49,11 @@ def _prepare(options: dict[str, Any]) -> Run:
     initial = np.concatenate([start.q, start.omega])
     motion = heyoka.taylor_adaptive(equations(), initial, **options)
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         motion.time = 0.0
         motion.state[:] = initial
         motion.propagate_until(t_end)
-        return State(motion.state[:4].copy(), motion.state[4:].copy())
+        return TopState(motion.state[:4].copy(), motion.state[4:].copy())
 
     return run
 
@@ -69,7 +69,7 @@ def prepare_batch(count: int, width: int | None, options: dict[str, Any]) -> Run
     width = heyoka.recommended_simd_size() if width is None else width
     motion = heyoka.taylor_adaptive_batch(equations(), columns[:, :width].copy(), **options)
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         ends: list[Array] = []
         for first in range(0, count, width):
             motion.set_time(0.0)
@@ -77,6 +77,6 @@ def prepare_batch(count: int, width: int | None, options: dict[str, Any]) -> Run
             motion.propagate_until(t_end)
             ends.append(motion.state.T.copy())
         rows = np.concatenate(ends)
-        return State(rows[:, :4], rows[:, 4:])
+        return TopState(rows[:, :4], rows[:, 4:])
 
     return run

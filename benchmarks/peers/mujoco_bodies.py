@@ -18,7 +18,7 @@ from ...runtime.rigid_body.quaternion import rotation_matrix
 from ..peer_linkages import Array, Hold, Linkage
 from .optional import need
 
-__all__ = ["INTEGRATORS", "PACKAGE", "STIFFEST", "Machine", "text"]
+__all__ = ["INTEGRATORS", "PACKAGE", "STIFFEST", "MujocoBodies", "text"]
 
 PACKAGE = "mujoco"
 #: Integrator → its order, without a closed loop and with one.
@@ -27,7 +27,7 @@ INTEGRATORS = {"RK4": (4, 2), "implicitfast": (1, 1), "implicit": (1, 1)}
 STIFFEST = "0.9999 0.9999 0.001 0.5 2"
 
 
-class Machine:
+class MujocoBodies:
     """A linkage in MuJoCo."""
 
     def __init__(self, linkage: Linkage) -> None:

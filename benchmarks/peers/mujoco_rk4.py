@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from ..tops import INERTIA, LEVER, MGL, State, state_of, tops
-from .entry import Entry, Run
+from ..tops import INERTIA, LEVER, MGL, TopState, state_of, tops
+from .entry import PeerEntry, Run
 from .optional import need, version
 
 __all__ = ["PACKAGE", "entries"]
@@ -31,10 +31,10 @@ _MODEL = """
 """
 
 
-def entries() -> list[Entry]:
+def entries() -> list[PeerEntry]:
     """Return RK4 at three time steps."""
-    return [Entry("mujoco", version(PACKAGE), f"RK4 Δt={dt:g}", partial(_prepare, dt), dt,
-                  quick=dt == 1e-3)
+    return [PeerEntry("mujoco", version(PACKAGE), f"RK4 Δt={dt:g}", partial(_prepare, dt), dt,
+                      quick=dt == 1e-3)
             for dt in (2e-3, 1e-3, 5e-4)]
 
 
@@ -53,9 +53,9 @@ def _prepare(dt: float) -> Run:
     initial = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, initial, kind)
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         states, _ = rollout.rollout(model, data, initial, nstep=round(t_end / dt))
         end = states[0, -1]
-        return State(end[1:5].copy(), end[5:8].copy())  # after the time
+        return TopState(end[1:5].copy(), end[5:8].copy())  # after the time
 
     return run

@@ -15,23 +15,23 @@ import numpy as np
 
 from ...core.inertia import quaternion_of_matrix
 from ...runtime.rigid_body.quaternion import rotation_matrix
-from ..scenes import GROUND, Array, Motion, Scene, SceneJoint
+from ..scenes import GROUND, Array, ReferenceScene, SceneJoint, SceneMotion
 from .mujoco_bodies import STIFFEST, text
 from .optional import Unavailable, need
 
-__all__ = ["INTEGRATORS", "PACKAGE", "Machine"]
+__all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene"]
 
 PACKAGE = "mujoco"
 INTEGRATORS = ("RK4", "implicit")
-Run = Callable[[], Mapping[str, Motion]]
+Run = Callable[[], Mapping[str, SceneMotion]]
 #: Which joints make the tree, before others.
 _FIRST = ("slide", "hinge", "cross", "rod", "ball")
 
 
-class Machine:
+class MujocoScene:
     """A scene in MuJoCo."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: ReferenceScene) -> None:
         self._mujoco = need(PACKAGE)
         self._mujoco.set_mju_user_warning(lambda text: None)  # else it writes a file
         self._scene = scene
@@ -51,7 +51,7 @@ class Machine:
         speeds = self._speeds(model, data)
         torques = {model.body(name).id: torque for name, torque in self._scene.torques.items()}
 
-        def run() -> Mapping[str, Motion]:
+        def run() -> Mapping[str, SceneMotion]:
             mujoco.mj_resetData(model, data)
             data.qvel[:] = speeds
             for body, torque in torques.items():
@@ -91,12 +91,12 @@ class Machine:
         speeds: Array = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted))[0]
         return speeds
 
-    def _read(self, model: Any, data: Any, name: str) -> Motion:
+    def _read(self, model: Any, data: Any, name: str) -> SceneMotion:
         seen, found = data.body(name), np.zeros(6)
         self._mujoco.mj_objectVelocity(model, data, self._mujoco.mjtObj.mjOBJ_XBODY, seen.id,
                                        found, 0)
         R = seen.xmat.reshape(3, 3)
-        return Motion(seen.xquat.copy(), seen.xpos.copy(), found[3:], R.T @ found[:3])
+        return SceneMotion(seen.xquat.copy(), seen.xpos.copy(), found[3:], R.T @ found[:3])
 
     # ------------------------------------------------------------ its text
 
@@ -193,7 +193,9 @@ def _principal(inertia: Array) -> tuple[Array, Array]:
     return moments, axes
 
 
-def _tree(scene: Scene) -> tuple[list[tuple[str, str, SceneJoint | None]], list[SceneJoint]]:
+def _tree(
+    scene: ReferenceScene
+) -> tuple[list[tuple[str, str, SceneJoint | None]], list[SceneJoint]]:
     """Return (parent, body, joint) from the ground on, and the joints that close loops.
 
     A body that no joint holds hangs on none.

@@ -15,8 +15,8 @@ from ...core.inertia import RepName
 from ...generator.schemes.named_schemes import SchemeName
 from ...runtime.rigid_body.quaternion import angular_velocity
 from ...runtime.steppers.stepper import SOLVERS as KNOWN
-from ..tops import FREE_RATE, INERTIA, State, parameters, tops
-from .entry import Entry, Run
+from ..tops import FREE_RATE, INERTIA, TopState, parameters, tops
+from .entry import PeerEntry, Run
 from .optional import Unavailable
 
 __all__ = ["PACKAGE", "SOLVERS", "Method", "available", "entries", "prepare"]
@@ -70,11 +70,11 @@ _METHODS = (
 _QUICK = _METHODS[:1]
 
 
-def entries() -> list[Entry]:
+def entries() -> list[PeerEntry]:
     """Return each method by the default solver and by dense Newton."""
     return [
-        Entry("gyrospark", __version__, f"{method.text} {solver}",
-              partial(prepare, method, solver), method.dt, method in _QUICK)
+        PeerEntry("gyrospark", __version__, f"{method.text} {solver}",
+                  partial(prepare, method, solver), method.dt, method in _QUICK)
         for method in _METHODS for solver in ("auto", "newton")
     ]
 
@@ -100,7 +100,7 @@ def prepare(method: Method, solver: str) -> Run:
     values = {name: known.get(name, known["gamma"]) for name in step.parameter_domains}
     top = tops()[0]
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         steps = round(t_end / method.dt)
         if abs(steps * method.dt - t_end) > 1e-9 * t_end:
             raise InputError(f"t = {t_end:g} s is no whole number of steps of {method.dt:g} s.")
@@ -108,6 +108,6 @@ def prepare(method: Method, solver: str) -> Run:
                              parameters=values, solver=choose("solver", solver, KNOWN),
                              tolerance=method.tolerance)
         q = np.asarray(end.q[-1], dtype=np.float64)
-        return State(q, angular_velocity(q, end.p[-1], INERTIA))
+        return TopState(q, angular_velocity(q, end.p[-1], INERTIA))
 
     return run

@@ -18,14 +18,14 @@ from ...runtime.rigid_body.quaternion import rotation_matrix
 from ..peer_linkages import Array, Hold, Linkage
 from .optional import Unavailable, need
 
-__all__ = ["PACKAGE", "TOLERANCES", "Machine"]
+__all__ = ["PACKAGE", "TOLERANCES", "PydyBodies"]
 
 PACKAGE = "pydy"
 #: What DOP853 is asked for, relative and absolute.
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 
 
-class Machine:
+class PydyBodies:
     """Bodies that hang on ball joints, derived and compiled once."""
 
     def __init__(self, linkage: Linkage) -> None:

@@ -19,7 +19,7 @@ from sympy.physics import mechanics as me
 from ..peer_linkages import Array
 from .optional import Unavailable, need
 
-__all__ = ["LIMIT", "PACKAGE", "TOLERANCES", "Machine"]
+__all__ = ["LIMIT", "PACKAGE", "TOLERANCES", "PydyMechanics"]
 
 PACKAGE = "pydy"
 #: What DOP853 is asked for, relative and absolute.
@@ -28,7 +28,7 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 LIMIT = 600.0
 
 
-class Machine:
+class PydyMechanics:
     """A system of pin joints, derived and compiled once; ``cost`` are CPU seconds of that."""
 
     def __init__(self, system: Any, values: Mapping[str, float]) -> None:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ...runtime.rigid_body.quaternion import angular_velocity
-from ..tops import INERTIA, MGL, Array, State, tops
-from .entry import Entry, Run
+from ..tops import INERTIA, MGL, Array, TopState, tops
+from .entry import PeerEntry, Run
 from .optional import need, version
 
 __all__ = ["PACKAGE", "entries"]
@@ -22,11 +22,11 @@ PACKAGE = "pydykit"
 _SIGNS = np.array([1.0, -1.0, -1.0, 1.0])
 
 
-def entries() -> list[Entry]:
+def entries() -> list[PeerEntry]:
     """Return the midpoint rule."""
     dt = 1e-3
-    return [Entry("pydykit", version(PACKAGE), f"midpoint Δt={dt:g}", partial(_prepare, dt), dt,
-                  quick=True)]
+    return [PeerEntry("pydykit", version(PACKAGE), f"midpoint Δt={dt:g}", partial(_prepare, dt), dt,
+                      quick=True)]
 
 
 def _prepare(dt: float) -> Run:
@@ -34,13 +34,13 @@ def _prepare(dt: float) -> Run:
     managers = need("pydykit.managers", "pydykit")
     body = _heavy_top()
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         manager = managers.Manager()
         settings = configuration.Configuration(**_settings(dt, t_end))
         manager._configure(settings)
         manager.system = body(manager=manager, **_body())
         x = manager.manage().results[-1]
-        return State(x[:4], angular_velocity(x[:4], x[4:8], INERTIA))
+        return TopState(x[:4], angular_velocity(x[:4], x[4:8], INERTIA))
 
     return run
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import INERTIA, MGL, Array, State, euler_equations, state_of, tops
-from .entry import Entry, Run
+from ..tops import INERTIA, MGL, Array, TopState, euler_equations, state_of, tops
+from .entry import PeerEntry, Run
 from .optional import Unavailable, need, version
 
 __all__ = ["PACKAGE", "entries", "right_hand_side"]
@@ -19,10 +19,11 @@ __all__ = ["PACKAGE", "entries", "right_hand_side"]
 PACKAGE = "scipy"
 
 
-def entries() -> list[Entry]:
+def entries() -> list[PeerEntry]:
     """Return DOP853 at three tolerances."""
-    return [Entry("scipy", version(PACKAGE), f"DOP853 tol {text}", partial(_prepare, float(text)),
-                  quick=text == "1e-9")
+    return [PeerEntry("scipy", version(PACKAGE), f"DOP853 tol {text}",
+                      partial(_prepare, float(text)),
+                      quick=text == "1e-9")
             for text in ("1e-12", "1e-9", "1e-6")]
 
 
@@ -32,10 +33,10 @@ def _prepare(tol: float) -> Run:
     start = state_of(tops()[0])
     initial = np.concatenate([start.q, start.omega])
 
-    def run(t_end: float) -> State:
+    def run(t_end: float) -> TopState:
         x = integrate.solve_ivp(rhs, (0.0, t_end), initial, method="DOP853", rtol=tol, atol=tol,
                                 t_eval=[t_end]).y[:, -1]
-        return State(x[:4], x[4:])
+        return TopState(x[:4], x[4:])
 
     return run
 

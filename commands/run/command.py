@@ -282,7 +282,7 @@ def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
 def _file_like(name: str) -> str:
     """Return an example of the same name, or one to begin with."""
     own = f"examples/{name}.toml"
-    there = Path(__file__).parents[1].joinpath(own).is_file()
+    there = Path(__file__).parents[2].joinpath(own).is_file()
     return own if there else "such as examples/pendulum.toml"
 
 

@@ -189,9 +189,9 @@ def where_it_is(out: Path | None) -> str:
 
 def _remove(store: Path) -> None:
     """Remove a store that is no longer needed, unless a process is at it."""
-    from ...storage.writer_lock import claim, lock_file
+    from ...storage.staging import lock_file, writer_lock
 
-    with claim(store):
+    with writer_lock(store):
         shutil.rmtree(store, ignore_errors=True)
         lock_file(store).unlink(missing_ok=True)
 

@@ -2,7 +2,7 @@
 
 Every kernel works on local symbols: coordinates ``q``, momenta ``p`` and constants ``k`` of one
 instance. The functions of the whole system, which gather and scatter, are in
-``templates/forms.c.jinja``; they have the names that the other templates call.
+``templates/elements.c.jinja``; they have the names that the other templates call.
 """
 
 from __future__ import annotations
@@ -15,11 +15,16 @@ import sympy as sp
 from ...core.real_types import Real
 from ..kernels.kernel import Constants, Target, emit_kernel
 from ..kernels.statements import Kernel
-from ..schemes.kernel_inputs import time_input
 from ..schemes.step_equations import MeanScheme, SparkScheme
-from ..schemes.system_differences import increment_of, mean_gradient_of, mean_slopes_of, vector
+from ..schemes.system_differences import (
+    increment_of,
+    mean_gradient_of,
+    mean_slopes_of,
+    time_input,
+    vector,
+)
 from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
-from ..systems.repeated_structure import Form, Part, Structure
+from ..systems.repeated_structure import ElementSystem, ElementTemplate, Structure
 from .program import Derived, Elements
 
 __all__ = ["elements_of"]
@@ -34,7 +39,7 @@ Placed = tuple[Kernel, str]
 def elements_of(structure: Structure, derived: Derived) -> Elements:
     """Return the tables and kernels of the element templates of a system."""
     scheme, emit = derived.scheme, _Emitter(derived.constants, derived.real)
-    forms = (*structure.forms, *structure.constraint_forms, *structure.force_forms)
+    forms = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
     used = sorted({c for form in forms for i in form.instances for c in i.constants})
     place = {c: at for at, c in enumerate(used)}
     between, constrained = isinstance(scheme, MeanScheme), bool(structure.system.m)
@@ -44,24 +49,24 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         | {"kernels": emit.all(f"term{f}", term_kernels(form, between=between,
                                                         constrained=constrained)),
            "blocks": blocks.of_elements[f]}
-        for f, form in enumerate(structure.forms)
+        for f, form in enumerate(structure.templates)
     ]
     constraints = [
         _form(f"constraint{f}", form, place)
         | {"kernels": emit.all(f"constraint{f}", constraint_kernels(form, between=between)),
            "places": blocks.places[f]}
-        for f, form in enumerate(structure.constraint_forms)
+        for f, form in enumerate(structure.constraint_templates)
     ]
     forces = [
         _form(f"force{f}", form, place)
         | {"kernels": emit.all(f"force{f}", force_kernels(form, time_input(structure.system)))}
-        for f, form in enumerate(structure.force_forms)
+        for f, form in enumerate(structure.force_templates)
     ]
     if isinstance(scheme, MeanScheme):
-        for f, form in enumerate(structure.forms):
+        for f, form in enumerate(structure.templates):
             energies[f]["kernels"] += emit.all(f"term{f}",
                                                mean_term_kernels(form, scheme.discrete))
-        for f, form in enumerate(structure.constraint_forms):
+        for f, form in enumerate(structure.constraint_templates):
             constraints[f]["kernels"] += emit.all(
                 f"constraint{f}", mean_constraint_kernels(form, scheme.discrete))
     elimination = structure.elimination
@@ -71,7 +76,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         energies, constraints, forces,
         used_constants=[str(symbols[c]) for c in used],
         blocks=blocks,
-        covers_momenta=sorted(a for form in structure.forms for i in form.instances
+        covers_momenta=sorted(a for form in structure.templates for i in form.instances
                               for a in i.p) == list(range(structure.system.n)),
         elimination={
             "entries": elimination.entries,
@@ -89,7 +94,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
     )
 
 
-def _form(name: str, form: Form, place: dict[int, int]) -> dict[str, Any]:
+def _form(name: str, form: ElementTemplate, place: dict[int, int]) -> dict[str, Any]:
     return {
         "name": name,
         "nq": len(form.q), "np": len(form.p), "nk": len(form.constants),
@@ -125,11 +130,11 @@ class _Emitter:
         return emitted
 
 
-def _inputs(form: Form, **more: Sequence[sp.Symbol]) -> dict[str, Sequence[sp.Symbol]]:
+def _inputs(form: ElementTemplate, **more: Sequence[sp.Symbol]) -> dict[str, Sequence[sp.Symbol]]:
     return {"q": form.q, "p": form.p, **more, "k": form.constants}
 
 
-def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed]:
+def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> list[Placed]:
     """Return the kernels of a form of H.
 
     Schemes between two states need no second derivatives; H_p for numbers and H_pp belong to the
@@ -161,7 +166,7 @@ def term_kernels(form: Form, *, between: bool, constrained: bool) -> list[Placed
             if kernel.outputs and kernel.name not in dropped]
 
 
-def constraint_kernels(form: Form, *, between: bool) -> list[Placed]:
+def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
     """Return the kernels of a form of constraints."""
     rows = len(form.expressions)
     d, lam = vector("d", len(form.q)), vector("lambda", rows)
@@ -187,7 +192,7 @@ def constraint_kernels(form: Form, *, between: bool) -> list[Placed]:
     return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
 
 
-def force_kernels(form: Form, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
+def force_kernels(form: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
     """Return the kernels of a form of forces."""
     at = {"q": form.q, "p": form.p, **time, "k": form.constants}
     F = list(form.expressions)
@@ -199,7 +204,7 @@ def force_kernels(form: Form, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
     return [value, (Kernel("jacobian", "dF/dq and dF/dp", at, derivatives), NUMBERS)]
 
 
-def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
+def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
     """Return the mean gradient of a form of H between two states, and its derivatives."""
     nq, np = len(form.q), len(form.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
@@ -212,7 +217,7 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     drive = [] if form.time is None else [
         (Kernel("mean_energy_rate", "mean of dH/dt between two states", at,
                 {"D_t": mean_slopes_of(form.system, (qm, pm), (dq, dp), discrete)[-1]
-                 if form.system.is_timed else sp.Integer(0)}), BOTH)]
+                 if form.system.is_time_dependent else sp.Integer(0)}), BOTH)]
     kernels = [
         (Kernel("mean_gradient", "mean gradient of H between two states", at,
                 {a: e for a, e in outputs.items() if e}), BOTH if nq else NUMBERS),
@@ -224,16 +229,16 @@ def mean_term_kernels(form: Form, discrete: bool) -> list[Placed]:
     return [(kernel, where) for kernel, where in [*kernels, *drive] if kernel.outputs]
 
 
-def mean_constraint_kernels(form: Form, discrete: bool) -> list[Placed]:
+def mean_constraint_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
     """Return G^T lambda between two states, and its derivative by dq."""
     nq, rows = len(form.q), len(form.expressions)
     qm, dq, lam = vector("qm", nq), vector("dq", nq), vector("lambda", rows)
     G, rates = [], []
     for g in form.expressions:
-        part = Part(form.q, tuple(vector("unused", nq)), form.constants, g, time=form.time)
+        part = ElementSystem(form.q, tuple(vector("unused", nq)), form.constants, g, time=form.time)
         slopes = mean_slopes_of(part, (qm, vector("pm", nq)), (dq, vector("dp", nq)), discrete)
         G.append(slopes[:nq])
-        rates.append(slopes[-1] if part.is_timed else sp.Integer(0))
+        rates.append(slopes[-1] if part.is_time_dependent else sp.Integer(0))
     pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
             for a in range(nq)]
     at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
@@ -278,7 +283,7 @@ class _Blocks:
         self.of_elements: list[dict[str, list[Any]]] = []
         self.slots: list[int] = []
         self.entries = 0
-        for form in structure.forms:
+        for form in structure.templates:
             blocks: dict[str, list[Any]] = {"count": [], "place": [], "slot": []}
             for instance in form.instances if form.p else ():
                 rows = structure.attached(instance)
@@ -291,7 +296,7 @@ class _Blocks:
                     self.slots += [slot_of[row, other] for other in rows[: i + 1]]
             self.of_elements.append(blocks)
         self.places = []
-        for form in structure.constraint_forms:
+        for form in structure.constraint_templates:
             G = jacobian(form.expressions, form.q)
             self.places.append([
                 [at.get((row, a), -1) if G[r][b] != 0 else -1
@@ -313,7 +318,7 @@ def _second_derivatives(
     block_row: list[int] = []
     mixed: list[dict[int, int]] = [{} for _ in range(n)]
     pp = 0
-    for form, energy in zip(structure.forms, energies, strict=True):
+    for form, energy in zip(structure.templates, energies, strict=True):
         energy |= {"pp_start": pp, "mixed": []}
         for instance in form.instances if form.p else ():
             for a in instance.p:
@@ -322,7 +327,7 @@ def _second_derivatives(
                 pp += len(instance.p)
                 for b in instance.q:
                     mixed[a].setdefault(b, len(mixed[a]))
-    for form in structure.force_forms:
+    for form in structure.force_templates:
         for instance in form.instances:
             for a in instance.p:
                 for row in instance.rows:
@@ -330,10 +335,10 @@ def _second_derivatives(
     first = [0]
     for entries in mixed:
         first.append(first[-1] + len(entries))
-    for form, energy in zip(structure.forms, energies, strict=True):
+    for form, energy in zip(structure.templates, energies, strict=True):
         energy["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
                          for i in form.instances]
-    for form, force in zip(structure.force_forms, forces, strict=True):
+    for form, force in zip(structure.force_templates, forces, strict=True):
         force["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
                          for i in form.instances]
     return {"block_first": block_first, "block_count": block_count, "block_row": block_row,

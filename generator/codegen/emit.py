@@ -22,12 +22,12 @@ from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
-from ..schemes.frame_kernels import Turning
+from ..schemes.frame_kernels import FrameRotation
 from ..schemes.lagrangian_midpoint import LagrangianEMS
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving_frame import MovingSystem, energy_of
+from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
 from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
@@ -162,7 +162,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         scheme_doc=_scheme_doc(scheme),
         unknowns_doc=_unknowns_doc(scheme),
         parameters=[str(p) for p in system.parameters],
-        time=str(system.time) if system.is_driven else "",
+        time=str(system.time) if system.is_nonautonomous else "",
         inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
         input_places=[list(constants_c).index(str(u)) for u in system.inputs
                       if str(u) in constants_c],
@@ -195,7 +195,7 @@ def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
     system = derived.scheme.system
     if derived.profile != "full" or isinstance(system, LagrangianSystem):
         return None  # M of a Lagrangian couples all of it
-    if isinstance(system, MovingSystem) and system.carried:
+    if isinstance(system, CoMovingSystem) and system.frame_velocity:
         return None
     structure = Structure(system)
     if not (structure.is_worthwhile if wanted is None else wanted):
@@ -216,13 +216,13 @@ def _features(
         spark=derived.is_spark,
         elements=elements is not None,
         forces=bool(system.forces),
-        time_dependent=system.is_timed,
+        time_dependent=system.is_time_dependent,
         inputs=bool(system.inputs) and profile == "full",
         lagrangian=isinstance(system, LagrangianSystem),
         energy_momentum=isinstance(scheme, LagrangianEMS),
         indefinite_mass=isinstance(system, LagrangianSystem) and not system.is_definite,
         frame=frame is not None,
-        frame_work=isinstance(scheme.system, MovingSystem) and bool(scheme.system.carried),
+        frame_work=isinstance(scheme.system, CoMovingSystem) and bool(scheme.system.frame_velocity),
         rotating_multipliers=frame is not None and frame.rotates_multipliers,
         fixed_point=lanes is not None,
         constant_schur=iteration is not None and iteration.constant_schur,
@@ -263,7 +263,7 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     if frame is None:
         return None
     wide = REALS["double"] if real.name == "float" else real  # 24 bits count no 10⁹ steps
-    turning = Turning(frame, system)
+    turning = FrameRotation(frame, system)
     target = Target(real.c_type, "parameters_t", "")
     rates = [f"product_of({wide.literal(a)}, par->{frame.groups[g][0].name})"
              if turning.axes[g] is None else

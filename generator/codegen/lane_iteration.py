@@ -105,7 +105,7 @@ def _memory(
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if one else 0
     forced = n if one else s * n
-    constants += 3 + 2 * nodes if scheme.system.is_timed else 0
+    constants += 3 + 2 * nodes if scheme.system.is_time_dependent else 0
     ring = (history + 1) * x
     lessons = 2 * (s + 30) * blocks + 2 * x + 24 if scheme.tableau else 0
     vectors = (forced + blocks + constants + 42

@@ -11,8 +11,8 @@ import sympy as sp
 from ..._version import __version__
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.step_equations import MeanScheme
-from ..symmetry.frame_symmetries import Frame
-from ..systems.body_layout import BodyAt, Entry, JointAt, Pull
+from ..symmetry.frame_symmetries import CoMovingFrame
+from ..systems.body_layout import BodyLayout, ConstraintForce, Entry, JointLayout
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import energy_of
 from ..systems.smoothness import Switching
@@ -30,7 +30,7 @@ def hidden_constraints(derived: Derived, elements: Elements | None) -> list[str]
     """Return the constraints on the momenta as text."""
     system = derived.scheme.system
     if elements is not None:
-        return ["G H_p + g_t" if system.is_timed else "G H_p"] * system.m
+        return ["G H_p + g_t" if system.is_time_dependent else "G H_p"] * system.m
     return [str(derived.constants.spelled_out(f)) for f in system.hidden]
 
 
@@ -150,11 +150,11 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
     said: dict[str, Any] = {}
     if system.forces:
         said["forces"] = [str(f) for f in system.forces]
-    if system.is_driven:
+    if system.is_nonautonomous:
         said["time"] = str(system.time)
     if system.inputs:
         said["inputs"] = [str(u) for u in system.inputs]
-    if system.is_timed:
+    if system.is_time_dependent:
         said["time_in_H_or_g"] = True
     if system.quantities:
         said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
@@ -174,7 +174,7 @@ def _bodies(system: System) -> dict[str, Any]:
             **(joints if system.joints else {})}
 
 
-def _body(body: BodyAt) -> dict[str, Any]:
+def _body(body: BodyLayout) -> dict[str, Any]:
     inertia = "inertia" if len(body.inertia) == 3 else "inverse_inertia"
     place = {"x": [str(x) for x in body.x]} if body.x else {"origin": _entries(body.origin)}
     centre = {"centre": _entries(body.centre)} if body.centre else {}
@@ -183,14 +183,14 @@ def _body(body: BodyAt) -> dict[str, Any]:
             **centre, **mass}
 
 
-def _joint(joint: JointAt) -> dict[str, Any]:
+def _joint(joint: JointLayout) -> dict[str, Any]:
     pulls = {name: None if pull is None else {"kind": pull.kind, **_vectors(pull, "on_a", "on_b")}
-             for name, pull in joint.pulls}
+             for name, pull in joint.constraint_forces}
     places = _vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero")
     return {"bodies": [joint.a, joint.b], **places, "constraints": pulls}
 
 
-def _vectors(one: JointAt | Pull, *names: str) -> dict[str, list[str | float]]:
+def _vectors(one: JointLayout | ConstraintForce, *names: str) -> dict[str, list[str | float]]:
     """Return those of its vectors that it has."""
     return {name: _entries(getattr(one, name)) for name in names if getattr(one, name)}
 
@@ -217,7 +217,7 @@ def _domain(parameter: sp.Symbol) -> str:
 # ---------------------------------------------------------------- co-moving frames
 
 
-def frame_manifest(frame: Frame, system: System) -> dict[str, Any]:
+def frame_manifest(frame: CoMovingFrame, system: System) -> dict[str, Any]:
     """Return the symmetries as JSON: A by its entries, conditions as polynomials that vanish."""
     return {"symmetries": [{
         "name": symmetry.name,

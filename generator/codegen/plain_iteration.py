@@ -93,7 +93,7 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) 
         raise InputError(f"Profile {profile} writes a system out in full, up to {_LARGEST} "
                          f"coordinates; {scheme.system.name} has {scheme.system.n}: choose profile "
                          "full.")
-    if scheme.system.is_timed:
+    if scheme.system.is_time_dependent:
         raise InputError(f"Profile {profile} takes time in forces, not in H or constraints; "
                          f"{scheme.system.name} has it there: choose profile full.")
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None

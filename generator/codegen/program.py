@@ -13,7 +13,7 @@ from typing import Any
 from ...core.real_types import Real
 from ..kernels.kernel import Constants, EmittedKernel
 from ..schemes.step_equations import MeanScheme, SparkScheme
-from ..symmetry.frame_symmetries import Frame
+from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.system import System
 from .profiles import ProfileName
 
@@ -40,7 +40,7 @@ class Derived:
     constants: Constants
     real: Real
     profile: ProfileName = "full"
-    frame: Frame | None = None
+    frame: CoMovingFrame | None = None
 
     @property
     def is_spark(self) -> bool:
@@ -123,7 +123,7 @@ class Elements:
 
 @dataclass(frozen=True)
 class LaneIteration:
-    """The fixed-point iteration of profile ``full``, on lanes."""
+    """Fixed-point iteration of profile ``full``, on lanes (``engine/gyrospark/fixed_point``)."""
 
     kernels: list[EmittedKernel]
     #: Constant of the run → C of its value.

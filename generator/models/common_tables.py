@@ -1,4 +1,4 @@
-"""What all kinds of model files share: parameters, formulas, quantities, run length."""
+"""Tables common to all model files: parameters, formulas, quantities, run length."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ..parsing.grammar import UNITS
 from ..parsing.tokens import names_in, shorten
 from ..symbolic.switching_functions import Where
 from .formulas import parse_formula
-from .toml_tables import Known, Table
+from .toml_tables import Known, TomlTable
 
-__all__ = ["Formulas", "Numbers", "divisors", "run_length"]
+__all__ = ["Formulas", "ParameterValues", "divisors", "run_length"]
 
 MAX_PARAMETERS = 200
 #: Of all formulas of a file together.
 MAX_CHARACTERS = 20_000
 
 
-class Numbers:
+class ParameterValues:
     """The values of [parameters] and [inputs]; each may be a formula of those above it."""
 
-    def __init__(self, content: Table) -> None:
+    def __init__(self, content: TomlTable) -> None:
         table, inputs = content.table("parameters"), content.table("inputs")
         if len(table.content) > MAX_PARAMETERS:
             raise content.error("parameters", f"has {len(table.content)} entries and at most "
@@ -48,8 +48,8 @@ class Numbers:
 class Formulas:
     """Reads the formulas of a file in its symbols; knows the file for the messages."""
 
-    content: Table
-    numbers: Numbers
+    content: TomlTable
+    numbers: ParameterValues
     characters: int = 0
     mentioned: set[str] = field(default_factory=set)
 
@@ -57,7 +57,7 @@ class Formulas:
         self.parameters = {name: sp.Symbol(name, real=True) for name in self.numbers.values}
 
     def read(
-        self, table: Table, key: str, text: str, names: Mapping[str, sp.Expr],
+        self, table: TomlTable, key: str, text: str, names: Mapping[str, sp.Expr],
         constants: Iterable[sp.Symbol] = (),
     ) -> sp.Expr:
         """Return the formula of a key in the names given and the file's parameters.
@@ -79,7 +79,7 @@ class Formulas:
             raise table.error(key, f"is no formula: {error}") from None
 
     def read_all(
-        self, table: Table, key: str, names: Mapping[str, sp.Expr],
+        self, table: TomlTable, key: str, names: Mapping[str, sp.Expr],
         constants: Iterable[sp.Symbol] = (), count: int | None = None,
     ) -> list[sp.Expr]:
         """Return the formulas of a list."""
@@ -103,7 +103,7 @@ class Formulas:
                     f"({shorten(', '.join(names), 120)}); choose another name.")
 
     def remark_on_unused(self) -> None:
-        """Say which parameters nothing in the file mentions."""
+        """Warn of parameters that nothing in the file uses."""
         mentioned = self.mentioned | self.numbers.values.mentioned
         for name in self.content.table("parameters").items():
             if name not in mentioned:
@@ -146,7 +146,7 @@ def divisors(expression: sp.Expr) -> set[sp.Symbol]:
     return found
 
 
-def run_length(content: Table) -> dict[str, Any]:
+def run_length(content: TomlTable) -> dict[str, Any]:
     """Return dt and steps of [run] and the description, for a ``Model``."""
     run = content.table("run")
     run.allow("dt", "steps")

@@ -57,7 +57,7 @@ FUNCTIONS: Mapping[str, tuple[Callable[..., sp.Expr], int]] = MappingProxyType({
 })
 CONSTANTS: Mapping[str, sp.Expr] = MappingProxyType({"pi": sp.pi})
 
-#: What a formula may consist of once SymPy has evaluated it.
+#: Allowed functions of a formula once SymPy has evaluated it.
 _KNOWN = frozenset([sp.exp, sp.log, sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan, sp.atan2,
                     sp.sinh, sp.cosh, sp.tanh, sp.cot, sp.coth, sp.Abs, sp.sign, sp.floor,
                     switching_functions.Where, switching_functions.Min, switching_functions.Max])
@@ -86,16 +86,16 @@ class _Condition:
 def parse_formula(
     text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol] = frozenset()
 ) -> sp.Expr:
-    """Return the formula that a text says, e.g. "m*g*l*cos(theta)".
+    """Return the formula of a text, e.g. "m*g*l*cos(theta)".
 
     Parameters
     ----------
     text : str
         In the grammar of ``grammar``.
     names : mapping
-        What each name stands for, beside the functions and pi.
+        Values of names, besides the functions and pi.
     exponents : set of Symbol
-        The symbols that may occur in an exponent, beside numbers from −64 to 64: parameters.
+        Symbols allowed in exponents, besides numbers from −64 to 64: parameters.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def parse_number(
     text: str, values: Mapping[str, float] = MappingProxyType({}),
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> float:
-    """Return the number that a text says, e.g. "pi/6" or "2*r", with the values of other names.
+    """Return the number of a text, e.g. "pi/6" or "2*r", with the values of other names.
 
     It is a double that knows more digits than any type has. ``units`` are those of ``grammar`` that
     it may have: "30 deg" is pi/6.
@@ -369,7 +369,7 @@ def _is_smooth(x: sp.Rational) -> bool:
 
 
 def _refuse_rough(result: sp.Expr) -> None:
-    """Refuse what is not real, not finite or not known, as SymPy found out."""
+    """Refuse expressions that SymPy finds not real, not finite or unknown."""
     if result.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
         raise RefusedError("This is not a real number for any value of its symbols; write another "
                            "argument")

@@ -60,20 +60,20 @@ from ..multibody.model import Model
 from ..parsing.grammar import UNITS
 from ..parsing.reserved_names import KEYWORDS
 from ..parsing.text_file import is_urdf, model_text
-from .common_tables import Formulas, Numbers
+from .common_tables import Formulas, ParameterValues
 from .multibody_file import read_bodies
 from .robots import read_loops
 from .single_body_file import read_body
 from .system_file import read_system
-from .toml_tables import Table, load_toml
+from .toml_tables import TomlTable, load_toml
 from .urdf import read_settings
 
 __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
-#: The table that tells a kind of model → what reads it.
-KINDS: Mapping[str, Callable[[Table, str, Formulas, str | None], Model]] = {
+#: Table of a kind of model → its reader.
+KINDS: Mapping[str, Callable[[TomlTable, str, Formulas, str | None], Model]] = {
     "body": read_body,
     "system": read_system,
     "bodies": read_bodies,
@@ -82,7 +82,7 @@ KINDS: Mapping[str, Callable[[Table, str, Formulas, str | None], Model]] = {
 
 @dataclass(frozen=True)
 class ModelFile:
-    """What a file says.
+    """Contents of a model file.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ def read_model(
     text: str, path: str | Path, rep: str | None = None,
     settings: Mapping[str, str] = MappingProxyType({}),
 ) -> ModelFile:
-    """Return what a text says that was read from a file, with other values for some of its keys.
+    """Return the contents of a text, with other values for some of its keys.
 
     A key of ``settings`` is a parameter, or a table and a key: ``"start.euler"``; a value is text
     as it would stand in the file, quotes left out.
@@ -162,7 +162,7 @@ def _read(
         raise content.file_error(
             f"it must have one table among {shown} and has {found}; write one.")
     content.require("name", *(() if kinds == ["bodies"] else ("start",)))
-    formulas = Formulas(content, Numbers(content))
+    formulas = Formulas(content, ParameterValues(content))
     try:
         model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
         model = _with_events(model, content)
@@ -178,7 +178,7 @@ def _read(
         raise content.file_error(str(error)) from None
 
 
-def _with_inputs(model: Model, content: Table) -> Model:
+def _with_inputs(model: Model, content: TomlTable) -> Model:
     """Return the model with what [inputs] names as inputs; their values are those by default."""
     known = {str(x): x for x in model.system.parameters}
     table = content.table("inputs")
@@ -189,13 +189,13 @@ def _with_inputs(model: Model, content: Table) -> Model:
     return replace(model, system=replace(model.system, inputs=inputs)) if inputs else model
 
 
-def _with_events(model: Model, content: Table) -> Model:
+def _with_events(model: Model, content: TomlTable) -> Model:
     """Return the model with what [events] looks for."""
     table = content.table("events")
 
     def read(name: str) -> Event:
         def level(text: str) -> float:
-            return Table({name: text}, table.where, table.file_error, table.constants).number(
+            return TomlTable({name: text}, table.where, table.file_error, table.constants).number(
                 name, UNITS)
 
         return event_of_text(table.text(name), table.symbol(name, name), level)
@@ -203,7 +203,7 @@ def _with_events(model: Model, content: Table) -> Model:
     return replace(model, events=[read(name) for name in table.items()])
 
 
-def _name(content: Table) -> str:
+def _name(content: TomlTable) -> str:
     name = content.text("name")
     if not NAME.fullmatch(name) or name in KEYWORDS:
         raise content.error("name", f"is {name!r}; write at most 40 lower case letters, digits and "
@@ -213,8 +213,8 @@ def _name(content: Table) -> str:
     return name
 
 
-def _set(content: Table, key: str, value: str) -> None:
-    """Put a value in place of the file's, or beside its others."""
+def _set(content: TomlTable, key: str, value: str) -> None:
+    """Replace a value of the file, or add one."""
     *path, last = key.split(".") if "." in key else ("parameters", key)
     table: Any = content.content
     for part in path:

@@ -23,10 +23,10 @@
     bodies = ["upper", "lower"]
     at = [0, 0, 1]
 
-What the keys mean is told by ``multibody``. Formulas know, for a body named a, a_q0..a_q3, a_x,
+Keys are arguments of ``multibody``. Symbols of formulas are, for a body named a, a_q0..a_q3, a_x,
 a_y, a_z, a_R11..a_R33, and in forces and quantities its momenta, a_omega1..a_omega3 (body axes)
-and t, beside the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
-Points with mass stand in [[point_masses]] with name, mass, position and velocity; wheels in
+and t, besides the file's parameters; for a joint named j, j_angle and j_rate, j_travel and j_speed.
+Point masses are tables [[point_masses]] with name, mass, position and velocity; wheels in
 [[rotors]] with name, bodies, mass, inertia = [along, across], axis, at or on_body, and rate: its
 bearing is the joint NAME_bearing. ``axis`` is in space at the start, ``axis_on_body`` in the axes
 of the first body. What acts on joints has ``joints`` in place of bodies:
@@ -56,15 +56,14 @@ from ...core.errors import InputError
 from ...core.inertia import REPS, RepName
 from ...core.warnings import remark
 from ..multibody.body import Body, Frame, Particle
-from ..multibody.connections import AXES
-from ..multibody.connections import JOINTS as KINDS
 from ..multibody.initial_poses import Attitude
 from ..multibody.model import Model
-from ..multibody.multibody import Multibody
+from ..multibody.multibody import AXES, Multibody
+from ..multibody.multibody import JOINTS as KINDS
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
 from .single_body_file import ATTITUDES, inertia_numbers, read_attitude
-from .toml_tables import Table
+from .toml_tables import TomlTable
 
 __all__ = ["finished", "join", "read_bodies", "telling"]
 
@@ -74,7 +73,7 @@ POINTS = ("on_a", "on_b")
 #: Type of a joint → all arguments of the method that makes it.
 JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters
           for kind in (*KINDS, "gear", "couple")}
-#: Type of a force → the keys it takes beside name, type and bodies, or joints.
+#: Type of a force → its keys besides name, type and bodies, or joints.
 FORCES = {
     "spring": ("stiffness", "length", "damping", *POINTS),
     "force": ("force", "on_body"),
@@ -88,7 +87,7 @@ ON_JOINTS = {"gear": 2, "couple": 2, "joint_spring": 1, "motor": 1}
 WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "angle": ANGLES}
 
 
-def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [[bodies]]; ``rep`` takes the place of every body's.
 
     Raises
@@ -129,8 +128,8 @@ def read_bodies(content: Table, name: str, formulas: Formulas, rep: str | None) 
     return finished(builder, content)
 
 
-def finished(builder: Multibody, content: Table) -> Model:
-    """Return the model, without the redundant constraints that the file says."""
+def finished(builder: Multibody, content: TomlTable) -> Model:
+    """Return the model, without the redundant constraints that the file names."""
     redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
     model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
     if builder.redundancy and builder.redundancy.left_out:
@@ -143,7 +142,7 @@ def _parameters(builder: Multibody, formulas: Formulas) -> None:
         builder.parameter(parameter, value)
 
 
-def _point(builder: Multibody, table: Table, formulas: Formulas) -> Frame:
+def _point(builder: Multibody, table: TomlTable, formulas: Formulas) -> Frame:
     """Return a point of the ground that moves."""
     table.allow("name", "path")
     table.require("name", "path")
@@ -151,15 +150,15 @@ def _point(builder: Multibody, table: Table, formulas: Formulas) -> Frame:
     return builder.moving_point(table.symbol("name", table.text("name")), path)
 
 
-def _drive(builder: Multibody, table: Table, formulas: Formulas) -> None:
-    """Add a drive, whose angle is a formula of t."""
+def _drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
+    """Add a driven joint, whose angle is a formula of t."""
     table.allow("name", "joint", "angle")
     table.require("name", "joint", "angle")
     law = formulas.read(table, "angle", table.formula("angle"), {"t": builder.time})
     builder.drive(table.symbol("name", table.text("name")), table.text("joint"), angle=law)
 
 
-def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Frame]:
+def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str, Frame]:
     tables = content.tables("bodies")
     count = len(tables) + sum(len(content.tables(kind)) for kind in ("point_masses", "rotors"))
     if not 1 <= count <= MAX_BODIES:
@@ -175,7 +174,7 @@ def _bodies(content: Table, builder: Multibody, rep: str | None) -> dict[str, Fr
     return found
 
 
-def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
+def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
     chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
     if "angular_velocity" in table:
@@ -188,7 +187,7 @@ def _body(builder: Multibody, table: Table, rep: str | None) -> Body:
     )
 
 
-def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
     """Add a point with mass."""
     table.allow("name", "mass", "position", "velocity")
     table.require("name", "mass")
@@ -197,7 +196,7 @@ def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -
                               **cast("dict[str, Any]", vectors))
 
 
-def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Body:
+def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
     """Add a wheel on a body; its bearing is a joint that motors may name."""
     table.allow("name", "bodies", "mass", "inertia", *AXES, "at", "on_body", "rate")
     table.require("name", "bodies", "mass", "inertia")
@@ -209,8 +208,8 @@ def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: Table) -> Bod
         **cast("dict[str, Any]", vectors))
 
 
-def telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any:
-    """Call a builder and say which table its refusal belongs to."""
+def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlTable) -> Any:
+    """Call a builder and add the table to its error."""
     try:
         return build(argument)
     except InputError as problem:
@@ -222,7 +221,7 @@ def telling(table: Table, build: Callable[[Table], Any], argument: Table) -> Any
 def _names(
     builder: Multibody, bodies: Mapping[str, Frame], taken: Collection[str]
 ) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
-    """Return what formulas of the place know, and those of the motion."""
+    """Return the symbols of formulas of position, and of motion."""
     place: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}
     for name, body in bodies.items():
@@ -241,10 +240,10 @@ def _names(
 
 
 def join(
-    builder: Multibody, bodies: Mapping[str, Frame], table: Table,
+    builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable,
     told: Callable[[dict[str, Any]], dict[str, Any]] = dict,
 ) -> None:
-    """Call the method of the joint's type with the keys of its table, as ``told`` has them."""
+    """Call the method of the joint's type with the keys of its table."""
     keys = {kind: {key: one for key, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
             for kind, parameters in JOINTS.items()}
     kind = _kind(table, {kind: tuple(found) for kind, found in keys.items()})
@@ -260,7 +259,7 @@ def join(
 
 
 def _force(
-    builder: Multibody, bodies: Mapping[str, Frame], table: Table, formulas: Formulas,
+    builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
     motion: Mapping[str, sp.Expr],
 ) -> None:
     kind = _kind(table, FORCES)
@@ -288,7 +287,7 @@ def _force(
     getattr(builder, kind)(body, entries, **points)
 
 
-def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
+def _kind(table: TomlTable, kinds: Mapping[str, tuple[str, ...]]) -> str:
     """Return the type of a joint or force, its keys checked."""
     table.require("type")
     kind = table.choice("type", tuple(kinds), "")
@@ -298,7 +297,7 @@ def _kind(table: Table, kinds: Mapping[str, tuple[str, ...]]) -> str:
     return kind
 
 
-def _joints(table: Table, kind: str) -> list[str]:
+def _joints(table: TomlTable, kind: str) -> list[str]:
     """Return the names of the joints that something acts on."""
     names = table.strings("joints")
     if len(names) != ON_JOINTS[kind]:
@@ -306,7 +305,7 @@ def _joints(table: Table, kind: str) -> list[str]:
     return names
 
 
-def _frames(table: Table, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
+def _frames(table: TomlTable, bodies: Mapping[str, Frame], count: int) -> list[Frame]:
     names = table.strings("bodies")
     if len(names) != count:
         raise table.error("bodies", f"has {len(names)} names; write {count}.")

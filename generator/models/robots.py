@@ -33,14 +33,14 @@ from ..multibody.model import Model
 from ..multibody.multibody import Multibody
 from ..parsing.text_file import model_text
 from .multibody_file import finished, join, telling
-from .toml_tables import Table, load_toml
+from .toml_tables import TomlTable, load_toml
 from .urdf import parse_urdf
-from .urdf_robot import HERE
+from .urdf_robot import IDENTITY
 from .urdf_tree import Mount
 
 __all__ = ["Loops", "load_urdf", "read_loops", "read_urdf"]
 
-#: Keys of a joint → of which of its links they are told.
+#: Keys of a joint → the link they refer to.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
 _AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
 
@@ -107,7 +107,7 @@ def load_urdf(
 ) -> Model:
     """Return the model of a robot in URDF: ``read_urdf(...).model()``, with its arguments.
 
-    With ``loops``, what that file says of redundant constraints is done.
+    With ``loops``, that file decides on redundant constraints.
 
     Its system has the quantities JOINT_angle and JOINT_rate, or JOINT_travel and JOINT_speed.
 
@@ -134,16 +134,16 @@ def _read(
 
 @dataclass(frozen=True)
 class Loops:
-    """What closes the loops of a robot."""
+    """Joints and springs that close the loops of a robot."""
 
-    content: Table
+    content: TomlTable
 
     def close(self, builder: Multibody, links: Mapping[str, Mount]) -> None:
         """Add the joints, between links."""
-        known = {"ground": Mount(GROUND, HERE, HERE), **links}
+        known = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
         frames = {name: mount.frame for name, mount in known.items()}
 
-        def one(table: Table) -> Any:
+        def one(table: TomlTable) -> Any:
             names = table.strings("bodies")
 
             def in_bodies(values: dict[str, Any]) -> dict[str, Any]:
@@ -162,7 +162,7 @@ class Loops:
             telling(table, one, table)
 
     def model(self, builder: Multibody) -> Model:
-        """Return the model, without the redundant constraints that the file says."""
+        """Return the model, without the redundant constraints that the file names."""
         try:
             return finished(builder, self.content)
         except InputError as error:

@@ -8,12 +8,15 @@ mass if it is given, and the file's parameters; torques and quantities know p0..
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from itertools import chain
 from typing import Any, cast
 
 import sympy as sp
+from mpmath import mp
 
 from ...core.errors import InputError
+from ...core.exact_numbers import Rounded, exact
 from ...core.inertia import (
     REPS,
     RULES,
@@ -27,19 +30,20 @@ from ...core.inertia import (
 )
 from ...core.warnings import remark
 from ..multibody import initial_poses, rigid_body
+from ..multibody.initial_poses import product
 from ..multibody.model import Model, whole_array
-from ..multibody.rigid_body import INVERSE, Rep, body_system, moments, p, q
+from ..multibody.rigid_body import INVERSE, Rep, body_system, left_matrix, moments, p, q
 from ..parsing.grammar import ANGLES, RATES
-from . import start_attitude
 from .common_tables import Formulas, run_length
-from .toml_tables import Table
+from .toml_tables import TomlTable
 
-__all__ = ["ATTITUDES", "inertia_numbers", "read_attitude", "read_body"]
+__all__ = ["ATTITUDES", "from_euler", "inertia_numbers", "momentum", "read_attitude", "read_body",
+           "unit"]
 
 ATTITUDES = ("quaternion", "euler", "rotation")
 
 
-def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [body]; ``rep`` takes the place of the file's.
 
     Raises
@@ -83,7 +87,7 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
         tensor=tensor,
     )
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
-        remark("[body] mass is in no formula: what pulls at the body is the potential, such as "
+        remark("[body] mass is in no formula: a weight needs a potential, such as "
                '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
     return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
@@ -91,20 +95,20 @@ def read_body(content: Table, name: str, formulas: Formulas, rep: str | None) ->
                  **run_length(content))
 
 
-def _inertia(body: Table) -> Inertia:
-    """Return the three principal moments that a table tells, or the tensor."""
+def _inertia(body: TomlTable) -> Inertia:
+    """Return the three principal moments, or the tensor, of a table."""
     try:
         return as_inertia(inertia_numbers(body), "inertia")
     except InputError as problem:
         raise body.error("inertia", f"is none: {problem}") from None
 
 
-def inertia_numbers(body: Table) -> list[Any]:
+def inertia_numbers(body: TomlTable) -> list[Any]:
     """Return the numbers of an inertia: three, or three rows."""
     return body.matrix("inertia", 3) if body.is_matrix("inertia") else body.vector("inertia", 3)
 
 
-def _weight(body: Table, rep: str) -> dict[str, float]:
+def _weight(body: TomlTable, rep: str) -> dict[str, float]:
     """Return the value of γ or α, if it is given."""
     if rep not in body:
         return {}
@@ -113,7 +117,7 @@ def _weight(body: Table, rep: str) -> dict[str, float]:
     return {rep: body.number(rep)}
 
 
-def _add_mass(body: Table, formulas: Formulas) -> None:
+def _add_mass(body: TomlTable, formulas: Formulas) -> None:
     """Make the mass, if it is given, a parameter of the formulas."""
     if "mass" not in body:
         return
@@ -134,31 +138,31 @@ def _add_tensor(inertia: Inertia, formulas: Formulas) -> None:
 
 
 def _place(letters: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
-    """What formulas of the attitude know."""
+    """Symbols of formulas of the attitude."""
     R = rigid_body.rotation_matrix(q)
     entries = {f"R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
     return {str(symbol): symbol for symbol in (*q, *letters)} | entries
 
 
 def _motion(inertia: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
-    """What formulas of the motion know beside it."""
+    """Symbols of formulas of the motion besides it."""
     omega = rigid_body.angular_velocity(inertia=inertia)
     return {str(symbol): symbol for symbol in (*p, rigid_body.time)} | {
         f"omega{i}": e for i, e in enumerate(omega, 1)}
 
 
-def _start(start: Table, inertia: Inertia) -> tuple[list[float], list[float]]:
+def _start(start: TomlTable, inertia: Inertia) -> tuple[list[float], list[float]]:
     """Return q and p at t = 0."""
     start.allow(*ATTITUDES, "angular_velocity")
     start.require("angular_velocity")
     q0 = read_attitude(start)
     if q0 is None:
         raise start.error("attitude", f"is missing; give one of {', '.join(ATTITUDES)}.")
-    return q0, start_attitude.momentum(q0, start.vector("angular_velocity", 3, RATES), inertia)
+    return q0, momentum(q0, start.vector("angular_velocity", 3, RATES), inertia)
 
 
-def read_attitude(table: Table) -> list[float] | None:
-    """Return the unit quaternion that a table tells as quaternion, euler or rotation, if any."""
+def read_attitude(table: TomlTable) -> list[float] | None:
+    """Return the unit quaternion of a table with quaternion, euler or rotation, if any."""
     given = [key for key in ATTITUDES if key in table]
     if not given:
         return None
@@ -170,11 +174,52 @@ def read_attitude(table: Table) -> list[float] | None:
         if table.is_plain(key):
             degrees = ", ".join(f'"{x:.6g} deg"' for x in angles)
             remark_on_angles(f"{table.where}euler", angles, cure=f"[{degrees}]")
-        return start_attitude.from_euler(*angles)
+        return from_euler(*angles)
     quaternion = table.vector(key, 4) if key == "quaternion" else None
     matrix = table.matrix(key, 3) if key == "rotation" else None
     try:
         found = initial_poses.attitude(table.where.strip(" ,"), quaternion, matrix)
     except InputError as problem:
         raise table.error(key, f"is no attitude: {problem}") from None
-    return start_attitude.unit(quaternion) if quaternion else found.tolist()
+    return unit(quaternion) if quaternion else found.tolist()
+
+
+_DIGITS = 50
+
+
+def from_euler(phi: float, theta: float, psi: float) -> list[float]:
+    """Return the quaternion of R_z(φ) R_x(θ) R_z(ψ) (81), angles in rad."""
+    with mp.workdps(_DIGITS):
+        (a, b), (c, d), (e, f) = ((mp.cos(x), mp.sin(x)) for x in
+                                  (_mpf(angle) / 2 for angle in (phi, theta, psi)))
+        return _rounded(product(product([a, 0, 0, b], [c, d, 0, 0]), [e, 0, 0, f]))
+
+
+def unit(quaternion: Sequence[float]) -> list[float]:
+    """Return q/|q|, of a quaternion that is not 0."""
+    with mp.workdps(_DIGITS):
+        q = [_mpf(x) for x in quaternion]
+        size = mp.sqrt(sum(x * x for x in q))
+        return _rounded([x / size for x in q])
+
+
+def _mpf(value: float) -> Any:
+    """Return a number with the digits it was typed with."""
+    number = exact(value)
+    assert isinstance(number, Fraction)
+    return mp.mpf(number.numerator) / number.denominator
+
+
+def _rounded(values: Sequence[Any]) -> list[float]:
+    """Return doubles that know all digits of mpmath's numbers."""
+    return [Rounded(x) for x in map(exact, values) if isinstance(x, Fraction)]
+
+
+def momentum(q: Sequence[float], omega: Sequence[float], inertia: Inertia) -> list[float]:
+    """Return p = 2 L(q)ᵀ J Ω (82), with Ω in body axes; qᵀp = 0 by (9)."""
+    with mp.workdps(_DIGITS):
+        l = [sum(_mpf(I) * _mpf(x) for I, x in zip(row, omega, strict=True))  # noqa: E741
+             for row in inertia_rows(inertia)]
+        columns = left_matrix([_mpf(x) for x in q]).T.tolist()
+        return _rounded([2 * sum(mp.mpf(a) * b for a, b in zip(column, l, strict=True))
+                         for column in columns])

@@ -8,14 +8,14 @@ from ..multibody.model import Model, whole_array
 from ..parsing.grammar import UNITS
 from ..systems.system import System
 from .common_tables import Formulas, run_length
-from .toml_tables import Table
+from .toml_tables import TomlTable
 
 __all__ = ["read_system"]
 
 MAX_COORDINATES = 64
 
 
-def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) -> Model:
+def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:
     """Return the model of a file with [system]; ``formulas`` knows its parameters.
 
     Raises
@@ -75,7 +75,7 @@ def read_system(content: Table, name: str, formulas: Formulas, rep: str | None) 
     return Model(system, values, q0, p0, **run_length(content))
 
 
-def _symbols(table: Table, key: str) -> dict[str, sp.Symbol]:
+def _symbols(table: TomlTable, key: str) -> dict[str, sp.Symbol]:
     names = table.names(key)
     if not 1 <= len(names) <= MAX_COORDINATES:
         raise table.error(key, f"has {len(names)} names; write 1 to {MAX_COORDINATES}.")

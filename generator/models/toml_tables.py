@@ -18,7 +18,7 @@ from ..parsing.grammar import UNITS
 from ..parsing.tokens import names_in, shorten
 from .formulas import CONSTANTS, FUNCTIONS, parse_number
 
-__all__ = ["SYMBOL", "Known", "Table", "load_toml"]
+__all__ = ["SYMBOL", "Known", "TomlTable", "load_toml"]
 
 #: Python's reader of TOML takes time quadratic in the number of parts of a dotted key.
 MAX_DOTS = 64
@@ -27,7 +27,7 @@ UNIT_WORDS = {unit.partition("/")[0] for unit in UNITS}
 SYMBOL = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
-def load_toml(text: str, path: Path, kind: str = "model file") -> Table:
+def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
     """Return the outermost table of a TOML text."""
     def error(reason: str) -> InputError:
         return InputError(f"The {kind} {str(path)!r} is not usable: {reason}")
@@ -42,24 +42,24 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> Table:
         raise error("its brackets are nested too deeply; write lists of numbers.") from None
     except ValueError as problem:  # TOMLDecodeError is one; so is an integer of 5000 digits
         raise error(f"it is not TOML ({shorten(str(problem), 120)}); correct that place.") from None
-    return Table(content, "", error)
+    return TomlTable(content, "", error)
 
 
 def _typed(text: str) -> float:
-    """Return the double that a number of TOML is; it knows the decimals that were typed."""
+    """Return a number of TOML as a double that remembers its decimals."""
     number = decimal(text.replace("_", ""))
     return Rounded(number) if isinstance(number, Fraction) else float(text)
 
 
 class Known(dict[str, float]):
-    """The values that numbers written as text may name, and the names that were mentioned."""
+    """Values of names in arithmetic text, and the names that were used."""
 
     def __init__(self, values: Mapping[str, float] = MappingProxyType({})) -> None:
         super().__init__(values)
         self.mentioned: set[str] = set()
 
 
-class Table:
+class TomlTable:
     """A table of the file; ``where`` is its heading, such as "[body] "."""
 
     def __init__(
@@ -92,19 +92,19 @@ class Table:
             if key not in self.content:
                 raise self.file_error(f"the key {self.where}{key} is missing; add it.")
 
-    def table(self, key: str) -> Table:
+    def table(self, key: str) -> TomlTable:
         """Return a table; an empty one if the key is not there."""
         value = self.content.get(key, {})
         if not isinstance(value, dict):
             raise self.error(key, f"is {describe(value)}; write a table, [{key}].")
-        return Table(value, f"[{key}] ", self.file_error, self.constants)
+        return TomlTable(value, f"[{key}] ", self.file_error, self.constants)
 
-    def tables(self, key: str) -> list[Table]:
+    def tables(self, key: str) -> list[TomlTable]:
         """Return the tables of an array of tables, [[key]]."""
         value = self.content.get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.error(key, f"is {describe(value)}; write tables, each under [[{key}]].")
-        return [Table(item, f"[[{key}]] {i}, ", self.file_error, self.constants)
+        return [TomlTable(item, f"[[{key}]] {i}, ", self.file_error, self.constants)
                 for i, item in enumerate(value, 1)]
 
     def text(self, key: str, default: str | None = None) -> str:
@@ -189,8 +189,8 @@ class Table:
 
     def matrix(self, key: str, count: int) -> list[list[float]]:
         """Return so many rows of as many numbers."""
-        rows = Table(dict(enumerate_rows(key, self._list(key, count, f"{count} rows"))),
-                     self.where, self.file_error, self.constants)
+        rows = TomlTable(dict(enumerate_rows(key, self._list(key, count, f"{count} rows"))),
+                         self.where, self.file_error, self.constants)
         return [rows.vector(row, count) for row in rows.content]
 
     def items(self) -> Iterator[str]:
@@ -248,7 +248,7 @@ def decimals(number: float) -> str:
 
 
 def describe(value: Any) -> str:
-    """Say what was found in a file, in at most one short line."""
+    """Describe a value of a file in one short line."""
     if value is None:
         return "missing"
     if isinstance(value, bool):

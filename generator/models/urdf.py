@@ -24,19 +24,19 @@ from ...core.exact_numbers import decimal
 from ...core.inertia import remark_on_angles
 from ...core.registry import SYSTEMS
 from ..multibody.body import GROUND, Frame
-from ..multibody.initial_poses import attitude, finite, rotation, three
+from ..multibody.initial_poses import attitude, finite, rotation, vector
 from ..multibody.multibody import Multibody
 from ..parsing.exact_expressions import parse_number
 from ..parsing.grammar import ANGLES, RATES
 from ..parsing.reserved_names import KEYWORDS
 from .bounded_xml import read_xml
-from .urdf_robot import MOVING, Joint, Place, Robot, read_robot
-from .urdf_tree import Limb, Mount, limbs_of, placed
+from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
+from .urdf_tree import Mount, RobotBody, placed, robot_bodies
 
 __all__ = ["BASES", "Close", "parse_urdf", "read_settings"]
 
 BASES = ("fixed", "floating")
-#: What coordinates and rates of hinges may be told in.
+#: Units of coordinates and rates of hinges.
 _UNITS = {"angles": ANGLES, "rates": RATES}
 _VECTORS = ("gravity", "position", "quaternion", "velocity", "angular_velocity")
 
@@ -46,12 +46,12 @@ Close = Callable[[Multibody, Mapping[str, Mount]], None]
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialConfiguration:
     """Where a robot starts: coordinates and rates by the names of joints, and its base."""
 
     coordinates: dict[str, float]
     rates: dict[str, float]
-    base: Place
+    base: Placement
     velocity: Any
     angular_velocity: Any
 
@@ -69,10 +69,11 @@ def parse_urdf(
     choose("base", base, BASES)
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
-    pose = Place(three("position", position), rotation(attitude("the base", quaternion, None)))
+    pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
     try:
         robot = read_robot(read_xml(text), left_out)
-        start = Start(_coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates),
+        start = InitialConfiguration(
+            _coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates),
                       pose, velocity, angular_velocity)
         builder, mounts = _build(robot, base, start, gravity, rep)
     except InputError as error:
@@ -128,7 +129,7 @@ def _coordinates(robot: Robot, what: str, given: Any) -> dict[str, float]:
             raise InputError(f"{what} names {shown(name)}, which follows {shown(leader[0])}; set "
                              "that one.")
 
-    def value(joint: Joint) -> float:
+    def value(joint: RobotJoint) -> float:
         if joint.follows is None:
             return _coordinate(what, joint, told.get(joint.name, 0.0))
         leader, ratio, offset = joint.follows
@@ -137,7 +138,7 @@ def _coordinates(robot: Robot, what: str, given: Any) -> dict[str, float]:
     return {name: value(joint) for name, joint in moving.items()}
 
 
-def _coordinate(what: str, joint: Joint, given: Any) -> float:
+def _coordinate(what: str, joint: RobotJoint, given: Any) -> float:
     """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
     about, is_angle = f"{what[:-1]} of {joint.name!r}", joint.kind != "prismatic"
     if isinstance(given, str):
@@ -153,10 +154,10 @@ def _coordinate(what: str, joint: Joint, given: Any) -> float:
 
 
 def _build(
-    robot: Robot, base: str, start: Start, gravity: Any, rep: Any
+    robot: Robot, base: str, start: InitialConfiguration, gravity: Any, rep: Any
 ) -> tuple[Multibody, dict[str, Mount]]:
     """Return bodies and joints, and where each link is."""
-    limbs = limbs_of(robot)
+    limbs = robot_bodies(robot)
     builder = Multibody(_system_name(robot.name), gravity=gravity,
                         description=f"The robot {robot.name}, of a URDF file.")
     moved = limbs if base == "floating" else limbs[1:]
@@ -168,7 +169,7 @@ def _build(
         raise InputError(f"velocity and angular_velocity are those of one floating body, and there "
                          f"{'are several' if floating else 'is none'}; leave them out.")
     names, centres = _Names(), {limbs[0]: np.zeros(3)}
-    frames: dict[Limb, Frame] = {limbs[0]: builder.ground}
+    frames: dict[RobotBody, Frame] = {limbs[0]: builder.ground}
     places = placed(limbs, start.base, start.coordinates)
     for limb in moved:
         mass, centre, inertia = limb.body()
@@ -191,17 +192,17 @@ def _build(
                      for limb in limbs for place, link in limb.parts}
 
 
-def _mount(frame: Frame, centre: Any, inner: Place, limb: Place) -> Mount:
+def _mount(frame: Frame, centre: Any, inner: Placement, limb: Placement) -> Mount:
     """Return where a link is that is ``inner`` in its limb, and that in space."""
     space = limb.then(inner)
     if frame is GROUND:
         return Mount(frame, space, space)
-    return Mount(frame, Place(inner.x - centre, inner.R), space)
+    return Mount(frame, Placement(inner.x - centre, inner.R), space)
 
 
 def _join(
-    builder: Multibody, names: _Names, limb: Limb, frames: Mapping[Limb, Frame],
-    places: Mapping[Limb, Place], start: Start,
+    builder: Multibody, names: _Names, limb: RobotBody, frames: Mapping[RobotBody, Frame],
+    places: Mapping[RobotBody, Placement], start: InitialConfiguration,
 ) -> str:
     """Add the joint of a limb, with its coordinate and its rate as quantities."""
     joint = limb.joint

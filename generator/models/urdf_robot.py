@@ -21,7 +21,8 @@ from ...core.errors import InputError
 from ...core.warnings import remark
 from .bounded_xml import Element
 
-__all__ = ["EXTRAS", "HERE", "MOVING", "Joint", "Link", "Place", "Robot", "read_robot", "turn"]
+__all__ = ["EXTRAS", "IDENTITY", "MOVING", "Placement", "Robot", "RobotJoint", "RobotLink",
+           "read_robot", "turn"]
 
 Array = NDArray[np.float64]
 Read = TypeVar("Read")
@@ -29,14 +30,14 @@ Read = TypeVar("Read")
 #: Types of joints with a coordinate.
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed", "floating")
-#: What a model does without, if asked to → what it is.
+#: Ignorable element → its meaning.
 EXTRAS = {
     "limits": "ends of a joint's range",
     "friction": "dry friction of a joint",
     "collision": "shapes that touch",
     "contact": "properties of touching",
     "transmission": "gears between motors and joints",
-    "gazebo": "what another simulator is told",
+    "gazebo": "settings of another simulator",
     "safety_controller": "limits of a controller",
 }
 MAX_LINKS = 500
@@ -46,23 +47,23 @@ _NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?"
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Placement:
     """Where a frame is in another one: R maps its axes to those of the other."""
 
     x: Array
     R: Array
 
-    def then(self, inner: Place) -> Place:
+    def then(self, inner: Placement) -> Placement:
         """Return where a frame is that is ``inner`` in this one."""
-        return Place(self.x + self.R @ inner.x, self.R @ inner.R)
+        return Placement(self.x + self.R @ inner.x, self.R @ inner.R)
 
 
 #: The frame itself.
-HERE = Place(np.zeros(3), np.eye(3))
+IDENTITY = Placement(np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class RobotLink:
     """A link: its name, and mass, centre of mass and inertia about it in the axes of the link."""
 
     name: str
@@ -72,7 +73,7 @@ class Link:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class RobotJoint:
     """A joint: where the child is in the parent at 0, what about or along, what it follows.
 
     ``follows`` is the name of another joint, ratio and offset.
@@ -82,7 +83,7 @@ class Joint:
     kind: str
     parent: str
     child: str
-    place: Place
+    place: Placement
     axis: Array
     damping: float
     follows: tuple[str, float, float] | None
@@ -93,8 +94,8 @@ class Robot:
     """A tree of links, in the order of the file."""
 
     name: str
-    links: dict[str, Link]
-    joints: dict[str, Joint]
+    links: dict[str, RobotLink]
+    joints: dict[str, RobotJoint]
     root: str
 
 
@@ -134,7 +135,7 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
 
 
 def _refuse_extras(top: Element, ignore: Collection[str]) -> None:
-    """Refuse what the file has beyond links and joints unless it is to be ignored."""
+    """Refuse elements other than links and joints unless they are to be ignored."""
     for name in ignore:
         if name not in (*EXTRAS, "all"):
             raise InputError(f"ignore names {shown(name)}; choose "
@@ -187,10 +188,10 @@ def _read_all(top: Element, kind: str, read: Callable[[str, Element], Read]) -> 
     return found
 
 
-def _link(name: str, element: Element) -> Link:
+def _link(name: str, element: Element) -> RobotLink:
     inertial = element.first("inertial")
     if inertial is None:
-        return Link(name, 0.0, np.zeros(3), np.zeros((3, 3)))
+        return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
     place = _place(inertial)
     mass = _one(inertial, "mass", "value")
     if mass < 0:
@@ -205,10 +206,10 @@ def _link(name: str, element: Element) -> Link:
     least = float(np.linalg.eigvalsh(J).min())
     if least < -max(1e-9 * float(np.abs(J).max()), _NOTHING):
         raise InputError(f"its inertia has the principal moment {least:.3g}; none may be below 0.")
-    return Link(name, mass, place.x, place.R @ J @ place.R.T)
+    return RobotLink(name, mass, place.x, place.R @ J @ place.R.T)
 
 
-def _joint(name: str, element: Element) -> Joint:
+def _joint(name: str, element: Element) -> RobotJoint:
     kind = element.attributes.get("type", "")
     if kind not in TYPES:
         raise InputError(f"its type is {shown(kind)}; choose {listed(TYPES)}"
@@ -216,9 +217,9 @@ def _joint(name: str, element: Element) -> Joint:
     parent, child = (_text(element, end, "link") for end in ("parent", "child"))
     dynamics, mimic = element.first("dynamics"), element.first("mimic")
     if mimic is not None and kind not in MOVING:
-        remark(f"Joint {shown(name)} is {kind}: its <mimic> says nothing.")
+        remark(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
         mimic = None
-    return Joint(
+    return RobotJoint(
         name, kind, parent, child, _place(element), _axis(element, kind),
         0.0 if dynamics is None else _numbers(dynamics, "damping", 1, [0.0])[0],
         None if mimic is None else (
@@ -242,15 +243,15 @@ def _axis(element: Element, kind: str) -> Array:
     return unit
 
 
-def _place(element: Element) -> Place:
+def _place(element: Element) -> Placement:
     """Return <origin>: R = R_z(yaw) R_y(pitch) R_x(roll)."""
     origin = element.first("origin")
     if origin is None:
-        return HERE
+        return IDENTITY
     x = np.array(_numbers(origin, "xyz", 3, [0.0] * 3))
     turns = [turn(axis, angle) for axis, angle in zip(
         np.eye(3), _numbers(origin, "rpy", 3, [0.0] * 3), strict=True)]
-    return Place(x, turns[2] @ turns[1] @ turns[0])
+    return Placement(x, turns[2] @ turns[1] @ turns[0])
 
 
 def turn(axis: Array, angle: float) -> Array:
@@ -264,9 +265,9 @@ def turn(axis: Array, angle: float) -> Array:
 # ---------------------------------------------------------------- the tree
 
 
-def _root(links: dict[str, Link], joints: dict[str, Joint]) -> str:
+def _root(links: dict[str, RobotLink], joints: dict[str, RobotJoint]) -> str:
     """Return the link that is no child, from which all others hang."""
-    above: dict[str, Joint] = {}
+    above: dict[str, RobotJoint] = {}
     for joint in joints.values():
         for end in (joint.parent, joint.child):
             if end not in links:
@@ -294,7 +295,7 @@ def _root(links: dict[str, Link], joints: dict[str, Joint]) -> str:
     return roots[0]
 
 
-def _check_followed(joints: dict[str, Joint]) -> None:
+def _check_followed(joints: dict[str, RobotJoint]) -> None:
     """Refuse <mimic> of what does not move, and of what follows itself."""
     for joint in joints.values():
         seen, last = [joint.name], joint

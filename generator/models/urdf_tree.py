@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from ...core.arguments import shown
 from ...core.errors import InputError
 from ..multibody.body import Frame
-from .urdf_robot import HERE, Joint, Link, Place, Robot, turn
+from .urdf_robot import IDENTITY, Placement, Robot, RobotJoint, RobotLink, turn
 
-__all__ = ["Limb", "Mount", "limbs_of", "placed"]
+__all__ = ["Mount", "RobotBody", "placed", "robot_bodies"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(eq=False)
-class Limb:
-    """Links that move as one, named by the first of them, to whose frame all is told.
+class RobotBody:
+    """Links that move as one, named by the first of them, in whose frame all is given.
 
     Attributes
     ----------
@@ -33,10 +33,10 @@ class Limb:
     """
 
     name: str
-    joint: Joint | None
-    above: Limb | None
-    at: Place
-    parts: list[tuple[Place, Link]] = field(default_factory=list)
+    joint: RobotJoint | None
+    above: RobotBody | None
+    at: Placement
+    parts: list[tuple[Placement, RobotLink]] = field(default_factory=list)
 
     def body(self) -> tuple[float, Array, Array]:
         """Return mass, centre of mass, and inertia about it, in the frame of the limb.
@@ -68,18 +68,18 @@ class Mount:
     """A link as part of a body, or of the ground: where its frame is there, and in space."""
 
     frame: Frame
-    inner: Place
-    space: Place
+    inner: Placement
+    space: Placement
 
 
-def limbs_of(robot: Robot) -> list[Limb]:
+def robot_bodies(robot: Robot) -> list[RobotBody]:
     """Return the limbs, each after the one it hangs on, branch by branch."""
-    below: dict[str, list[Joint]] = {name: [] for name in robot.links}
+    below: dict[str, list[RobotJoint]] = {name: [] for name in robot.links}
     for joint in robot.joints.values():
         below[joint.parent].append(joint)
-    root = Limb(robot.root, None, None, HERE)
+    root = RobotBody(robot.root, None, None, IDENTITY)
     found = [root]
-    left: list[tuple[str, Limb, Place]] = [(robot.root, root, HERE)]
+    left: list[tuple[str, RobotBody, Placement]] = [(robot.root, root, IDENTITY)]
     while left:
         name, limb, place = left.pop()
         limb.parts.append((place, robot.links[name]))
@@ -90,13 +90,15 @@ def limbs_of(robot: Robot) -> list[Limb]:
             if joint.kind == "fixed":
                 left.append((joint.child, limb, at))
             else:
-                left.append((joint.child, Limb(joint.child, joint, limb, at), HERE))
+                left.append((joint.child, RobotBody(joint.child, joint, limb, at), IDENTITY))
     return found
 
 
-def placed(limbs: list[Limb], base: Place, coordinates: Mapping[str, float]) -> dict[Limb, Place]:
+def placed(
+    limbs: list[RobotBody], base: Placement, coordinates: Mapping[str, float]
+) -> dict[RobotBody, Placement]:
     """Return where each limb is in space, at these angles and travels of joints by name."""
-    found: dict[Limb, Place] = {}
+    found: dict[RobotBody, Placement] = {}
     for limb in limbs:
         joint = limb.joint
         if joint is None or limb.above is None:
@@ -105,8 +107,8 @@ def placed(limbs: list[Limb], base: Place, coordinates: Mapping[str, float]) -> 
         here = found[limb.above].then(limb.at)
         value = coordinates.get(joint.name, 0.0)
         if joint.kind == "prismatic":
-            here = here.then(Place(value * joint.axis, np.eye(3)))
+            here = here.then(Placement(value * joint.axis, np.eye(3)))
         elif joint.kind != "floating":
-            here = here.then(Place(np.zeros(3), turn(joint.axis, value)))
+            here = here.then(Placement(np.zeros(3), turn(joint.axis, value)))
         found[limb] = here
     return found

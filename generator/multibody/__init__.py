@@ -1,15 +1,13 @@
-"""Rigid bodies: quaternions, joints, and the models put together from them.
+"""Multibody models: rigid bodies with quaternions, joints and forces.
 
     rigid_body      L(q), R(q), the α- and γ-type kinetic energies, the paper's systems
-    body_symbols    the symbols of formulas of one body, as ``gyrospark.symbols``
-    body            one body: its symbols, points and velocities in space
-    joints          joints and springs: attachments and equations
-    sliding_joints  joints that slide, screw, cross or mesh
-    connections     a method for each kind of joint
-    forces          potentials, forces, motors, springs and quantities
+    body_symbols    symbols for formulas of one body, as ``gyrospark.symbols``
+    body            symbols, points and velocities of one body
+    joints          joints, springs and motors: their constraints, energies and forces
+    components      bodies, connections and forces of a model, found by name
     initial_poses   positions and attitudes at the start
-    layout_records  coordinates of bodies and joints in their system
-    multibody       bodies, joints and forces, put into a model
-    model           a system with the numbers to run it with
-    example_models  models to start from, as ``gyrospark.models``
+    assembly        constraints, H and forces from the components
+    multibody       the builder of models, ``gyrospark.Multibody``
+    model           a system with parameters and an initial state
+    example_models  example models, as ``gyrospark.models``
 """

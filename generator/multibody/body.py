@@ -1,4 +1,4 @@
-"""A rigid body as an expression-maker: its symbols, and its points and velocities in space.
+"""One rigid body in expressions: its symbols, and its points and velocities in space.
 
 A body has a quaternion q, R(q) from body to space axes, and, unless one of its points is held in
 space, the position x of its centre of mass. Body axes are the principal axes of inertia, or any
@@ -32,17 +32,18 @@ from .rigid_body import (
     tensor_symbols,
 )
 
-__all__ = ["GROUND", "Body", "Frame", "Moving", "Particle", "Push", "Vector", "three_expressions"]
+__all__ = ["GROUND", "Body", "Frame", "GeneralisedForce", "MovingPoint", "Particle", "Vector",
+           "three_expressions"]
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
-#: Momenta, and the generalised force on each.
-Push = tuple[Sequence[sp.Symbol], Sequence[sp.Expr]]
+#: Momenta, and the generalised force on each of them.
+GeneralisedForce = tuple[Sequence[sp.Symbol], Sequence[sp.Expr]]
 
 _AXES = "xyz"
 
 
 class Frame:
-    """Something that joints and springs hold on to: a body, or the ground, which is space."""
+    """A frame of reference for joints and springs: a body, or the ground, which is space."""
 
     def __repr__(self) -> str:
         return "<Frame: space>"
@@ -52,7 +53,7 @@ class Frame:
         return _vector(expressions("vector", v, 3))
 
     def point(self, r: Sequence[object]) -> Vector:
-        """Return where in space a point of the frame is."""
+        """Return the position in space of a point of the frame."""
         return self.direction(r)
 
     @property
@@ -69,12 +70,12 @@ class Frame:
         """Return the velocity in space of a point of the frame."""
         return _vector([sp.Integer(0)] * 3)
 
-    def pushed(self, r: Sequence[object], force: Vector) -> list[Push]:
-        """Return what a force, in space axes, at a point of the frame does: nothing to space."""
+    def force_at(self, r: Sequence[object], force: Vector) -> list[GeneralisedForce]:
+        """Return the generalised forces of a force (space axes) at a point of the frame: none."""
         return []
 
-    def turned(self, torque: Sequence[object]) -> list[Push]:
-        """Return what a torque in the axes of the frame does."""
+    def torque_on(self, torque: Sequence[object]) -> list[GeneralisedForce]:
+        """Return the generalised forces of a torque in the axes of the frame."""
         return []
 
 
@@ -83,7 +84,7 @@ GROUND = Frame()
 
 
 @dataclass(frozen=True, eq=False)
-class Moving(Frame):
+class MovingPoint(Frame):
     """A point of the ground that moves by a law of t, with axes parallel to those of space."""
 
     name: str
@@ -94,7 +95,7 @@ class Moving(Frame):
         return f"<Moving {self.name}>"
 
     def point(self, r: Sequence[object]) -> Vector:
-        """Return where in space a point is that moves along."""
+        """Return the position in space of a point fixed in the moving axes."""
         return _vector([x + d for x, d in zip(self.path, self.direction(r), strict=True)])
 
     def point_velocity(self, r: Sequence[object]) -> Vector:
@@ -117,7 +118,7 @@ class Body(Frame):
     x, p_x : tuple of 3 symbols, or ()
         Position of the centre of mass and its momenta; empty for a top.
     origin : tuple of 3 expressions
-        Where the origin of the body axes is: x, or the fixed point of a top.
+        Position of the origin of the body axes: x, or the fixed point of a top.
     centre : tuple of 3 expressions
         Centre of mass in body axes, from the origin.
     mass, weight : symbols
@@ -198,13 +199,13 @@ class Body(Frame):
         return _vector(_times(self.rotation.tolist(), v))
 
     def point(self, r: Sequence[object]) -> Vector:
-        """Return x + R(q) r: where in space the point r of the body is."""
+        """Return x + R(q) r, the position in space of the point r of the body."""
         moved = self.direction(r)
         return _vector([o + d for o, d in zip(self.origin, moved, strict=True)])
 
     @property
     def centre_of_mass(self) -> Vector:
-        """Where in space the centre of mass is."""
+        """Position of the centre of mass in space."""
         return self.point(self.centre)
 
     @property
@@ -236,7 +237,7 @@ class Body(Frame):
 
     @property
     def kinetic_energy(self) -> sp.Expr:
-        """T(q, p): turning, and moving unless a point is held."""
+        """T(q, p) of rotation, and of translation unless a point is fixed."""
         turning = kinetic_energy(self.rep, self.q, self.p, self.inverse or self.inertia,
                                  self.weight)
         return sum((p**2 / (2 * self.mass) for p in self.p_x), turning)
@@ -253,19 +254,19 @@ class Body(Frame):
         """
         return [2 * e for e in _times(left_matrix(self.q).T.tolist(), torque)]
 
-    def pushed(self, r: Sequence[object], force: Vector) -> list[Push]:
-        """Return what a force, in space axes, at the point r of the body does."""
+    def force_at(self, r: Sequence[object], force: Vector) -> list[GeneralisedForce]:
+        """Return the generalised forces of a force (space axes) at the point r of the body."""
         moment = cross(r, _times(self.rotation.T.tolist(), force))
-        return [(self.p_x, force if self.p_x else ()), *self.turned(moment)]
+        return [(self.p_x, force if self.p_x else ()), *self.torque_on(moment)]
 
-    def turned(self, torque: Sequence[object]) -> list[Push]:
-        """Return what a torque in body axes does."""
+    def torque_on(self, torque: Sequence[object]) -> list[GeneralisedForce]:
+        """Return the generalised forces of a torque in body axes."""
         return [(self.p, self.torque_force(torque))] if any(torque) else []
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Particle(Body):
-    """A point with mass: a place and no attitude, 3 coordinates; ``Multibody.point_mass`` makes it.
+    """A point with mass and no attitude, 3 coordinates; made by ``Multibody.point_mass``.
 
     Vectors in its axes are in those of space.
     """
@@ -307,8 +308,8 @@ class Particle(Body):
         """|p|²/(2 m)."""
         return sp.Add(*(p**2 / (2 * self.mass) for p in self.p_x))
 
-    def turned(self, torque: Sequence[object]) -> list[Push]:
-        """Return nothing: there is nothing that a torque could turn."""
+    def torque_on(self, torque: Sequence[object]) -> list[GeneralisedForce]:
+        """Return nothing: a point has no attitude."""
         return []
 
 
@@ -334,7 +335,7 @@ def _vector(entries: Sequence[sp.Expr]) -> Vector:
 
 
 def three_expressions(what: str, values: Any) -> Vector:
-    """Return what a caller gave as a vector.
+    """Return three expressions given by a caller.
 
     Raises
     ------

@@ -8,7 +8,7 @@
     four_bar                crank, coupler, rocker: a closed loop         n = 21, m = 20
     chain(N)                N rods on ball joints                         n = 7N, m = 4N
 
-Lengths in m, masses in kg, angles in rad, unless said otherwise.
+Lengths in m, masses in kg, angles in rad, unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def satellite(*, rep: RepName = "gamma", rate: float = 0.0011) -> Model:
     """Return a satellite's attitude in orbit axes: z points up, y along the orbit's normal.
 
     H = T − n l_y + (3/2) n² z·J z, with the orbit's rate n and l_y, z in space and body axes: the
-    gravity gradient pulls the axis of least inertia upright, and the orbit axes turn at n. H is
+    gravity gradient turns the axis of least inertia upright, and the orbit axes turn at n. H is
     the constant of Jacobi. Time in s, n in rad/s.
     """
     build = Multibody("satellite", gravity=(0, 0, 0), dt=2.0, steps=3000,
@@ -96,7 +96,7 @@ def double_pendulum(*, rep: RepName = "gamma", angles: tuple[float, float] = (1.
 
 
 def double_top(*, rep: RepName = "gamma") -> Model:
-    """Return a top whose tip stands, on a ball joint, on the head of another top."""
+    """Return a top on top of another one, joined by a ball joint."""
     build = Multibody("double_top", dt=0.001, steps=2000, description="A top on a top.")
     a = build.top(
         "a", mass=1.0, inertia=(0.1, 0.12, 0.03), centre=(0, 0, 0.25), rep=rep,

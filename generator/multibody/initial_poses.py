@@ -1,4 +1,4 @@
-"""Where bodies are and how they move at the start, in numbers."""
+"""Poses and velocities of bodies at the start, in numbers."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from ...core.inertia import (
 )
 from .rigid_body import left_matrix, rotation_matrix
 
-__all__ = ["Attitude", "Pose", "Start", "attitude", "check_rep", "clean", "conjugate", "count",
-           "direction", "finite", "in_range", "nonzero", "normals", "onto", "positive", "product",
-           "rotation", "settle", "start_of", "three", "three_or_none", "unit"]
+__all__ = ["Attitude", "InitialState", "Pose", "attitude", "check_rep", "clean", "conjugate",
+           "count", "direction", "finite", "in_range", "initial_state", "nonzero", "normals",
+           "onto", "optional_vector", "positive", "product", "propagate_all", "rotation", "unit",
+           "vector"]
 
 Array = NDArray[Any]
 
-#: Components smaller than this beside the vector, or its distance to walk, are rounding: zero.
+#: Components smaller than this relative to the vector, or to its parts, are round-off: zero.
 _ROUNDING = 2.0**-49
 
 
@@ -62,7 +63,7 @@ class Pose:
         return cls(np.array([1.0, 0, 0, 0]), np.eye(3), zero, zero, zero)
 
     def space(self, r: Array) -> Array:
-        """Return where in space a point of the frame is."""
+        """Return the position in space of a point of the frame."""
         assert self.x is not None
         where: Array = self.x + self.R @ r
         return where
@@ -76,8 +77,8 @@ class Pose:
 
 
 @dataclass
-class Start:
-    """What a caller says of a body's start."""
+class InitialState:
+    """Initial state of a body as given; None where it follows from joints."""
 
     q: Array
     x: Array | None
@@ -85,20 +86,20 @@ class Start:
     omega: Array | None  # in body axes
 
     def pose(self) -> Pose:
-        """Return the pose, unknown where nothing was said."""
+        """Return the pose, unknown where nothing is given."""
         R = rotation(self.q)
         return Pose(self.q, R, self.x, self.v, None if self.omega is None else R @ self.omega)
 
 
-def start_of(
+def initial_state(
     name: str, quaternion: Any, rotation: Any, position: Any, velocity: Any, omega: Any
-) -> Start:
-    """Return what a caller says of the start of a body."""
-    return Start(
+) -> InitialState:
+    """Return the initial state of a body as given."""
+    return InitialState(
         attitude(f"body {name!r}", quaternion, rotation),
-        three_or_none(f"position of {name!r}", position),
-        three_or_none(f"velocity of {name!r}", velocity),
-        three_or_none(f"angular velocity of {name!r}", omega),
+        optional_vector(f"position of {name!r}", position),
+        optional_vector(f"velocity of {name!r}", velocity),
+        optional_vector(f"angular velocity of {name!r}", omega),
     )
 
 
@@ -108,7 +109,7 @@ def numbers(matrix: Any) -> Array:
 
 
 def onto(axis: Array) -> Array:
-    """Return a quaternion that turns the third axis into a direction, the shortest way."""
+    """Return the quaternion of the smallest rotation that turns the third axis into a direction."""
     size = float(np.linalg.norm(axis))
     x, y, z = axis / (size or 1.0)
     across = math.hypot(x, y)
@@ -126,7 +127,7 @@ def rotation(q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Attitude:
-    """A unit quaternion, scalar first, that nobody need doubt: it stands where a rotation may."""
+    """A checked unit quaternion, scalar first; accepted wherever a rotation is."""
 
     q: Sequence[float]
 
@@ -171,7 +172,7 @@ def unit(v: Array) -> Array:
 
 @contextmanager
 def in_range(what: str) -> Iterator[None]:
-    """Refuse what leads out of the range of doubles.
+    """Refuse values outside the range of doubles.
 
     Raises
     ------
@@ -185,7 +186,7 @@ def in_range(what: str) -> Iterator[None]:
                          "velocities or rates are too large; take other units.") from None
 
 
-def three(what: str, value: Any) -> Array:
+def vector(what: str, value: Any) -> Array:
     """Return three finite numbers."""
     return finite(what, value, (3,))
 
@@ -208,15 +209,15 @@ def positive(what: str, value: Any) -> float:
     return number
 
 
-def three_or_none(what: str, value: Any) -> Array | None:
+def optional_vector(what: str, value: Any) -> Array | None:
     """Return three numbers, or None where none are given."""
-    return None if value is None else three(what, value)
+    return None if value is None else vector(what, value)
 
 
-def settle(
+def propagate_all(
     poses: Mapping[Any, Pose], attribute: str, steps: Sequence[Callable[[Mapping[Any, Pose]], bool]]
 ) -> None:
-    """Let joints hand on what is known, from body to body; what nothing tells is zero."""
+    """Propagate a quantity from body to body until nothing changes; what stays unknown is zero."""
     while True:
         while sum(step(poses) for step in steps):
             pass
@@ -227,7 +228,7 @@ def settle(
 
 
 def check_rep(name: str, rep: Any) -> None:
-    """Refuse what is no representation of the inertia."""
+    """Refuse an unknown representation of the inertia."""
     if not isinstance(rep, str) or rep not in REPS:
         raise unknown(f"representation of body {name!r}:", rep, REPS)
 
@@ -258,7 +259,7 @@ def product(x: Any, y: Any) -> list[Any]:
 
 
 def conjugate(q: Any) -> list[Any]:
-    """Return the quaternion of the turn back."""
+    """Return the conjugate, the inverse rotation."""
     return [q[0], *(-x for x in q[1:])]
 
 
@@ -271,12 +272,12 @@ def normals(axis: Array) -> tuple[Array, Array]:
 
 
 def clean(v: Array, *sizes: Array) -> Array:
-    """Return a vector whose components that are rounding, beside it or ``sizes``, are 0."""
+    """Return a vector with 0 for components that are round-off relative to it or ``sizes``."""
     size = max(float(np.abs(x).max()) for x in (v, *sizes))
     return np.where(np.abs(v) <= _ROUNDING * size, 0.0, v)
 
 
 def direction(v: Array) -> Array:
-    """Return a unit vector without what is rounding: along an axis it has 1 or −1 there."""
+    """Return a unit vector without round-off: along an axis it has 1 or −1 there."""
     v = clean(v)
     return np.sign(v) if np.count_nonzero(v) == 1 else v

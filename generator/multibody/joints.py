@@ -1,4 +1,4 @@
-"""Joints and springs between bodies: what they hold on to, and their equations.
+"""Joints, springs and motors between frames: their constraints, energies and forces.
 
     ball       x_a + R(q_a) r_a − x_b − R(q_b) r_b = 0                       three
     align      R(q_a) n_k · R(q_b) e = 0,  k = 1, 2                          two
@@ -6,13 +6,30 @@
     rod        |x_a + R(q_a) r_a − x_b − R(q_b) r_b|² − l² = 0               one
 
 n₁ and n₂ are two directions of a that are perpendicular to the axis, e is the axis in b. All are
-polynomials of the coordinates. A component that is 0 stays 0: it takes no arithmetic. Joints with
-an axis tell how far b has turned about it against a, and how fast:
+polynomials of the coordinates. A component that is 0 stays 0 and costs no arithmetic. Joints with
+an axis measure the angle of b relative to a, and its rate:
 
     angle      θ = 2 atan2(v, w),  (w, v e) = q̄_a q_b c,  smooth for |θ| < 2π
     rate       e · Ω_b − e · Ω_a
 
-with c such that θ is at the start what is said of it.
+with c such that θ has the given value at the start. Sliding joints, gears and driven joints:
+
+    cylindrical  align, and R(q_a) n_k · d = 0                               four
+    prismatic    cylindrical, and R(q_a) n₁ · R(q_b) m₂ = 0                  five
+    screw        cylindrical, and sin(θ − 2π (s − s₀)/h) = 0                 five
+    planar       align, and R(q_a) e · d = 0                                 three
+    universal    ball, and R(q_a) e₁ · R(q_b) e₂ = 0                         four
+    gear         sin(z₁ θ₁ + z₂ θ₂) = 0 of two joints                        one
+    rheonomic    sin(f(t) − θ) = 0                                           one
+    coupling     c₂ − (ratio c₁ + offset) = 0, c their angles or travels     one
+
+d is the vector from the point of a to that of b; s = c + R(q_a) e · d is the travel, with c such
+that it has the given value s₀ at the start. m_k are the directions of b that are n_k at the start:
+cos θ = R(q_a) n₁ · R(q_b) m₁ and sin θ = R(q_a) n₂ · R(q_b) m₁ determine the angle but for whole
+turns, and so does the screw. Motors and springs act on the coordinate c of a joint:
+
+    motor        a torque about its axis, or a force along it
+    spring       V = ½ k (c − c₀)², and a damper −k_d ċ
 """
 
 from __future__ import annotations
@@ -20,6 +37,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,29 +45,35 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..systems.body_layout import Pull
-from .body import Body, Frame, Push, Vector, dot
+from ..systems.body_layout import ConstraintForce
+from .body import Body, Frame, GeneralisedForce, Vector, dot
 from .initial_poses import Pose, clean, conjugate, direction, normals, product
 
-__all__ = ["Align", "Connection", "Equation", "Joint", "Link", "Revolute", "Rod", "Spring",
-           "apart", "copies", "named_number", "named_vector", "perpendicular", "unit_vector"]
+__all__ = ["RATE_OF", "Align", "Connection", "Coupling", "Cylindrical", "Equation", "Gear",
+           "Joint", "JointSpring", "Motor", "Planar", "PointConnection", "Prismatic", "Revolute",
+           "RheonomicConstraint", "Rod", "Screw", "Spring", "Universal", "copies", "difference",
+           "hinge_of", "named_number", "named_vector", "perpendicular", "unit_vector"]
 
 Array = NDArray[Any]
-#: Where the frames are at the start.
+#: Frame → its pose at the start.
 Poses = Mapping[Frame, Pose]
 #: The values of a model's parameters by name.
 Store = dict[str, float]
 
+#: Coordinate of a joint → its rate.
+RATE_OF = {"angle": "rate", "travel": "speed"}
+#: Angles in a ratio of such whole numbers are coupled over any number of turns.
+_FEW_TEETH = 12
 UNIT = (0.0, 1.0, -1.0)  # components of unit vectors that stay numbers
 
 
 @dataclass(frozen=True)
 class Equation:
-    """One constraint with its name, and how its multiplier acts where that is known."""
+    """One constraint with its name, and its constraint force where that is known."""
 
     name: str
     expression: sp.Expr
-    pull: Pull | None = None
+    constraint_force: ConstraintForce | None = None
 
 
 def named_vector(
@@ -61,8 +85,8 @@ def named_vector(
     return x, y, z
 
 
-def hand_on(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
-    """Set what b has = what a has + ``more`` on the side that lacks it; return whether one did."""
+def propagate(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
+    """Set the unknown one of two, b = a + ``more``; return whether one was set."""
     of_a, of_b = getattr(a, quantity), getattr(b, quantity)
     if of_a is not None and of_b is None:
         setattr(b, quantity, of_a + more)
@@ -74,21 +98,21 @@ def hand_on(quantity: str, a: Pose, b: Pose, more: Array) -> bool:
 
 
 def _shown(link: Connection) -> str:
-    """Return what stands for a joint, a rod or a spring."""
+    """Return a short text for a joint, a rod or a spring."""
     ends = [frame.name if isinstance(frame, Body) else "ground" for frame in (link.a, link.b)]
     return f"<{type(link).__name__} {link.name}: {', '.join(ends)}>"
 
 
 @dataclass(eq=False, repr=False)
 class Connection:
-    """What joins two frames. It may hand on motion at the start, hold, and have energy."""
+    """A connection of two frames, with constraints, an energy or forces."""
 
     name: str
     a: Frame
     b: Frame
-    #: Those it acts on, as a motor does.
+    #: Joints it acts on, as a motor does.
     joints: tuple[Connection, ...] = field(default=(), kw_only=True)
-    #: What it can measure.
+    #: Names of its measures.
     MEASURES: ClassVar[tuple[str, ...]] = ()
 
     def __repr__(self) -> str:
@@ -96,11 +120,11 @@ class Connection:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """All that it acts on."""
+        """All frames it acts on."""
         return (self.a, self.b, *(frame for joint in self.joints for frame in joint.frames))
 
     def turn(self, poses: Poses) -> bool:
-        """Hand on angular velocity where one of the two lacks it; return whether it did."""
+        """Propagate angular velocity to a frame without one; return whether one was found."""
         return False
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
@@ -112,14 +136,14 @@ class Connection:
         return sp.Integer(0)
 
     def places(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return its point in the axes of a and in those of b; nothing where it has none."""
+        """Return its point in the axes of a and of b, () without one."""
         return (), ()
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return n₁ and n₂ in a's axes and n₁ × n₂ in b's, where such an axis is in common."""
+        """Return n₁ and n₂ in a's axes and n₁ × n₂ in b's, () without a common axis."""
         return (), ()
 
-    def forces(self, poses: Poses, store: Store) -> Iterator[Push]:
+    def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
         """Yield forces, none; values of their parameters go into ``store``."""
         yield from ()
 
@@ -127,14 +151,16 @@ class Connection:
         """Return one of its ``MEASURES`` as an expression."""
         raise InputError(f"{self.name!r} has no {what}.")
 
-    def push(self, what: str, effort: sp.Expr, poses: Poses, store: Store) -> Iterator[Push]:
-        """Yield what a torque, or force, does that drives a measure: it acts on b and back on a."""
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield generalised forces of a torque or force on a measure: on b, opposite on a."""
         raise InputError(f"{self.name!r} has no {what}.")
 
 
 @dataclass(eq=False, repr=False)
-class Link(Connection):
-    """Two points of two frames: what a joint and a spring have in common.
+class PointConnection(Connection):
+    """A connection at a point of each frame, as ball joints, rods and springs are.
 
     ``on_a`` and ``on_b`` are in body axes, from the origin of the body.
     """
@@ -162,16 +188,16 @@ class Link(Connection):
         return sum(((x - y) ** 2 for x, y in zip(point_a, point_b, strict=True)), sp.Integer(0))
 
     def distance(self, poses: Poses) -> float:
-        """Return how far apart the points are at the start."""
+        """Return the distance of the points at the start."""
         assert self.on_a is not None
         assert self.on_b is not None
-        apart = poses[self.a].space(self.on_a) - poses[self.b].space(self.on_b)
-        return float(np.linalg.norm(apart))
+        difference = poses[self.a].space(self.on_a) - poses[self.b].space(self.on_b)
+        return float(np.linalg.norm(difference))
 
 
 @dataclass(eq=False, repr=False)
-class Joint(Link):
-    """A ball joint: two points are one. ``at`` is where in space they are at the start.
+class Joint(PointConnection):
+    """A ball joint: two points coincide, at the position ``at`` in space at the start.
 
     Two of at, on_a and on_b are enough, one where both positions are known.
     """
@@ -179,7 +205,7 @@ class Joint(Link):
     at: Array | None = None
 
     def place(self, poses: Poses) -> bool:
-        """Hand on points and positions; return whether something was found."""
+        """Propagate points and positions; return whether one was found."""
         found = False
         sides = ((self.a, "on_a"), (self.b, "on_b"))
         for frame, side in sides:
@@ -197,25 +223,26 @@ class Joint(Link):
         return found
 
     def move(self, poses: Poses) -> bool:
-        """Hand on the velocity of the common point; return whether it did."""
+        """Propagate the velocity of the common point; return whether one was unknown."""
         a, b = poses[self.a], poses[self.b]
         assert a.spin is not None
         assert b.spin is not None
         arm_a, arm_b = a.R @ self.on_a, b.R @ self.on_b
         assert a.x is not None
         assert b.x is not None
-        apart = b.x + arm_b - a.x - arm_a
-        turning = np.cross(a.spin, arm_a + apart) - np.cross(b.spin, arm_b)
-        return hand_on("v", a, b, turning + self.hand_over())
+        difference = b.x + arm_b - a.x - arm_a
+        turning = np.cross(a.spin, arm_a + difference) - np.cross(b.spin, arm_b)
+        return propagate("v", a, b, turning + self.relative_velocity())
 
-    def hand_over(self) -> Array:
-        """Return the velocity of the point of b past that of a at the start, 0."""
+    def relative_velocity(self) -> Array:
+        """Return the velocity of the point of b relative to that of a at the start, 0."""
         return np.zeros(3)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         for k, (x, y) in enumerate(zip(*self.points(store), strict=True)):
-            yield Equation(f"{self.name}: {'xyz'[k]}", x - y, Pull("force", unit_entries(k)))
+            yield Equation(f"{self.name}: {'xyz'[k]}", x - y,
+                           ConstraintForce("force", coordinate_axis(k)))
 
 
 @dataclass(eq=False, repr=False)
@@ -231,8 +258,8 @@ class Align(Connection):
     MEASURES = ("angle", "rate")
 
     def turn(self, poses: Poses) -> bool:
-        """Hand on the angular velocity: that of b is that of a and the rate about the axis."""
-        return hand_on("spin", poses[self.a], poses[self.b], self.rate * self.axis)
+        """Propagate the angular velocity: Ω_b = Ω_a + rate · axis."""
+        return propagate("spin", poses[self.a], poses[self.b], self.rate * self.axis)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
@@ -263,11 +290,13 @@ class Align(Connection):
         w, *v = product(conjugate(self.a.attitude), product(self.b.attitude, start))
         return turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
 
-    def push(self, what: str, effort: sp.Expr, poses: Poses, store: Store) -> Iterator[Push]:
-        """Yield what a torque about the axis does."""
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of a torque about the axis."""
         in_a, in_b = self.ends(poses, store)
-        yield from self.b.turned([effort * e for e in in_b])
-        yield from self.a.turned([-effort * e for e in in_a])
+        yield from self.b.torque_on([effort * e for e in in_b])
+        yield from self.a.torque_on([-effort * e for e in in_a])
 
     @property
     def _full_turns(self) -> float:
@@ -275,7 +304,7 @@ class Align(Connection):
         return 2 * math.pi * round(self.angle / (2 * math.pi))
 
     def zero(self, poses: Poses, store: Store) -> tuple[sp.Expr, ...]:
-        """Return c, of which q̄_a q_b c is how b has turned in the axes of a, and full turns."""
+        """Return c, with q̄_a q_b c the rotation of b relative to a, and the full turns."""
         pose_a, pose_b = poses[self.a], poses[self.b]
         half = (self.angle - self._full_turns) / 2
         start = [math.cos(half), *(math.sin(half) * (pose_a.R.T @ self.axis))]
@@ -286,37 +315,44 @@ class Align(Connection):
 
 
 @dataclass(eq=False, repr=False)
-class Revolute(Joint):
-    """A hinge: a ball joint whose bodies keep an axis in common."""
+class HingedJoint(Joint):
+    """A joint with an axis in common, that of ``hinge``, about which b turns."""
 
     hinge: Align = field(kw_only=True)
-    MEASURES = Align.MEASURES
+    MEASURES: ClassVar[tuple[str, ...]] = Align.MEASURES
 
     def turn(self, poses: Poses) -> bool:
-        """Hand on the angular velocity as ``Align`` does."""
+        """Propagate the angular velocity as ``Align`` does."""
         return self.hinge.turn(poses)
 
-    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
-        yield from super().equations(poses, store)
-        yield from self.hinge.equations(poses, store)
-
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
-        """Return those of the hinge."""
+        """Return the axes of the hinge."""
         return self.hinge.axes(poses, store)
 
     def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
         """Return the angle or the rate."""
         return self.hinge.measure(what, poses, store)
 
-    def push(self, what: str, effort: sp.Expr, poses: Poses, store: Store) -> Iterator[Push]:
-        """Yield what a torque about the axis does."""
-        return self.hinge.push(what, effort, poses, store)
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of a torque about the axis."""
+        return self.hinge.generalised_forces(what, effort, poses, store)
 
 
 @dataclass(eq=False, repr=False)
-class Rod(Link):
-    """Two points keep their distance; None takes it from the start."""
+class Revolute(HingedJoint):
+    """A hinge: a ball joint whose bodies keep an axis in common."""
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from super().equations(poses, store)
+        yield from self.hinge.equations(poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class Rod(PointConnection):
+    """Two points at a constant distance, by default that of the start."""
 
     length: float | None = None
 
@@ -324,12 +360,13 @@ class Rod(Link):
         """Yield the constraint; values of its parameters go into ``store``."""
         length = sp.Symbol(f"{self.name}_length", positive=True)
         store[str(length)] = self.distance(poses) if self.length is None else self.length
-        yield Equation(f"{self.name}: length", self.square(store) - length**2, Pull("distance"))
+        yield Equation(f"{self.name}: length", self.square(store) - length**2,
+                       ConstraintForce("distance"))
 
 
 @dataclass(eq=False, repr=False)
-class Spring(Link):
-    """V = ½ k (|d| − l)² between two points; V = ½ k d·d for l = 0; a damper pulls by c d|d|/dt."""
+class Spring(PointConnection):
+    """V = ½ k (|d| − l)² between two points, ½ k d·d for l = 0; a damper, c d|d|/dt."""
 
     stiffness: float = 0.0
     length: float = 0.0
@@ -345,28 +382,28 @@ class Spring(Link):
         store[str(length)] = self.length
         return k * (sp.sqrt(self.square(store)) - length) ** 2 / 2
 
-    def forces(self, poses: Poses, store: Store) -> Iterator[Push]:
-        """Yield c d (d·ḋ)/|d|² on a, and the same back on b."""
+    def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
+        """Yield the force c d (d·ḋ)/|d|² on a, and its opposite on b."""
         if not self.damping:
             return
         c = named_number(f"{self.name}_damping", self.damping, store)
         on_a, on_b = self.places(store)
-        d = apart(self.b.point(on_b), self.a.point(on_a))
-        speed = apart(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
+        d = difference(self.b.point(on_b), self.a.point(on_a))
+        speed = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
         x, y, z = (c * dot(d, speed) / dot(d, d) * e for e in d)
-        yield from self.a.pushed(on_a, (x, y, z))
-        yield from self.b.pushed(on_b, (-x, -y, -z))
+        yield from self.a.force_at(on_a, (x, y, z))
+        yield from self.b.force_at(on_b, (-x, -y, -z))
 
 
 def copies(links: Sequence[Connection]) -> dict[Connection, Connection]:
-    """Return link → a copy that may be completed; copies act on each other as the links do."""
+    """Return connection → its copy; copies refer to each other as the originals do."""
     made = {link: replace(link) for link in links}
     for copy in made.values():
         copy.joints = tuple(made[joint] for joint in copy.joints)
     return made
 
 
-def apart(to: Vector, start: Vector) -> Vector:
+def difference(to: Vector, start: Vector) -> Vector:
     """Return the difference of two vectors."""
     x, y, z = (a - b for a, b in zip(to, start, strict=True))
     return x, y, z
@@ -387,7 +424,7 @@ def unit_vector(name: str, unit: Array, store: Store) -> Vector:
     return named_vector(name, unit.tolist(), store, UNIT)
 
 
-def unit_entries(k: int) -> tuple[float, ...]:
+def coordinate_axis(k: int) -> tuple[float, ...]:
     """Return the k-th coordinate axis."""
     return tuple(map(float, np.eye(3)[k]))
 
@@ -396,4 +433,277 @@ def perpendicular(
     name: str, a: Frame, n: Sequence[sp.Expr], b: Frame, e: Sequence[sp.Expr]
 ) -> Equation:
     """Return the constraint that a direction of a stays perpendicular to one of b."""
-    return Equation(name, dot(a.direction(n), b.direction(e)), Pull("torque", tuple(n), tuple(e)))
+    return Equation(name, dot(a.direction(n), b.direction(e)),
+                    ConstraintForce("torque", tuple(n), tuple(e)))
+
+
+
+
+
+@dataclass(eq=False, repr=False)
+class Planar(HingedJoint):
+    """A plane of b that slides on one of a, normal to the axis of ``hinge``."""
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from self.hinge.equations(poses, store)
+        yield Equation(f"{self.name}: distance", self.along(poses, store))
+
+    def along(self, poses: Poses, store: Store) -> sp.Expr:
+        """Return R(q_a) e · d."""
+        in_a, _ = self.hinge.ends(poses, store)
+        return dot(self.a.direction(in_a), self.offset(store))
+
+    def offset(self, store: Store) -> Vector:
+        """Return d."""
+        point_a, point_b = self.points(store)
+        return difference(point_b, point_a)
+
+
+@dataclass(eq=False, repr=False)
+class Cylindrical(Planar):
+    """b turns about an axis of a and slides along it, at ``speed`` to begin with."""
+
+    speed: float = 0.0
+    travel: float = 0.0
+    MEASURES: ClassVar[tuple[str, ...]] = (*Align.MEASURES, "travel", "speed")
+
+    def relative_velocity(self) -> Array:
+        """Return the velocity of the point of b relative to that of a at the start."""
+        return self.speed * self.hinge.axis
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from self.hinge.equations(poses, store)
+        d = self.offset(store)
+        for k, normal in enumerate(self.triad(poses)[:2], start=1):
+            n = unit_vector(f"{self.name}_normal{k}", normal, store)
+            yield Equation(f"{self.name}: across {k}", dot(self.a.direction(n), d))
+
+    def triad(self, poses: Poses) -> tuple[Array, Array]:
+        """Return n₁ and n₂ in the axes of a."""
+        return normals(direction(poses[self.a].R.T @ self.hinge.axis))
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return angle, rate, travel or speed."""
+        if what == "travel":
+            a, b = (poses[frame] for frame in (self.a, self.b))
+            d = b.space(np.asarray(self.on_b)) - a.space(np.asarray(self.on_a))
+            left = np.array([self.travel, -float(self.hinge.axis @ d)])
+            offset = float(clean(np.array([left.sum()]), left)[0])
+            return named_number(f"{self.name}_offset", offset, store) + self.along(poses, store)
+        if what == "speed":
+            (in_a, _), (on_a, on_b) = self.hinge.ends(poses, store), self.places(store)
+            past = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
+            return dot(self.a.direction(in_a), past)
+        return super().measure(what, poses, store)
+
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of a torque about the axis, or of a force along it."""
+        if what not in ("travel", "speed"):
+            yield from super().generalised_forces(what, effort, poses, store)
+            return
+        (in_a, in_b), (on_a, on_b) = self.hinge.ends(poses, store), self.places(store)
+        for frame, e, r, sign in ((self.a, in_a, on_a, -1), (self.b, in_b, on_b, 1)):
+            x, y, z = (sign * effort * c for c in frame.direction(e))
+            yield from frame.force_at(r, (x, y, z))
+
+
+@dataclass(eq=False, repr=False)
+class Prismatic(Cylindrical):
+    """b slides along an axis of a and does not turn."""
+
+    MEASURES: ClassVar[tuple[str, ...]] = ("travel", "speed")
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from super().equations(poses, store)
+        first, second = self.triad(poses)
+        n = unit_vector(f"{self.name}_normal1", first, store)
+        mark = change_axes(poses[self.a], second, poses[self.b])
+        m = unit_vector(f"{self.name}_mark", mark, store)
+        yield perpendicular(f"{self.name}: turn", self.a, n, self.b, m)
+
+
+@dataclass(eq=False, repr=False)
+class Screw(Cylindrical):
+    """b turns about an axis of a and moves along it by ``lead`` a turn."""
+
+    lead: float = field(kw_only=True)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from super().equations(poses, store)
+        turned = 2 * sp.pi / named_number(f"{self.name}_lead", self.lead, store)
+        moved = turned * self.along(poses, store)
+        cosine, sine = cosine_and_sine(self.hinge, poses, store)
+        yield Equation(f"{self.name}: thread", sine * sp.cos(moved) - cosine * sp.sin(moved))
+
+    def relative_velocity(self) -> Array:
+        """Return the velocity of the point of b relative to that of a at the start."""
+        along: Array = self.hinge.rate * self.lead / (2 * math.pi) * self.hinge.axis
+        return along
+
+
+@dataclass(eq=False, repr=False)
+class Universal(Joint):
+    """A ball joint whose cross keeps an axis of a perpendicular to one of b: Cardan's joint.
+
+    ``arms`` are both at the start, in space; about them b turns against a at ``rates``.
+    """
+
+    arms: tuple[Array, Array] = field(kw_only=True)
+    rates: tuple[float, float] = (0.0, 0.0)
+
+    def turn(self, poses: Poses) -> bool:
+        """Propagate the angular velocity: Ω_b = Ω_a + the rates about both arms."""
+        first, second = (rate * arm for rate, arm in zip(self.rates, self.arms, strict=True))
+        return Align(self.name, self.a, self.b, first + second, 1.0).turn(poses)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from super().equations(poses, store)
+        x, y = (unit_vector(f"{self.name}_arm_{side}", direction(poses[frame].R.T @ arm), store)
+                for frame, side, arm in zip((self.a, self.b), "ab", self.arms, strict=True))
+        yield perpendicular(f"{self.name}: cross", self.a, x, self.b, y)
+
+
+@dataclass(eq=False, repr=False)
+class Gear(Connection):
+    """Two joints that turn as gears in mesh: z₁ θ₁ + z₂ θ₂ is constant."""
+
+    teeth: tuple[int, int] = field(kw_only=True)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        (c1, s1), (c2, s2) = (
+            multiple(z, *cosine_and_sine(hinge_of(joint), poses, store))
+            for z, joint in zip(self.teeth, self.joints, strict=True))
+        yield Equation(f"{self.name}: mesh", s1 * c2 + c1 * s2)
+
+
+@dataclass(eq=False, repr=False)
+class RheonomicConstraint(Connection):
+    """A driven hinge: its angle φ is a law of t, sin(f(t) − φ) = 0, and starts at f(0).
+
+    The multiplier is the driving torque on the second body of the joint, about its axis.
+    """
+
+    law: sp.Expr = field(kw_only=True)
+    begin: float = field(kw_only=True)  # f(0)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        hinge = hinge_of(self)
+        c, s = cosine_and_sine(hinge, poses, store)
+        since = self.law - named_number(f"{self.name}_begin", self.begin, store)
+        yield Equation(f"{self.name}: angle", c * sp.sin(since) - s * sp.cos(since),
+                       ConstraintForce("axial", hinge.ends(poses, store)[0]))
+
+    def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return the axes of the hinge."""
+        return hinge_of(self).axes(poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class Coupling(Connection):
+    """The coordinate of the second joint is ``ratio`` times that of the first, and ``offset``."""
+
+    what: tuple[str, str] = field(kw_only=True)
+    ratio: float = field(kw_only=True)
+    offset: float = field(kw_only=True)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        ratio = Fraction(repr(self.ratio)).limit_denominator(_FEW_TEETH)
+        if self.what == ("angle", "angle") and float(ratio) == self.ratio and (
+                0 < abs(ratio.numerator) <= _FEW_TEETH):
+            yield Equation(f"{self.name}: ratio", self._turns(ratio, poses, store))
+            return
+        first, second = (joint.measure(what, poses, store)
+                         for joint, what in zip(self.joints, self.what, strict=True))
+        k = named_number(f"{self.name}_ratio", self.ratio, store, (0.0, 1.0, -1.0))
+        offset = named_number(f"{self.name}_offset", self.offset, store)
+        yield Equation(f"{self.name}: ratio", second - k * first - offset)
+
+    def _turns(self, ratio: Fraction, poses: Poses, store: Store) -> sp.Expr:
+        """Return sin(n θ₂ − z θ₁ − φ) for a ratio z/n: 0 whatever the number of turns."""
+        first, second = self.joints
+        z, n = ratio.numerator, ratio.denominator
+        (c1, s1), (c2, s2) = (
+            multiple(k, *cosine_and_sine(hinge_of(joint), poses, store))
+            for k, joint in ((-z, first), (n, second)))
+        sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
+        left = n * self.offset + z * hinge_of(first).angle - n * hinge_of(second).angle
+        phase = named_number(f"{self.name}_phase", left, store)
+        return sine * sp.cos(phase) - cosine * sp.sin(phase)
+
+
+@dataclass(eq=False, repr=False)
+class Motor(Connection):
+    """A torque, or a force, on the coordinate of a joint; ``effort`` an expression."""
+
+    what: str = field(kw_only=True)
+    effort: sp.Expr = field(kw_only=True)
+
+    def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces on both bodies."""
+        yield from self.joints[0].generalised_forces(self.what, self.effort, poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class JointSpring(Connection):
+    """V = ½ k (c − c₀)² of the coordinate of a joint, and a damper."""
+
+    what: str = field(kw_only=True)
+    coordinate: sp.Symbol = field(kw_only=True)
+    rate: sp.Symbol = field(kw_only=True)
+    stiffness: float = 0.0
+    damping: float = 0.0
+    rest: float = 0.0
+
+    def energy(self, store: Store) -> sp.Expr:
+        """Return V; values of its parameters go into ``store``."""
+        k = named_number(f"{self.name}_stiffness", self.stiffness, store)
+        rest = named_number(f"{self.name}_rest", self.rest, store)
+        return k * (self.coordinate - rest) ** 2 / 2
+
+    def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of the damper on both bodies."""
+        if self.damping:
+            c = named_number(f"{self.name}_damping", self.damping, store)
+            yield from self.joints[0].generalised_forces(self.what, -c * self.rate, poses, store)
+
+
+def cosine_and_sine(hinge: Align, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
+    """Return cos θ and sin θ of the turn about the axis of a hinge since the start."""
+    pose_a, pose_b = poses[hinge.a], poses[hinge.b]
+    first, second = normals(direction(pose_a.R.T @ hinge.axis))
+    mark = hinge.b.direction(
+        unit_vector(f"{hinge.name}_mark1", change_axes(pose_a, first, pose_b), store))
+    n1, n2 = (hinge.a.direction(unit_vector(f"{hinge.name}_normal{k}", n, store))
+              for k, n in ((1, first), (2, second)))
+    return dot(n1, mark), dot(n2, mark)
+
+
+def change_axes(of: Pose, v: Array, by: Pose) -> Array:
+    """Return the components of a direction of one frame in the axes of another, at the start."""
+    return direction(by.R.T @ (of.R @ v))
+
+
+def hinge_of(joint: Connection) -> Align:
+    """Return the hinge of a joint; of a rheonomic constraint, that of its joint."""
+    if isinstance(joint, RheonomicConstraint):
+        return hinge_of(joint.joints[0])
+    assert isinstance(joint, (Align, HingedJoint))
+    return joint if isinstance(joint, Align) else joint.hinge
+
+
+def multiple(count: int, cosine: sp.Expr, sine: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """Return cos kθ and sin kθ of cos θ and sin θ: smooth for any number of turns."""
+    if abs(count) == 1:
+        return cosine, count * sine
+    angle = count * sp.atan2(sine, cosine)
+    return sp.cos(angle), sp.sin(angle)

@@ -52,7 +52,7 @@ class Model:
     frame : str
         "symmetries" where its steppers shall have co-moving frames.
     events : tuple of Event
-        What its runs look for: ``step.integrate(..., events=model.events)``. ``gyrospark run``
+        Events of its runs: ``step.integrate(..., events=model.events)``. ``gyrospark run``
         does.
     """
 
@@ -116,7 +116,7 @@ class Model:
                 f"parameters, {len(self.bodies)} bodies{run}>")
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: the numbers, and the system's formulas."""
+        """Return HTML for notebooks: the numbers, and the system's formulas."""
         rows = [("about", self.description or self.name),
                 ("step", "none named" if self.dt is None else f"{self.dt:g} s"),
                 ("steps", "none named" if self.steps is None else f"{self.steps:,}"),

@@ -1,62 +1,83 @@
-"""Rigid bodies together: bodies, joints and forces, put into a ``Model`` with its start.
+"""Multibody models in Python: a builder with a method for each kind of body, joint and force.
 
-    H = Σ T_i(q_i, p_i) + |p_x,i|²/(2 m_i) + V,    g = (|q_i|² − 1, joints),  body by body
-
-The coordinates are ordered body by body, the constraints with the later body of each joint: in a
-chain every constraint then meets its two neighbours only, and g_q H_pp g_qᵀ is block-tridiagonal.
-Lengths, masses and moments are parameters, not numbers, so that equal joints have equal form.
+``JOINTS`` are those that a model file may have as ``type``; its keys are the arguments.
+Coordinates of joints are symbols until the model is made.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+import math
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_items, as_text, choose, few, shown
+from ...core.arguments import as_flag, as_items, as_text, choose, few, shown, whole
 from ...core.errors import InputError
-from ...core.inertia import (
-    Inertia,
-    RepName,
-    as_inertia,
-    inverse_entries,
-    is_tensor,
-    moments_of,
-)
+from ...core.inertia import Inertia, RepName, as_inertia, is_tensor, moments_of
 from ...core.projection import Projection, project
-from ..systems.numeric_system import NumericConstraints, NumericSystem
-from ..systems.redundant_constraints import Redundancy, find_redundant
-from ..systems.system import System
-from .body import GROUND, Body, Frame, Moving, Particle, Push, dot
-from .forces import Machine
+from ...core.warnings import remark
+from ..symbolic.derivatives import derivative
+from ..systems.expression_arguments import as_expression
+from ..systems.numeric_system import NumericSystem
+from ..systems.redundant_constraints import Redundancy
+from .assembly import Assembly
+from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
+from .components import TIME, Components
 from .initial_poses import (
-    Pose,
-    Start,
+    InitialState,
     check_rep,
     count,
     finite,
-    in_range,
+    initial_state,
     nonzero,
     onto,
+    optional_vector,
     positive,
-    settle,
-    start_of,
-    three,
+    rotation,
+    unit,
+    vector,
 )
-from .joints import Connection, Equation, Joint, copies, named_vector
-from .layout_records import body_at, joint_at
+from .joints import (
+    RATE_OF,
+    Align,
+    Connection,
+    Coupling,
+    Cylindrical,
+    Gear,
+    Joint,
+    JointSpring,
+    Motor,
+    Planar,
+    Prismatic,
+    Revolute,
+    RheonomicConstraint,
+    Rod,
+    Screw,
+    Spring,
+    Universal,
+    hinge_of,
+    named_vector,
+)
 from .model import Model
-from .sliding_joints import Coupling, Drive
 
-__all__ = ["Multibody"]
+__all__ = ["AXES", "JOINTS", "Multibody"]
 
 Array = NDArray[Any]
+Joined = TypeVar("Joined", bound=Connection)
+#: One of axis, axis_on_body and axis_in_space.
+AXES = ("axis", "axis_on_body", "axis_in_space")
+Axes: TypeAlias = tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None]
+#: An axis is the same in space and on a body if its components are to within this.
+_SAME_AXIS = 1e-9
+
+JOINTS = ("ball", "fixed_point", "revolute", "align", "rod", "prismatic", "cylindrical", "planar",
+          "screw", "universal")
 
 
-class Multibody(Machine):
+class Multibody:
     """A builder of models: add bodies, joints and forces, then ask for ``model()``.
 
     Attributes
@@ -68,9 +89,9 @@ class Multibody(Machine):
     time : Symbol
         t, for forces, torques and quantities.
     start : Projection or None
-        After ``model()``: what its start was moved by to be consistent.
+        After ``model()``: the projection of the initial state onto the constraints.
     redundancy : Redundancy or None
-        After ``model(redundant="leave out")``: what was left out, and what it depends on.
+        After ``model(redundant="leave out")``: the constraints left out, and those that imply them.
 
     Examples
     --------
@@ -89,20 +110,24 @@ class Multibody(Machine):
         self, name: str, *, gravity: ArrayLike = (0.0, 0.0, -9.81),
         dt: float | None = None, steps: int | None = None, description: str = "",
     ) -> None:
-        super().__init__(name)
+        self.name = as_text("name of a Multibody", name)
+        self.ground: Frame = GROUND
+        self.time = TIME
         self.start: Projection | None = None
         self.redundancy: Redundancy | None = None
-        self._gravity = named_vector("gravity", three("gravity", gravity).tolist(), self._values)
+        values: dict[str, float] = {}
+        weight = named_vector("gravity", vector("gravity", gravity).tolist(), values)
+        self._components = Components(self.name, weight, values)
         self._about: dict[str, Any] = {
             "dt": None if dt is None else float(finite("time step", dt, ())),
             "steps": None if steps is None else count(steps),
             "description": as_text("description", description),
         }
-        self._inertia: dict[Body, Inertia] = {}
 
     def __repr__(self) -> str:
-        return (f"<Multibody {self.name}: bodies {few(body.name for body in self._bodies)}; "
-                f"joints {few(link.name for link in self._links)}>")
+        return (f"<Multibody {self.name}: "
+                f"bodies {few(body.name for body in self._components.bodies)}; "
+                f"joints {few(link.name for link in self._components.connections)}>")
 
     # ------------------------------------------------------------ bodies
 
@@ -129,12 +154,12 @@ class Multibody(Machine):
         weight : float, optional
             γ or α in kg m², not 0; by default the mean of the moments.
         position, velocity : three floats, optional
-            Of the centre of mass in space; by default what joints tell, else 0.
+            Of the centre of mass in space; by default as joints require, else 0.
         quaternion, rotation : optional
             Attitude from body to space axes: four numbers, scalar first, or a 3 × 3 matrix or
             SciPy Rotation; by default body and space axes agree.
         angular_velocity : three floats, optional
-            In body axes, rad/s; by default what revolute joints tell, else 0.
+            In body axes, rad/s; by default as revolute joints require, else 0.
 
         Returns
         -------
@@ -146,10 +171,10 @@ class Multibody(Machine):
         InputError
             For names used twice and for numbers that no body can have.
         """
-        self._claim(name)
+        self._components.claim(name)
         check_rep(name, rep)
         given = as_inertia(inertia, f"inertia of {name!r}")
-        start = start_of(name, quaternion, rotation, position, velocity, angular_velocity)
+        start = initial_state(name, quaternion, rotation, position, velocity, angular_velocity)
         body = Body.free(name, rep, tensor=is_tensor(given))
         return self._add(body, start, mass, given, weight)
 
@@ -164,17 +189,17 @@ class Multibody(Machine):
         ``inertia`` holds the principal moments about that point, or the tensor, ``centre`` the
         centre of mass from it in body axes, ``at`` where in space it is. All else as for ``body``.
         """
-        self._claim(name)
+        self._components.claim(name)
         check_rep(name, rep)
         given = as_inertia(inertia, f"inertia of {name!r}")
-        origin = three(f"fixed point of {name!r}", at)
-        middle = three(f"centre of {name!r}", centre)
+        origin = vector(f"fixed point of {name!r}", at)
+        middle = vector(f"centre of {name!r}", centre)
         body = Body.held(
-            name, rep, named_vector(f"{name}_at", origin.tolist(), self._values),
-            named_vector(f"{name}_centre", middle.tolist(), self._values),
+            name, rep, named_vector(f"{name}_at", origin.tolist(), self._components.values),
+            named_vector(f"{name}_centre", middle.tolist(), self._components.values),
             tensor=is_tensor(given),
         )
-        start = start_of(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
+        start = initial_state(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
         return self._add(body, start, mass, given, weight)
 
     def point_mass(
@@ -183,12 +208,13 @@ class Multibody(Machine):
     ) -> Particle:
         """Add a point with mass, 3 coordinates: for balls, rods, springs and forces.
 
-        ``position`` and ``velocity`` are in space; by default what balls tell, else 0.
+        ``position`` and ``velocity`` are in space; by default as ball joints require, else 0.
         """
-        self._claim(name)
+        self._components.claim(name)
         point = Particle.named(name)
-        self._values[str(point.mass)] = positive(f"mass of {name!r}", mass)
-        self._bodies[point] = start_of(name, None, None, position, velocity, (0, 0, 0))
+        self._components.values[str(point.mass)] = positive(f"mass of {name!r}", mass)
+        self._components.bodies[point] = initial_state(
+            name, None, None, position, velocity, (0, 0, 0))
         return point
 
     def rotor(
@@ -211,7 +237,7 @@ class Multibody(Machine):
         """
         along, across = finite(
             f"inertia of rotor {name!r}, about its axis and across it,", inertia, (2,))
-        carrier = self._frame(body, shown(name))
+        carrier = self._components.frame(body, shown(name))
         direction = self._axis(name, carrier, carrier, (axis, axis_on_body, axis_in_space))
         wheel = self.body(name, mass=mass, inertia=(across, across, along),
                           quaternion=onto(direction))
@@ -220,6 +246,392 @@ class Multibody(Machine):
         self.revolute(f"{name}_bearing", body, wheel, axis_in_space=direction, at=at,
                       on_a=on_body, on_b=(0, 0, 0), rate=rate)
         return wheel
+
+    # ------------------------------------------------------------ joints
+
+    def ball(
+        self, name: str, a: Frame | str, b: Frame | str, *, at: ArrayLike | None = None,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None,
+    ) -> Joint:
+        """Join a point of a to a point of b: three constraints, ``name: x``, ``y`` and ``z``.
+
+        Parameters
+        ----------
+        a, b : Body, ``ground``, or a name
+            In the order of the chain.
+        at : three floats, optional
+            Where in space the joint is at the start.
+        on_a, on_b : three floats, optional
+            Where on the bodies it is, in body axes from their origins. Two of the three are
+            enough; a position that is not given follows from them. ``at`` alone is enough for
+            bodies in known places.
+        """
+        return self._join(Joint(name, **self._pair(name, a, b, at, on_a, on_b)))
+
+    def fixed_point(
+        self, name: str, body: Frame | str, *, at: ArrayLike | None = None,
+        on_body: ArrayLike | None = None,
+    ) -> Joint:
+        """Hold a point of a body at a point of space: three constraints.
+
+        Prefer ``top`` where it is the only joint to the ground: it needs no constraint.
+        """
+        return self.ball(name, GROUND, body, at=at, on_b=on_body)
+
+    def revolute(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
+    ) -> Revolute:
+        """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
+
+        ``axis`` is its direction in space at the start, of any length, as ``axis_in_space`` is;
+        ``axis_on_body`` is its direction in the axes of a, or of b where a is the ground. A
+        warning is given if ``axis`` differs in the axes of a. ``rate`` is the angular
+        velocity of b against a about it in rad/s, from which an angular velocity that is not
+        given follows; ``angle`` is its measure at the start, in rad. All else as for
+        ``ball``.
+        """
+        return self._join(Revolute(name, **self._pair(name, a, b, at, on_a, on_b),
+                                   hinge=self._hinge(
+                                       name, a, b, (axis, axis_on_body, axis_in_space), rate,
+                                       angle)))
+
+    def align(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
+        rate: float = 0.0, angle: float = 0.0,
+    ) -> Align:
+        """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
+
+        For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
+        ``axis``, ``rate`` and ``angle`` are those of ``revolute``.
+        """
+        return self._join(self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate, angle))
+
+    def prismatic(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, speed: float = 0.0, travel: float = 0.0,
+    ) -> Prismatic:
+        """Let b slide along an axis of a without turning: five constraints.
+
+        ``axis`` is its direction in space at the start, along which b moves at ``speed`` in m/s;
+        ``at`` any point of it; ``travel`` is its measure at the start, in m. All else as for
+        ``ball``. Constraints: ``name: axis 1``, ``axis 2``, ``across 1``, ``across 2``, ``turn``.
+        """
+        return self._join(Prismatic(
+            name, **self._pair(name, a, b, at, on_a, on_b),
+            hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space)),
+            speed=float(finite(f"speed of {name!r}", speed, ())),
+            travel=float(finite(f"travel of {name!r}", travel, ()))))
+
+    def cylindrical(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0, speed: float = 0.0,
+        angle: float = 0.0, travel: float = 0.0,
+    ) -> Cylindrical:
+        """Let b slide along an axis of a and turn about it: four constraints, as ``prismatic``."""
+        return self._join(Cylindrical(
+            name, **self._pair(name, a, b, at, on_a, on_b),
+            hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate, angle),
+            speed=float(finite(f"speed of {name!r}", speed, ())),
+            travel=float(finite(f"travel of {name!r}", travel, ()))))
+
+    def planar(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
+        axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
+        at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
+    ) -> Planar:
+        """Keep a plane of b on one of a: three constraints.
+
+        ``axis`` is the normal in space at the start, ``at`` a point of both planes. All else as
+        for ``revolute``. Constraints: ``name: axis 1``, ``axis 2``, ``distance``.
+        """
+        return self._join(Planar(name, **self._pair(name, a, b, at, on_a, on_b),
+                                 hinge=self._hinge(
+                                     name, a, b, (axis, axis_on_body, axis_in_space), rate,
+                                     angle)))
+
+    def screw(
+        self, name: str, a: Frame | str, b: Frame | str, *, lead: float,
+        axis: ArrayLike | None = None, axis_on_body: ArrayLike | None = None,
+        axis_in_space: ArrayLike | None = None, at: ArrayLike | None = None,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None, rate: float = 0.0,
+        travel: float = 0.0,
+    ) -> Screw:
+        """Let b turn about an axis of a and move along it by ``lead`` (m) a turn: five constraints.
+
+        A lead below 0 is a left-handed thread. All else as for ``prismatic``, with ``thread`` in
+        place of ``turn``.
+        """
+        pitch = float(finite(f"lead of {name!r}", lead, ()))
+        if not pitch:
+            raise InputError(f"The lead of {name!r} is 0, and a screw moves; take a revolute.")
+        return self._join(Screw(
+            name, **self._pair(name, a, b, at, on_a, on_b), lead=pitch,
+            hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate),
+            travel=float(finite(f"travel of {name!r}", travel, ()))))
+
+    def universal(
+        self, name: str, a: Frame | str, b: Frame | str, *, axis_a: ArrayLike,
+        axis_b: ArrayLike, at: ArrayLike | None = None, on_a: ArrayLike | None = None,
+        on_b: ArrayLike | None = None, rate_a: float = 0.0, rate_b: float = 0.0,
+    ) -> Universal:
+        """Join a and b by a cross with an axis in each, Cardan's joint: four constraints.
+
+        ``axis_a`` and ``axis_b`` are the directions of its arms in space at the start, at right
+        angles; b turns about them at ``rate_a`` and ``rate_b``. All else as for ``ball``.
+        """
+        arms = _direction(name, "axis_a", axis_a), _direction(name, "axis_b", axis_b)
+        if abs(float(arms[0] @ arms[1])) > 1e-6:
+            raise InputError(f"The axes of {name!r} are not at right angles: {shown(axis_a)} and "
+                             f"{shown(axis_b)}; correct one of them.")
+        rates = (float(finite(f"rate_a of {name!r}", rate_a, ())),
+                 float(finite(f"rate_b of {name!r}", rate_b, ())))
+        return self._join(Universal(name, **self._pair(name, a, b, at, on_a, on_b),
+                                    arms=arms, rates=rates))
+
+    def rod(
+        self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
+        on_b: ArrayLike = (0.0, 0.0, 0.0), length: float | None = None,
+    ) -> Rod:
+        """Keep two points at a distance: one constraint; by default at that of the start."""
+        if length is not None:
+            length = positive(f"length of {name!r}", length)
+        return self._join(Rod(
+            name, *self._components.frames(name, a, b), *self._points(name, on_a, on_b),
+            length=length))
+
+    def spring(
+        self, name: str, a: Frame | str, b: Frame | str, *, stiffness: float, length: float = 0.0,
+        on_a: ArrayLike = (0.0, 0.0, 0.0), on_b: ArrayLike = (0.0, 0.0, 0.0),
+        damping: float = 0.0,
+    ) -> Spring:
+        """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m).
+
+        With ``damping`` c, in N s/m, a parallel damper with force c d|d|/dt.
+        """
+        rest = float(finite(f"length of {name!r}", length, ()))
+        if rest < 0:
+            raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
+        return self._join(Spring(
+            name, *self._components.frames(name, a, b), *self._points(name, on_a, on_b),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
+            damping=float(finite(f"damping of {name!r}", damping, ())),
+        ))
+
+    def gear(
+        self, name: str, first: Connection | str, second: Connection | str, *,
+        teeth: tuple[int, int],
+    ) -> Gear:
+        """Let two joints turn as gears in mesh: one constraint, ``name: mesh``.
+
+        z₁ θ₁ + z₂ θ₂ is constant, for any number of turns. ``teeth`` are z₁ and
+        z₂; for a ring gear, whose teeth are inside, with a minus.
+        """
+        counts = [whole(z) for z in np.ravel(np.asarray(teeth, dtype=object)).tolist()]
+        if len(counts) != 2 or not all(counts):
+            raise InputError(f"The teeth of {name!r} are {shown(teeth)}; give two whole numbers "
+                             "other than 0.")
+        z1, z2 = (int(z or 0) // math.gcd(*(int(z or 0) for z in counts)) for z in counts)
+        one, two = (self._components.turning_joint(name, joint) for joint in (first, second))
+        return self._join(Gear(name, one.b, two.b, joints=(one, two), teeth=(z1, z2)))
+
+    def couple(
+        self, name: str, first: Connection | str, second: Connection | str, *,
+        ratio: float = 1.0, offset: float = 0.0,
+    ) -> Coupling:
+        """Let the second joint's coordinate be ratio × the first's + offset: one constraint.
+
+        Coordinates are the angle of a joint that turns and the travel of one that slides (rad, m).
+        Angles in a ratio of small whole numbers are coupled over any number of turns, others as
+        far as ``angle`` is followed.
+        """
+        one, two = (self._components.joint(joint, f"{name!r}") for joint in (first, second))
+        return self._join(Coupling(
+            name, one.b, two.b, joints=(one, two), what=(_coordinate(one), _coordinate(two)),
+            ratio=float(finite(f"ratio of {name!r}", ratio, ())),
+            offset=float(finite(f"offset of {name!r}", offset, ()))))
+
+    def drive(self, name: str, joint: Connection | str, *, angle: Any) -> RheonomicConstraint:
+        """Have the angle of a hinge be a law of t: one constraint, ``name: angle``.
+
+        Parameters
+        ----------
+        joint : what ``revolute`` or ``align`` returned, or its name
+        angle : expression of ``time`` and parameters
+            φ of the second body against the first about the axis, rad: f(0) is the joint's angle
+            where the bodies start, and f'(0) its rate. Its multiplier is
+            the torque about the axis that the drive exerts on the second body, as a motor's, and
+            back on the first, N m; ``trajectory.joint(name).torque()`` has it in space axes.
+
+        Raises
+        ------
+        InputError
+            If the law has no finite value or rate at t = 0, or the joint starts at another rate
+            or angle.
+        """
+        driven = self._components.turning_joint(name, joint)
+        law = self._law(f"angle of {name!r}", angle)
+        begin, rate = self._components.initial_value_and_rate(f"angle of {name!r}", law)
+        hinge = hinge_of(driven)
+        if hinge.rate not in (0.0, rate):
+            raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
+                             f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
+                             "rate.")
+        if hinge.angle not in (0.0, begin):
+            raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
+                             f"{hinge.angle:.6g}: these are one angle; leave out the joint's.")
+        hinge.rate, hinge.angle = rate, begin
+        return self._join(RheonomicConstraint(
+            name, driven.a, driven.b, joints=(driven,), law=law, begin=begin))
+
+    # ------------------------------------------------------------ forces, parameters and quantities
+
+    def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
+        """Return a symbol for potentials, forces and quantities, with its value."""
+        self._components.claim(name)
+        domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
+        number = float(finite(f"parameter {name!r}", value, ()))
+        if positive and number <= 0:
+            raise InputError(f"The parameter {name!r} is {number:g} and declared positive=True; "
+                             "leave that out where 0 or less is meant.")
+        self._components.values[name] = number
+        self._components.symbols[name] = sp.Symbol(name, **domain)
+        return self._components.symbols[name]
+
+    def input(self, name: str, value: float = 0.0) -> sp.Symbol:
+        """Return a symbol for forces, torques and motors that a run may give anew in each step.
+
+        The output of a controller is one; ``value`` is the default.
+        """
+        self._components.inputs.append(self.parameter(name, value))
+        return self._components.inputs[-1]
+
+    def potential(self, expression: Any) -> None:
+        """Add to H: an expression in symbols of the bodies and of ``parameter``.
+
+        It may contain momenta, as −n·l does for axes that turn at n.
+        """
+        self._components.potentials.append(as_expression(expression))
+
+    def force(
+        self, body: Body | str, force: Sequence[Any], *, on_body: ArrayLike | None = None
+    ) -> None:
+        """Let a force (in space axes, N) act at a point of a body, or of the body of that name.
+
+        By default it acts at the body's origin. Its components are expressions of the bodies'
+        symbols, momenta, ``time`` and parameters.
+        """
+        pushed = self._components.body(body, "A force")
+        F = three_expressions(f"force on {pushed.name!r}", force)
+        r = optional_vector(f"point of the force on {pushed.name!r}", on_body)
+        self._components.forces += pushed.force_at([0, 0, 0] if r is None else r.tolist(), F)
+
+    def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
+        """Let a torque (in body axes, N m) act on a body, as expressions like a force's.
+
+        For a top it is taken about the fixed point.
+        """
+        turned = self._components.body(body, "A torque")
+        if isinstance(turned, Particle):
+            raise InputError(f"A torque on {turned.name!r}, a point mass, turns nothing; give a "
+                             "force, or a body.")
+        self._components.forces += turned.torque_on(
+            three_expressions(f"torque on {turned.name!r}", torque))
+
+    def motor(
+        self, name: str, joint: Connection | str, *, torque: Any = None, force: Any = None
+    ) -> Motor:
+        """Add a motor: a torque about the axis of a joint (N m), or a force along it (N).
+
+        A number, or an expression of ``time``, parameters, symbols of bodies, and ``angle(joint)``,
+        ``rate(joint)``, …. It acts on the joint's second body and back on its first.
+        """
+        what, effort = ("travel", force) if torque is None else ("angle", torque)
+        if effort is None or (torque is not None and force is not None):
+            raise InputError(f"Motor {name!r} needs a torque or a force, one of them.")
+        driven = self._components.joint(joint, f"Motor {name!r}")
+        self._components.refuse_measure(driven, what)
+        return self._join(Motor(name, driven.a, driven.b, joints=(driven,), what=what,
+                                effort=as_expression(effort)))
+
+    def joint_spring(
+        self, name: str, joint: Connection | str, *, stiffness: float = 0.0,
+        damping: float = 0.0, rest: float = 0.0,
+    ) -> JointSpring:
+        """Add V = ½ k (c − rest)² of a joint's coordinate c, its angle or travel, and a damper.
+
+        In N m/rad and N m s/rad about an axis, N/m and N s/m along one.
+        """
+        held = self._components.joint(joint, f"Spring {name!r}")
+        what = _coordinate(held)
+        return self._join(JointSpring(
+            name, held.a, held.b, joints=(held,), what=what,
+            coordinate=self._measure(held, what), rate=self._measure(held, RATE_OF[what]),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
+            damping=float(finite(f"damping of {name!r}", damping, ())),
+            rest=float(finite(f"rest of {name!r}", rest, ()))))
+
+    def moving_point(self, name: str, path: Sequence[Any]) -> MovingPoint:
+        """Return a moving point of the ground, for joints, rods and springs.
+
+        Parameters
+        ----------
+        name : str
+            Joints may name it.
+        path : three expressions
+            Where in space it is, m: of ``time`` and parameters. At t = 0 bodies that follow from
+            it begin there, with its velocity.
+        """
+        self._components.claim(name)
+        x, y, z = (self._law(f"path of {name!r}", e) for e in three_expressions(
+            f"path of {name!r}", path))
+        made = MovingPoint(name, (x, y, z), three_expressions(
+            f"velocity of {name!r}", [derivative(e, TIME) for e in (x, y, z)]))
+        self._components.start_of_point(made)
+        self._components.moving_points.append(made)
+        return made
+
+    def quantity(self, name: str, expression: Any) -> None:
+        """Have an expression computed along trajectories under a name."""
+        self._components.quantities[as_text("name of a quantity", name)] = as_expression(expression)
+
+    # ------------------------------------------------------------ measures of joints
+
+    def angle(self, joint: Connection | str) -> sp.Symbol:
+        """Return the symbol of the angle of a joint in forces, potentials and quantities, in rad.
+
+        It is followed for two turns to either side of the start.
+        """
+        return self._measure(joint, "angle")
+
+    def rate(self, joint: Connection | str) -> sp.Symbol:
+        """Return the symbol of the rate of a joint's angle, in rad/s."""
+        return self._measure(joint, "rate")
+
+    def travel(self, joint: Connection | str) -> sp.Symbol:
+        """Return the symbol of the travel along a joint's axis, in m."""
+        return self._measure(joint, "travel")
+
+    def speed(self, joint: Connection | str) -> sp.Symbol:
+        """Return the symbol of the speed along a joint's axis, in m/s."""
+        return self._measure(joint, "speed")
+
+    def measured(self, taken: Collection[str] = ()) -> dict[str, dict[str, sp.Symbol]]:
+        """Return measure → name → symbol of all measures of all joints, but for names taken."""
+        found: dict[str, dict[str, sp.Symbol]] = {}
+        for link in self._components.connections:
+            for what in link.MEASURES:
+                if f"{link.name}_{what}" not in taken:
+                    found.setdefault(what, {})[f"{link.name}_{what}"] = self._measure(link, what)
+        return found
 
     # ------------------------------------------------------------ the model
 
@@ -233,7 +645,7 @@ class Multibody(Machine):
         without : iterable of str
             Names of constraints to leave out because others imply them, such as ``"hinge: z"``.
         redundant : {"refuse", "leave out"}
-            What to do with constraints that others imply; ``redundancy`` tells which they are.
+            What to do with constraints that others imply; ``redundancy`` names them.
 
         Raises
         ------
@@ -241,171 +653,119 @@ class Multibody(Machine):
             For constraints that depend on each other, with their names and a smallest set to
             leave out; for a start that cannot meet them.
         """
-        if not self._bodies:
+        if not self._components.bodies:
             raise InputError(f"Multibody {self.name!r} has no body; add one with body(...).")
         choose("redundant", redundant, ("refuse", "leave out"))
         left_out = {without} if isinstance(without, str) else {
             as_text("a constraint to leave out", name)
             for name in as_items("without", without, "constraints' names")}
-        links = copies(self._links)  # placing completes them
-        store = dict(self._values)
-        store |= self._body_values()
-        with in_range(f"Multibody {self.name!r}"):
-            poses = self._poses([*links.values()])
-            equations = self._equations([*links.values()], poses, store, left_out)
-            q0, p0 = self._state(poses)
-        coordinates = [x for body in self._bodies for x in body.coordinates]
-        self.redundancy = find_redundant(self.name, NumericConstraints(
-            coordinates, [e.expression for e in equations], [e.name for e in equations],
-            store | {str(self.time): 0.0}), q0)
+        assembly = Assembly(self._components, left_out)
+        self.redundancy = assembly.redundancy()
         if redundant == "refuse":
             self.redundancy.refuse()
-        equations = [e for e in equations if e.name not in self.redundancy.left_out]
-        pushes = [*self._pushes, *(push for link in links.values()
-                                   for push in link.forces(poses, store))]
-        H = self._hamiltonian([*links.values()], store)
-        measures = {symbol: links[joint].measure(what, poses, store)
-                    for symbol, (joint, what) in self._measures.items()}
-        system = self._system(H, equations, pushes, measures, store, [*links.values()], poses)
-        self.start = project(NumericSystem(system, store), q0, p0)
-        bodies = {str(body.weight): moments for body, moments in self._inertia.items()}
+        system, store = assembly.system(self.redundancy.left_out), assembly.store
+        self.start = project(NumericSystem(system, store), assembly.q0, assembly.p0)
+        bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
-
-    def _poses(self, links: Sequence[Connection]) -> dict[Frame, Pose]:
-        poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
-        poses |= {body: start.pose() for body, start in self._bodies.items()}
-        for point in self._moving:
-            poses[point] = Pose.ground()
-            poses[point].x, poses[point].v = (
-                np.array(part) for part in zip(*self.beginning(point), strict=True))
-        joints = [link for link in links if isinstance(link, Joint)]
-        settle(poses, "spin", [link.turn for link in links])
-        settle(poses, "x", [joint.place for joint in joints])
-        for joint in joints:
-            if joint.on_a is None or joint.on_b is None:
-                raise InputError(f"Joint {joint.name!r} does not say where it is; give at= in "
-                                 "space, or on_a= and on_b= in body axes.")
-        settle(poses, "v", [joint.move for joint in joints])
-        return poses
-
-    def _equations(
-        self, links: Sequence[Connection], poses: Mapping[Frame, Pose], store: dict[str, float],
-        without: set[str],
-    ) -> list[Equation]:
-        """Return the constraints, each with the later of its bodies."""
-        order = {body: index for index, body in enumerate(self._bodies)}
-        rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)] if body.q else []
-                for body in self._bodies}
-        for link in links:
-            own = [frame for frame in link.frames if isinstance(frame, Body)]
-            rows[max(own, key=order.__getitem__)] += link.equations(poses, store)
-        found = [equation for body in self._bodies for equation in rows[body]]
-        unknown = without - {equation.name for equation in found}
-        if unknown:
-            raise InputError(
-                f"There is no constraint {min(unknown)!r} to leave out; the constraints are "
-                f"{', '.join(repr(equation.name) for equation in found)}."
-            )
-        return [equation for equation in found if equation.name not in without]
-
-    def _hamiltonian(self, links: Sequence[Connection], store: dict[str, float]) -> sp.Expr:
-        terms = []
-        for body in self._bodies:
-            terms.append(body.kinetic_energy)
-            terms.append(-body.mass * dot(self._gravity, body.centre_of_mass))
-        terms += [link.energy(store) for link in links]
-        return sp.Add(*terms, *self._potential)
-
-    def _system(
-        self, H: sp.Expr, equations: Sequence[Equation], pushes: Sequence[Push],
-        measures: Mapping[sp.Symbol, sp.Expr], store: dict[str, float],
-        links: Sequence[Connection], poses: Mapping[Frame, Pose],
-    ) -> System:
-        """Return the system; parameters that nothing uses are dropped from it and the store."""
-        acting: dict[sp.Symbol, list[sp.Expr]] = {x: [] for xs, _ in pushes for x in xs}
-        for xs, force in pushes:
-            for x, e in zip(xs, force, strict=True):
-                acting[x].append(e)
-        named = set().union(*(e.free_symbols for e in (
-            H, *(e for _, force in pushes for e in force), *self._quantities.values())))
-        counted = {joint.name for symbol, (joint, what) in self._measures.items()
-                   if symbol in named and what == "angle"}
-        for link in links:
-            if isinstance(link, Drive):
-                counted |= {link.name, link.joints[0].name}
-            elif isinstance(link, Coupling):
-                counted |= {joint.name for joint, what in zip(link.joints, link.what, strict=True)
-                            if what == "angle"}
-        H = H.xreplace(measures)
-        quantities = {name: e.xreplace(measures) for name, e in self._quantities.items()}
-        q = tuple(x for body in self._bodies for x in body.coordinates)
-        p = tuple(x for body in self._bodies for x in body.momenta)
-        forces = tuple(sp.Add(*acting.get(x, ())).xreplace(measures) for x in p) if acting else ()
-        constraints = tuple(equation.expression for equation in equations)
-        used: set[sp.Symbol] = set().union(*(
-            e.free_symbols for e in (H, *constraints, *forces, *quantities.values())))
-        parameters = tuple(sorted(used - {*q, *p, self.time}, key=_by_first_use(store)))
-        unknown = [s for s in parameters if str(s) not in store]
-        if unknown:
-            raise InputError(f"{str(unknown[0])!r} in Multibody {self.name!r} has no value; make "
-                             "it with parameter(name, value) or input(name).")
-        unfelt = [u for u in self._inputs if u not in used]
-        if unfelt:
-            raise InputError(f"Input {str(unfelt[0])!r} of Multibody {self.name!r} is in no force; "
-                             "write it where it acts, or remove it.")
-        kept, values = set(parameters), dict(store)
-        for name in store.keys() - set(map(str, parameters)):
-            del store[name]
-        return System(
-            q, p, parameters, H, constraints, name=self.name, forces=forces,
-            constraint_names=tuple(equation.name for equation in equations),
-            time=self.time if self.time in used else None, quantities=quantities,
-            inputs=tuple(self._inputs),
-            bodies=tuple(body_at(body, kept, values) for body in self._bodies if body.q),
-            joints=tuple(joint_at(link, poses, [e.name for e in equations], kept, values,
-                                  link.name in counted)
-                         for link in links
-                         if not any(isinstance(frame, Moving | Particle) for frame in link.frames)),
-        )
-
-    def _state(self, poses: Mapping[Frame, Pose]) -> tuple[Array, Array]:
-        q: list[Array] = []
-        p: list[Array] = []
-        for body in self._bodies:
-            pose = poses[body]
-            if body.q:
-                q.append(pose.q)
-                p.append(pose.momenta(self._inertia[body]))
-            if body.x:
-                assert pose.x is not None
-                assert pose.v is not None
-                q.append(pose.x)
-                p.append(self._values[str(body.mass)] * pose.v)
-        return np.concatenate(q), np.concatenate(p)
-
-    def _body_values(self) -> dict[str, float]:
-        values: dict[str, float] = {}
-        for body, inertia in self._inertia.items():
-            numbers = np.ravel(inertia).tolist()
-            values |= dict(zip(map(str, body.inertia), numbers, strict=True))
-            if body.inverse:
-                values |= dict(zip(map(str, body.inverse), inverse_entries(inertia), strict=True))
-        return values
 
     # ------------------------------------------------------------ inside
 
+    def _join(self, link: Joined) -> Joined:
+        point = next((frame for frame in link.frames if isinstance(frame, Particle)), None)
+        if point is not None and type(link) not in (Joint, Rod, Spring):
+            raise InputError(f"{link.name!r} asks for axes of {point.name!r}, a point mass, which "
+                             "has none; join it by a ball, a rod or a spring, or give a body.")
+        self._components.claim(link.name)
+        self._components.connections.append(link)
+        return link
+
+    def _pair(
+        self, name: str, a: Frame | str, b: Frame | str, at: Any, on_a: Any, on_b: Any
+    ) -> dict[str, Any]:
+        """Return the arguments of a joint with a common point."""
+        (first, second), (on_first, on_second) = self._components.frames(name, a, b), self._points(
+            name, on_a, on_b)
+        return {"a": first, "b": second, "on_a": on_first, "on_b": on_second,
+                "at": optional_vector(f"at of {name!r}", at)}
+
+    def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
+        return (optional_vector(f"on_a of {name!r}", on_a),
+                optional_vector(f"on_b of {name!r}", on_b))
+
+    def _hinge(
+        self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float = 0.0,
+        angle: float = 0.0,
+    ) -> Align:
+        first, second = self._components.frames(name, a, b)
+        return Align(name, first, second, self._axis(name, first, second, axes),
+                     float(finite(f"rate of {name!r} in rad/s", rate, ())),
+                     float(finite(f"angle of {name!r} in rad", angle, ())))
+
+    def _axis(self, name: str, a: Frame, b: Frame, axes: Axes) -> Array:
+        """Return the unit vector of an axis in space at the start."""
+        given = {what: e for what, e in zip(AXES, axes, strict=True) if e is not None}
+        if len(given) != 1:
+            raise InputError(f"{name!r} has {' and '.join(given) or 'no axis'}; give one of axis, "
+                             "axis_on_body and axis_in_space.")
+        ((what, e),) = given.items()
+        axis = _direction(name, "axis", e)
+        carrier = next((frame for frame in (a, b) if isinstance(frame, Body)), None)
+        if carrier is None:
+            return axis
+        turned: Array = rotation(self._components.bodies[carrier].q) @ axis
+        if what == "axis_on_body":
+            return turned
+        if what == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
+            remark(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
+                   f"at the start, so that its components on the body differ. Write axis_on_body= "
+                   f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "
+                   "they are in space.")
+        return axis
+
     def _add(
-        self, body: Body, start: Start, mass: float, inertia: Inertia, weight: float | None
+        self, body: Body, start: InitialState, mass: float, inertia: Inertia, weight: float | None
     ) -> Body:
-        self._values[str(body.mass)] = positive(f"mass of {body.name!r}", mass)
+        self._components.values[str(body.mass)] = positive(f"mass of {body.name!r}", mass)
         mean = float(np.mean(moments_of(inertia)))
-        self._values[str(body.weight)] = mean if weight is None else nonzero(
+        self._components.values[str(body.weight)] = mean if weight is None else nonzero(
             f"{body.rep} of {body.name!r}", weight)
-        self._inertia[body] = inertia
-        self._bodies[body] = start
+        self._components.inertia[body] = inertia
+        self._components.bodies[body] = start
         return body
 
+    def _measure(self, joint: Connection | str, what: str) -> sp.Symbol:
+        """Return the symbol of a measure."""
+        measured = self._components.joint(joint, f"The {what}")
+        self._components.refuse_measure(measured, what)
+        symbol = sp.Symbol(f"{measured.name}_{what}", real=True)
+        if symbol not in self._components.measures:
+            self._components.claim(str(symbol))
+            self._components.symbols[str(symbol)] = symbol
+            self._components.measures[symbol] = measured, what
+        return symbol
 
-def _by_first_use(store: Mapping[str, float]) -> Any:
-    order = {name: index for index, name in enumerate(store)}
-    return lambda symbol: (order.get(str(symbol), len(order)), str(symbol))
+    def _law(self, what: str, given: Any) -> sp.Expr:
+        """Return an expression of time and parameters."""
+        law = as_expression(given)
+        strange = law.free_symbols - {TIME} - {
+            symbol for name, symbol in self._components.symbols.items()
+            if name in self._components.values}
+        if strange:
+            raise InputError(f"The {what} contains {min(map(str, strange))!r}; it may contain time "
+                             "and parameters.")
+        return law
+
+
+def _direction(name: str, what: str, given: ArrayLike) -> Array:
+    """Return a direction, given in any length, as a unit vector."""
+    found = vector(f"{what} of {name!r}", given)
+    if not found.any():
+        raise InputError(f"The {what} of {name!r} is zero; give its direction.")
+    return unit(found)
+
+
+def _coordinate(joint: Connection) -> str:
+    """Return which measure of a joint is its coordinate: its travel where it slides."""
+    if not joint.MEASURES:
+        raise InputError(f"Joint {joint.name!r} has no coordinate, neither an angle nor a travel.")
+    return "travel" if "travel" in joint.MEASURES else "angle"

@@ -149,7 +149,7 @@ def angular_velocity(
 def body_force(torque: Sequence[sp.Expr], x: Sequence[sp.Expr] = q) -> list[sp.Expr]:
     """Return the generalised force F = 2 L(q)ᵀ τ of a torque τ in body axes, four entries.
 
-    Its power is that of the torque, F·q̇ = τ·2L(q)q̇ = τ·Ω, and it does not push q off the sphere:
+    Its power is that of the torque, F·q̇ = τ·2L(q)q̇ = τ·Ω, and it keeps q on the sphere:
     q·F = 0.
     """
     return [2 * sum(a * b for a, b in zip(column, torque, strict=True))
@@ -176,7 +176,7 @@ def body_system(
     name : str
         A C identifier.
     rep : {"gamma", "alpha"}
-        How T is written; gamma or alpha becomes a parameter beside I1, I2 and I3.
+        Form of T; gamma or alpha becomes a parameter beside I1, I2 and I3.
     potential : Expr
         V of q (or R), inertia and parameters, in J.
     parameters : sequence of Symbol
@@ -184,7 +184,7 @@ def body_system(
     torque : sequence of Expr
         Torque in body axes in N m, three entries of q, p, omega, t and parameters, or none.
     quantities : mapping of str to Expr
-        What trajectories offer by name.
+        Quantities of trajectories, by name.
     tensor : bool
         Body axes are no principal axes: K11, K12, K13, K22, K23, K33, the entries of J⁻¹, are
         parameters in place of I1, I2, I3.

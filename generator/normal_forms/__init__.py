@@ -1,13 +1,13 @@
-"""Normal forms: H, g, F and quantities in one form, however they were written.
+"""Normal forms: one form of H, g, F and quantities for all equivalent expressions.
 
-``canonical_system.canonical`` does it, before anything is derived.
+``canonical_system.canonical`` computes them before anything is derived.
 
-1. **expand**    expressions multiplied out, within limits, and divided by the sums in their
-   denominators (``expansion``, on the dictionaries of ``terms``)
+1. **expand**    products and divisions by sums, within limits (``expansion``, on the dictionaries
+   of ``terms``)
 2. **split**     terms → blocks of the kinetic energy, potentials, rows of F, each in as few
    coordinates as possible (``coordinate_coupling``, ``additive_terms``)
-3. **shorten**   the terms of a part → the cheapest form (``shortest_sum``), of common factors and
-   products (``common_factors``, ``products_of_sums``, by ``sparse_elimination``), squares and
-   higher powers of sums (``sums_of_squares``, ``powers_of_sums``). The given form is kept where
-   expansion takes too long or makes it clearly dearer (``canonical_expressions``)
+3. **shorten**   terms → the cheapest form (``shortest_sum``): common factors
+   (``common_factors``), products, squares and higher powers of sums (``products_of_sums``). The
+   given form stays where expansion takes too long or costs clearly more
+   (``canonical_expressions``)
 """

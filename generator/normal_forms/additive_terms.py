@@ -1,8 +1,8 @@
-"""H and F taken apart: sums of pieces that depend on no more than they must.
+"""Additive terms of H and F: sums of expressions in as few coordinates as possible.
 
-A piece is an expression with its terms. Pieces are found from the terms of H alone; beside them
-stand those that were written, multiplied out no further than taking apart needs. Of what hangs
-together, either all found or all written pieces are taken.
+An addend is an expression with its terms. Addends are derived from the terms of H alone, and
+compared with those of the given expression, expanded no further than necessary. In each coupled
+region, either all derived or all given addends are selected.
 """
 
 from __future__ import annotations
@@ -13,40 +13,40 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 import sympy as sp
 
 from ..systems.elimination_order import connected
-from .canonical_expressions import Forms, costs_less
+from .canonical_expressions import CanonicalForms, costs_less
 from .common_factors import square_root, without_common
-from .coordinate_coupling import Coupling
+from .coordinate_coupling import CoordinateCoupling
 from .terms import (
     Monomial,
     Number,
     Terms,
     add_to,
     merged,
-    moves,
-    over,
-    plus,
+    quotient,
     scaled,
     symbols_in,
     term,
+    total_of,
+    varies,
 )
 
-__all__ = ["ForcePieces", "HamiltonianPieces", "Reach"]
+__all__ = ["ForceTerms", "HamiltonianTerms", "Support"]
 
 #: An expression and its terms.
-Piece = tuple[sp.Expr, Terms]
+Addend = tuple[sp.Expr, Terms]
 
 
-class Reach:
-    """Which coordinates and momenta terms depend on, by their places, and how H couples these."""
+class Support:
+    """Coordinates and momenta of terms, by their indices, and how H couples them."""
 
     def __init__(self, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: Terms) -> None:
         self.place = {x: i for symbols in (q, p) for i, x in enumerate(symbols)}
         self.p = frozenset(p)
         self._known: dict[Monomial, tuple[frozenset[int], frozenset[int]]] = {}
-        self.coupling = Coupling(len(q), map(self, H))
+        self.coupling = CoordinateCoupling(len(q), map(self, H))
 
     def __call__(self, m: Monomial) -> tuple[frozenset[int], frozenset[int]]:
-        """Return the places of the momenta in a term, and of its coordinates and momenta."""
+        """Return the indices of the momenta in a term, and of its coordinates and momenta."""
         if m not in self._known:
             symbols = symbols_in([m])
             self._known[m] = (frozenset(self.place[x] for x in symbols & self.p),
@@ -65,56 +65,56 @@ class Reach:
         """Return the classes of an expression."""
         return self.coupling.classes(self.place[x] for x in e.free_symbols if x in self.place)
 
-    def cell(self, m: Monomial) -> int:
-        """Return the cell of a term with momenta."""
+    def kinetic_block(self, m: Monomial) -> int:
+        """Return the kinetic block of a term with momenta."""
         a = min(self(m)[0])
-        return self.coupling.cell_of.get(a, a)
+        return self.coupling.kinetic_block_of.get(a, a)
 
 
-def total(pieces: Iterable[Piece]) -> sp.Expr:
-    """Return the sum of pieces."""
-    return sp.Add(*(e for e, _ in pieces))
+def total(addends: Iterable[Addend]) -> sp.Expr:
+    """Return the sum of addends."""
+    return sp.Add(*(e for e, _ in addends))
 
 
 def is_constant(m: Monomial) -> bool:
-    """Whether nothing in a term moves."""
-    return not any(map(moves, symbols_in([m])))
+    """Whether a term is constant during a run."""
+    return not any(map(varies, symbols_in([m])))
 
 
-def apart(
-    forms: Forms, e: sp.Expr, is_piece: Callable[[Terms], bool]
-) -> Iterator[Piece]:
-    """Yield an expression in pieces, multiplied out no further than they need it."""
+def split(
+    forms: CanonicalForms, e: sp.Expr, is_irreducible: Callable[[Terms], bool]
+) -> Iterator[Addend]:
+    """Yield the addends of an expression, expanded no further than necessary."""
     for part in sp.Add.make_args(e):
         terms = forms.terms(part)
         sums = [a for a in part.args if a.is_Add] if part.is_Mul else []
-        if is_piece(terms):
-            yield forms.tidied(part), terms
+        if is_irreducible(terms):
+            yield forms.normal_form(part), terms
         elif sums:
             others = [a for a in part.args if a is not sums[0]]
             for a in sums[0].args:
-                yield from apart(forms, sp.Mul(*others, a), is_piece)
+                yield from split(forms, sp.Mul(*others, a), is_irreducible)
         else:
             yield from ((term(m, a), {m: a}) for m, a in terms.items())
 
 
-class HamiltonianPieces:
-    """The pieces of H."""
+class HamiltonianTerms:
+    """The additive terms of H."""
 
     def __init__(
-        self, forms: Forms, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: sp.Expr
+        self, forms: CanonicalForms, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: sp.Expr
     ) -> None:
         self.forms = forms
-        self.written = H
-        self.terms = plus(*map(forms.terms, sp.Add.make_args(H)))
-        self.reach = Reach(q, p, self.terms)
+        self.given = H
+        self.terms = total_of(*map(forms.terms, sp.Add.make_args(H)))
+        self.support = Support(q, p, self.terms)
 
     def sum(self) -> sp.Expr:
-        """Return H as the sum of its pieces."""
+        """Return H as the sum of its addends."""
         constant = {m: a for m, a in self.terms.items() if is_constant(m)}
         moving = {m: a for m, a in self.terms.items() if m not in constant}
-        chosen = [piece for terms, found, written in self._regions(moving)
-                  for piece in self._chosen(terms, found, written)]
+        chosen = [addend for terms, found, given in self._regions(moving)
+                  for addend in self._chosen(terms, found, given)]
         for _, terms in chosen:
             for m in filter(is_constant, terms):
                 add_to(constant, m, -terms[m])
@@ -122,118 +122,117 @@ class HamiltonianPieces:
 
     # ------------------------------------------------------------ found or written
 
-    def _regions(self, moving: Terms) -> Iterator[tuple[Terms, list[Piece], list[Piece]]]:
-        """Yield terms that hang together, with the pieces found for them and those written."""
-        pieces = [self._found(), list(apart(self.forms, self.written, self._is_piece))]
+    def _regions(self, moving: Terms) -> Iterator[tuple[Terms, list[Addend], list[Addend]]]:
+        """Yield coupled terms, with their derived and their given addends."""
+        addends = [self._found(), list(split(self.forms, self.given, self._is_irreducible))]
         nodes = self._nodes(moving)
         touched = [[frozenset(nodes(m) for m in terms if not is_constant(m))
-                    for _, terms in side] for side in pieces]
+                    for _, terms in side] for side in addends]
         regions = connected(place for side in touched for place in side)
         region_of = {node: i for i, region in enumerate(regions) for node in region}
         terms: list[Terms] = [{} for _ in regions]
         for m, a in moving.items():
             terms[region_of[nodes(m)]][m] = a
-        sides: list[tuple[list[Piece], list[Piece]]] = [([], []) for _ in regions]
-        for side, (own, places) in enumerate(zip(pieces, touched, strict=True)):
-            for piece, place in zip(own, places, strict=True):
+        sides: list[tuple[list[Addend], list[Addend]]] = [([], []) for _ in regions]
+        for side, (own, places) in enumerate(zip(addends, touched, strict=True)):
+            for addend, place in zip(own, places, strict=True):
                 if place:
-                    sides[region_of[min(place)]][side].append(piece)
-        for inside, (found, written) in zip(terms, sides, strict=True):
-            yield inside, found, written
+                    sides[region_of[min(place)]][side].append(addend)
+        for inside, (found, given) in zip(terms, sides, strict=True):
+            yield inside, found, given
 
     def _nodes(self, moving: Terms) -> Callable[[Monomial], int]:
-        """Return what tells which terms depend on each other: a number for each cell and potential.
-        """
-        n = len(self.reach.p)
-        potential = connected(self.reach.blocks(m) for m in moving if not self.reach(m)[0])
+        """Return a function term → number; coupled terms have the same number."""
+        n = len(self.support.p)
+        potential = connected(self.support.blocks(m) for m in moving if not self.support(m)[0])
         part_of = {a: n + min(part) for part in potential for a in part}
 
         def node(m: Monomial) -> int:
-            if self.reach(m)[0]:
-                return self.reach.cell(m)
-            a = min(self.reach.blocks(m), default=n)
+            if self.support(m)[0]:
+                return self.support.kinetic_block(m)
+            a = min(self.support.blocks(m), default=n)
             return part_of.get(a, n + a)
 
         return node
 
-    def _chosen(self, terms: Terms, found: list[Piece], written: list[Piece]) -> list[Piece]:
-        """Return the pieces found, or those written if they make the same and cost clearly less."""
-        made = plus(*(part for _, part in written))
+    def _chosen(self, terms: Terms, found: list[Addend], given: list[Addend]) -> list[Addend]:
+        """Return the derived addends, or the given ones if they are equal and cost clearly less."""
+        made = total_of(*(part for _, part in given))
         same = {m: a for m, a in made.items() if not is_constant(m)} == terms
-        return written if same and costs_less([total(written)], [total(found)]) else found
+        return given if same and costs_less([total(given)], [total(found)]) else found
 
-    def _is_piece(self, terms: Terms) -> bool:
-        """Whether terms need not be taken apart: of one cell at most, and all coupled."""
-        cells = {self.reach.cell(m) for m in terms if self.reach(m)[0]}
-        places = frozenset[int]().union(*(self.reach(m)[1] for m in terms))
-        return len(cells) <= 1 and self.reach.coupling.are_coupled(places)
+    def _is_irreducible(self, terms: Terms) -> bool:
+        """Whether terms are of one kinetic block at most, and all coupled."""
+        kinetic_blocks = {self.support.kinetic_block(m) for m in terms if self.support(m)[0]}
+        places = frozenset[int]().union(*(self.support(m)[1] for m in terms))
+        return len(kinetic_blocks) <= 1 and self.support.coupling.are_coupled(places)
 
     # ------------------------------------------------------------ found from terms alone
 
-    def _found(self) -> list[Piece]:
-        """Return H in pieces, but for a constant."""
-        squares, left = self.forms.powers(self.terms, self.reach.p)
-        pieces = [self._with_terms(sp.Mul(term(*outer), power)) for outer, power in squares]
-        cells: dict[int, Terms] = defaultdict(dict)
+    def _found(self) -> list[Addend]:
+        """Return the addends of H, except a constant."""
+        squares, left = self.forms.powers(self.terms, self.support.p)
+        addends = [self._with_terms(sp.Mul(term(*outer), power)) for outer, power in squares]
+        kinetic: dict[int, Terms] = defaultdict(dict)
         potential: Terms = {}
         constant: Terms = {}
         for m, a in left.items():
-            part = cells[self.reach.cell(m)] if self.reach(m)[0] else (
+            part = kinetic[self.support.kinetic_block(m)] if self.support(m)[0] else (
                 constant if is_constant(m) else potential)
             part[m] = a
-        pieces += [(self.forms.short(part), part) for part in cells.values()]
+        addends += [(self.forms.short(part), part) for part in kinetic.values()]
         for part in self._potentials(potential):
             found, constant = self._potential(part, constant)
-            pieces += found
-        return pieces
+            addends += found
+        return addends
 
     def _potentials(self, terms: Terms) -> Iterator[Terms]:
-        """Yield terms whose coordinates depend on each other, and those of time alone."""
-        blocks = {m: self.reach.blocks(m) for m in terms}
+        """Yield terms with coupled coordinates, and those of time alone."""
+        blocks = {m: self.support.blocks(m) for m in terms}
         for together in [*connected(blocks.values()), frozenset[int]()]:
             part = {m: a for m, a in terms.items() if blocks[m] & together or (
                 not blocks[m] and not together)}
             if part:
                 yield part
 
-    def _potential(self, terms: Terms, constant: Terms) -> tuple[list[Piece], Terms]:
-        """Return pieces of a potential, and what is left of the constant.
+    def _potential(self, terms: Terms, constant: Terms) -> tuple[list[Addend], Terms]:
+        """Return the addends of a potential, and the rest of the constant.
 
-        Powers of differences are found in all of it, other forms in what depends on the same; of
-        polynomials also without the powers, which is taken if that costs clearly less.
+        Powers of differences are sought in all terms, other forms in terms of equal support. A
+        polynomial is also tried without powers, which is selected if it costs clearly less.
         """
-        powers, left = self.forms.powers(plus(terms, constant))
+        powers, left = self.forms.powers(total_of(terms, constant))
         together: dict[tuple[Monomial, Number, frozenset[int]], list[sp.Expr]] = defaultdict(list)
         for (still, a), power in powers:
-            together[still, a, self.reach.classes_of(power)].append(power)
-        pieces = [self._with_terms(sp.Mul(term(still, a), sp.Add(*own)))
-                  for (still, a, _), own in together.items()]
-        found = self._bundles(pieces, left)
+            together[still, a, self.support.classes_of(power)].append(power)
+        addends = [self._with_terms(sp.Mul(term(still, a), sp.Add(*own)))
+                   for (still, a, _), own in together.items()]
+        found = self._bundles(addends, left)
         if powers and all(base.is_Symbol for m in terms for base, _ in m):
-            plain = self._bundles([], plus(terms, constant))
+            plain = self._bundles([], total_of(terms, constant))
             if costs_less([total(plain[0])], [total(found[0])]):
                 return plain
         return found
 
-    def _bundles(self, pieces: list[Piece], left: Terms) -> tuple[list[Piece], Terms]:
-        """Return the pieces, with those of all other terms, and what is left of the constant."""
+    def _bundles(self, addends: list[Addend], left: Terms) -> tuple[list[Addend], Terms]:
+        """Return the addends, with those of all other terms, and the rest of the constant."""
         bundles: dict[Hashable, Terms] = defaultdict(dict)
         constant = {m: a for m, a in left.items() if is_constant(m)}
         for m, a in left.items():
             if m not in constant:
-                bundles[self.reach.classes(m)][m] = a
+                bundles[self.support.classes(m)][m] = a
         for bundle in bundles.values():
-            for part in self._linear_apart(bundle):
-                piece, constant = self._bundle(part, constant)
-                pieces.append(piece)
-        return pieces, constant
+            for part in self._split_linear(bundle):
+                addend, constant = self._bundle(part, constant)
+                addends.append(addend)
+        return addends, constant
 
-    def _linear_apart(self, terms: Terms) -> list[Terms]:
+    def _split_linear(self, terms: Terms) -> list[Terms]:
         """Return linear terms by blocks, as weights are, and the rest.
 
-        Where other terms have the block as well, they stay with them, but for the square of a sum.
+        Linear terms stay with other terms of their block, unless these are the square of a sum.
         """
-        blocks = {m: self.reach.blocks(m) for m in terms}
+        blocks = {m: self.support.blocks(m) for m in terms}
         bent = {m: a for m, a in terms.items() if not self._is_linear(m)}
         is_square = bool(bent) and not square_root(without_common(bent)[2])[1]
         kept = frozenset[int]().union(*(blocks[m] for m in bent if not is_square))
@@ -245,55 +244,57 @@ class HamiltonianPieces:
     def _is_linear(self, m: Monomial) -> bool:
         return [(x.is_Symbol, n) for x, n in self.forms.compact.split(m)[0]] == [(True, 1)]
 
-    def _bundle(self, terms: Terms, constant: Terms) -> tuple[Piece, Terms]:
-        """Return the piece of terms of the same coordinates, a square if the constant makes it."""
+    def _bundle(self, terms: Terms, constant: Terms) -> tuple[Addend, Terms]:
+        """Return the addend of terms of the same coordinates, completed to a square if possible."""
         outer, value, inner = without_common(terms)
         root, left = square_root(inner)
         needed = {merged(outer, m)[0]: -a * value for m, a in left.items()}
-        if root and all(0 < over(a, constant.get(m, -a)) <= 1 for m, a in needed.items()):
+        if root and all(0 < quotient(a, constant.get(m, -a)) <= 1 for m, a in needed.items()):
             e = sp.Mul(term(outer, value), self.forms.short(root) ** 2)
-            return (e, plus(terms, needed)), plus(constant, scaled(needed, -1))
+            return (e, total_of(terms, needed)), total_of(constant, scaled(needed, -1))
         return (self.forms.short(terms), terms), constant
 
-    def _with_terms(self, e: sp.Expr) -> Piece:
+    def _with_terms(self, e: sp.Expr) -> Addend:
         return e, self.forms.terms(e)
 
 
-class ForcePieces:
-    """The pieces of the rows of F: terms that depend on the same classes of coordinates."""
+class ForceTerms:
+    """The additive terms of the rows of F, by classes of coordinates."""
 
-    def __init__(self, forms: Forms, reach: Reach, written: Sequence[sp.Expr]) -> None:
+    def __init__(
+        self, forms: CanonicalForms, support: Support, given: Sequence[sp.Expr]
+    ) -> None:
         self.forms = forms
-        self.reach = reach
-        self.written = written
+        self.support = support
+        self.given = given
 
     def rows(self) -> list[sp.Expr]:
-        """Return each row as the sum of its pieces.
+        """Return each row as the sum of its addends.
 
-        What is decided for one row is decided for all: they have parts in common.
+        One choice serves all rows, as they have subexpressions in common.
         """
         found: dict[Hashable, dict[int, Terms]] = defaultdict(lambda: defaultdict(dict))
-        written: dict[Hashable, dict[int, list[Piece]]] = defaultdict(lambda: defaultdict(list))
-        for row, e in enumerate(self.written):
-            for m, a in plus(*map(self.forms.terms, sp.Add.make_args(e))).items():
-                found[self.reach.classes(m)][row][m] = a
-            for piece in apart(self.forms, e, self._is_piece):
-                if piece[1]:
-                    written[self.reach.classes(next(iter(piece[1])))][row].append(piece)
-        made: list[list[sp.Expr]] = [[] for _ in self.written]
+        given: dict[Hashable, dict[int, list[Addend]]] = defaultdict(lambda: defaultdict(list))
+        for row, e in enumerate(self.given):
+            for m, a in total_of(*map(self.forms.terms, sp.Add.make_args(e))).items():
+                found[self.support.classes(m)][row][m] = a
+            for addend in split(self.forms, e, self._is_irreducible):
+                if addend[1]:
+                    given[self.support.classes(next(iter(addend[1])))][row].append(addend)
+        made: list[list[sp.Expr]] = [[] for _ in self.given]
         for key, parts in found.items():
-            for row, e in zip(parts, self._chosen(parts, written[key]), strict=True):
+            for row, e in zip(parts, self._chosen(parts, given[key]), strict=True):
                 made[row].append(e)
-        return [sp.Add(*pieces) for pieces in made]
+        return [sp.Add(*addends) for addends in made]
 
     def _chosen(
-        self, parts: dict[int, Terms], written: dict[int, list[Piece]]
+        self, parts: dict[int, Terms], given: dict[int, list[Addend]]
     ) -> Iterable[sp.Expr]:
         short = [self.forms.short(part) for part in parts.values()]
-        kept = [total(written[row]) for row in parts]
-        same = all(plus(*(terms for _, terms in written[row])) == part
+        kept = [total(given[row]) for row in parts]
+        same = all(total_of(*(terms for _, terms in given[row])) == part
                    for row, part in parts.items())
         return kept if same and costs_less(kept, short) else short
 
-    def _is_piece(self, terms: Terms) -> bool:
-        return len(set(map(self.reach.classes, terms))) <= 1
+    def _is_irreducible(self, terms: Terms) -> bool:
+        return len(set(map(self.support.classes, terms))) <= 1

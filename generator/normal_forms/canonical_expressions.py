@@ -1,7 +1,7 @@
-"""Canonical forms of expressions, each by itself: what stands for every spelling of them.
+"""Canonical forms of single expressions: one for all equivalent expressions.
 
-A form depends on the places of symbols among those of the expression alone: equal forms of
-different bodies are found once.
+A form depends on the order of the symbols of the expression, not on their names: equal forms of
+different bodies are computed once.
 """
 
 from __future__ import annotations
@@ -13,31 +13,31 @@ import sympy as sp
 
 from ..symbolic.shared_subexpressions import parts_of
 from .expansion import NormalForm, TooLongError, rebuilt
-from .powers_of_sums import Power, split_off_powers
+from .products_of_sums import Power, split_off_powers
 from .shortest_sum import Compact, cost
 from .terms import (
     Terms,
     expression_of,
     fraction,
-    moves,
-    over,
+    placeholder,
     primitive,
+    quotient,
     rational,
-    stand_in,
     symbols_in,
+    varies,
 )
 
-__all__ = ["Forms", "costs_less"]
+__all__ = ["CanonicalForms", "costs_less"]
 
-#: What was written is kept if it costs less than this part of what was found.
+#: The given form is selected if it costs less than this part of the derived one.
 _CLEARLY_LESS = 0.7
-#: Products of terms that may be made: at least, for each part of an expression that is multiplied
-#: out, for each term whose short form is looked for. Bodies and springs take a third of it.
+#: Limits of products of terms: at least, for each expanded subexpression, for each term whose short
+#: form is sought. Bodies and springs need a third of them.
 _LEAST, _FOR_A_PART, _FOR_A_TERM = 2000, 25, 200
 
 
-class Forms:
-    """Canonical forms of expressions in stand-ins; knows what it has found."""
+class CanonicalForms:
+    """Canonical forms of expressions in placeholders, with a cache."""
 
     def __init__(self) -> None:
         self._form = NormalForm(self.expression)
@@ -46,25 +46,25 @@ class Forms:
         self._terms: dict[sp.Expr, Terms] = {}
 
     def expression(self, e: sp.Expr) -> sp.Expr:
-        """Return the canonical form of an expression that is taken apart no further."""
+        """Return the canonical form of an expression that is not split further."""
         if e.is_Symbol or e.is_Rational:
             return e
         own = local_names(e.free_symbols)
         e = e.xreplace(own)
         if e not in self._known:
-            written = self.tidied(e)
+            written = self.normal_form(e)
             found = self._shortest(self.terms(e))
             self._known[e] = written if costs_less([written], [found]) else found
         return self._known[e].xreplace({x: s for s, x in own.items()})
 
     def terms(self, e: sp.Expr) -> Terms:
-        """Return the terms of an expression: itself where multiplying it out takes too long."""
+        """Return the terms of an expression: itself where expansion takes too long."""
         if e not in self._terms:
             try:
                 with self._form.allowed(_LEAST + _FOR_A_PART * sum(1 for _ in parts_of([e]))):
                     self._terms[e] = self._form(e)
             except TooLongError:
-                self._terms[e] = {frozenset([(self.tidied(e), 1)]): 1}
+                self._terms[e] = {frozenset([(self.normal_form(e), 1)]): 1}
         return self._terms[e]
 
     def short(self, terms: Terms) -> sp.Expr:
@@ -77,7 +77,7 @@ class Forms:
     def powers(
         self, terms: Terms, momenta: frozenset[sp.Symbol] | None = None
     ) -> tuple[list[Power], Terms]:
-        """Return powers of sums, of momenta if these are given, and the terms that are left."""
+        """Return powers of sums, of momenta if these are given, and the remaining terms."""
         try:
             with self._form.allowed(_LEAST + _FOR_A_TERM * len(terms)):
                 return split_off_powers(terms, self.compact, momenta)
@@ -95,10 +95,10 @@ class Forms:
 
     # ------------------------------------------------------------ what was written
 
-    def tidied(self, e: sp.Expr) -> sp.Expr:
-        """Return an expression as it was written, with its parts in canonical form."""
+    def normal_form(self, e: sp.Expr) -> sp.Expr:
+        """Return an expression as given, with its subexpressions in canonical form."""
         if e.is_Add:
-            return sp.Add(*map(self.tidied, e.args))
+            return sp.Add(*map(self.normal_form, e.args))
         if e.is_Mul:
             return sp.Mul(*map(self._factor, e.args))
         return self._factor(e)
@@ -113,29 +113,29 @@ class Forms:
         if not (base.is_Add and exponent.is_Integer):
             return base**exponent
         value, inner = primitive(base)
-        value, n = over(Fraction(value) ** int(exponent), 1), int(exponent)
+        value, n = quotient(Fraction(value) ** int(exponent), 1), int(exponent)
         if n > 0 and value.numerator % 2**n == 0 and all(map(is_bilinear, inner.args)):
-            value, inner = over(value, 2**n), 2 * inner
+            value, inner = quotient(value, 2**n), 2 * inner
         # evaluated, a number would go into the sum
         return sp.Mul(rational(value), inner**exponent, evaluate=False)
 
 
 def costs_less(written: Sequence[sp.Expr], found: Sequence[sp.Expr]) -> bool:
-    """Whether what was written costs clearly less than what was found."""
+    """Whether the given expressions cost clearly less than the derived ones."""
     return cost(written) < _CLEARLY_LESS * cost(found)
 
 
 def is_bilinear(e: sp.Expr) -> bool:
-    """Whether an expression is a number times two different symbols that move."""
+    """Whether an expression is a number times two different variables."""
     factors = sp.Mul.make_args(e.as_coeff_Mul()[1])
-    return len(factors) == 2 and all(x.is_Symbol and moves(x) for x in factors)
+    return len(factors) == 2 and all(x.is_Symbol and varies(x) for x in factors)
 
 
 def local_names(symbols: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Symbol]:
-    """Return stand-ins numbered from 0, in the same order: equal forms get equal names."""
+    """Return placeholders numbered from 0, in the same order: equal forms get equal names."""
     found = {}
     counts = {True: 0, False: 0}
     for x in sorted(symbols, key=lambda x: x.name):
-        found[x] = stand_in(counts[moves(x)], moves(x), frozenset(x.assumptions0.items()))
-        counts[moves(x)] += 1
+        found[x] = placeholder(counts[varies(x)], varies(x), frozenset(x.assumptions0.items()))
+        counts[varies(x)] += 1
     return found

@@ -1,16 +1,15 @@
-"""One form for all spellings: a system whose H, g and F look as if nobody had written them.
+"""Normal form of a system: one for all equivalent expressions of H, g and F.
 
     (Σ p_i²)/(2m),   Σ p_i²/(2m),   (p_1² m_2 + p_2² m_1)/(2 m_1 m_2),   m (a + b)²/2,   …
 
-1. Everything is multiplied out (``expansion``): what is left is the same for all spellings.
-2. The terms are taken apart into pieces (``additive_terms``): H into the kinetic energies of its
-   cells and into potentials of coordinates that depend on each other. So a sum over bodies is a sum
-   of their terms, whatever stood before it.
-3. Each piece gets its shortest form (``shortest_sum``), found from its terms alone.
+1. All expressions are expanded (``expansion``); the result is the same for all of them.
+2. The terms are split (``additive_terms``): H into the kinetic energies of blocks, and into
+   potentials of coupled coordinates. A sum over bodies becomes a sum of their terms.
+3. Each addend gets its shortest form (``shortest_sum``), derived from its terms alone.
 
-What was written is looked at for one thing: where multiplying out takes too long, or has lost a
-form that costs clearly less and is not found again, the piece stays as it was written, but for the
-order and the numbers in it (``canonical_expressions``).
+The given expression matters in one case: where expansion takes too long, or loses a form that costs
+clearly less and is not recovered, the addend stays as given, but for order and numbers
+(``canonical_expressions``).
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ import sympy as sp
 
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
-from .additive_terms import ForcePieces, HamiltonianPieces
-from .canonical_expressions import Forms
-from .terms import stand_in
+from .additive_terms import ForceTerms, HamiltonianTerms
+from .canonical_expressions import CanonicalForms
+from .terms import placeholder
 
 __all__ = ["canonical"]
 
@@ -36,13 +35,13 @@ _LONGEST = 2**20
 def canonical(system: System) -> System:
     """Return the system with H, g, F and quantities in their canonical form.
 
-    Symbols are ordered by their places in q, p and the parameters, not by their names.
+    Symbols are ordered by their indices in q, p and the parameters, not by their names.
     """
     moving = (*system.q, *system.p, *filter(None, (system.time,)))
-    stand_ins = {x: stand_in(at, side is moving, frozenset(x.assumptions0.items()))
+    stand_ins = {x: placeholder(at, side is moving, frozenset(x.assumptions0.items()))
                  for side in (moving, system.parameters) for at, x in enumerate(side)}
     names = {x: own for own, x in stand_ins.items()}
-    forms = Forms()
+    forms = CanonicalForms()
 
     def named(found: sp.Expr, written: sp.Expr) -> sp.Expr:
         return with_floats(found, written).xreplace(names)
@@ -53,8 +52,8 @@ def canonical(system: System) -> System:
     if isinstance(system, LagrangianSystem):  # what is written is short: T of sums of velocities
         return replace(system, constraints=tuple(map(by_itself, system.constraints)))
     q, p = ([stand_ins[x] for x in side] for side in (system.q, system.p))
-    H = HamiltonianPieces(forms, q, p, system.H.xreplace(stand_ins))
-    F = ForcePieces(forms, H.reach, [e.xreplace(stand_ins) for e in system.forces])
+    H = HamiltonianTerms(forms, q, p, system.H.xreplace(stand_ins))
+    F = ForceTerms(forms, H.support, [e.xreplace(stand_ins) for e in system.forces])
     return replace(
         system,
         H=named(H.sum(), system.H),
@@ -65,10 +64,10 @@ def canonical(system: System) -> System:
 
 
 def with_floats(found: sp.Expr, written: sp.Expr) -> sp.Expr:
-    """Return decimals in place of long fractions where decimals were written.
+    """Return decimals in place of long fractions where decimals were given.
 
-    In between they are fractions, exactly: 0.5 and 1/2 are one number, and so is a sum of decimals
-    in any order.
+    Decimals are exact fractions until then: 0.5 and 1/2 are one number, and a sum of decimals is
+    the same in any order.
     """
     bits = max((x._prec for x in written.atoms(sp.Float)), default=0)
     return found if not bits else found.xreplace({

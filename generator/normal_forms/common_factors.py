@@ -1,6 +1,6 @@
-"""Factors of a sum of terms: what all terms have in common, square roots, products of sums.
+"""Factors of a sum of terms: common factors, square roots, products of sums.
 
-All is found in a time that hardly grows faster than the terms; what takes longer is not looked for.
+Time grows hardly faster than the number of terms; factors that take longer are not sought.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from .terms import (
     inverse,
     leading,
     merged,
-    moves,
     order,
-    over,
+    quotient,
     rational,
     scaled,
+    varies,
 )
 
 __all__ = ["doubled", "factors_of", "square_root", "without_common"]
 
-#: Terms, bases and degree up to which SymPy is asked for factors.
+#: Terms, bases and degree up to which SymPy factors a sum.
 _MOST_TERMS, _MOST_BASES, _HIGHEST_DEGREE = 20, 4, 8
 
 
 def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
-    """Return a monomial and a number that all terms have in common, and the terms without them.
+    """Return the monomial and the number common to all terms, and the terms without them.
 
-    The coefficients left are coprime whole numbers, that of the first term above zero.
+    The remaining coefficients are coprime whole numbers, the first one positive.
     """
     monomials = iter(terms)
     common = dict(next(monomials))
@@ -47,17 +47,17 @@ def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
         if not common:
             break
     outer: Monomial = frozenset(common.items())
-    value = over(math.gcd(*(a.numerator for a in terms.values())),
-                 math.lcm(*(a.denominator for a in terms.values())))
+    value = quotient(math.gcd(*(a.numerator for a in terms.values())),
+                     math.lcm(*(a.denominator for a in terms.values())))
     if terms[min(terms, key=order)] < 0:
         value = -value
     below = inverse(outer)
     inner = {merged(m, below)[0]: a for m, a in terms.items()} if below else terms
-    return outer, value, scaled(inner, over(1, value))
+    return outer, value, scaled(inner, quotient(1, value))
 
 
 def nearer_zero(a: Any, b: Any) -> Any:
-    """Return the power that two powers of one base have in common; None where there is none."""
+    """Return the common power of two powers of one base; None where there is none."""
     if a == b:
         return a
     if not (isinstance(a, int) and isinstance(b, int)) or a * b <= 0:
@@ -66,25 +66,25 @@ def nearer_zero(a: Any, b: Any) -> Any:
 
 
 def doubled(value: Number, terms: Terms, n: int = 1) -> tuple[Number, Terms]:
-    """Return a number and terms, where a number stands before their n-th power.
+    """Return a number a and terms u, of a uⁿ in a product.
 
-    In products of two different symbols that move, 2 x y, the 2 stays: it is that of (x + y)², and
-    derivatives then have parts in common with those of x².
+    The 2 stays in products 2 x y of two variables: it comes from (x + y)², and derivatives then
+    share subexpressions with those of x².
     """
-    bilinear = all(len(m) == 2 and all(b.is_Symbol and moves(b) and k == 1 for b, k in m)
+    bilinear = all(len(m) == 2 and all(b.is_Symbol and varies(b) and k == 1 for b, k in m)
                    for m in terms)
     if not bilinear or value.numerator % 2**n:
         return value, terms
-    return over(value, 2**n), scaled(terms, 2)
+    return quotient(value, 2**n), scaled(terms, 2)
 
 
 # ---------------------------------------------------------------- squares
 
 
 def square_root(terms: Terms) -> tuple[Terms, Terms]:
-    """Return a sum and what is left of the terms less its square; no sum where that is no root.
+    """Return a square root of the terms and the remainder; no root where there is none.
 
-    Term by term, from the first on: each is half of what is left, over the first.
+    Term by term: each is half of the leading remainder over the first term.
     """
     lead = leading(terms)
     first = None if lead is None else root_of_term(lead, terms[lead])
@@ -94,7 +94,7 @@ def square_root(terms: Terms) -> tuple[Terms, Terms]:
     root, left = dict([first]), {m: a for m, a in terms.items() if m != lead}
     while left and len(root) ** 2 <= 4 * len(terms):
         m = min(left, key=order)
-        new, a = merged(m, below)[0], over(left[m], 2 * first[1])
+        new, a = merged(m, below)[0], quotient(left[m], 2 * first[1])
         if new in root or any(n < 0 for _, n in new):
             break
         for other, b in root.items():
@@ -111,16 +111,16 @@ def root_of_term(m: Monomial, a: Number) -> tuple[Monomial, Number] | None:
     above, below = math.isqrt(a.numerator), math.isqrt(a.denominator)
     if above**2 != a.numerator or below**2 != a.denominator:
         return None
-    return frozenset((base, n // 2) for base, n in m), over(above, below)
+    return frozenset((base, n // 2) for base, n in m), quotient(above, below)
 
 
 # ---------------------------------------------------------------- products
 
 
 def factors_of(terms: Terms) -> list[tuple[Terms, int]] | None:
-    """Return sums with powers whose product the terms are; None where there are none.
+    """Return sums with powers whose product equals the terms; None where there are none.
 
-    Only what is small enough for SymPy is looked at.
+    Only sums small enough for SymPy are tried.
     """
     bases = sorted({base for m in terms for base, _ in m}, key=base_key)
     if len(terms) > _MOST_TERMS or not 0 < len(bases) <= _MOST_BASES or not all(

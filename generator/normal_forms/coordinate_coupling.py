@@ -1,8 +1,8 @@
-"""Which coordinates depend on which others in H, seen from its terms.
+"""Coupling of coordinates in H, derived from its terms.
 
-    cell    momenta that H_pp couples, directly or through others
-    block   coordinates and momenta that the kinetic energy of a cell has in it
-    class   blocks that are coupled to each other and to the same others, as x, y and z of a mass
+    kinetic block   momenta that H_pp couples, directly or through others
+    block           coordinates and momenta in the energy of a kinetic block
+    class           blocks that are coupled to each other and to the same others, as x, y, z
 """
 
 from __future__ import annotations
@@ -13,27 +13,28 @@ from itertools import combinations
 
 from ..systems.elimination_order import connected
 
-__all__ = ["Coupling"]
+__all__ = ["CoordinateCoupling"]
 
 Places = frozenset[int]
 
 
-class Coupling:
-    """Cells, blocks and classes of n coordinates.
+class CoordinateCoupling:
+    """Kinetic blocks, blocks and classes of n coordinates.
 
     Parameters
     ----------
     terms : iterable of pairs
-        For each term of H, the places of its momenta, and those of its coordinates and momenta.
+        For each term of H, the indices of its momenta, and those of its coordinates and momenta.
     """
 
     def __init__(self, n: int, terms: Iterable[tuple[Places, Places]]) -> None:
         pairs = list(dict.fromkeys(terms))
-        self.cell_of = {a: min(cell) for cell in connected([p for p, _ in pairs]) for a in cell}
+        self.kinetic_block_of = {a: min(block) for block in connected([p for p, _ in pairs])
+                                 for a in block}
         reach: dict[int, set[int]] = defaultdict(set)
         for p, places in pairs:
             if p:
-                reach[self.cell_of[min(p)]] |= places
+                reach[self.kinetic_block_of[min(p)]] |= places
         every = [frozenset([a]) for a in range(n)]
         blocks = connected([*every, *map(frozenset, reach.values())])
         self.block_of = {a: min(block) for block in blocks for a in block}
@@ -47,14 +48,14 @@ class Coupling:
         self.class_of = {b: first.setdefault(frozenset(others), b) for b, others in near.items()}
 
     def blocks(self, places: Iterable[int]) -> Places:
-        """Return the blocks of places."""
+        """Return the blocks of indices."""
         return frozenset(self.block_of[a] for a in places)
 
     def classes(self, places: Iterable[int]) -> Places:
-        """Return the classes of places."""
+        """Return the classes of indices."""
         return frozenset(self.class_of[b] for b in self.blocks(places))
 
     def are_coupled(self, places: Iterable[int]) -> bool:
-        """Whether each two of the places depend on each other in some term of H."""
+        """Whether some term of H couples each two of the indices."""
         blocks = self.blocks(places)
         return all(blocks <= self.near[b] for b in blocks)

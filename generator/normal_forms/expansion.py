@@ -1,11 +1,10 @@
-"""Expressions multiplied out: what all spellings of one expression have in common.
+"""Expansion of expressions: the same terms for all equivalent expressions.
 
-What stands in a function, under a bar or a root is in its canonical form
-(``canonical_expressions``), so that equal parts are equal objects. Terms are divided by the sums
-under their bars: x/(1 + x) and 1 − 1/(1 + x) are one.
+Arguments of functions, denominators and radicands are in canonical form
+(``canonical_expressions``), so that equal subexpressions are equal objects. Terms are divided by
+the sums in their denominators: x/(1 + x) and 1 − 1/(1 + x) have the same terms.
 
-Nothing is multiplied out without end: what takes more products of terms than it was allowed ends in
-``TooLongError``.
+The number of products is bounded: beyond it ``TooLongError`` is raised.
 """
 
 from __future__ import annotations
@@ -31,34 +30,34 @@ from .terms import (
     is_below,
     leading,
     merged,
-    moves,
-    over,
     plain_exponent,
-    plus,
     primitive,
+    quotient,
     rational,
     scaled,
+    total_of,
+    varies,
 )
 
 __all__ = ["NormalForm", "TooLongError", "rebuilt"]
 
 
 class TooLongError(Exception):
-    """More work than is allowed."""
+    """Expansion takes more products of terms than allowed."""
 
 
 class NormalForm:
-    """Multiplies expressions out, each part once.
+    """Expansion of expressions, each subexpression once.
 
     Parameters
     ----------
     canonical : function
-        Returns the canonical form of what stands in a function, under a bar or a root.
+        Returns the canonical form of an argument, a denominator or a radicand.
 
     Attributes
     ----------
     allowance : int
-        Products of terms that may still be made.
+        Remaining number of products of terms.
     """
 
     def __init__(self, canonical: Callable[[sp.Expr], sp.Expr]) -> None:
@@ -68,7 +67,7 @@ class NormalForm:
 
     @contextmanager
     def allowed(self, products: int) -> Iterator[None]:
-        """Allow so much for a while; what was left before is left afterwards."""
+        """Set the allowance for a while; the previous one is restored afterwards."""
         before, self.allowance = self.allowance, products
         try:
             yield
@@ -82,7 +81,7 @@ class NormalForm:
             raise TooLongError
 
     def __call__(self, e: sp.Expr) -> Terms:
-        """Return the terms of an expression, divided by the sums under their bars."""
+        """Return the terms of an expression, divided by the sums in their denominators."""
         terms = self.terms(e)
         while True:  # what was divided by one sum may be divided by another again
             sums = {base for m in terms for base, n in m if is_below(base, n)}
@@ -104,7 +103,7 @@ class NormalForm:
         if e.is_Symbol:
             return {frozenset([(e, 1)]): 1}
         if e.is_Add:
-            return plus(*map(self.terms, e.args))
+            return total_of(*map(self.terms, e.args))
         if e.is_Mul:
             return self.product(map(self.terms, e.args))
         if e.is_Pow or isinstance(e, sp.exp):
@@ -140,13 +139,13 @@ class NormalForm:
         for left, x in a.items():
             for right, y in b.items():
                 found, value, sums = merged(left, right)
-                value = over(x * y * value, 1) if value != 1 else x * y
+                value = quotient(x * y * value, 1) if value != 1 else x * y
                 if sums:  # √u √u has become u
                     powers = (self.power(self.terms(base), n) for base, n in sums)
                     longer.append(self.product([{found: value}, *powers]))
                 else:
                     add_to(made, found, value)
-        return plus(made, *longer) if longer else made
+        return total_of(made, *longer) if longer else made
 
     # ------------------------------------------------------------ bars, roots, other powers
 
@@ -169,9 +168,9 @@ class NormalForm:
             for factor in sp.Mul.make_args(value))
 
     def _sum_power(self, base: sp.Expr, exponent: sp.Rational) -> Terms:
-        """Return a power of a sum: of one without numbers and denominators in common."""
+        """Return a power of a sum without common numbers and denominators."""
         inner = self.terms(base)
-        may_split = exponent.is_Integer or not moves(base)
+        may_split = exponent.is_Integer or not varies(base)
         outer = denominators(inner, only_positive=not exponent.is_Integer) if may_split else ONE
         if outer:
             cleared = self._times(inner, {inverse(outer): 1})
@@ -190,7 +189,7 @@ class NormalForm:
     # ------------------------------------------------------------ division
 
     def _divided(self, terms: Terms, base: sp.Expr) -> Terms:
-        """Return the terms after division by a sum wherever it is under a bar.
+        """Return the terms after division by a sum wherever it is a denominator.
 
         With b = a l + r and its leading term l, l bⁿ = (bⁿ⁺¹ − r bⁿ)/a for n < 0.
         """
@@ -198,8 +197,8 @@ class NormalForm:
         lead = leading(inner)
         if lead is None:
             return terms
-        rest = scaled({m: b for m, b in inner.items() if m != lead}, over(-1, inner[lead]))
-        once: Terms = {frozenset([(base, 1)]): over(1, inner[lead])}
+        rest = scaled({m: b for m, b in inner.items() if m != lead}, quotient(-1, inner[lead]))
+        once: Terms = {frozenset([(base, 1)]): quotient(1, inner[lead])}
         made = dict(terms)
         waiting = [m for m in made if has_below(m, base) and divides(lead, m)]
         while waiting:
@@ -207,7 +206,7 @@ class NormalForm:
             if m not in made:
                 continue
             part: Terms = {merged(m, inverse(lead))[0]: made.pop(m)}
-            for found, b in plus(self._times(part, once), self._times(part, rest)).items():
+            for found, b in total_of(self._times(part, once), self._times(part, rest)).items():
                 add_to(made, found, b)
                 if has_below(found, base) and divides(lead, found):
                     waiting.append(found)
@@ -220,7 +219,7 @@ def constant(value: Number) -> Terms:
 
 
 def power_of_atom(base: sp.Expr, exponent: sp.Expr) -> Terms:
-    """Return a power of what has no parts; of a number, by its prime factors."""
+    """Return a power of an atom; of a number, by its prime factors."""
     if not base.is_Rational or not exponent.is_Rational:
         return {frozenset([(base, plain_exponent(exponent))] if exponent != 0 else []): 1}
     if exponent.is_Integer:
@@ -236,12 +235,12 @@ def power_of_atom(base: sp.Expr, exponent: sp.Expr) -> Terms:
 
 
 def has_below(m: Monomial, base: sp.Expr) -> bool:
-    """Whether a sum is under a bar in a monomial."""
+    """Whether a monomial has a sum in the denominator."""
     return any(b == base and is_below(b, n) for b, n in m)
 
 
 def denominators(terms: Terms, *, only_positive: bool) -> Monomial:
-    """Return the product of all symbols under bars in a sum, as powers below zero."""
+    """Return the product of all symbols in denominators of a sum, as negative powers."""
     lowest: dict[sp.Expr, int] = {}
     for m in terms:
         for base, n in m:

@@ -1,8 +1,7 @@
-"""The shortest form of a sum of terms, found from the terms alone.
+"""The shortest form of a sum of terms, derived from the terms alone.
 
-What was multiplied out is put together again: common factors, powers of sums, products, sums over
-one bar, coefficients in common. The outcome depends on the terms only, never on how they once were
-written.
+Candidates are common factors, powers of sums, products, common denominators and coefficients.
+The result depends on the terms only, never on the given expression.
 """
 
 from __future__ import annotations
@@ -14,10 +13,7 @@ import sympy as sp
 
 from .common_factors import doubled, factors_of, square_root, without_common
 from .expansion import NormalForm
-from .powers_of_sums import Power, split_off_powers
-from .products_of_sums import products_of
-from .sparse_elimination import Echelon
-from .sums_of_squares import squares_of
+from .products_of_sums import Echelon, Power, products_of, split_off_powers, squares_of
 from .terms import (
     Monomial,
     Number,
@@ -26,31 +22,31 @@ from .terms import (
     expression_of,
     is_below,
     is_rational,
-    moves,
     order,
-    over,
     plain_exponent,
-    plus,
+    quotient,
     rational,
     scaled,
     term,
+    total_of,
+    varies,
 )
 
 __all__ = ["Compact", "cost"]
 
-#: Terms up to which coefficients in common are looked for beyond equal ones.
+#: Most terms of a sum whose common coefficients are sought beyond equal ones.
 _LARGEST_LINES = 400
-#: Work that finding the form of one term may take, in products of terms; that of all is limited.
+#: Limit of products of terms per term of the sum; the total is limited as well.
 _WORK = 20
 
-#: What moves in terms → its coefficient.
+#: Product of variables → its coefficient.
 Coefficients = dict[Monomial, Terms]
 
 
 def cost(expressions: Iterable[sp.Expr]) -> int:
-    """Return what computing the expressions costs, in additions and products, each part once.
+    """Return the additions and products of expressions, each subexpression once.
 
-    What does not move costs nothing: it is computed once a run.
+    Constants cost nothing: they are computed once a run.
     """
     seen: set[sp.Basic] = set()
     total = 0
@@ -60,7 +56,7 @@ def cost(expressions: Iterable[sp.Expr]) -> int:
         if e in seen or not e.args:
             continue
         seen.add(e)
-        parts = [a for a in e.args if moves(a)]
+        parts = [a for a in e.args if varies(a)]
         if not parts:
             continue
         if e.is_Add:
@@ -84,12 +80,12 @@ def is_power_of_two(number: sp.Expr) -> bool:
 
 
 class Compact:
-    """Finds short forms; knows what it has found.
+    """Shortest forms of sums of terms, with a cache.
 
     Parameters
     ----------
     form : NormalForm
-        Multiplies out, divides.
+        Expands and divides.
     """
 
     def __init__(self, form: NormalForm) -> None:
@@ -123,7 +119,7 @@ class Compact:
         return self._shortest_sum(terms)
 
     def _shortest_sum(self, terms: Terms) -> sp.Expr:
-        """Return the form that costs least, of several the shorter or earlier one."""
+        """Return the cheapest form; of several, the shorter or earlier one."""
         powers, rest = split_off_powers(terms, self)
         if 4 * len(rest) <= len(terms):
             return self._with_powers(powers, rest)
@@ -174,15 +170,15 @@ class Compact:
     # ------------------------------------------------------------ coefficients in common
 
     def split(self, m: Monomial) -> tuple[Monomial, Monomial]:
-        """Return the parts of a monomial that move and that do not."""
+        """Return the variable and the constant factors of a monomial."""
         if m not in self._split:
             still = frozenset((base, n) for base, n in m
-                              if not (moves(base) or (not isinstance(n, int) and moves(n))))
+                              if not (varies(base) or (not isinstance(n, int) and varies(n))))
             self._split[m] = m - still, still
         return self._split[m]
 
     def _by_coefficients(self, terms: Terms) -> Iterator[sp.Expr]:
-        """Yield sums over coefficients in common, Σ_j b_j P_j with P_j free of parameters."""
+        """Yield sums over common coefficients, Σ_j b_j P_j with P_j free of parameters."""
         coefficients: Coefficients = defaultdict(dict)
         for m, a in terms.items():
             moving, still = self.split(m)
@@ -198,7 +194,7 @@ class Compact:
         return sp.Add(*(self._product(b, part) for b, part in parts))
 
     def _product(self, b: Terms, part: Terms) -> sp.Expr:
-        """Return a product; a number stands before it, not in one of its sums."""
+        """Return a product; a numeric factor comes first, not in one of its sums."""
         if len(b) == 1:
             return self(self.form.product([b, part]))
         outer, value, inner = without_common(part)
@@ -208,7 +204,7 @@ class Compact:
     # ------------------------------------------------------------ bars
 
     def _over_one_bar(self, terms: Terms) -> sp.Expr | None:
-        """Return the terms with all that one sum divides over one bar."""
+        """Return the terms with a common denominator for each sum."""
         for base in sorted({b for m in terms for b, n in m if is_below(b, n)}, key=base_key):
             powers = {m: dict(m).get(base, 0) for m in terms}
             lowest = min(filter(is_rational, powers.values()))
@@ -221,7 +217,7 @@ class Compact:
                 if isinstance(higher, int):
                     rest = {m - {(base, powers[m])}: left[m]}
                     above = self.form.product([rest, self.form.terms(base**higher)])
-                    longer = plus(numerator, above)
+                    longer = total_of(numerator, above)
                     if len(longer) <= len(numerator) + 1:
                         numerator = longer
                         del left[m]
@@ -231,7 +227,7 @@ class Compact:
 
 
 def negated(e: sp.Expr) -> sp.Expr:
-    """Return −e, with the sign in the first sum that has fewer signs then."""
+    """Return −e, with the sign moved into the first sum with fewer signs for it."""
     for a in sp.Mul.make_args(e):
         if a.is_Add and a.could_extract_minus_sign():
             return sp.Mul(*(-b if b == a else b for b in sp.Mul.make_args(e)))
@@ -250,7 +246,7 @@ def grouped(products: Iterable[tuple[Monomial, Monomial, Number]]) -> list[tuple
 
 
 def common_coefficients(found: Coefficients) -> list[tuple[Terms, Terms]]:
-    """Return the fewest coefficients b_j, with P_j, that make the terms Σ_j b_j P_j.
+    """Return the fewest coefficients b_j, with P_j, that give the terms Σ_j b_j P_j.
 
     Of all coefficients that occur, up to a number, those that occur most often are taken first, as
     long as they are independent.
@@ -270,4 +266,4 @@ def common_coefficients(found: Coefficients) -> list[tuple[Terms, Terms]]:
 def line_of(c: Terms) -> tuple[tuple[Monomial, Number], ...]:
     """Return the terms in order, over the coefficient of the first."""
     terms = sorted(c.items(), key=lambda pair: order(pair[0]))
-    return tuple((m, over(a, terms[0][1])) for m, a in terms)
+    return tuple((m, quotient(a, terms[0][1])) for m, a in terms)

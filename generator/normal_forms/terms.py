@@ -2,8 +2,8 @@
 
     Σ_i a_i Π_j b_j^n_ij
 
-Bases are symbols, functions, sums under a bar or a root, numbers under a root. Symbols are
-stand-ins (``stand_in``) whose names sort as their places do, and tell what moves during a run.
+Bases are symbols, functions, sums in a denominator or a root, numbers under a root. Symbols are
+placeholders whose names sort as their indices do, variables (of a run) before parameters.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Any
 import sympy as sp
 
 __all__ = ["ONE", "Monomial", "Number", "Terms", "add_to", "base_key", "divides", "expression_of",
-           "fraction", "inverse", "is_below", "is_rational", "leading", "merged", "moves",
-           "order", "over", "plain_exponent", "plus", "primitive", "rational", "scaled", "stand_in",
-           "symbols_in", "term"]
+           "fraction", "inverse", "is_below", "is_rational", "leading", "merged", "order",
+           "placeholder", "plain_exponent", "primitive", "quotient", "rational", "scaled",
+           "symbols_in", "term", "total_of", "varies"]
 
 Number = int | Fraction
-#: Bases with their exponents: ints, or expressions that are none.
+#: Bases with their exponents: ints, or expressions.
 Monomial = frozenset[tuple[sp.Expr, Any]]
 Terms = dict[Monomial, Number]
 
@@ -33,20 +33,20 @@ ONE: Monomial = frozenset()
 
 
 @lru_cache(maxsize=2**16)
-def stand_in(at: int, moving: bool, facts: frozenset[tuple[str, bool]]) -> sp.Symbol:
-    """Return the symbol number ``at`` of those that move during a run, or of the parameters.
+def placeholder(at: int, moving: bool, facts: frozenset[tuple[str, bool]]) -> sp.Symbol:
+    """Return the placeholder number ``at`` of the variables of a run, or of the parameters.
 
-    Names sort as numbers do, and what moves comes first.
+    Names sort as numbers do, variables first.
     """
     return sp.Symbol(f"_{'x' if moving else 'y'}{at:06}", **dict(facts))
 
 
 @lru_cache(maxsize=2**16)
-def moves(e: sp.Basic) -> bool:
-    """Whether an expression in stand-ins depends on one that moves."""
+def varies(e: sp.Basic) -> bool:
+    """Whether an expression in placeholders depends on a variable."""
     if e.is_Symbol:
         return bool(e.name.startswith("_x"))
-    return any(map(moves, e.args))
+    return any(map(varies, e.args))
 
 
 def symbols_in(monomials: Iterable[Monomial]) -> set[sp.Symbol]:
@@ -58,7 +58,7 @@ def symbols_in(monomials: Iterable[Monomial]) -> set[sp.Symbol]:
 # ---------------------------------------------------------------- numbers
 
 
-def over(a: Number, b: Number) -> Number:
+def quotient(a: Number, b: Number) -> Number:
     """Return a/b, as an int where it is one."""
     value = Fraction(a) / b
     return int(value) if value.denominator == 1 else value
@@ -67,9 +67,9 @@ def over(a: Number, b: Number) -> Number:
 def fraction(e: sp.Expr) -> Number:
     """Return the exact value of a rational or a decimal."""
     if e.is_Rational:
-        return over(int(e.p), int(e.q))
+        return quotient(int(e.p), int(e.q))
     sign, digits, exponent, _ = e._mpf_
-    return over((-1) ** sign * int(digits) * 2 ** max(int(exponent), 0), 2 ** max(-exponent, 0))
+    return quotient((-1) ** sign * int(digits) * 2 ** max(int(exponent), 0), 2 ** max(-exponent, 0))
 
 
 def rational(value: Number) -> sp.Rational:
@@ -105,7 +105,7 @@ def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Ex
         if (base.is_Add or base.is_Rational) and is_rational(total):
             whole = math.floor(total)
             if base.is_Rational:
-                value = over(value * Fraction(fraction(base)) ** whole, 1)
+                value = quotient(value * Fraction(fraction(base)) ** whole, 1)
                 total = plain_exponent(total - whole)
             elif whole > 0 and not (isinstance(n, int) and n > 0):
                 sums.append((base, whole))
@@ -127,7 +127,7 @@ def divides(a: Monomial, b: Monomial) -> bool:
 
 
 def is_below(base: sp.Expr, n: Any) -> bool:
-    """Whether a power is of a sum under a bar."""
+    """Whether a power is of a sum in the denominator."""
     return bool(base.is_Add and is_rational(n) and n < 0)
 
 
@@ -141,7 +141,7 @@ def base_key(base: sp.Expr) -> Any:
 def order(m: Monomial) -> Any:
     """Return the key of an order of monomials: the higher power of the first base comes first.
 
-    A base that is not there comes after every other.
+    An absent base comes after every other.
     """
     pairs = sorted(((base_key(base), n) for base, n in m), key=lambda pair: pair[0])
     return [(key, -n if is_rational(n) else 0) for key, n in pairs] + [((2,), 0)]
@@ -151,7 +151,7 @@ def order(m: Monomial) -> Any:
 
 
 def add_to(made: Terms, m: Monomial, a: Number) -> None:
-    """Add a term in place; one with the coefficient 0 goes."""
+    """Add a term in place; a term with the coefficient 0 is removed."""
     value = made.get(m, 0) + a
     if value:
         made[m] = value
@@ -159,7 +159,7 @@ def add_to(made: Terms, m: Monomial, a: Number) -> None:
         made.pop(m, None)
 
 
-def plus(*parts: Terms) -> Terms:
+def total_of(*parts: Terms) -> Terms:
     """Return the sum."""
     made = dict(parts[0]) if parts else {}
     for part in parts[1:]:
@@ -170,7 +170,7 @@ def plus(*parts: Terms) -> Terms:
 
 def scaled(terms: Terms, factor: Number) -> Terms:
     """Return the terms times a number."""
-    return {m: over(a * factor, 1) for m, a in terms.items()}
+    return {m: quotient(a * factor, 1) for m, a in terms.items()}
 
 
 def leading(terms: Terms) -> Monomial | None:

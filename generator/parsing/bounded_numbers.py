@@ -2,7 +2,7 @@
 
 A value carries an enclosing interval, which decides signs and zeros, and a bound on the size of
 its integers, which is checked before an operation is carried out. ``exact_expressions`` computes
-with these, whatever a text of unknown origin says.
+with these, for any text of unknown origin.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MAX_LEVEL = 16
 INTERVAL = MPIntervalContext()
 INTERVAL.prec = 320
 
-#: What a number given to 100 digits is multiplied by to enclose it.
+#: Factor that encloses a number given to 100 digits.
 NEARLY_ONE = 1 + INTERVAL.mpf([-1, 1]) / 10**90
 
 HALF = sp.Rational(1, 2)

@@ -1,7 +1,7 @@
 """Arithmetic text, such as the entry of a tableau file, read into exact SymPy numbers.
 
 The grammar is that of ``grammar``, its only function sqrt; what a text asks for is carried out by
-``bounded_numbers``, so time and memory are bounded whatever it says.
+``bounded_numbers``, so time and memory are bounded for any text.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def parse_expression(
 
 
 def parse_number(text: str, units: Mapping[str, str] = MappingProxyType({})) -> float:
-    """Return the double next to what an arithmetic text says, in rad and seconds.
+    """Return the double nearest to the value of an arithmetic text, in rad and seconds.
 
     ``units`` are those of ``grammar`` that it may have: "30 deg" is pi/6. Raises ``InputError`` as
     ``parse_expression`` does.

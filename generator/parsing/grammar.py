@@ -10,14 +10,14 @@
     all        = comparison { "and" comparison }
     comparison = sum ( "<" | "<=" | ">" | ">=" | "==" | "!=" ) sum { ... }     0 < x < 1
 
-Comparisons stand in the condition of an if(...) and nowhere else; an arithmetic that has no
+Comparisons occur in the condition of an if(...) only; an arithmetic that has no
 function "if" knows none. And of a number with a unit, where one is meant:
 
     quantity = product [unit] { ("+" | "-") product [unit] }         each with a unit, or none
     unit     = "deg" | "rad" | "deg/s" | "rad/s" | "rpm"             10*3 deg, 90 deg - 0.1 rad
 
 The text comes from files of unknown origin: it is never handed to Python or to SymPy's parsers.
-What an operation means is an ``Arithmetic``: exact bounded numbers in ``exact_expressions``,
+What an operation means is an ``ParserArithmetic``: exact bounded numbers in ``exact_expressions``,
 formulas in named symbols in ``models.formulas``.
 """
 
@@ -39,7 +39,7 @@ from .tokens import (
     tokens,
 )
 
-__all__ = ["ANGLES", "RATES", "UNITS", "Arithmetic", "Choosing", "parse", "parse_quantity"]
+__all__ = ["ANGLES", "RATES", "UNITS", "Choosing", "ParserArithmetic", "parse", "parse_quantity"]
 
 MAX_LENGTH = 4000
 MAX_DEPTH = 50
@@ -56,8 +56,8 @@ UNITS = ANGLES | RATES
 V = TypeVar("V")
 
 
-class Arithmetic(Protocol[V]):
-    """What the operations of a text mean; each may raise ``RefusedError``."""
+class ParserArithmetic(Protocol[V]):
+    """Operations of a text; each may raise ``RefusedError``."""
 
     @property
     def functions(self) -> Mapping[str, int]:
@@ -71,7 +71,7 @@ class Arithmetic(Protocol[V]):
         """Return digits · 10^exponent."""
 
     def named(self, name: str) -> V:
-        """Return what a name stands for."""
+        """Return the value of a name."""
 
     def add(self, terms: Sequence[V]) -> V:
         """Return the sum."""
@@ -92,7 +92,7 @@ class Arithmetic(Protocol[V]):
         """Return a function's value."""
 
 
-class Choosing(Arithmetic[V], Protocol[V]):
+class Choosing(ParserArithmetic[V], Protocol[V]):
     """An arithmetic with the function "if"; conditions are of whatever type it likes."""
 
     def compare(self, sign: str, a: V, b: V) -> Any:
@@ -105,8 +105,8 @@ class Choosing(Arithmetic[V], Protocol[V]):
         """Return ``yes`` where a condition holds, else ``no``."""
 
 
-def parse(text: str, arithmetic: Arithmetic[V], example: str) -> V:
-    """Return what a text says in an arithmetic; ``example`` is proposed in place of no text.
+def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
+    """Return the value of a text in an arithmetic; ``example`` is proposed for an empty text.
 
     Raises ``InputError``, with the position and the cure, for text that is empty, too long, too
     deeply nested or not of the grammar, for unknown names and functions, and for whatever the
@@ -126,9 +126,9 @@ def parse(text: str, arithmetic: Arithmetic[V], example: str) -> V:
 
 
 def parse_quantity(
-    text: str, arithmetic: Arithmetic[V], example: str, units: Mapping[str, str]
+    text: str, arithmetic: ParserArithmetic[V], example: str, units: Mapping[str, str]
 ) -> V:
-    """Return what a text says that may have units: as ``parse``, in rad and seconds."""
+    """Return the value of a text with units: as ``parse``, in rad and seconds."""
     if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
         return parse(text, arithmetic, example)
     factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}
@@ -139,14 +139,14 @@ def parse_quantity(
 
 
 def _words(units: Iterable[str]) -> set[str]:
-    """Return what units begin with."""
+    """Return the first words of units."""
     return {unit.partition("/")[0] for unit in units}
 
 
 class _Parser(Generic[V]):
     """Recursive descent: one method for each line of the grammar."""
 
-    def __init__(self, text: str, arithmetic: Arithmetic[V]) -> None:
+    def __init__(self, text: str, arithmetic: ParserArithmetic[V]) -> None:
         self.text = text
         self.arithmetic = arithmetic
         self.tokens = list(tokens(text))
@@ -354,9 +354,9 @@ class _Parser(Generic[V]):
             raise self.error(reason, "write one of + - * / ** in between, and a ( for every )")
 
     def refuse_comparison(self) -> None:
-        """Refuse a comparison where none can stand."""
+        """Refuse a comparison outside a condition."""
         if self.token.text in COMPARISONS and CHOICE in self.arithmetic.functions:
-            raise self.error("A comparison stands in the condition of an if alone",
+            raise self.error("A comparison belongs in the condition of an if",
                              f"write {CHOICE}(…, a, b)")
 
     def negative(self, token: Token, value: V) -> V:

@@ -1,4 +1,4 @@
-"""The words of arithmetic text, and refusals that say where in a text they belong."""
+"""Tokens of arithmetic text, and errors with their position."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RefusedError(Exception):
 
 @dataclass(frozen=True)
 class Token:
-    """A piece of text: "number", "name", "sign" or "end", and where it begins, from 0."""
+    """A token: "number", "name", "sign" or "end", and its position, from 0."""
 
     kind: str
     text: str
@@ -60,7 +60,7 @@ def error_at(text: str, position: int, reason: str, cure: str = "") -> InputErro
 
 
 def refuse_at(text: str, position: int, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function and say where in the text its refusal, if any, belongs."""
+    """Call a function and add the position in the text to its error."""
     try:
         return function(*arguments)
     except RefusedError as refusal:

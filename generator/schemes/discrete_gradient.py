@@ -29,7 +29,7 @@ With h = Δu/2, the cardinal functions sinc(z) = sin(z)/z, sinhc, asinhc, atanc,
     cosh       Δ(cosh u) = sinh(ū) sinhc(h) Δu,             mean = cosh(ū) cosh(h)
     tanh       Δ(tanh u) = sinhc(Δu)/(cosh u₁ cosh u₀) Δu
 
-Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2 where nothing else is said. From half the
+Inverse functions f have mean(f) = (f(u₁) + f(u₀))/2 unless stated otherwise. From half the
 angle between the ends, tan(½ Δθ) = sin(Δθ)/(1 + cos(Δθ)), which no branch of the arc tangent
 disturbs:
 
@@ -56,7 +56,7 @@ Powers whose exponent is not a known multiple of ½ take positive u only; tanh t
 double, for sinh overflows beyond. Means and changes that a function uses more than once are
 shared parts (``shared_subexpressions``): nested functions cost their number.
 
-Parts of H that are shared are gone through once: each has a mean and a change, Du goes backward
+Shared parts of H are visited once: each has a mean and a change, Du goes backward
 from the whole through them, as a gradient does.
 """
 
@@ -73,11 +73,19 @@ from ..parsing.tokens import shorten
 from ..symbolic.piecewise import ScatteredError, pieces_of, tells_sides
 from ..symbolic.shared_subexpressions import Shared, parts_of, share, substitute
 from ..symbolic.switching_functions import Max, Min, Where
-from .discrete_difference import Difference
-from .discrete_functions import FUNCTIONS, angle, exponential, logarithm, power
-from .discrete_switches import chosen, extreme, piecewise
+from .discrete_functions import (
+    FUNCTIONS,
+    DiscreteDifference,
+    angle,
+    chosen,
+    exponential,
+    extreme,
+    logarithm,
+    piecewise,
+    power,
+)
 
-__all__ = ["Difference", "differentiate", "discrete_gradient"]
+__all__ = ["DiscreteDifference", "differentiate", "discrete_gradient"]
 
 
 def discrete_gradient(
@@ -102,7 +110,7 @@ def discrete_gradient(
     """
     steps = list(differences)
     leaves = {
-        symbol: Difference(mean, {i: sp.Integer(1)}, steps)
+        symbol: DiscreteDifference(mean, {i: sp.Integer(1)}, steps)
         for i, (symbol, mean) in enumerate(zip(symbols, means, strict=True))
     }
     parts = [part for part in parts_of([expression]) if isinstance(part, Shared)]
@@ -112,14 +120,17 @@ def discrete_gradient(
     for symbol, body in zip(names.values(), bodies, strict=True):
         part = differentiate(body, leaves, steps)
         change = share(part.change)
-        leaves[symbol] = Difference(share(part.mean), {len(steps): sp.Integer(1)}, steps, change,
-                                    part.known_ends)
+        leaves[symbol] = DiscreteDifference(share(part.mean), {len(steps): sp.Integer(1)}, steps,
+                                            change,
+                                            part.known_ends)
         found.append(part)
         steps.append(change)
     return _backward(differentiate(whole, leaves, steps), found, len(symbols))
 
 
-def _backward(whole: Difference, parts: Sequence[Difference], count: int) -> list[sp.Expr]:
+def _backward(
+    whole: DiscreteDifference, parts: Sequence[DiscreteDifference], count: int
+) -> list[sp.Expr]:
     """Return D of the whole by ``count`` symbols; behind these, its slopes are those by parts."""
     terms: dict[int, list[sp.Expr]] = {i: [d] for i, d in whole.slope.items()}
     for i, part in reversed([*enumerate(parts, count)]):
@@ -130,8 +141,8 @@ def _backward(whole: Difference, parts: Sequence[Difference], count: int) -> lis
 
 
 def differentiate(
-    u: sp.Expr, leaves: Mapping[sp.Symbol, Difference], dx: Sequence[sp.Expr]
-) -> Difference:
+    u: sp.Expr, leaves: Mapping[sp.Symbol, DiscreteDifference], dx: Sequence[sp.Expr]
+) -> DiscreteDifference:
     """Return mean and slope of u by recursion over its expression tree, each part once."""
     return _Walk(u, leaves, dx)(u)
 
@@ -140,24 +151,24 @@ class _Walk:
     """The differences of an expression's parts."""
 
     def __init__(
-        self, u: sp.Expr, leaves: Mapping[sp.Symbol, Difference], dx: Sequence[sp.Expr]
+        self, u: sp.Expr, leaves: Mapping[sp.Symbol, DiscreteDifference], dx: Sequence[sp.Expr]
     ) -> None:
-        self.known: dict[sp.Expr, Difference] = dict(leaves)
+        self.known: dict[sp.Expr, DiscreteDifference] = dict(leaves)
         self.symbols, self.dx = set(leaves), dx
         self.stepping = self._with_steps(u)
 
-    def __call__(self, e: sp.Expr) -> Difference:
+    def __call__(self, e: sp.Expr) -> DiscreteDifference:
         """Return the difference of e."""
         if e not in self.known:
             if e.free_symbols.isdisjoint(self.symbols):
-                self.known[e] = Difference(e, {}, self.dx)
+                self.known[e] = DiscreteDifference(e, {}, self.dx)
             elif e in self.stepping:
                 self.known[e] = self._of_steps(e)
             else:
                 self.known[e] = self._combined(e)
         return self.known[e]
 
-    def _combined(self, e: sp.Expr) -> Difference:
+    def _combined(self, e: sp.Expr) -> DiscreteDifference:
         _refuse_unknown(e)
         return _combine(e, list(map(self, e.args)))
 
@@ -171,7 +182,7 @@ class _Walk:
                 found.add(part)
         return found
 
-    def _of_steps(self, e: sp.Expr) -> Difference:
+    def _of_steps(self, e: sp.Expr) -> DiscreteDifference:
         """Return the difference of what contains a condition: of pieces, if it has any.
 
         In a product or sum it is what depends on the same symbols that has them together:
@@ -220,13 +231,13 @@ def _no_pieces(e: sp.Expr, reason: ScatteredError) -> InputError:
     )
 
 
-#: Functions of several arguments with a rule; a ``Where`` here is told by parameters.
-_OF_MORE: Mapping[type[sp.Expr], Callable[..., Difference]] = {
+#: Functions of several arguments with a rule; a ``Where`` here depends on parameters.
+_OF_MORE: Mapping[type[sp.Expr], Callable[..., DiscreteDifference]] = {
     sp.atan2: angle, Max: partial(extreme, Max), Min: partial(extreme, Min), Where: chosen,
 }
 
 
-def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
+def _combine(e: sp.Expr, parts: list[DiscreteDifference]) -> DiscreteDifference:
     """Return the difference of e from those of its arguments."""
     if e.is_Add:
         return parts[0].plus(*parts[1:])
@@ -239,7 +250,7 @@ def _combine(e: sp.Expr, parts: list[Difference]) -> Difference:
     return FUNCTIONS[e.func](parts[0].shared())
 
 
-def _power(base: Difference, exponent: Difference) -> Difference:
+def _power(base: DiscreteDifference, exponent: DiscreteDifference) -> DiscreteDifference:
     if not exponent.slope:
         return power(base, exponent.mean)
     if not base.slope:

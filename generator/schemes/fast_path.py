@@ -1,4 +1,4 @@
-"""What the fast path may use of a system, found by algebra (not declared).
+"""Structure of a system for the fixed-point iteration, found by algebra (not declared).
 
 The fast path solves T1 by fixed-point sweeps on scaled unknowns
 
@@ -32,11 +32,10 @@ from ..symbolic.switching_functions import depends_by_steps, switches_of
 from ..systems.jacobians import jacobian, shortest
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
-from .kernel_inputs import time_input
 from .lagrangian_kernels import motion_kernels
 from .lagrangian_midpoint import LagrangianIMS
-from .step_equations import MeanScheme, common_kernels, drive_kernels, rate_kernels
-from .system_differences import vector
+from .step_equations import MeanScheme, common_kernels, constraint_rate_kernels, energy_rate_kernels
+from .system_differences import time_input, vector
 
 __all__ = ["FastLagrangian", "FastSystem", "fast_system"]
 
@@ -203,8 +202,8 @@ class FastSystem:
             Kernel("force", "H_q" + (" = dH/dq - F" if system.forces else "") +
                    (" from the same w" if w else "") + (", H_p" if "H_p" in force else ""),
                    state | time_input(system) | ({"w": w} if w else {}), force),
-            *drive_kernels(system),
-            *rate_kernels(system),
+            *energy_rate_kernels(system),
+            *constraint_rate_kernels(system),
         ]
         return [*kernels, *self._multiplier_kernels()]
 
@@ -219,8 +218,8 @@ class FastSystem:
             Kernel("mean_velocity", "D_p", inputs, {"D_p": D_p}),
             Kernel("mean_force", f"D_q{less}", inputs | time_input(self.system), {"D_q": D_q}),
         ]
-        return [*kernels, *self._mean_constraint(scheme), *scheme.drive_kernels(),
-                *scheme.rate_kernels(), *self._multiplier_kernels()]
+        return [*kernels, *self._mean_constraint(scheme), *scheme.energy_rate_kernels(),
+                *scheme.constraint_rate_kernels(), *self._multiplier_kernels()]
 
     def _mean_constraint(self, scheme: MeanScheme) -> list[Kernel]:
         return [Kernel("mean_constraint", "G between q0 and q1",
@@ -322,9 +321,9 @@ class FastLagrangian(FastSystem):
         """Return the same between the ends, with G and g_t there."""
         assert isinstance(scheme, LagrangianIMS)
         return [*common_kernels(self.system), *scheme.motion_kernels(),
-                *self._mean_constraint(scheme), *scheme.rate_kernels()]
+                *self._mean_constraint(scheme), *scheme.constraint_rate_kernels()]
 
 
 def fast_system(system: System) -> FastSystem:
-    """Return what sweeps may use of a system of either kind."""
+    """Return the structure for the fixed-point iteration of a system of either kind."""
     return FastLagrangian(system) if isinstance(system, LagrangianSystem) else FastSystem(system)

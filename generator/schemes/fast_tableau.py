@@ -1,4 +1,4 @@
-"""What the fast path may use of a tableau: scaled, rounded so that the map stays symplectic."""
+"""Tables of the fixed-point iteration: scaled, rounded so that the map stays symplectic."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def _half_rows(odd: list[Row], even: list[Row]) -> list[Row]:
 def _onward(nodes: Row, weights: Row, order: list[int], bits: int) -> list[Row]:
     """Return w_i ℓ_j(1 + c_i)/w_j: values at the nodes, continued by their polynomial for a step.
 
-    Where two nodes coincide there is no such polynomial; the last values themselves stand in.
+    Where two nodes coincide there is no such polynomial; the last values themselves are used.
     """
     c, w = [nodes[i] for i in order], [weights[i] for i in order]
     if len(set(c)) < len(c):

@@ -14,17 +14,17 @@ from fractions import Fraction
 import sympy as sp
 
 from ..kernels.statements import Kernel
-from ..symmetry.frame_symmetries import Frame, Symmetry
+from ..symmetry.frame_symmetries import CoMovingFrame, FrameSymmetry
 from ..symmetry.rotations import Rotation, turned
 from ..systems.elimination_order import connected
 from ..systems.system import System
 from .system_differences import vector
 
-__all__ = ["Turning"]
+__all__ = ["FrameRotation"]
 
 
 @dataclass(frozen=True)
-class Turning:
+class FrameRotation:
     """How a frame is turned back.
 
     Parameters
@@ -33,7 +33,7 @@ class Turning:
     system : System
     """
 
-    frame: Frame
+    frame: CoMovingFrame
     system: System
 
     @property
@@ -100,7 +100,7 @@ class Turning:
                       {"y": y})
 
 
-def _rates_of(group: tuple[Symmetry, ...]) -> list[Fraction]:
+def _rates_of(group: tuple[FrameSymmetry, ...]) -> list[Fraction]:
     """Return every a of a group, of coordinates and of constraints."""
     return sorted({a for symmetry in group for rotation in (symmetry.rotation, symmetry.turns)
                    if rotation is not None for a in rotation.blocks})

@@ -13,8 +13,7 @@ from functools import lru_cache
 from ..kernels.statements import Kernel
 from ..symbolic.derivatives import along
 from ..systems.lagrangian import LagrangianSystem
-from .kernel_inputs import time_input
-from .system_differences import vector
+from .system_differences import time_input, vector
 
 __all__ = ["motion_kernels", "newton_kernels", "state_kernels"]
 
@@ -41,9 +40,9 @@ def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
     less = " + F" if system.forces else ""
     kernels = [
         Kernel("generalised_force", f"R = dL/dq{less} at fixed v", at | time_input(system),
-               {"R": system.push}),
+               {"R": system.generalised_force}),
         *([Kernel("energy_rate_of_velocity", "H_t = -dL/dt at fixed v, the power of what drives L",
-                  at, {"H_t": system.H_t})] if system.is_timed else []),
+                  at, {"H_t": system.H_t})] if system.is_time_dependent else []),
     ]
     return [replace(k, factors=not system.is_long) for k in kernels]
 

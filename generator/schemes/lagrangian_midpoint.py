@@ -23,15 +23,14 @@ import sympy as sp
 
 from ..kernels.statements import Kernel
 from ..symbolic.derivatives import along
-from ..symbolic.identities import Finding, compare
+from ..symbolic.identities import IdentityCheck, compare
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .discrete_gradient import discrete_gradient
-from .kernel_inputs import time_input
 from .lagrangian_kernels import motion_kernels, newton_kernels
 from .step_equations import MeanScheme
-from .system_differences import LATE, vector, with_time
+from .system_differences import TIME_STEP, time_input, vector, with_time
 
 __all__ = ["LagrangianEMS", "LagrangianIMS", "mean_scheme"]
 
@@ -52,10 +51,10 @@ class LagrangianIMS(MeanScheme):
     def kernels(self) -> list[Kernel]:
         """Return what moves p, its derivatives, and what constraints add."""
         return [*self.motion_kernels(), *self.newton_kernels(), *self._constraint_kernels(),
-                *self.rate_kernels()]
+                *self.constraint_rate_kernels()]
 
     def motion_kernels(self) -> list[Kernel]:
-        """Return what moves p and what drives H, for sweeps and Newton alike."""
+        """Return the generalised force and ∂H/∂t, for both solvers."""
         return motion_kernels(self.system)
 
     def newton_kernels(self) -> list[Kernel]:
@@ -105,7 +104,7 @@ class LagrangianEMS(LagrangianIMS):
         return [-e for e in self._slopes[: self.system.n]], self.mean_velocity
 
     @cached_property
-    def mean_push(self) -> list[sp.Expr]:
+    def mean_generalised_force(self) -> list[sp.Expr]:
         """D_qΛ + F(q̄, v̄, t), n entries: Δp/Δt but for the constraint forces."""
         slopes = self._slopes[: self.system.n]
         if not self.system.forces:
@@ -116,7 +115,7 @@ class LagrangianEMS(LagrangianIMS):
         return [d + f for d, f in zip(slopes, forces, strict=True)]
 
     @cached_property
-    def mean_drive(self) -> sp.Expr:
+    def mean_energy_rate(self) -> sp.Expr:
         """D_tH."""
         return -self._slopes[-1]
 
@@ -131,7 +130,7 @@ class LagrangianEMS(LagrangianIMS):
         v0, v1 = self.ends
         return super()._backwards | dict(zip([*v0, *v1], [*v1, *v0], strict=True))
 
-    def balance(self) -> Finding:
+    def balance(self) -> IdentityCheck:
         """Whether ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt, for all v₀ and v₁."""
         system = self.system
         variables = with_time(system.q, self.means[0], self.differences[0], system.clock)
@@ -144,7 +143,7 @@ class LagrangianEMS(LagrangianIMS):
             energies.append(sp.Add(-L, *(a * b for a, b in zip(p, v, strict=True))))
         gained = (v * (b - a) for v, a, b in zip(self.mean_velocity, *momenta, strict=True))
         moved = (-d * dx for d, dx in zip(self._slopes, variables[2], strict=True))
-        small = self.differences[0] + [LATE] * system.is_timed
+        small = self.differences[0] + [TIME_STEP] * system.is_time_dependent
         return compare([energies[1] - energies[0]], [sp.Add(*gained, *moved)], small)
 
     # ------------------------------------------------------------ kernels
@@ -154,19 +153,19 @@ class LagrangianEMS(LagrangianIMS):
         at = self._at
         less = " + F at the means" if self.system.forces else ""
         kernels = [Kernel("mean_generalised_force", f"R = D_q(v0^T M v1/2 + b.v - V){less}",
-                          at | time_input(self.system), {"R": self.mean_push})]
-        if self.system.is_timed:
+                          at | time_input(self.system), {"R": self.mean_generalised_force})]
+        if self.system.is_time_dependent:
             kernels.append(Kernel("mean_energy_rate_of_velocities",
                                   "D_t: mean of dH/dt between the ends", at,
-                                  {"D_t": self.mean_drive}))
+                                  {"D_t": self.mean_energy_rate}))
         return self._as_long(kernels)
 
     def newton_kernels(self) -> list[Kernel]:
-        """Return d(dL/dq) of an end, and the change of ``mean_push`` as that end moves."""
+        """Return d(dL/dq) of an end, and its effect on ``mean_generalised_force``."""
         n = self.system.n
         wq, wv = vector("wq", n), vector("wv", n)
         moving = [*self.means[0], *self.differences[0], *self.ends[1]]
-        change = along(self.mean_push, moving, [*(x / 2 for x in wq), *wq, *wv])
+        change = along(self.mean_generalised_force, moving, [*(x / 2 for x in wq), *wq, *wv])
         slope = [k for k in newton_kernels(self.system) if k.name == "force_derivative"]
         return [*slope, *self._as_long([
             Kernel("mean_generalised_force_derivative", "dR as q1 and v1 move along (wq, wv)",

@@ -1,4 +1,4 @@
-"""What IMS and EMS satisfy: proved as polynomial or rational identities, or seen at points."""
+"""Conditions of IMS and EMS: proved as polynomial or rational identities, or tested at points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from ..symbolic.identities import Finding, compare
+from ..symbolic.identities import IdentityCheck, compare
 from ..symbolic.shared_subexpressions import substitute
 from ..tableaux.conditions import Condition
 from .lagrangian_midpoint import LagrangianEMS
@@ -34,8 +34,8 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
 
 
 def _energy(scheme: MeanScheme) -> Condition:
-    """ΔH = D_qH·Δq + D_pH·Δp: energy is kept exactly, the multiplier's work is λΔg = 0 (60)."""
-    timed = scheme.system.is_timed
+    """ΔH = D_qH·Δq + D_pH·Δp: energy is conserved, the multiplier's work is λΔg = 0 (60)."""
+    timed = scheme.system.is_time_dependent
     law = "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * timed
     if isinstance(scheme, LagrangianEMS):
         return _condition("energy", law, scheme.balance())
@@ -43,17 +43,17 @@ def _energy(scheme: MeanScheme) -> Condition:
         [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
         [*scheme.differences[0], *scheme.differences[1]], scheme.system.clock)
     slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
-             *([scheme.mean_drive] if timed else [])]
+             *([scheme.mean_energy_rate] if timed else [])]
     return _condition("energy", law, _increments([scheme.system.H], [slope], *variables))
 
 
 def _constraint(scheme: MeanScheme) -> Condition:
     system, slopes = scheme.system, scheme.mean_constraint
-    if system.is_timed:
+    if system.is_time_dependent:
         slopes = [[*row, rate] for row, rate in
                   zip(slopes, scheme.mean_constraint_rate, strict=True)]
     return _condition(
-        "constraint work", "g_k − g_(k−1) = Ḡ·Δq" + " + ḡ_t Δt" * system.is_timed,
+        "constraint work", "g_k − g_(k−1) = Ḡ·Δq" + " + ḡ_t Δt" * system.is_time_dependent,
         _increments(system.constraints, slopes, *with_time(
             system.q, scheme.means[0], scheme.differences[0],
             system.clock)))
@@ -65,7 +65,7 @@ def _increments(
     variables: Sequence[sp.Symbol],
     means: Sequence[sp.Symbol],
     differences: Sequence[sp.Symbol],
-) -> Finding:
+) -> IdentityCheck:
     """Compare e(end) − e(start) with slope·difference."""
     start, end = (
         substitute(expressions, {x: m + sign * d / 2 for x, m, d
@@ -76,5 +76,5 @@ def _increments(
     return compare([b - a for a, b in zip(start, end, strict=True)], work, differences)
 
 
-def _condition(name: str, equation: str, finding: Finding) -> Condition:
+def _condition(name: str, equation: str, finding: IdentityCheck) -> Condition:
     return Condition(name, equation, finding.how, finding.holds, finding.residual, required=True)

@@ -1,4 +1,4 @@
-"""The schemes that have names: one record each. What they promise is derived elsewhere."""
+"""Named schemes: one record each. Their guaranteed properties are derived elsewhere."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 __all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "MAX_STAGES", "SCHEMES", "Scheme", "SchemeName",
            "scheme_named"]
 
-#: The most stages of a family: tableaux of more have not been looked at.
+#: Most stages of a family: tableaux of more are not tested.
 MAX_STAGES = 16
 
-#: What ``scheme`` may be; the keys of ``SCHEMES``, for editors and type checkers.
+#: Values of ``scheme``; the keys of ``SCHEMES``, for editors and type checkers.
 SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B", "Radau-L"]
 
 
@@ -30,11 +30,11 @@ class Scheme:
     name : str
         The paper's.
     title : str
-        What the name stands for.
+        Full name.
     fewest : int
         The fewest stages it has; 0 where it has none.
     most : int
-        The most it has; where that is the fewest, nobody has to say them.
+        Largest number of stages; optional for users if it is the fewest.
     tableau : callable or None
         Number of stages → its exact tableau; None for a mean value.
     discrete : bool
@@ -58,7 +58,7 @@ class Scheme:
 
     @property
     def counted(self) -> bool:
-        """Whether it is a family: its number of stages has to be said."""
+        """Whether it is a family, whose number of stages has to be given."""
         return 0 < self.fewest < self.most
 
 
@@ -96,7 +96,7 @@ SCHEMES: dict[SchemeName, Scheme] = {
                sources={"hairer1996": "Radau IIA methods, L-stable"}),
     )
 }
-#: What the command line takes where no scheme is named: order 6, symplectic.
+#: Default of the command line: order 6, symplectic.
 DEFAULT_SCHEME: SchemeName = "G-L"
 DEFAULT_STAGES = 3
 

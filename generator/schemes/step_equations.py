@@ -1,4 +1,4 @@
-"""What a step must solve, scheme by scheme, in terms of any system.
+"""Equations of a step of each scheme, for any system.
 
 SPARK (B.1), (B.2): unknowns k_1..k_s, k̂_1..k̂_s, Λ_0..Λ_{p−1};
     r = [k_i − H_p(Q_i, P_i);  k̂_i + H_q(Q_i, P_i);  g(Q̃_l), l = 1..p]
@@ -7,15 +7,16 @@ IMS (53) and EMS (61): unknowns Δq, Δp, λ;
     r = [Δq/Δt − D_pH;  Δp/Δt + D_qH + Ḡᵀλ;  g(q + Δq)]
 with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ likewise of g.
 
-With forces F(q, p, t), H_q − F stands where H_q does: SPARK has F(Q_i, P_i, t + c_i Δt), IMS and
+With forces F(q, p, t), H_q − F replaces H_q: SPARK has F(Q_i, P_i, t + c_i Δt), IMS and
 EMS take F at the midpoint, F(q̄, p̄, t + Δt/2), so that ΔH = F·Δq holds exactly for EMS.
 
-Where t stands in H or g, SPARK has H_q(Q_i, P_i, t + c_i Δt) and g(Q̃_l, t + c̃_l Δt), and EMS takes
+Where H or g depends on t, SPARK has H_q(Q_i, P_i, t + c_i Δt) and g(Q̃_l, t + c̃_l Δt), and EMS takes
 time for one more variable of the discrete gradient, from t to t + Δt:
 
     ΔH = D_qH·Δq + D_pH·Δp + D_tH Δt,   Δg = Ḡ Δq + ḡ_t Δt = 0,   so ΔH = F·Δq + (D_tH + λᵀḡ_t) Δt
 
-The last is the work of forces and drives; IMS has all of these at the midpoint.
+The last is the work of forces and of explicit time dependence; IMS has all of these at the
+midpoint.
 
 Either way the C loops over stages; only the kernels below are expressions.
 """
@@ -30,22 +31,22 @@ import sympy as sp
 
 from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
-from ..symbolic.identities import Finding, compare
+from ..symbolic.identities import IdentityCheck, compare
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.jacobians import jacobian
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving_frame import MovingSystem, energy_of
+from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.system import System
 from ..tableaux.tableau import Tableau
-from .kernel_inputs import time_input
 from .lagrangian_kernels import motion_kernels, newton_kernels, state_kernels
 from .system_differences import (
-    LATE,
+    TIME_STEP,
     constraint_increment,
     discrete_jacobian,
     discrete_slopes,
     mean_gradient_of,
     mean_slopes_of,
+    time_input,
     vector,
 )
 
@@ -56,15 +57,15 @@ def common_kernels(system: System) -> list[Kernel]:
     """Return the kernels that every scheme needs: H, F, g, and what projects onto them."""
     if isinstance(system, LagrangianSystem):
         return [*state_kernels(system), *(place_kernels(system) if system.m else []),
-                *rate_kernels(system)]
+                *constraint_rate_kernels(system)]
     at_state = {"q": list(system.q), "p": list(system.p)}
     kernels = [Kernel("hamiltonian", "H(q, p)", at_state, {"H": energy_of(system)})]
     if system.forces:
         kernels.append(Kernel("applied_force", "F(q, p, t), which no potential has",
                               at_state | time_input(system), {"F": list(system.forces)}))
-    if isinstance(system, MovingSystem) and system.carried:
+    if isinstance(system, CoMovingSystem) and system.frame_velocity:
         kernels.append(Kernel("frame_velocity", "sum omega_i A_i q, by which the frame moves q",
-                              {"q": list(system.q)}, {"v": list(system.carried)}))
+                              {"q": list(system.q)}, {"v": list(system.frame_velocity)}))
     if system.m == 0:
         return kernels
     return [
@@ -144,7 +145,8 @@ class SparkScheme:
                        state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
                                "H_pq": system.H_pq, "H_pp": system.H_pp}),
             ]
-        return [*kernels, *drive_kernels(system), *rate_kernels(system), *self._curvature()]
+        return [*kernels, *energy_rate_kernels(system), *constraint_rate_kernels(system),
+                *self._curvature()]
 
     def _curvature(self) -> list[Kernel]:
         """Return the kernel of what constraints add to the derivatives."""
@@ -208,7 +210,7 @@ class MeanScheme:
         return [[e.xreplace(at_mean) for e in row] for row in self.system.G]
 
     @cached_property
-    def mean_drive(self) -> sp.Expr:
+    def mean_energy_rate(self) -> sp.Expr:
         """D_tH: discrete for EMS, H_t at the midpoint for IMS."""
         return mean_slopes_of(self.system, self.means, self.differences, self.discrete)[-1]
 
@@ -232,41 +234,43 @@ class MeanScheme:
             return 0
         return 1 if self.symmetry(thorough=False).how == "refuted" else 2
 
-    def consistency(self, *, thorough: bool = True) -> Finding:
+    def consistency(self, *, thorough: bool = True) -> IdentityCheck:
         """Whether D = (H_q, H_p) for Δ = 0."""
         system = self.system
         at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
         gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)
         return compare(substitute(self._D, self._no_step), gradient, thorough=thorough)
 
-    def symmetry(self, *, thorough: bool = True) -> Finding:
+    def symmetry(self, *, thorough: bool = True) -> IdentityCheck:
         """Whether exchange of the end points, which turns Δ into −Δ, leaves D as it is."""
         return compare(self._D, substitute(self._D, self._backwards), self._differences,
                        thorough=thorough)
 
     @property
     def _no_step(self) -> dict[sp.Symbol, sp.Expr]:
-        """What stands for what where both ends are one."""
+        """Substitution for Δ = 0."""
         return dict.fromkeys(self._differences, sp.Integer(0))
 
     @property
     def _backwards(self) -> dict[sp.Symbol, sp.Expr]:
-        """What stands for what where the ends are exchanged."""
+        """Substitution that exchanges the ends."""
         return {x: -x for x in self._differences}
 
     @property
     def _rates_of_time(self) -> list[sp.Expr]:
         """H_t and g_t, of what has time."""
-        return [self.system.H_t, *self.system.g_t] if self.system.is_timed else []
+        return [self.system.H_t, *self.system.g_t] if self.system.is_time_dependent else []
 
     @property
     def _D(self) -> list[sp.Expr]:
-        drives = [self.mean_drive, *self.mean_constraint_rate] if self.system.is_timed else []
-        return [*self.mean_gradient[0], *self.mean_gradient[1], *drives]
+        gradient = [*self.mean_gradient[0], *self.mean_gradient[1]]
+        if not self.system.is_time_dependent:
+            return gradient
+        return [*gradient, self.mean_energy_rate, *self.mean_constraint_rate]
 
     @property
     def _differences(self) -> list[sp.Symbol]:
-        late = [LATE] if self.system.is_timed else []
+        late = [TIME_STEP] if self.system.is_time_dependent else []
         return [*self.differences[0], *self.differences[1], *late]
 
     def kernels(self) -> list[Kernel]:
@@ -285,8 +289,8 @@ class MeanScheme:
             Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
                    {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
         ]
-        return [*kernels, *self._constraint_kernels(), *self.drive_kernels(),
-                *self.rate_kernels()]
+        return [*kernels, *self._constraint_kernels(), *self.energy_rate_kernels(),
+                *self.constraint_rate_kernels()]
 
     def _constraint_kernels(self) -> list[Kernel]:
         """Return the kernels of the constraints: G between the ends, and its derivative."""
@@ -306,19 +310,19 @@ class MeanScheme:
                    {"K": by_q(force)}),
         ]
 
-    def drive_kernels(self) -> list[Kernel]:
-        """Return what drives H between the ends, where time stands in H or g."""
+    def energy_rate_kernels(self) -> list[Kernel]:
+        """Return the kernel of D_tH between the ends, where H or g depends on time."""
         (qm, pm), (dq, dp) = self.means, self.differences
         return [Kernel("mean_energy_rate", "D_t: mean of dH/dt between the ends",
-                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_drive})
-                ] if self.system.is_timed else []
+                       {"qm": qm, "pm": pm, "dq": dq, "dp": dp}, {"D_t": self.mean_energy_rate})
+                ] if self.system.is_time_dependent else []
 
-    def rate_kernels(self) -> list[Kernel]:
-        """Return what moves g between the ends, where time stands in H or g."""
+    def constraint_rate_kernels(self) -> list[Kernel]:
+        """Return the kernel of g_t between the ends, where H or g depends on time."""
         return [Kernel("mean_constraint_rate", "g_t between q0 and q1",
                        {"qm": self.means[0], "dq": self.differences[0]},
                        {"g_t": self.mean_constraint_rate})
-                ] if self.system.is_timed and self.system.m else []
+                ] if self.system.is_time_dependent and self.system.m else []
 
     def _by_increments(self) -> tuple[Any, Any]:
         """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
@@ -338,23 +342,23 @@ class MeanScheme:
                 total(self.means[1], self.differences[1]))
 
 
-def drive_kernels(system: System) -> list[Kernel]:
-    """Return what drives H at a time, where it stands in H or g."""
+def energy_rate_kernels(system: System) -> list[Kernel]:
+    """Return the kernel of ∂H/∂t, where H or g depends on time."""
     return [Kernel("energy_rate", "H_t, the power of what drives H",
                    {"q": list(system.q), "p": list(system.p)}, {"H_t": system.H_t})
-            ] if system.is_timed else []
+            ] if system.is_time_dependent else []
 
 
-def rate_kernels(system: System) -> list[Kernel]:
-    """Return what moves g at a time, where it stands in H or g."""
+def constraint_rate_kernels(system: System) -> list[Kernel]:
+    """Return the kernel of g_t, where H or g depends on time."""
     return [Kernel("constraint_rate", "g_t, how fast the constraints move",
                    {"q": list(system.q)}, {"g_t": system.g_t})
-            ] if system.is_timed and system.m else []
+            ] if system.is_time_dependent and system.m else []
 
 
-def with_drive(system: System) -> System:
-    """Return the system with forces, none of which push, where a drive does work as they do."""
-    if not system.is_timed or system.forces:
+def with_work_of_time(system: System) -> System:
+    """Return the system, with zero forces if H or g depends on time: their work is then counted."""
+    if not system.is_time_dependent or system.forces:
         return system
     return replace(system, forces=(sp.Integer(0),) * system.n)
 
@@ -362,7 +366,7 @@ def with_drive(system: System) -> System:
 def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
-    clock = {system.time: "_t", LATE: "_dt"} if system.is_timed else {}
+    clock = {system.time: "_t", TIME_STEP: "_dt"} if system.is_time_dependent else {}
     constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
     defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)

@@ -13,11 +13,12 @@ import sympy as sp
 from ..systems.system import System
 from .discrete_gradient import discrete_gradient
 
-__all__ = ["LATE", "constraint_increment", "discrete_jacobian", "discrete_slopes", "increment_of",
-           "mean_gradient_of", "mean_slopes_of", "vector", "with_time"]
+__all__ = ["TIME_STEP", "constraint_increment", "discrete_jacobian", "discrete_slopes",
+           "increment_of", "mean_gradient_of", "mean_slopes_of", "time_input", "vector",
+           "with_time"]
 
 #: How much later the other end of a difference is, where H or g depends on time.
-LATE = sp.Symbol("_dt", real=True)
+TIME_STEP = sp.Symbol("_dt", real=True)
 
 
 def vector(name: str, count: int) -> list[sp.Symbol]:
@@ -35,7 +36,7 @@ def increment_of(
 ) -> sp.Expr:
     """Return g(q + d) − g(q), exact and without loss of digits for small d.
 
-    With time it is g(q + d, t + late/2) − g(q, t − late/2).
+    With time it is g(q + d, t + Δt/2) − g(q, t − Δt/2).
     """
     means = [x + dx / 2 for x, dx in zip(q, d, strict=True)]
     symbols, means, d = with_time(q, means, d, time)
@@ -48,7 +49,7 @@ def with_time(
     time: sp.Symbol | None,
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """Return the variables of a difference, and time behind them: t is its own mean."""
-    more = [[], [], []] if time is None else [[time], [time], [LATE]]
+    more = [[], [], []] if time is None else [[time], [time], [TIME_STEP]]
     return ([*symbols, *more[0]], [*means, *more[1]], [*differences, *more[2]])
 
 
@@ -93,3 +94,12 @@ def mean_slopes_of(
     at_mean = dict(zip(variables, all_means, strict=True))
     time = [] if system.clock is None else [system.H_t]
     return [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p, *time)]
+
+
+def time_input(system: System) -> dict[str, list[sp.Symbol]]:
+    """Return the input of what may depend on time: an autonomous system ignores it.
+
+    So does one with time in H or g, whose kernels find it among the constants.
+    """
+    driven = system.time is not None and system.is_nonautonomous and not system.is_time_dependent
+    return {"t": [system.time if driven else sp.Symbol("_time", real=True)]}

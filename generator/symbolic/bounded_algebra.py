@@ -13,7 +13,7 @@ import sympy as sp
 
 __all__ = ["can_be_factored", "expanded", "is_small"]
 
-#: Symbols written, were everything multiplied out.
+#: Most symbols of the expanded expression.
 MOST = 20_000
 #: Terms of the numerator, were everything brought to one denominator.
 MOST_OVER_COMMON = 1000

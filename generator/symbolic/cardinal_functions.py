@@ -112,7 +112,7 @@ Asinhc = _make("Asinhc", mp.asinh, lambda z: 1 / mp.sqrt(1 + z * z), -1)
 Atanc = _make("Atanc", mp.atan, lambda z: 1 / (1 + z * z), -2)
 Atanhc = _make("Atanhc", mp.atanh, lambda z: 1 / (1 - z * z), 2)
 
-#: What the C of a slope calls besides the cardinal function itself.
+#: Functions that the C of a slope calls besides the cardinal function itself.
 _NEEDS = {"asinhc_slope": ("asinhc", "sinhc_slope"), "atanc_slope": ("atanc", "sinc_slope"),
           "atanhc_slope": ("atanhc", "sinhc_slope")}
 _NAMES = {f.c_name for function in (Sinc, Sinhc, Asinhc, Atanc, Atanhc)

@@ -65,7 +65,7 @@ def along(
 
 @lru_cache(maxsize=16)
 def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
-    """Return the derivatives by each symbol, backward: what is shared is gone through once.
+    """Return the derivatives by each symbol, in reverse mode: shared parts are visited once.
 
     They are together a few times as long as e, however many symbols there are.
     """

@@ -21,7 +21,7 @@ from .cardinal_functions import Numeric
 from .shared_subexpressions import Shared, parts_of, symbols_of
 from .switching_functions import Where
 
-__all__ = ["Finding", "compare", "evaluate"]
+__all__ = ["IdentityCheck", "compare", "evaluate"]
 
 _DIGITS = 60
 _POINTS = 8
@@ -31,8 +31,8 @@ _MOST_OPERATIONS = 3000
 
 
 @dataclass(frozen=True)
-class Finding:
-    """What a comparison found; ``residual`` is text, "0" where the two sides agree."""
+class IdentityCheck:
+    """Result of a comparison; ``residual`` is text, "0" where the two sides agree."""
 
     holds: bool
     how: str
@@ -42,7 +42,7 @@ class Finding:
 def compare(
     left: Sequence[sp.Expr], right: Sequence[sp.Expr], small: Sequence[sp.Symbol] = (),
     *, thorough: bool = True,
-) -> Finding:
+) -> IdentityCheck:
     """Compare two lists of expressions, entry by entry.
 
     Random points have values about a tenth for the symbols in ``small``. Without ``thorough``,
@@ -50,18 +50,18 @@ def compare(
     """
     pairs = [(a, b) for a, b in zip(left, right, strict=True) if a != b]
     if not pairs:
-        return Finding(True, "proved", "0")
+        return IdentityCheck(True, "proved", "0")
     count = 0
     for values in _points(pairs, set(small)):
         worst = max((_difference(a, b, values) for a, b in pairs))
         if worst > mp.mpf(10) ** (-_DIGITS // 2):
-            return Finding(False, "refuted", mp.nstr(worst, 3))
+            return IdentityCheck(False, "refuted", mp.nstr(worst, 3))
         count += 1
     if all(_is_equal(a, b, thorough) for a, b in pairs):
-        return Finding(True, "proved", "0")
+        return IdentityCheck(True, "proved", "0")
     if not count:
-        return Finding(False, "not decided", f"no real value at {_TRIES} random points")
-    return Finding(True, f"seen at {count} random points to {_DIGITS // 2} digits", "0")
+        return IdentityCheck(False, "not decided", f"no real value at {_TRIES} random points")
+    return IdentityCheck(True, f"seen at {count} random points to {_DIGITS // 2} digits", "0")
 
 
 def _is_equal(a: sp.Expr, b: sp.Expr, thorough: bool) -> bool:

@@ -34,7 +34,7 @@ _SPARE = 8
 
 
 class NullSpace:
-    """The vectors of ℚⁿ that conditions annihilate.
+    """The null space of conditions in ℚⁿ.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class NullSpace:
 
 
 def _restricted(basis: Residue, rows: Residue, prime: int) -> Residue:
-    """Return a basis of what all rows annihilate; most rows touch few of the vectors."""
+    """Return a basis of the null space; most rows touch few of the vectors."""
     asked = rows.any(axis=0)
     images = _product(rows[:, asked], basis[asked], prime)
     touched = images.any(axis=0)
@@ -153,7 +153,7 @@ def reduced(
 
 
 def _kernel(rows: Residue, prime: int) -> Residue:
-    """Return a basis, as columns, of what all rows annihilate."""
+    """Return a basis of the null space, as columns."""
     form, pivots = reduced(rows, prime)
     free = [k for k in range(rows.shape[1]) if k not in set(pivots)]
     basis = np.zeros((rows.shape[1], len(free)), dtype=np.int64)

@@ -95,7 +95,7 @@ class Evaluator:
         return np.where(np.real(a) < np.real(b), self(below), self(above))[()]
 
     def _angle(self, y: Any, x: Any) -> Any:
-        """Return atan2(y, x); of complex numbers, analytically, beside that of their real parts."""
+        """Return atan2(y, x); of complex numbers, analytically continued from their real parts."""
         functions = np if self._mp is None else self._mp
         start = (np.arctan2 if self._mp is None else self._mp.atan2)(np.real(y), np.real(x))
         if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
@@ -131,7 +131,7 @@ def evaluate(expressions: Sequence[sp.Expr], values: Mapping[sp.Symbol, Any]) ->
 
 
 def mp_context(digits: int) -> Any:
-    """Return an mpmath context of its own, so that nobody's precision is changed."""
+    """Return a new mpmath context, so that the global precision does not change."""
     context = mpmath.MPContext()
     context.dps = digits
     return context

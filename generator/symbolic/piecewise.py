@@ -1,9 +1,9 @@
-"""An expression with conditions as pieces of one variable: what holds between which limits.
+"""An expression with conditions as a piecewise function of one variable, and its limits.
 
     if(x < -a, k*(x + a)**2/2, if(x < a, 0, k*(x - a)**2/2))
 
 has the variable x, the limits −a and a, and three pieces. The variable is a symbol, a linear
-combination of symbols, a sum of squares or its root, or any expression that stands in all of it.
+combination of symbols, a sum of squares or its root, or a common subexpression.
 Which of two limits is the lower one is said by their difference, if its sign is known, or by the
 places where the conditions stand: the one with −a is asked beyond that with a, so a > −a, or it
 would never matter.
@@ -26,7 +26,7 @@ __all__ = ["Pieces", "ScatteredError", "pieces_of", "tells_sides"]
 
 
 class ScatteredError(Exception):
-    """An expression has no pieces of one variable that meet: why not."""
+    """An expression is no continuous piecewise function of one variable; the reason."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Pieces:
     variable : Expr
         s, what the limits are compared with.
     symbol : Symbol
-        Stands for it in the other attributes.
+        Its symbol in the other attributes.
     whole : Expr
         The expression itself.
     limits : list of Expr
@@ -59,7 +59,7 @@ class Pieces:
 
 
 def tells_sides(e: sp.Basic, symbols: set[sp.Symbol]) -> bool:
-    """Whether e itself, as a condition, a sign or a floor, is told by what the symbols are."""
+    """Whether e itself is a condition, a sign or a floor that the assumptions on symbols decide."""
     if isinstance(e, Where):
         return not symbols.isdisjoint(e.args[0].free_symbols | e.args[1].free_symbols)
     return isinstance(e, (sp.sign, sp.floor)) and not e.free_symbols.isdisjoint(symbols)
@@ -70,7 +70,7 @@ def _has_sides(e: sp.Expr, symbols: set[sp.Symbol]) -> bool:
 
 
 def pieces_of(e: sp.Expr, symbols: set[sp.Symbol]) -> Pieces:
-    """Return the pieces of an expression, of which it is shown that they meet.
+    """Return the pieces of an expression that is proved continuous.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def _limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
 
 
 def _between(whole: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -> sp.Expr:
-    """Return what the whole is between limits i − 1 and i, both excluded."""
+    """Return the expression between limits i − 1 and i, both excluded."""
     known: dict[sp.Basic, sp.Basic] = {}
     for part in parts_of([whole]):
         arguments = [known[a] for a in part.args]

@@ -1,4 +1,4 @@
-"""What rounding is worth in an expression: a running error analysis to first order.
+"""Estimate of round-off in an expression: a running error analysis to first order.
 
 Every operation adds half a unit in the last place of its result and hands on the errors of what it
 is made of (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., section 3.3):

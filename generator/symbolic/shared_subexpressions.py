@@ -1,6 +1,6 @@
 """Expressions as graphs: what they share is visited once.
 
-Derived expressions repeat their parts, nested ones exponentially often when written out as trees.
+Derived expressions repeat their parts, nested ones exponentially often when expanded as trees.
 A part in ``Shared`` is opaque to SymPy, which would search it for signs and factors again and
 again wherever it occurs; in C it is a temporary.
 """

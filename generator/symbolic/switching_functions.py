@@ -1,13 +1,13 @@
-"""Functions with two sides: x where a < b and y elsewhere, max, min; beside them |u| and sign u.
+"""Switching functions: x where a < b and y elsewhere, max, min, |u| and sign u.
 
-SymPy's Piecewise, Max, Min and Heaviside are written with these when a system is made
+SymPy's Piecewise, Max, Min and Heaviside are converted to these when a system is made
 (``as_switches``), and so are min(...) and if(...) of a model file. They are opaque to SymPy,
 which would search conditions for what they imply, compare the arguments of a Max whenever it is
 made anew, and put Dirac's delta into derivatives.
 
-A switch w is what the sides are told by: a − b, or u. Derivatives are those of the side where
-w is, at w = 0 that of one side or the mean of both; steps have none. Both sides are computed, and
-one of them is taken: what the other one is there, finite or not, does not matter.
+A switch w is the argument whose sign selects the side: a − b, or u. Derivatives are those of the
+side where w is, at w = 0 that of one side or the mean of both; steps have none. Both sides are
+computed, and one of them is taken: what the other one is there, finite or not, does not matter.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ ZERO, HALF, ONE = sp.Integer(0), sp.Rational(1, 2), sp.Integer(1)
 
 
 class Switch(Numeric):
-    """A function whose sides are told apart by its first two arguments, a < b or not."""
+    """A function whose side depends on its first two arguments, a < b or not."""
 
     #: Which arguments it is below, where a < b, and above.
     branches: tuple[int, int]
 
     def pick(self, below: sp.Expr, above: sp.Expr) -> sp.Expr:
-        """Return what this switch makes of other values below and above."""
+        """Return the switch with other values below and above."""
         raise NotImplementedError
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
@@ -98,7 +98,7 @@ class _Extreme(Switch):
 
     @classmethod
     def eval(cls, a: sp.Expr, b: sp.Expr) -> sp.Expr | None:
-        """Return a or b where it is known which; arguments stand in SymPy's order."""
+        """Return a or b where it is known which; arguments have SymPy's order."""
         if a == b:
             return a
         if a.is_number and b.is_number:
@@ -166,7 +166,7 @@ def has_sides(e: sp.Expr) -> bool:
 
 
 def switches_of(expressions: Iterable[sp.Expr]) -> list[sp.Expr]:
-    """Return every w, and the argument of every floor, that tells sides of the expressions.
+    """Return every switch w, and the argument of every floor, of the expressions.
 
     One that is made of other steps, as that of a condition of two comparisons, is left out.
     """
@@ -303,7 +303,7 @@ _WRITTEN: dict[type[sp.Basic], Callable[..., sp.Expr]] = {
 
 @lru_cache(maxsize=2**12)
 def as_switches(e: sp.Expr) -> sp.Expr:
-    """Return e with SymPy's Piecewise, Max, Min, Heaviside, Mod, ceiling and frac written out.
+    """Return e with switching functions for Piecewise, Max, Min, Heaviside, Mod, ceiling and frac.
 
     Raises
     ------
@@ -353,7 +353,7 @@ def _not_understood(condition: sp.Basic) -> InputError:
 
 
 def _is_complete(conditions: Sequence[Any]) -> bool:
-    """Whether one of the conditions always holds, as far as SymPy can tell."""
+    """Whether one of the conditions always holds, as far as SymPy decides."""
     together = sp.Or(*conditions)
     if together in (sp.true, sp.false):
         return bool(together)

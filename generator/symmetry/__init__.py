@@ -2,8 +2,8 @@
 
     linear_fields        fields A q + a that are likely symmetries, with names for people
     rotations            fields whose flow is known in closed form
-    symmetry_conditions  what a symmetry must satisfy, in exact arithmetic
+    symmetry_conditions  conditions of a symmetry, in exact arithmetic
     near_symmetries      how far a field is from being one
-    momentum_maps        what is conserved, and how it was proved
+    momentum_maps        conserved momentum maps, with their proofs
     frame_symmetries     symmetries along which a frame may move
 """

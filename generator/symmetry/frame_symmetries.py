@@ -35,13 +35,13 @@ from ..symbolic.derivatives import derivative
 from ..symbolic.finite_fields import exactly, identically_zero
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.moving_frame import MovingSystem, in_sums
+from ..systems.moving_frame import CoMovingSystem, in_sums
 from ..systems.system import System
-from .linear_fields import Field, known_fields, motions_of_space
+from .linear_fields import LinearField, known_fields, motions_of_space
 from .rotations import Rotation, commute, rotation_of
 from .symmetry_conditions import SymmetrySpace
 
-__all__ = ["Frame", "Symmetry", "frame_of"]
+__all__ = ["CoMovingFrame", "FrameSymmetry", "frame_of"]
 
 #: So many conditions on parameters a symmetry may have: a body's own axis has four at the most,
 #: where its inertia is a tensor.
@@ -51,7 +51,7 @@ _FEW = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Symmetry:
+class FrameSymmetry:
     """A symmetry that a stepper's frame may move along.
 
     Attributes
@@ -63,13 +63,13 @@ class Symmetry:
     rotation : Rotation
         The same, to be turned back.
     turns : Rotation or None
-        −C_Aᵀ with g_q A q = C_A g: what turns the multipliers; None if g is invariant.
+        −C_Aᵀ with g_q A q = C_A g, the rotation of the multipliers; None if g is invariant.
     conditions : tuple of Expr
         Polynomials of the parameters; all of them vanish where this is a symmetry.
     """
 
     name: str
-    field: Field
+    field: LinearField
     rotation: Rotation
     turns: Rotation | None
     conditions: tuple[sp.Expr, ...]
@@ -80,17 +80,17 @@ class Symmetry:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class CoMovingFrame:
     """The symmetries of a stepper, in groups that commute with each other.
 
     A group is one symmetry, or the three rotations of a system that is free in space: these do not
     commute, and turn as one about the axis ω.
     """
 
-    groups: tuple[tuple[Symmetry, ...], ...]
+    groups: tuple[tuple[FrameSymmetry, ...], ...]
 
     @property
-    def symmetries(self) -> list[Symmetry]:
+    def symmetries(self) -> list[FrameSymmetry]:
         """All of them."""
         return [symmetry for group in self.groups for symmetry in group]
 
@@ -103,19 +103,20 @@ class Frame:
         rates = self.rates()
         lost = [rate * part for rate, symmetry in zip(rates, self.symmetries, strict=True)
                 for part in in_sums(symmetry.momentum(system), system.H)]
-        carried = [sp.Add(*(rate * sp.diff(symmetry.momentum(system), p)
-                            for rate, symmetry in zip(rates, self.symmetries, strict=True)))
-                   for p in system.p]
-        power = [f * v for f, v in zip(system.forces, carried, strict=False) if f != 0 and v != 0]
+        frame_velocity = [sp.Add(*(rate * sp.diff(symmetry.momentum(system), p)
+                                   for rate, symmetry in zip(rates, self.symmetries, strict=True)))
+                          for p in system.p]
+        power = [f * v for f,
+                 v in zip(system.forces, frame_velocity, strict=False) if f != 0 and v != 0]
         works = bool(power) and not identically_zero([power])
         parts = {part.name: getattr(system, part.name) for part in dataclasses.fields(System)}
-        return MovingSystem(**parts | {
+        return CoMovingSystem(**parts | {
             "parameters": (*system.parameters, *rates), "energy": system.H,
-            "carried": tuple(carried) if works else (),
+            "frame_velocity": tuple(frame_velocity) if works else (),
             "H": sp.Add(system.H, *(-e for e in lost))})
 
 
-def frame_of(system: System) -> Frame:
+def frame_of(system: System) -> CoMovingFrame:
     """Return the frame that a system has.
 
     Raises
@@ -123,53 +124,53 @@ def frame_of(system: System) -> Frame:
     InputError
         If no symmetry is found that a frame can move along.
     """
-    if system.is_timed:
+    if system.is_time_dependent:
         raise InputError(f"System {system.name!r} has time in H or in a constraint, which a "
                          "co-moving frame does not know; leave out frame, or time.")
     if isinstance(system, LagrangianSystem):
         raise InputError(f"System {system.name!r} is from a Lagrangian, and its H is not written "
                          "out: leave out frame, or take the system that its legendre() returns.")
-    search = _Search(system)
+    search = _SymmetrySearch(system)
     groups = [*search.bodies(), *search.space(), *search.others()]
     if not groups:
         raise InputError(
             f"System {system.name!r} has no co-moving frame: no rotation was found that leaves H, "
             f"g{' and forces' if system.forces else ''} as they are; leave out frame.")
-    return Frame(tuple(groups))
+    return CoMovingFrame(tuple(groups))
 
 
-class _Search:
-    """What is found, one after the other."""
+class _SymmetrySearch:
+    """The search for symmetries, one after the other."""
 
     def __init__(self, system: System) -> None:
         self.system = replace(system, forces=(), time=None, quantities={}, inputs=())
         self.inputs = system.inputs
         self.forces = system.forces
-        self.taken: list[Field] = []
+        self.taken: list[LinearField] = []
         self.names = {str(s) for s in (*system.q, *system.p, *system.parameters)}
         self.count = 0
         self.kept = self._unconditional(list(self._candidates()))
 
-    def _candidates(self) -> Iterator[Field]:
+    def _candidates(self) -> Iterator[LinearField]:
         """Yield the fields with names, and rotations of pairs of coordinates."""
         yield from (field for field in known_fields(self.system) if not field.a.any())
         n = self.system.n
         for i, j in combinations(range(n), 2) if n <= _FEW else ():
             name = f"rotation of ({self.system.q[i]}, {self.system.q[j]})"
-            yield Field(name, n, {(j, i): Fraction(1), (i, j): Fraction(-1)})
+            yield LinearField(name, n, {(j, i): Fraction(1), (i, j): Fraction(-1)})
 
-    def _unconditional(self, fields: list[Field]) -> dict[str, Field]:
+    def _unconditional(self, fields: list[LinearField]) -> dict[str, LinearField]:
         """Return the symmetries for any parameters, by name."""
         space = SymmetrySpace(self.system, fields, {})
         return {field.name: field for field in fields if space.contains(field)}
 
     # ------------------------------------------------------------ the kinds of them
 
-    def bodies(self) -> Iterator[tuple[Symmetry]]:
+    def bodies(self) -> Iterator[tuple[FrameSymmetry]]:
         """Yield the own axis of each body: of fewest conditions, the third before the others."""
         named = {body.q: body.name for body in self.system.bodies}
         spins = [f for f in self._candidates() if ", the" not in f.name and "axis" in f.name]
-        blocks: dict[tuple[int, ...], list[Field]] = {}
+        blocks: dict[tuple[int, ...], list[LinearField]] = {}
         for field in spins:
             blocks.setdefault(tuple(sorted({i for i, _ in field.weights})), []).append(field)
         for block, fields in blocks.items():
@@ -177,7 +178,7 @@ class _Search:
             name = "omega_body" if len(blocks) == 1 else f"omega_{body}" if body else ""
             yield from self._first(name, reversed(fields))
 
-    def space(self) -> Iterator[tuple[Symmetry, ...]]:
+    def space(self) -> Iterator[tuple[FrameSymmetry, ...]]:
         """Yield the rotation of everything about e3, or another axis; about all if it is free."""
         turns = [field for field in motions_of_space(self.system) if field.A.any()]
         if len(turns) == 3 and all(field.name in self.kept for field in turns):
@@ -189,16 +190,16 @@ class _Search:
                 return
         yield from self._first("omega_space", reversed(turns))
 
-    def others(self) -> Iterator[tuple[Symmetry]]:
-        """Yield what else is a symmetry for any parameters and commutes with all before."""
+    def others(self) -> Iterator[tuple[FrameSymmetry]]:
+        """Yield further symmetries for any parameters that commute with all before."""
         for field in self.kept.values():
             yield from self._first("", [field])
 
-    def _first(self, name: str, fields: Sequence[Field] | Iterator[Field]) -> Iterator[
-            tuple[Symmetry]]:
+    def _first(self, name: str, fields: Sequence[LinearField] | Iterator[LinearField]) -> Iterator[
+            tuple[FrameSymmetry]]:
         """Yield the symmetry of fewest conditions, if there is one; the first of several."""
         new = [field for field in fields if self._is_new(field)]
-        found: list[Symmetry] = []
+        found: list[FrameSymmetry] = []
         for field in sorted(new, key=lambda field: field.name not in self.kept):
             conditions = self._conditions(field)
             symmetry = None if conditions is None else self._symmetry(name, field, conditions)
@@ -217,7 +218,7 @@ class _Search:
         self.names.add(name)
         return name
 
-    def _is_new(self, field: Field) -> bool:
+    def _is_new(self, field: LinearField) -> bool:
         """Whether a field commutes with those that were taken and is no combination of them."""
         return (all(commute(field.weights, f.weights) for f in self.taken)
                 and _independent([*self.taken, field]))
@@ -225,8 +226,8 @@ class _Search:
     # ------------------------------------------------------------ proofs
 
     def _symmetry(
-        self, name: str, field: Field, conditions: tuple[sp.Expr, ...]
-    ) -> Symmetry | None:
+        self, name: str, field: LinearField, conditions: tuple[sp.Expr, ...]
+    ) -> FrameSymmetry | None:
         """Return a field as a symmetry, if it turns in closed form, g with it, and F as well."""
         rotation, slide = rotation_of(field.weights), self._slide(field)
         if rotation is None or slide is None or not self._turns_forces(field):
@@ -234,10 +235,10 @@ class _Search:
         turns = rotation_of(slide) if slide else None
         if slide and turns is None:
             return None
-        return Symmetry(name, field, rotation, turns, conditions)
+        return FrameSymmetry(name, field, rotation, turns, conditions)
 
-    def _conditions(self, field: Field) -> tuple[sp.Expr, ...] | None:
-        """Return what parameters must satisfy for {J, H} = 0; None if that is not found."""
+    def _conditions(self, field: LinearField) -> tuple[sp.Expr, ...] | None:
+        """Return the conditions on parameters for {J, H} = 0; None if none are found."""
         if field.name in self.kept:
             return ()
         fed = {*self.inputs}
@@ -266,8 +267,8 @@ class _Search:
             return None  # inputs change from step to step
         return tuple(found) if SymmetrySpace(meets, [field], {}).contains(field) else None
 
-    def _moved_part(self, field: Field) -> System:
-        """Return the system with the terms of H and the constraints that a field moves at all."""
+    def _moved_part(self, field: LinearField) -> System:
+        """Return the system with the terms of H and the constraints that a field changes."""
         system = self.system
         moved = {s for i, j in field.weights for s in (system.q[i], system.p[j])}
         return replace(
@@ -275,7 +276,7 @@ class _Search:
             constraints=tuple(g for g in system.constraints if g.free_symbols & moved),
             constraint_names=())
 
-    def _slide(self, field: Field) -> dict[tuple[int, int], Fraction] | None:
+    def _slide(self, field: LinearField) -> dict[tuple[int, int], Fraction] | None:
         """Return −C_Aᵀ with g_q A q = C_A g, empty if g is invariant; None if there is none."""
         system = self.system
         image = [sp.Add(*(sp.Rational(x.numerator, x.denominator) * system.q[j]
@@ -312,7 +313,7 @@ class _Search:
         values = [e.xreplace(dict.fromkeys(unknown, sp.Integer(0))) for e in next(iter(solution))]
         return {k: Fraction(int(x.p), int(x.q)) for k, x in zip(near, values, strict=True) if x}
 
-    def _turns_forces(self, field: Field) -> bool:
+    def _turns_forces(self, field: LinearField) -> bool:
         """Whether F turns with the frame."""
         if not self.forces:
             return True
@@ -328,7 +329,7 @@ class _Search:
         return bool(identically_zero([terms for terms in sums if any(e != 0 for e in terms)]))
 
 
-def _independent(fields: Sequence[Field]) -> bool:
+def _independent(fields: Sequence[LinearField]) -> bool:
     """Whether no field is a combination of the others; few of their n² entries are not 0."""
     places = sorted({place for field in fields for place in field.weights})
     rows = [[QQ(x.numerator, x.denominator) if (x := field.weights.get(place)) else QQ(0)
@@ -336,7 +337,7 @@ def _independent(fields: Sequence[Field]) -> bool:
     return bool(DomainMatrix(rows, (len(fields), len(places)), QQ).rank() == len(fields))
 
 
-def _bracket_coefficients(system: System, field: Field) -> list[sp.Expr] | None:
+def _bracket_coefficients(system: System, field: LinearField) -> list[sp.Expr] | None:
     """Return the coefficients of {J, H} as a polynomial of q and p; None if it is none."""
     J = field.momentum(system.q, system.p)
     slopes = {s: sp.diff(J, s) for s in (*system.q, *system.p)}

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..multibody.rigid_body import left_matrix
 from ..systems.system import System
 
-__all__ = ["Field", "known_fields", "motions_of_space"]
+__all__ = ["LinearField", "known_fields", "motions_of_space"]
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ Weights = Mapping[tuple[int, int], Fraction]
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class LinearField:
     """X(q) = A q + a on n coordinates, its entries exact."""
 
     name: str
@@ -41,8 +41,8 @@ class Field:
 
     @classmethod
     def combined(
-        cls, name: str, factors: Iterable[Fraction], fields: Iterable[Field], n: int
-    ) -> Field:
+        cls, name: str, factors: Iterable[Fraction], fields: Iterable[LinearField], n: int
+    ) -> LinearField:
         """Return a linear combination of fields."""
         weights: dict[tuple[int, int], Fraction] = {}
         for factor, field in zip(factors, fields, strict=True):
@@ -79,15 +79,15 @@ class Field:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Where quaternions and points stand among the coordinates."""
+    """Indices of quaternions and points among the coordinates."""
 
     quaternions: list[list[int]]
     points: list[list[int]]
     size: int  # 3 for space, 2 for the plane
 
 
-def known_fields(system: System) -> list[Field]:
-    """Return what is tried first, the most natural before the others."""
+def known_fields(system: System) -> list[LinearField]:
+    """Return the candidates, the most natural ones first."""
     n = system.n
     fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
     for blocks in _readings(system):
@@ -100,15 +100,16 @@ def known_fields(system: System) -> list[Field]:
         for block in blocks.points:
             alone = _Blocks([], [block], blocks.size)
             name = ", ".join(str(system.q[i]) for i in block)
-            fields += [Field(f"{f.name} of ({name})", n, f.weights) for f in _motions(n, alone)]
+            fields += [LinearField(f"{f.name} of ({name})", n, f.weights) for f in _motions(n,
+                                                                                            alone)]
         for block, name in zip(blocks.quaternions, names, strict=True):
             alone = _Blocks([block], [], blocks.size)
-            fields += [Field(f"{f.name} of body ({name})", n, f.weights)
+            fields += [LinearField(f"{f.name} of body ({name})", n, f.weights)
                        for f in _motions(n, alone) if f.A.any()]
     return fields
 
 
-def motions_of_space(system: System) -> list[Field]:
+def motions_of_space(system: System) -> list[LinearField]:
     """Return the rotations about e1, e2, e3 and the translations of everything together."""
     return [f for blocks in _readings(system)[:1] for f in _motions(system.n, blocks)]
 
@@ -143,7 +144,7 @@ def _unit_quaternions(system: System) -> Iterator[list[int]]:
             yield places
 
 
-def _motions(n: int, blocks: _Blocks) -> list[Field]:
+def _motions(n: int, blocks: _Blocks) -> list[LinearField]:
     """Return the rigid motions that move all blocks together."""
     if blocks.size == 2:
         turns = [_turn(n, blocks, 2, "angular momentum")]
@@ -155,11 +156,11 @@ def _motions(n: int, blocks: _Blocks) -> list[Field]:
     return [*turns, *shifts]
 
 
-def _shift(n: int, points: Sequence[Sequence[int]], k: int, name: str) -> Field:
-    return Field(name, n, {(block[k], n): Fraction(1) for block in points})
+def _shift(n: int, points: Sequence[Sequence[int]], k: int, name: str) -> LinearField:
+    return LinearField(name, n, {(block[k], n): Fraction(1) for block in points})
 
 
-def _turn(n: int, blocks: _Blocks, k: int, name: str) -> Field:
+def _turn(n: int, blocks: _Blocks, k: int, name: str) -> LinearField:
     """Return the rotation about e_k: e_k × x for points, ½ e_k q for quaternions."""
     weights: dict[tuple[int, int], Fraction] = {}
     i, j = (k + 1) % 3, (k + 2) % 3
@@ -168,12 +169,12 @@ def _turn(n: int, blocks: _Blocks, k: int, name: str) -> Field:
         weights[block[i], block[j]] = Fraction(-1)
     for block in blocks.quaternions:
         weights |= _half_product(block, k, from_left=True)
-    return Field(name, n, weights)
+    return LinearField(name, n, weights)
 
 
-def _spin(n: int, block: Sequence[int], k: int, name: str) -> Field:
+def _spin(n: int, block: Sequence[int], k: int, name: str) -> LinearField:
     """Return the rotation of a body about its own axis k: ½ q e_k."""
-    return Field(name, n, _half_product(block, k, from_left=False))
+    return LinearField(name, n, _half_product(block, k, from_left=False))
 
 
 def _half_product(

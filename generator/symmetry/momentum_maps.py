@@ -1,4 +1,4 @@
-"""Momentum maps of a system: what the symmetries of H, g and F conserve.
+"""Momentum maps of a system, conserved by the symmetries of H, g and F.
 
 A point symmetry q → q + ε X(q) with X(q) = A q + a that leaves H and g alone conserves
 
@@ -9,13 +9,13 @@ arithmetic, with parameters as the fractions that doubles are, or for any parame
 (``symmetry_conditions``). A basis of it is chosen from fields that have a name
 (``linear_fields``) and filled up with its reduced echelon form.
 
-J is kept *by the scheme* where {H, J} = 0 for all q and p, because stages are off the constraints;
-J is kept *by the scheme* where {H, J} = 0 for all q and p, because stages are off the constraints;
-{H, J} = 0 only on g = 0 is enough for the motion. Symmetries on g = 0 only, and such as are broken
-by a millionth at most, are told as that: they are seen at random points (``near_symmetries``).
+J is conserved *by the scheme* where {H, J} = 0 for all q and p, because stages are off the
+constraints; {H, J} = 0 only on g = 0 is enough for the motion. Symmetries on g = 0 only, and
+such as are broken by a millionth at most, are reported as such: they are tested at random points
+(``near_symmetries``).
 
-Where H and F switch sides, as |x| does, J must be kept on each of them: points near the start may
-all lie on one. Sides are weighed with parameters for this.
+Where H and F switch sides, as |x| does, J must be conserved on each of them: points near the start
+may all lie on one. Sides are weighed with parameters for this.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ..symbolic.finite_fields import identically_zero
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.smoothness import on_any_side
 from ..systems.system import System
-from .linear_fields import Field, known_fields, motions_of_space
+from .linear_fields import LinearField, known_fields, motions_of_space
 from .near_symmetries import NEAR, RandomPoints
 from .symmetry_conditions import SymmetrySpace
 
@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 #: Up to so many coordinates every A and a is searched, beyond it those with a name.
 MAX_COORDINATES = 20
-#: What round-off leaves of dJ/dt on the constraints, relative to its terms.
+#: Round-off of dJ/dt on the constraints, relative to its terms.
 _ROUNDING = 1e-12
 
 
@@ -90,7 +90,8 @@ class MomentumMap:
         return np.asarray(np.einsum("...i,...i->...", p, q @ self.A.T + self.a))
 
     def sizes(self, q: Array, p: Array) -> Array:
-        """Return |p| (|A| |q| + |a|) of what enters J, of which its round-off is a part.
+        """Return |p| (|A| |q| + |a|), the size of the terms of J, to which its round-off is
+        relative.
 
         Norms, not terms: a motion in a plane rounds out of it by ε of its size.
         """
@@ -125,7 +126,7 @@ def momentum_maps(
     points = RandomPoints(system, values, np.asarray(q0, float), np.asarray(p0, float))
     named, n = known_fields(system), system.n
     full = n <= MAX_COORDINATES
-    units = [Field("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
+    units = [LinearField("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
     exact = SymmetrySpace(system, units if full else named, numbers)
     general = SymmetrySpace(system, exact.fields, {}, within=exact)
     chosen = _Chosen(points)
@@ -144,14 +145,14 @@ def momentum_map_of(
     """Return the map of a generator A of small fractions that is known to be a symmetry."""
     entries = {(int(i), int(j)): Fraction(float(np.asarray(A)[i, j])).limit_denominator(1000)
                for i, j in np.argwhere(np.asarray(A))}
-    field = Field(name, system.n, entries)
+    field = LinearField(name, system.n, entries)
     return MomentumMap(
         name, field.momentum(system.q, system.p), field.A, field.a, any_parameters=any_parameters,
         everywhere=True, turns_constraints=True, proof="proved with the frame")
 
 
 def _exact_map(
-    field: Field, system: System, numbers: Mapping[sp.Symbol, sp.Rational]
+    field: LinearField, system: System, numbers: Mapping[sp.Symbol, sp.Rational]
 ) -> MomentumMap:
     """Return the map of a symmetry: proved by expansion, where that is short enough."""
     J = field.momentum(system.q, system.p)
@@ -168,9 +169,9 @@ def _exact_map(
 
 
 def _near_maps(
-    points: RandomPoints, named: Sequence[Field], chosen: _Chosen, full: bool
+    points: RandomPoints, named: Sequence[LinearField], chosen: _Chosen, full: bool
 ) -> Iterator[MomentumMap]:
-    """Yield what is nearly kept, or kept on the constraints as far as random points show."""
+    """Yield fields nearly conserved, or conserved on the constraints at random points."""
     system = points.system
     others = _echelon(points.null_space(named), system) if full else []
     for field in [*named, *others]:
@@ -193,7 +194,7 @@ class _Chosen:
         self.q, self.p = points.moving_states()
         self.basis = np.zeros((len(self.q), 0))
 
-    def accepts(self, field: Field, least: float) -> bool:
+    def accepts(self, field: LinearField, least: float) -> bool:
         """Take a field whose J is no combination of those taken; J = 0 on the manifold is none."""
         reach = self.q @ field.A.T + field.a
         J = np.einsum("ki,ki->k", self.p, reach)
@@ -210,7 +211,7 @@ class _Chosen:
         return True
 
 
-def _echelon(space: Array, system: System) -> list[Field]:
+def _echelon(space: Array, system: System) -> list[LinearField]:
     """Return a basis in reduced echelon form, its entries as fractions where they are any."""
     rows, n = space.T.copy(), system.n
     done = 0
@@ -225,7 +226,7 @@ def _echelon(space: Array, system: System) -> list[Field]:
         others = np.arange(len(rows)) != done
         rows[others] -= np.outer(rows[others, column], rows[done])
         done += 1
-    return [with_name(Field("", n, {divmod(k, n + 1): _fraction(x)
+    return [with_name(LinearField("", n, {divmod(k, n + 1): _fraction(x)
                                     for k, x in enumerate(row.tolist()) if _fraction(x)}), system)
             for row in rows]
 
@@ -236,13 +237,13 @@ def _fraction(x: float) -> Fraction:
     return simple if abs(simple - Fraction(x)) < Fraction(1, 10**9) else Fraction(x)
 
 
-def with_name(field: Field, system: System) -> Field:
+def with_name(field: LinearField, system: System) -> LinearField:
     """Name a field that no list has: a rotation about another axis, or else by its J."""
     moves = motions_of_space(system)
     if sum(bool(f.A.any()) for f in moves) == 3:
         weights = [field.weights.get(place, Fraction(0)) / x
                    for place, x in (next(iter(f.weights.items())) for f in moves)]
-        if Field.combined("", weights, moves, field.n).weights == field.weights:
+        if LinearField.combined("", weights, moves, field.n).weights == field.weights:
             about, along = weights[:3], weights[3:]
             kind = "angular momentum about" if any(about) else "linear momentum along"
             axis = about if any(about) else along
@@ -250,7 +251,7 @@ def with_name(field: Field, system: System) -> Field:
             length = float(np.linalg.norm([float(x) for x in axis])) * (-1 if last < 0 else 1)
             direction = ", ".join(f"{float(x) / length + 0.0:.6g}" for x in axis)
             place = ", off the origin" if any(about) and any(along) else ""
-            whole = Field.combined("", [Fraction(-1 if last < 0 else 1)], [field], field.n)
-            return Field(f"{kind} ({direction}){place}", field.n, whole.weights)
+            whole = LinearField.combined("", [Fraction(-1 if last < 0 else 1)], [field], field.n)
+            return LinearField(f"{kind} ({direction}){place}", field.n, whole.weights)
     text = str(field.momentum(system.q, system.p))
-    return Field(text if len(text) <= 60 else text[:59] + "…", field.n, field.weights)
+    return LinearField(text if len(text) <= 60 else text[:59] + "…", field.n, field.weights)

@@ -1,9 +1,9 @@
 """How far a field is from being a symmetry, measured at random points.
 
-Exact algebra says of a field whether it is a symmetry of H and F for all q and p, and nothing of
-those that are none. Two kinds of these are worth being told of, and neither is proved: fields that
+Exact algebra decides whether a field is a symmetry of H and F for all q and p. Two kinds of other
+fields are reported, and neither is proved: fields that
 break the symmetry by a millionth at most, such as a body with I₂ = I₁ (1 + 1e-11), and symmetries
-on the constraints only, as of a potential that is written for |q| = 1.
+on the constraints only, as of a potential given for |q| = 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import Evaluator, evaluate, mp_context
 from ..systems.system import System
-from .linear_fields import Field
+from .linear_fields import LinearField
 
 __all__ = ["NEAR", "RandomPoints"]
 
@@ -29,7 +29,7 @@ _Step = tuple[Array, Array]
 
 #: Singular values below this part of the largest are zero in the numeric search.
 _ZERO = 1e-10
-#: What is broken by no more, relative to its terms, is nearly a symmetry.
+#: A near symmetry is violated by at most this, relative to its terms.
 NEAR = 1e-6
 _DIGITS, _FEW = 60, 6
 
@@ -70,7 +70,7 @@ class RandomPoints:
         return np.where(usable, scale, np.abs(self.p0).max() or 1.0)
 
     def _draw_others(self, count: int) -> None:
-        """Draw what has no value of its own, the same for all that is asked of the same points."""
+        """Draw values of symbols without one, the same for all evaluations at one set of points."""
         system = self.system
         time = () if system.time is None else (system.time,)
         self._drawn = {s: self.rng.uniform(0, 1, count)
@@ -121,7 +121,7 @@ class RandomPoints:
 
     # ------------------------------------------------------------ how far from a symmetry
 
-    def broken(self, field: Field) -> tuple[float, bool]:
+    def broken(self, field: LinearField) -> tuple[float, bool]:
         """Return |dJ/dt| relative to its terms, and whether it is that small on g = 0 only.
 
         On the constraints in doubles, for all q and p by arithmetic of 60 digits.
@@ -139,7 +139,7 @@ class RandomPoints:
                   default=np.inf)
         return (on, True) if off > NEAR else (max(off, slide), False)
 
-    def _precise_terms(self, field: Field) -> Iterator[list[Any]]:
+    def _precise_terms(self, field: LinearField) -> Iterator[list[Any]]:
         """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""
         for q, p, pull, speed in self._precise:
             yield [x * p[i] * speed[j] for (i, j), x in _numbers(field, self._context)
@@ -185,7 +185,7 @@ class RandomPoints:
 
     # ------------------------------------------------------------ combinations
 
-    def null_space(self, fields: Sequence[Field]) -> Array:
+    def null_space(self, fields: Sequence[LinearField]) -> Array:
         """Return an orthonormal basis of the combinations that seem to be symmetries.
 
         On the constraints, to 1e-10 at random points; shape (n (n + 1), dimension), A and a as one
@@ -201,7 +201,7 @@ class RandomPoints:
                                                              for part in rows])))
 
 
-def _numbers(field: Field, context: Any) -> list[tuple[tuple[int, int], Any]]:
+def _numbers(field: LinearField, context: Any) -> list[tuple[tuple[int, int], Any]]:
     return [(place, context.mpf(x.numerator) / x.denominator)
             for place, x in field.weights.items()]
 
@@ -229,7 +229,7 @@ def _orthonormal(columns: Array) -> Array:
 
 
 def _null_space(rows: Array) -> Array:
-    """Return an orthonormal basis, as columns, of what all rows annihilate."""
+    """Return an orthonormal basis, as columns, of the null space."""
     size = rows.shape[1]
     if len(rows) < size:  # too few points where everything is finite: nothing is claimed
         return np.zeros((size, 0))

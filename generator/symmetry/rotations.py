@@ -25,7 +25,7 @@ Entries = Mapping[tuple[int, int], Fraction]
 
 @dataclass(frozen=True)
 class Rotation:
-    """A matrix A, taken apart into its blocks; those of one rate a stand together.
+    """A matrix A as its blocks, grouped by their rate a.
 
     Attributes
     ----------

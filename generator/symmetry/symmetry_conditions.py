@@ -1,11 +1,11 @@
-"""What a symmetry X(q) = A q + a of a system must satisfy, in exact arithmetic.
+"""Conditions of a symmetry X(q) = A q + a of a system, in exact arithmetic.
 
     {J, H} + J_p·F = pᵀA H_p − (A q + a)·(H_q − F) = 0   for all q, p, t
     g_q (A q + a) = C g                                  for all q
 
-The second says that X leaves g = 0 alone; C may be any matrix of numbers: where two bodies hold a
-point in common, a rotation turns the three components of that constraint into one another. Both
-are linear in A, a and C, with parameters as fractions, which all doubles are, or as symbols.
+The second states that X leaves g = 0 invariant; C may be any matrix of numbers: where two bodies
+hold a point in common, a rotation turns the three components of that constraint into one another.
+Both are linear in A, a and C, with parameters as fractions, which all doubles are, or as symbols.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..symbolic.finite_fields import Residues, exactly
 from ..symbolic.null_spaces import NullSpace, reduced
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.system import System
-from .linear_fields import Field
+from .linear_fields import LinearField
 
 __all__ = ["SymmetrySpace"]
 
@@ -48,7 +48,8 @@ class SymmetrySpace:
     """
 
     def __init__(
-        self, system: System, fields: Sequence[Field], numbers: Mapping[sp.Symbol, sp.Rational],
+        self, system: System, fields: Sequence[LinearField],
+        numbers: Mapping[sp.Symbol, sp.Rational],
         within: SymmetrySpace | None = None,
     ) -> None:
         self.fields, self._n = list(fields), system.n
@@ -68,12 +69,12 @@ class SymmetrySpace:
         self._space: NullSpace = NullSpace(len(self.fields), self._blocks, outer)
 
     @property
-    def basis(self) -> list[Field]:
+    def basis(self) -> list[LinearField]:
         """A basis without names; in reduced echelon form where the fields are units."""
-        combined = (Field.combined("", row, self.fields, self._n) for row in self._space.rows)
+        combined = (LinearField.combined("", row, self.fields, self._n) for row in self._space.rows)
         return [field for field in combined if field.weights]
 
-    def contains(self, field: Field) -> bool:
+    def contains(self, field: LinearField) -> bool:
         """Return whether a field is in the space: one of the fields, or any if they are units."""
         if field in self.fields:
             return self._space.contains([Fraction(int(field is f)) for f in self.fields])

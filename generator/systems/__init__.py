@@ -10,7 +10,7 @@
     redundant_constraints  constraints that others imply
     jacobians              matrices of derivatives
     moving_frame           a system in a co-moving frame
-    repeated_structure     the few templates that many terms share, and their sparsity
-    elimination_order      orders of rows that keep zeros
+    repeated_structure     element templates that many terms share, and their sparsity
+    elimination_order      elimination orders with little fill-in
     smoothness             points where an expression is not smooth
 """

@@ -1,4 +1,4 @@
-"""Where rigid bodies and joints are in a system: what a trajectory's views of them are made from.
+"""Layout of rigid bodies and joints in a system: the indices that views of a trajectory need.
 
 An entry of a vector is a parameter of the system, or a number where it is no parameter of it.
 """
@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import sympy as sp
 
-__all__ = ["BodyAt", "Entries", "Entry", "JointAt", "Pull"]
+__all__ = ["BodyLayout", "ConstraintForce", "Entries", "Entry", "JointLayout"]
 
 #: A symbol, or a float.
 Entry: TypeAlias = Any
@@ -18,7 +18,7 @@ Entries: TypeAlias = tuple[Entry, ...]
 
 
 @dataclass(frozen=True)
-class BodyAt:
+class BodyLayout:
     """Where a rigid body is in a system.
 
     Attributes
@@ -35,9 +35,9 @@ class BodyAt:
     origin : three entries
         Where the origin is held in space, if it is.
     centre : three entries, or ()
-        The centre of mass in body axes from the origin; () where nobody says.
+        The centre of mass in body axes from the origin; () if unknown.
     mass : entry or None
-        m; None where nobody says.
+        m; None if unknown.
     """
 
     name: str
@@ -50,7 +50,7 @@ class BodyAt:
 
 
 @dataclass(frozen=True)
-class Pull:
+class ConstraintForce:
     """How the multiplier λ of one constraint of a joint acts, by its equation.
 
         g = e·(P_a − P_b)       force λ e on b at P_b, −λ e on a
@@ -72,8 +72,8 @@ class Pull:
 
 
 @dataclass(frozen=True)
-class JointAt:
-    """What joins two bodies.
+class JointLayout:
+    """A connection of two bodies.
 
     Attributes
     ----------
@@ -83,13 +83,13 @@ class JointAt:
     on_a, on_b : three entries, or ()
         Its point in body axes from the origins; () where it has none.
     axis_a, axis_b : three entries, or ()
-        The axis that both keep in common, in the axes of each; of a as n₁ and n₂, six entries,
+        The common axis, in the axes of each; of a as n₁ and n₂, six entries,
         n₁ × n₂ being the axis. () where there is none.
     zero : five entries, or ()
-        Where something in the system goes by its angle θ, of which θ = 2 atan2(v, w) + turns with
+        If the system depends on its angle θ: constants of θ = 2 atan2(v, w) + turns with
         (w, v e) = q̄_a q_b c: the four of c, and the turns, a multiple of 2π.
-    pulls : tuple of (str, Pull or None)
-        Name of each of its constraints and how it acts, None where nobody says; none of a spring.
+    constraint_forces : tuple of (str, ConstraintForce or None)
+        Name of each of its constraints and its force, None if unknown; empty for a spring.
     """
 
     name: str
@@ -100,4 +100,4 @@ class JointAt:
     axis_a: Entries = ()
     axis_b: Entries = ()
     zero: Entries = ()
-    pulls: tuple[tuple[str, Pull | None], ...] = ()
+    constraint_forces: tuple[tuple[str, ConstraintForce | None], ...] = ()

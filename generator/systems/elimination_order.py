@@ -13,7 +13,7 @@ Node = tuple[str, int]
 
 @dataclass(frozen=True)
 class Elimination:
-    """LDLᵀ of a symmetric matrix without its zeros: what to do for each pivot, in order.
+    """Sparse LDLᵀ of a symmetric matrix: the operations of each pivot, in order.
 
     Entry r of the storage is the diagonal of row r, further entries are below it, pivot by pivot.
     For pivot ``order[k]`` the rows ``rows[k]`` have an entry in its column, at ``slots[k]``; the
@@ -105,7 +105,7 @@ def _is_clique(neighbours: dict[int, set[int]], rows: set[int]) -> bool:
 
 
 def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:
-    """Return the nodes in an order that keeps neighbours close: a narrow band.
+    """Return the nodes in an order with a narrow band.
 
     Breadth first from an end of each component, neighbours of few neighbours first, reversed.
     """

@@ -1,4 +1,4 @@
-"""What a caller gives of a system: expressions without text, names for messages."""
+"""Arguments of a system: expressions without text, names for messages."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ __all__ = ["as_expression", "as_sequence", "refuse_unless_symbols", "shown_formu
 
 #: Parts of an expression that is shown as a formula.
 _LARGEST_FORMULA = 400
-#: What no real expression has in it.
+#: Atoms that no real expression contains.
 _NO_NUMBERS = {sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I}
 
 
 def as_sequence(name: str, value: object) -> Sequence[object]:
-    """Return the entries of what must be a list or the like."""
+    """Return the entries of a sequence."""
     if isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
         raise InputError(f"{name} = {shown(value)} is no sequence; write it as a list.")
     return tuple(value)
 
 
 def refuse_unless_symbols(system: str, what: str, values: Iterable[object]) -> None:
-    """Refuse what is no symbol among a system's coordinates, momenta, parameters, …"""
+    """Refuse entries of coordinates, momenta, parameters, … that are no symbols."""
     for value in values:
         if not isinstance(value, sp.Symbol):
             raise InputError(f"System {system!r} has {shown(value)} in {what}, which is no "

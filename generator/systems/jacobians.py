@@ -15,7 +15,7 @@ __all__ = ["difference", "gradient", "jacobian", "shortest", "symmetric_jacobian
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
     """Derivative of one expression by each symbol; of k u² + c u it is (2 k u + c) u_x.
 
-    So a momentum map in a frame costs one addition where its square stands in H.
+    A momentum map in a frame then costs one addition if H contains its square.
     """
     bases = _bases(expression)
     if not bases:
@@ -30,7 +30,7 @@ def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]
 
 
 def _bases(expression: sp.Expr) -> list[sp.Expr]:
-    """Return the sums that stand in an expression both squared and by themselves."""
+    """Return the sums that an expression contains both squared and by themselves."""
     factors = [f for term in sp.Add.make_args(expression) for f in sp.Mul.make_args(term)]
     squared = {f.base for f in factors if f.is_Pow and f.exp == 2}
     return sorted({f for f in factors if f.is_Add and f in squared}, key=sp.default_sort_key)

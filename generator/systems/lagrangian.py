@@ -7,7 +7,7 @@ With v the solution of M v = p − b, all derivatives of H are derivatives of L 
     H_p = v,   H_q = −L_q,   H_t = −L_t,   H_pp = M⁻¹,   v_q = −M⁻¹ L_vq,   H_qq = −L_qq − L_qv v_q
 
 so that L is differentiated, and M⁻¹ is two substitutions with the factors of M at hand. M, b and V
-may depend on t as well: whatever drives L is a moving coordinate system, or a load, of this form.
+may depend on t as well: moving coordinate systems and loads have this form.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from .system import System
 
 __all__ = ["LagrangianSystem", "from_lagrangian"]
 
-#: Nodes of an L that is differentiated as it is written; of a longer one, parts that recur once.
+#: Nodes of an L that is differentiated as given; in a longer one repeated parts are shared.
 _LARGEST_TREE = 2_000
-#: Points at which a mass matrix must be singular to be called so, and what is small there.
+#: Points at which a mass matrix must be singular to be refused, and the tolerance there.
 _POINTS, _SMALL = 4, 1e-11
 
 
@@ -121,7 +121,7 @@ class LagrangianSystem(System):
 
     @cached_property
     def is_long(self) -> bool:
-        """Whether L is so long that parts of it are shared: what recurs has been found."""
+        """Whether L is so long that its repeated parts are shared."""
         return any(isinstance(part, Shared) for part in parts_of([self.L]))
 
     @cached_property
@@ -139,7 +139,7 @@ class LagrangianSystem(System):
 
     @cached_property
     def elimination(self) -> Elimination:
-        """The order in which M = L D Lᵀ keeps its zeros."""
+        """The elimination order of M = L D Lᵀ."""
         neighbours: dict[int, set[int]] = {i: set() for i in range(self.n)}
         for i, j in self.mass:
             if i != j:
@@ -149,15 +149,15 @@ class LagrangianSystem(System):
 
     @cached_property
     def mass_entries(self) -> list[sp.Expr]:
-        """M(q) as ``elimination_order`` stores it: the diagonal, then what is below it."""
+        """M(q) as ``elimination_order`` stores it: the diagonal, then the lower triangle."""
         found = [sp.Integer(0)] * self.elimination.entries
         for place, e in zip(self.mass, self._at_rest([*self.mass.values()]), strict=True):
             found[self.elimination.slot_of[place]] = e
         return found
 
     @cached_property
-    def push(self) -> list[sp.Expr]:
-        """L_q + F, n entries: what moves p but for the constraint forces, at fixed v."""
+    def generalised_force(self) -> list[sp.Expr]:
+        """L_q + F, n entries: the generalised force, ṗ without constraint forces, at fixed v."""
         return [-e for e in self.minus_p_rate]
 
     @cached_property
@@ -172,7 +172,7 @@ class LagrangianSystem(System):
 
     @cached_property
     def H_t(self) -> sp.Expr:
-        """∂H/∂t = −∂L/∂t, the power of what drives L, in terms of q and v."""
+        """∂H/∂t = −∂L/∂t, the explicit time derivative, in terms of q and v."""
         return sp.Integer(0) if self.clock is None else -slopes(self.L, (self.clock,))[0]
 
     @cached_property
@@ -220,7 +220,7 @@ def from_lagrangian(
     q, velocities : sequence of Symbol
         Coordinates, and the symbols of their rates, n of each. The momenta are named p_…
     parameters, constraints, name, constraint_names, inputs, quantities
-        As of ``System``; inputs stand in forces only.
+        As of ``System``; inputs may occur in forces only.
     placed
         As of ``LagrangianSystem``.
     forces : sequence of Expr, optional
@@ -260,7 +260,7 @@ def from_lagrangian(
 
 
 def _symbols(what: str, given: Any, name: str) -> tuple[sp.Symbol, ...]:
-    """Return a list of symbols, or say what in it is none."""
+    """Return a list of symbols; refuse other entries."""
     found = as_sequence(what, given)
     for x in found:
         if not isinstance(x, sp.Symbol):
@@ -332,7 +332,7 @@ def _refuse_switching(system: LagrangianSystem) -> None:
 
 
 def _refuse_singular(system: LagrangianSystem) -> None:
-    """Refuse a mass matrix that is singular wherever it is looked at."""
+    """Refuse a mass matrix that is singular at all sample points."""
     directions = None
     for M in _masses(system, _POINTS):
         _, sizes, directions = np.linalg.svd(M)

@@ -1,4 +1,4 @@
-"""A system in a co-moving frame: H̃ = H − Σ ω_i J_i is what moves it, H what is reported."""
+"""A system in a co-moving frame: H̃ = H − Σ ω_i J_i defines the motion, H is the reported energy."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import sympy as sp
 from .jacobians import gradient, shortest
 from .system import System
 
-__all__ = ["MovingSystem", "energy_of", "in_sums"]
+__all__ = ["CoMovingSystem", "energy_of", "in_sums"]
 
 
 @dataclass(frozen=True)
-class MovingSystem(System):
+class CoMovingSystem(System):
     """A system whose H is that of the frame.
 
     Parameters
     ----------
     energy : Expr
         H itself.
-    carried : tuple of Expr
-        Σ ω_i A_i q, by which the frame moves q, where forces do work on that; else empty.
+frame_velocity : tuple of Expr
+        Σ ω_i A_i q, the velocity of the frame, if forces do work on it; else empty.
     """
 
     energy: sp.Expr = field(default=sp.Integer(0), kw_only=True)
-    carried: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
+    frame_velocity: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """What defines it beside g and F."""
+        """Expressions that define it besides g and F."""
         return {**super().defining, "energy": self.energy}
 
     @cached_property
@@ -43,11 +43,11 @@ class MovingSystem(System):
 
 def energy_of(system: System) -> sp.Expr:
     """Return H, also of a system in a frame."""
-    return system.energy if isinstance(system, MovingSystem) else system.H
+    return system.energy if isinstance(system, CoMovingSystem) else system.H
 
 
 def in_sums(J: sp.Expr, H: sp.Expr) -> list[sp.Expr]:
-    """Return terms whose sum is J: multiples of sums whose squares stand in H, such as u_k = 2 l_k.
+    """Return terms whose sum is J: multiples of sums whose squares H contains, as u_k = 2 l_k.
     """
     factors = [f for term in sp.Add.make_args(H) for f in sp.Mul.make_args(term)]
     sums = {f.base for f in factors if f.is_Pow and f.exp == 2 and f.base.is_Add}

@@ -46,7 +46,7 @@ class NumericConstraints:
         return evaluate(self.expressions, self._at(q))
 
     def G(self, q: Array) -> Array:
-        """Return g_q, shape (m, n); as with g, callers judge what is not finite."""
+        """Return g_q, shape (m, n); as for g, callers check that it is finite."""
         directions = q[:, None] + 1j * TINY * np.eye(len(q))
         with np.errstate(over="ignore"):
             slopes: Array = evaluate(self.expressions, self._at(directions)).imag / TINY

@@ -1,6 +1,6 @@
 """Constraints that others imply are found before a stepper is made: refused by name, or left out.
 
-Where g_q has not full rank on g = 0, multipliers are not determined. A model is looked at where it
+Where g_q lacks full rank on g = 0, multipliers are not unique. A model is checked where it
 starts; a system without numbers at random ones, at points that Gauss-Newton steps find on g = 0.
 """
 

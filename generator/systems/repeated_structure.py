@@ -1,19 +1,19 @@
-"""The structure of a large system: the few forms its many terms have, and how they hang together.
+"""Repeated structure of a large system: element templates, their instances, and elimination.
 
 A chain of a hundred bodies has a hundred kinetic energies of one form and a hundred joints of one
-form. Here H and g are taken apart into terms, terms that are equal but for the names in them are
-found, and each form is kept once, in symbols of its own, with a table of its instances. From
-this the C has one kernel a form and loops over instances: its size, and the time to derive and
-compile it, hardly depend on the number of bodies, and no zero of a matrix is ever touched.
+form. H and g are split into terms; terms that are equal but for the names of their symbols become
+one element template in local symbols, with a table of its instances. The C has one kernel per
+template and loops over instances: its size, and the time to derive and compile it, hardly depend on
+the number of bodies, and zero entries of matrices are never stored.
 
     H = Σ_f Σ_i  h_f(q[Q_fi], p[P_fi]; k[K_fi]),     g[R_fi] = g_f(q[Q_fi]; k[K_fi])
     F[R_fi] += F_f(q[Q_fi], p[P_fi], t; k[K_fi])
 
 Where H or g depends on t, so do h_f and g_f.
 
-Terms with momenta are gathered by *cells*, the sets of coordinates that H_pp couples: W = G H_pp Gᵀ
-is a sum over cells. Its pattern, an order of elimination and the fill it makes are
-found here; for a chain or a tree there is none.
+Terms with momenta are grouped by *kinetic blocks*, the sets of coordinates that H_pp couples:
+W = G H_pp Gᵀ is a sum over these blocks. Its pattern, an elimination order and the fill-in are
+computed here; for a chain or a tree there is no fill-in.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ import sympy as sp
 
 from ..symbolic.switching_functions import depends_by_steps
 from .elimination_order import Elimination, Node, connected, eliminate, reverse_cuthill_mckee
-from .moving_frame import MovingSystem, energy_of
+from .moving_frame import CoMovingSystem, energy_of
 from .system import System
 
-__all__ = ["Form", "Instance", "Part", "Structure"]
+__all__ = ["ElementSystem", "ElementTemplate", "Instance", "Structure"]
 
 
 @dataclass(frozen=True)
 class Instance:
-    """Where one instance of a form finds its coordinates, momenta, constants and constraints."""
+    """Indices of the coordinates, momenta, constants and constraints of one instance."""
 
     q: tuple[int, ...]
     p: tuple[int, ...]
@@ -44,11 +44,11 @@ class Instance:
 
 
 @dataclass(frozen=True)
-class Form:
+class ElementTemplate:
     """Expressions in local symbols, and the instances that share them.
 
-    A form of H has one expression, and in a co-moving frame its energy as a second; a form of
-    constraints or forces has one for each of its rows.
+    A template of H has one expression, in a co-moving frame also its energy; one of constraints or
+    forces has an expression for each of its rows.
     """
 
     q: tuple[sp.Symbol, ...]
@@ -60,19 +60,19 @@ class Form:
 
     @cached_property
     def system(self) -> System:
-        """The form by itself, as a system with its local symbols: its derivatives."""
-        return Part(self.q, self.p, self.constants, self.expressions[0], time=self.time)
+        """The template by itself, as a system with its local symbols: its derivatives."""
+        return ElementSystem(self.q, self.p, self.constants, self.expressions[0], time=self.time)
 
 
-class Part(System):
+class ElementSystem(System):
     """Part of a system: momenta need not belong to coordinates, and nothing is checked."""
 
     def __post_init__(self) -> None:
-        """Take the parts as they are."""
+        """Check nothing."""
 
 
 class Structure:
-    """Forms of H and of g of a system, its cells, and the elimination of W."""
+    """Element templates of a system, its kinetic blocks, and the elimination of W."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -86,14 +86,14 @@ class Structure:
         return frozenset(of[s] for s in e.free_symbols if s in of)
 
     @cached_property
-    def forms(self) -> list[Form]:
-        """The forms of H: those with momenta first."""
+    def templates(self) -> list[ElementTemplate]:
+        """The templates of H: those with momenta first."""
         groups = [*self._kinetic_groups.values(), *self._potential_groups]
-        return self._forms_of([(self._with_energy(terms), ()) for terms in groups])
+        return self._templates_of([(self._with_energy(terms), ()) for terms in groups])
 
     def _with_energy(self, terms: list[sp.Expr]) -> tuple[sp.Expr, ...]:
         """Return the sum of terms of H, and in a co-moving frame of those that are energy."""
-        if not isinstance(self.system, MovingSystem):
+        if not isinstance(self.system, CoMovingSystem):
             return (sp.Add(*terms),)
         return sp.Add(*terms), sp.Add(*(term for term in terms if term in self._energy))
 
@@ -108,20 +108,20 @@ class Structure:
 
     @cached_property
     def _kinetic_groups(self) -> dict[frozenset[int], list[sp.Expr]]:
-        """Terms with momenta by their cell, and with them what depends on no other coordinate."""
-        cells = connected([p for _, _, p in self._terms if p])
-        cell_of = {a: cell for cell in cells for a in cell}
-        groups: dict[frozenset[int], list[sp.Expr]] = {cell: [] for cell in cells}
-        reach = {cell: set(cell) for cell in cells}
+        """Terms with momenta by kinetic block, and terms of its coordinates alone."""
+        kinetic_blocks = connected([p for _, _, p in self._terms if p])
+        block_of = {a: block for block in kinetic_blocks for a in block}
+        groups: dict[frozenset[int], list[sp.Expr]] = {block: [] for block in kinetic_blocks}
+        support = {block: set(block) for block in kinetic_blocks}
         for term, q, p in self._terms:
             if p:
-                cell = cell_of[min(p)]
-                groups[cell].append(term)
-                reach[cell] |= q
+                block = block_of[min(p)]
+                groups[block].append(term)
+                support[block] |= q
         for term, q, p in self._terms:
-            home = cell_of.get(min(q)) if q and not p else None
-            if home is not None and q <= reach[home]:
-                groups[home].append(term)
+            own = block_of.get(min(q)) if q and not p else None
+            if own is not None and q <= support[own]:
+                groups[own].append(term)
         return groups
 
     @cached_property
@@ -137,8 +137,8 @@ class Structure:
     # ------------------------------------------------------------ g
 
     @cached_property
-    def constraint_forms(self) -> list[Form]:
-        """The forms of the constraints; rows of one name (before a colon) go together."""
+    def constraint_templates(self) -> list[ElementTemplate]:
+        """The templates of the constraints; rows of one name (before a colon) go together."""
         groups: dict[str, list[int]] = defaultdict(list)
         for row, name in enumerate(self.system.constraint_names):
             groups[name.split(":")[0] if ":" in name else f"{row}:"].append(row)
@@ -146,10 +146,10 @@ class Structure:
         for rows in groups.values():
             for some in self._overlapping(rows):
                 parts.append((tuple(self.system.constraints[r] for r in some), tuple(some)))
-        return self._forms_of(parts)
+        return self._templates_of(parts)
 
     def _overlapping(self, rows: list[int]) -> Iterator[list[int]]:
-        """Yield rows that share coordinates: one name may stand for unrelated constraints."""
+        """Yield rows that share coordinates: unrelated constraints may have one name."""
         support = {r: self._indices(self.system.constraints[r], self._q) for r in rows}
         for coordinates in connected([s for s in support.values() if s]):
             yield [r for r in rows if support[r] and min(support[r]) in coordinates]
@@ -158,38 +158,38 @@ class Structure:
     # ------------------------------------------------------------ F
 
     @cached_property
-    def force_forms(self) -> list[Form]:
-        """The forms of the forces: terms that depend on the same things, with their rows."""
+    def force_templates(self) -> list[ElementTemplate]:
+        """The templates of the forces: terms of equal support, with their rows."""
         groups: dict[tuple[frozenset[int], frozenset[int]], dict[int, list[sp.Expr]]] = {}
         for row, force in enumerate(self.system.forces):
             for term in sp.Add.make_args(force):
                 if term != 0:
                     support = (self._indices(term, self._q), self._indices(term, self._p))
                     groups.setdefault(support, {}).setdefault(row, []).append(term)
-        return self._forms_of([(tuple(sp.Add(*terms) for terms in rows.values()), tuple(rows))
-                               for rows in groups.values()])
+        return self._templates_of([(tuple(sp.Add(*terms) for terms in rows.values()), tuple(rows))
+                                   for rows in groups.values()])
 
-    # ------------------------------------------------------------ forms
+    # ------------------------------------------------------------ templates
 
-    def _forms_of(
+    def _templates_of(
         self, parts: Iterable[tuple[tuple[sp.Expr, ...], tuple[int, ...]]]
-    ) -> list[Form]:
+    ) -> list[ElementTemplate]:
         found: dict[tuple[sp.Expr, ...], list[Instance]] = {}
         for expressions, rows in parts:
             local_expressions, instance = self._canonical(expressions, rows)
             found.setdefault(local_expressions, []).append(instance)
-        forms = []
+        templates = []
         for local_expressions, instances in found.items():
             first = instances[0]
-            forms.append(Form(local("x", len(first.q)), local("y", len(first.p)),
-                              local("k", len(first.constants)), local_expressions,
-                              tuple(instances), self.system.clock))
-        return sorted(forms, key=lambda form: not form.p)
+            templates.append(ElementTemplate(local("x", len(first.q)), local("y", len(first.p)),
+                                             local("k", len(first.constants)), local_expressions,
+                                             tuple(instances), self.system.clock))
+        return sorted(templates, key=lambda template: not template.p)
 
     def _canonical(
         self, expressions: tuple[sp.Expr, ...], rows: tuple[int, ...]
     ) -> tuple[tuple[sp.Expr, ...], Instance]:
-        """Return the expressions in local symbols, and what these stand for."""
+        """Return the expressions in local symbols, and their instance."""
         q, p = ([of[s] for s in sorted({s for e in expressions for s in e.free_symbols if s in of},
                                        key=of.__getitem__)] for of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
@@ -202,9 +202,9 @@ class Structure:
         return expressions, instance
 
     def _in_order(self, expressions: Sequence[sp.Expr]) -> list[sp.Symbol]:
-        """Return the constants in the order of their places in the expressions.
+        """Return the constants in their order in the expressions.
 
-        Where they stand, not what they are called, decides: so equal forms get equal names.
+        The order does not depend on names, so that equal templates get equal symbols.
         """
         anonymous = dict.fromkeys(self._constants, sp.Symbol("_"))
         found: dict[sp.Symbol, None] = {}
@@ -240,8 +240,8 @@ class Structure:
     def elimination(self) -> Elimination:
         """The factors of W = G H_pp Gᵀ."""
         neighbours: dict[int, set[int]] = {row: set() for row in range(self.system.m)}
-        for form in self.forms:
-            for instance in form.instances:
+        for template in self.templates:
+            for instance in template.instances:
                 rows = self.attached(instance)
                 for row in rows:
                     neighbours[row] |= set(rows) - {row}
@@ -249,31 +249,33 @@ class Structure:
 
     @cached_property
     def is_worthwhile(self) -> bool:
-        """Whether products without zeros are clearly fewer than those with them.
+        """Whether sparse products are clearly fewer than dense ones.
 
-        Counted for what grows fastest: the factors of W, G times a vector, H_pp times a vector.
-        Up to six coordinates gathering costs more than zeros do, and dense code may use what is
-        proved of the whole system.
+        Counted for the dominant costs: the factors of W, G times a vector, H_pp times a vector. Up
+        to six coordinates gathering costs more than zeros do, and dense code may use properties
+        proved for the whole system.
         """
         n, m = self.system.n, self.system.m
         if n <= 6:
             return False
         dense = m**3 / 3 + m * n + n * n
         sparse = self.elimination.products + sum(map(len, self.entries.values())) + sum(
-            len(i.p) ** 2 for form in self.forms for i in form.instances)
+            len(i.p) ** 2 for template in self.templates for i in template.instances)
         return sparse < 0.75 * dense
 
     @property
     def is_quadratic(self) -> bool:
         """Whether H is quadratic in p, so that one solve finds the momenta on g_q H_p = 0."""
-        return not any(depends_by_steps(form.system.H_p, form.p) or e.has(*form.p)
-                       for form in self.forms if form.p for row in form.system.H_pp for e in row)
+        return not any(depends_by_steps(template.system.H_p, template.p) or e.has(*template.p)
+                       for template in self.templates if template.p
+                       for row in template.system.H_pp for e in row)
 
     @property
     def is_separable(self) -> bool:
         """Whether H_pq = 0."""
-        return all(sp.expand(e) == 0 and not depends_by_steps(form.system.H_p, form.q)
-                   for form in self.forms if form.p for row in form.system.H_pq for e in row)
+        return all(sp.expand(e) == 0 and not depends_by_steps(template.system.H_p, template.q)
+                   for template in self.templates if template.p
+                   for row in template.system.H_pq for e in row)
 
     @cached_property
     def band_order(self) -> list[Node]:
@@ -288,26 +290,27 @@ class Structure:
 
     @cached_property
     def coupled(self) -> list[set[Node]]:
-        """Coordinates and constraints that meet in a row of the Jacobian of a step.
+        """Coordinates and constraints coupled by a row of the Jacobian of a step.
 
         A constraint force changes the momenta of its coordinates, and with them the velocity of
-        everything in their cells: a constraint is coupled to whole cells.
+        everything in their kinetic blocks: a constraint is coupled to whole blocks.
         """
-        cell_of = {a: set(i.q) | set(i.p) for form in self.forms for i in form.instances
-                   for a in i.p}
-        sets = [{("q", a) for a in (*i.q, *i.p)} for form in self.forms for i in form.instances]
-        for form in self.force_forms:
-            for i in form.instances:
+        block_of = {a: set(i.q) | set(i.p)
+                    for template in self.templates for i in template.instances for a in i.p}
+        sets = [{("q", a) for a in (*i.q, *i.p)}
+                for template in self.templates for i in template.instances]
+        for template in self.force_templates:
+            for i in template.instances:
                 sets.append({("q", a) for a in (*i.q, *i.p, *i.rows)})
                 for a in i.p:
-                    cell_of[a] = cell_of.get(a, set()) | set(i.rows)
-        for form in self.constraint_forms:
-            for i in form.instances:
-                reached = set(i.q).union(*(cell_of.get(a, ()) for a in i.q))
+                    block_of[a] = block_of.get(a, set()) | set(i.rows)
+        for template in self.constraint_templates:
+            for i in template.instances:
+                reached = set(i.q).union(*(block_of.get(a, ()) for a in i.q))
                 sets.append({("q", a) for a in reached} | {("g", row) for row in i.rows})
         return [nodes for nodes in sets if nodes]  # a constant in H has none
 
 
 def local(letter: str, count: int) -> tuple[sp.Symbol, ...]:
-    """Return symbols of a form; no symbol of a system begins with an underscore."""
+    """Return local symbols; no symbol of a system begins with an underscore."""
     return tuple(sp.Symbol(f"_{letter}{i}", real=True) for i in range(count))

@@ -28,7 +28,7 @@ __all__ = ["Meeting", "Switching", "meeting", "on_any_side", "refuse_kinks"]
 
 _DIGITS = 50
 _POINTS, _TRIES = 3, 20
-#: Places that are looked at: a system of many bodies has the same ones many times.
+#: Most switching places that are tried: a system of many bodies repeats them.
 _MOST_PLACES = 20
 
 
@@ -152,7 +152,7 @@ class Switching:
         return [w for w, found in self._of_H.items() if found is Meeting.JUMP]
 
     def jumps_of_forces(self, *, discrete: bool) -> list[sp.Expr]:
-        """Where, as q or p change, −H_q + F or H_p is not continuous; a discrete gradient is."""
+        """Where −H_q + F or H_p is discontinuous in q or p; a discrete gradient is continuous."""
         symbols = [*self.system.q, *self.system.p]
         found = []
         for w in self.places[:_MOST_PLACES]:
@@ -173,7 +173,7 @@ class Switching:
         return _listed(self.jumps_of_forces(discrete=discrete))
 
     def said(self, order: int, *, discrete: bool) -> dict[str, Any]:
-        """Return what is to be known of a method of some order on the system; nothing if nothing.
+        """Return the facts about a method of some order on the system, {} if there are none.
 
         ``remarks``: list of str; ``jumps``: where forces jump, for the message of a failed step.
         """

@@ -33,7 +33,7 @@ from .expression_arguments import as_sequence
 from .lagrangian import LagrangianSystem, from_lagrangian
 from .numeric_system import NumericConstraints
 from .redundant_constraints import nearest_point
-from .sympy_motion import Motion
+from .sympy_motion import FrameMotion
 
 __all__ = ["from_mechanics"]
 
@@ -43,7 +43,7 @@ _SMALL = 1e-9
 
 @dataclass
 class Mechanics:
-    """What a method holds, in functions of time: q(t), q̇(t).
+    """Contents of a method, in functions of time: q(t), q̇(t).
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Mechanics:
     q : list
         Coordinates.
     L : Expr
-        What is known of the Lagrangian before the loads.
+        The Lagrangian before the loads.
     loads : list
         Pairs of a point and a force, or a frame and a torque.
     constraints : list of Expr
@@ -60,10 +60,10 @@ class Mechanics:
     rates : list of Expr
         Constraints on the velocities; ones that are not those of g are refused.
     inputs : dict
-        What a controller says, as it was given → its symbol.
+        Output of a controller, as given → its symbol.
     """
 
-    motion: Motion
+    motion: FrameMotion
     q: list[sp.Expr]
     L: sp.Expr
     loads: list[Any]
@@ -85,7 +85,7 @@ def from_mechanics(
     name : str
         A C identifier; begins the names of the generated files.
     inputs : sequence of Symbol or dynamicsymbols
-        What a controller says in loads: held over a step, and given anew in each (``System``).
+        Outputs of a controller in loads: constant over a step (``System``).
     bodies : bool
         Give runs where the bodies are: ``run.body(name)``, ``run.view(...)``. Places and axes of
         those that are placed from a point at rest are quantities NAME_x, …, NAME_R11, ….
@@ -137,7 +137,7 @@ def from_mechanics(
 def _of_lagrange(method: Any) -> Mechanics:
     if len(method.coneqs) > len(method._hol_coneqs):
         raise _nonholonomic("LagrangesMethod", method.coneqs[len(method._hol_coneqs)])
-    return Mechanics(Motion(method.inertial), list(method.q), method._L[0],
+    return Mechanics(FrameMotion(method.inertial), list(method.q), method._L[0],
                      [*(method.forcelist or ())], list(method._hol_coneqs))
 
 
@@ -150,7 +150,7 @@ def _of_kane(method: Any) -> Mechanics:
                   + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
     speeds = _solved(list(kinematics), u)
     rates = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
-    motion = Motion(frame, speeds | rest)
+    motion = FrameMotion(frame, speeds | rest)
     return Mechanics(motion, list(method.q), motion.energy(method.bodies),
                      [*(method.loads or ())], list(method._f_h), rates)
 
@@ -166,7 +166,7 @@ def _of_system(method: Any) -> Mechanics:
                               for load in actuator.to_loads())]
     speeds = _solved(list(method.kdes), list(method.u)) if method.u else {}
     rest = dict.fromkeys(method.u_aux, sp.Integer(0))
-    motion = Motion(method.frame, speeds | rest)
+    motion = FrameMotion(method.frame, speeds | rest)
     return Mechanics(motion, list(method.q), motion.energy(bodies) - V, loads,
                      list(method.holonomic_constraints), list(method.velocity_constraints))
 
@@ -179,7 +179,7 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     return dict(zip(u, left, strict=True))
 
 
-def _remark_on_velocities(motion: Motion, bodies: Sequence[Any]) -> None:
+def _remark_on_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
     """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:
@@ -224,7 +224,7 @@ def _generalised(found: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
 
 
 def _potential(
-    motion: Motion, where: Any, load: Any, inputs: Mapping[sp.Expr, sp.Symbol]
+    motion: FrameMotion, where: Any, load: Any, inputs: Mapping[sp.Expr, sp.Symbol]
 ) -> sp.Expr | None:
     """Return V = −F·r of a constant force, where r is known from a point at rest."""
     if not isinstance(where, me.Point):
@@ -239,7 +239,7 @@ def _potential(
     return -sp.Add(*(F * motion.along(k, place) for k, F in enumerate(components) if F != 0))
 
 
-def _places(motion: Motion, bodies: Sequence[Any]) -> tuple[
+def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
     dict[str, dict[str, list[str]]], dict[str, sp.Expr]
 ]:
     """Return the quantities of each body's place and axes, and their expressions."""

@@ -18,11 +18,11 @@ from ...core.errors import InputError
 from ..symbolic.finite_fields import vanish
 from ..symbolic.shared_subexpressions import parts_of, share, substitute
 
-__all__ = ["Motion"]
+__all__ = ["FrameMotion"]
 
 
 @dataclass
-class Motion:
+class FrameMotion:
     """How frames and points move in an inertial frame.
 
     Vectors are turned from frame to frame, and what each frame adds is added there: bodies share

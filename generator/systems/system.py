@@ -3,7 +3,8 @@
     q̇ = H_p(q, p),   ṗ = −H_q(q, p) − g_q(q)ᵀ λ,   0 = g(q)          (paper, eq. 12)
 
 Generalised forces F(q, p, t) that no potential has are added to ṗ. H and g may depend on t too:
-then g_q H_p + g_t = 0, and energy changes by the work of forces and drives, Ḣ = F·q̇ + H_t + λᵀg_t.
+then g_q H_p + g_t = 0, and energy changes by work of forces and of explicit time dependence, Ḣ =
+F·q̇ + H_t + λᵀg_t.
 
 Nothing here knows of quaternions: a system is its symbols, its H and its g.
 """
@@ -23,11 +24,11 @@ from ...core.arguments import as_flag, as_items, as_mapping, as_text, few, shown
 from ...core.errors import InputError
 from ...core.html import card, table
 from ..parsing.reserved_names import is_taken
-from .body_layout import BodyAt, JointAt
+from .body_layout import BodyLayout, JointLayout
 from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
 
-__all__ = ["BodyAt", "System"]
+__all__ = ["BodyLayout", "System"]
 
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
@@ -54,13 +55,13 @@ class System:
     name : str
         A C identifier; begins the names of the generated files.
     constraint_names : sequence of str
-        What each constraint is called in messages, e.g. the name of its joint; by default g0, g1, …
+        Name of each constraint in messages, e.g. the name of its joint; by default g0, g1, …
     forces : sequence of Expr
         Generalised forces F(q, p, t; parameters), n of them or none: ṗ = −H_q + F − g_qᵀλ.
     time : Symbol, optional
         The symbol of t in H, constraints, forces and quantities.
     inputs : sequence of Symbol
-        Parameters that may change from step to step, such as what a controller says; they stand
+        Parameters that may change from step to step, such as the output of a controller; they occur
         in forces only.
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
@@ -71,7 +72,7 @@ class System:
     bodies : sequence of BodyAt
         The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
     joints : sequence of JointAt
-        What joins them.
+        Connections of the bodies.
 
     Notes
     -----
@@ -93,8 +94,8 @@ class System:
     inputs: tuple[sp.Symbol, ...] = field(default=(), kw_only=True)
     quantities: Mapping[str, sp.Expr] = field(default_factory=dict, kw_only=True, hash=False)
     rigid_body: bool = field(default=False, kw_only=True)
-    bodies: tuple[BodyAt, ...] = field(default=(), kw_only=True)
-    joints: tuple[JointAt, ...] = field(default=(), kw_only=True)
+    bodies: tuple[BodyLayout, ...] = field(default=(), kw_only=True)
+    joints: tuple[JointLayout, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
@@ -142,7 +143,7 @@ class System:
             )
         self._refuse_unknown_symbols()
         self._refuse_inputs_elsewhere()
-        for what, kind in (("bodies", BodyAt), ("joints", JointAt)):
+        for what, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
             given = as_items(what, getattr(self, what), f"what Multibody makes, {kind.__name__}")
             if not all(isinstance(one, kind) for one in given):
                 raise InputError(f"{what} = {shown(given)} are none; Multibody makes them.")
@@ -150,7 +151,7 @@ class System:
         if self.rigid_body and not self.bodies:
             object.__setattr__(self, "bodies", (self._whole_body(),))
 
-    def _whole_body(self) -> BodyAt:
+    def _whole_body(self) -> BodyLayout:
         """Return the body whose quaternion is all of q."""
         known = {str(s): s for s in self.parameters}
         inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*known}), ())
@@ -159,7 +160,7 @@ class System:
                 f"System {self.name!r} is no rigid_body: it has {self.n} coordinates and the "
                 f"parameters {', '.join(known) or 'none'}; a body has a quaternion of 4 and the "
                 "moments I1, I2, I3.")
-        return BodyAt("body", self.q, tuple(known[letter] for letter in inertia))
+        return BodyLayout("body", self.q, tuple(known[letter] for letter in inertia))
 
     def __repr__(self) -> str:
         parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
@@ -169,7 +170,7 @@ class System:
         return f"<System {self.name}: {'; '.join(parts)}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: H, g and forces as formulas, where they are short enough."""
+        """Return HTML for notebooks: H, g and forces as formulas, where they are short enough."""
         rows = [("H", shown_formula(self.H)),
                 *((f"g: {name}", shown_formula(g)) for name, g in
                   zip(self.constraint_names[:_SHOWN], self.constraints, strict=False)),
@@ -229,7 +230,7 @@ class System:
                 )
 
     def _refuse_inputs_elsewhere(self) -> None:
-        """An input jumps between steps: no scheme counts what H gains there, and g would break."""
+        """Refuse inputs outside forces: they jump between steps, which changes H and violates g."""
         places = {what: (e,) for what, e in self.defining.items()}
         places |= {"a constraint": self.constraints,
                    "a quantity": tuple(self.quantities.values())}
@@ -251,7 +252,7 @@ class System:
 
     @property
     def defining(self) -> dict[str, sp.Expr]:
-        """What the equations of motion are derived from, by the name of its field."""
+        """Expressions that the equations of motion are derived from, by field."""
         return {"H": self.H}
 
     @property
@@ -319,12 +320,12 @@ class System:
         return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
 
     @property
-    def is_driven(self) -> bool:
-        """Whether anything that moves it depends on time."""
-        return self.is_timed or any(self.time in f.free_symbols for f in self.forces)
+    def is_nonautonomous(self) -> bool:
+        """Whether H, g or F depends on time."""
+        return self.is_time_dependent or any(self.time in f.free_symbols for f in self.forces)
 
     @property
-    def is_timed(self) -> bool:
+    def is_time_dependent(self) -> bool:
         """Whether H or a constraint depends on time: then kernels find t among the constants."""
         return self.clock is not None
 
@@ -337,7 +338,7 @@ class System:
 
     @cached_property
     def H_t(self) -> sp.Expr:
-        """∂H/∂t, the power of what drives H."""
+        """∂H/∂t, the explicit time derivative."""
         return sp.Integer(0) if self.clock is None else gradient(self.H, [self.clock])[0]
 
     @cached_property

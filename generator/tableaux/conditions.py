@@ -1,4 +1,4 @@
-"""What a tableau satisfies: each condition is a residual, and a predicate derived from it.
+"""Conditions of a tableau: a residual each, and a predicate derived from it.
 
     B(k)   Σ_i b_i c_i^{k−1} = 1/k                       (A.8), B̃ (A.10)
     C(k)   Σ_j a_ij c_j^{k−1} = c_i^k/k                  (A.8), Ĉ (A.9), C̃ (A.11), C̄ (A.12)
@@ -48,7 +48,7 @@ class Condition:
 
     ``required`` conditions make the step well defined and keep its constraints, or are what the
     family (or the file) says of itself; the others are properties that a method may lack.
-    ``found`` says what is so, ``holds`` whether that is as it should be or was said to be.
+    ``found`` is the result, ``holds`` whether it is as required or as claimed.
     ``residual`` is "0" where it was proved zero, "0 to 16 digits" where it is as far as decimals
     can say, else its largest entry as a number.
     """
@@ -182,7 +182,7 @@ def _bounds(tableau: Tableau) -> list[tuple[int, str]]:
 
 
 def check_tableau(tableau: Tableau) -> list[Condition]:
-    """Return every condition with its verdict, in the order they are told in."""
+    """Return every condition with its result, in the order of reports."""
     return list(_checked(tableau))
 
 
@@ -205,7 +205,7 @@ def _checked(tableau: Tableau) -> tuple[Condition, ...]:
 
 
 def remarks(tableau: Tableau) -> list[str]:
-    """Return what a user of a given tableau should know before a step: a short clause each.
+    """Return the properties a given tableau lacks: a short clause each.
 
     Required conditions that fail, properties it lacks, and what its order is limited by.
     """
@@ -266,7 +266,7 @@ def _determined(tableau: Tableau) -> Condition:
 
 
 def _symplectic(tableau: Tableau) -> list[Condition]:
-    """The map is symplectic; what a file says not to be is told, not held against it."""
+    """Check that the map is symplectic; a disclaimed property is reported, not required."""
     t, part = tableau, tableau.basis
     lines = [
         ("symplectic, forces", "b_i â_ij + b̂_j a_ji = b_i b̂_j",
@@ -285,7 +285,7 @@ def _symplectic(tableau: Tableau) -> list[Condition]:
 
 
 def invariant_conditions(tableau: Tableau) -> list[Condition]:
-    """Return what keeps every invariant that is quadratic in (q, p) together, without constraints.
+    """Return conditions for conserving every quadratic invariant of (q, p), without constraints.
 
     The pair of A and Â keeps those that are bilinear in q and p (Sanz-Serna, Abia), A alone and Â
     alone those in q and in p (Cooper).
@@ -363,7 +363,7 @@ def _symmetric(tableau: Tableau) -> Condition:
 
 
 def _stability(tableau: Tableau) -> Condition:
-    """L-stable, A-stable or neither; what says to be L-stable must be, with constraints too."""
+    """Check L-stability, A-stability; a claimed L-stability is required, with constraints too."""
     found, claimed = stability(tableau), bool(tableau.claims.get("L_stable"))
     damps = found is not None and found.l_stable and found.constrained
     told = "none: Â is not A" if found is None else str(found)

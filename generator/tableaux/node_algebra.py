@@ -32,7 +32,7 @@ Matrix = Any  # DomainMatrix; SymPy ships no types
 
 
 class Nodes(Protocol):
-    """What a condition may ask of a set of nodes."""
+    """Operations of conditions on a set of nodes."""
 
     size: int
     domain: Any
@@ -124,7 +124,7 @@ class PolynomialNodes:
         return DomainMatrix.hstack(*columns)
 
     def times_node(self, f: Matrix) -> Matrix:
-        """Shift the coefficients up; x^s is what M says."""
+        """Shift the coefficients up; M reduces x^s."""
         *low, top = f.to_list_flat()
         shifted = zip([QQ(0), *low], self._coefficients, strict=True)
         return column([a - top * m for a, m in shifted], QQ)
@@ -172,7 +172,7 @@ class ValueNodes:
 
     @cached_property
     def reflection(self) -> Matrix | None:
-        """The reversal of the nodes when c_i + c_{s+1−i} = 1, exactly or as far as decimals say."""
+        """The reversal of the nodes when c_i + c_{s+1−i} = 1, exactly or to the given decimals."""
         for c, mirrored in zip(self.values, reversed(self.values), strict=True):
             if not vanishes_to(c + mirrored - 1, self._rounding):
                 return None

@@ -119,7 +119,7 @@ def test_problem() -> System:
 
 @cache
 def _functions() -> dict[str, Callable[..., Any]]:
-    """Return what the test problem is made of, in mpmath."""
+    """Return the functions of the test problem, in mpmath."""
     system = test_problem()
     variables = [*system.q, *system.p]
     parts = {"H_q": system.H_q, "H_p": system.H_p, "G": system.G[0], "g": system.constraints[0]}

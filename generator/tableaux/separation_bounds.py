@@ -25,7 +25,7 @@ from ...core.errors import TableauError
 __all__ = ["Rounding", "enclosure", "vanishes", "vanishes_to"]
 
 MAX_BITS = 100_000
-#: What a condition changes by with an entry, at most, beside the entry's own change.
+#: Largest change of a condition per change of an entry.
 _SLOPE = mp.mpf(3) / 2
 #: Units of the last digit that a condition may be off by, however many entries are rounded.
 _MOST_UNITS = 10
@@ -56,7 +56,7 @@ def vanishes(expression: sp.Expr) -> bool:
 
 @dataclass(frozen=True)
 class Rounding:
-    """What a tableau in decimals leaves open.
+    """Uncertainty of a tableau in decimals.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Rounding:
 
 
 def vanishes_to(expression: sp.Expr, rounding: Rounding | None) -> bool:
-    """Return whether a number is zero: exactly, or as far as rounded decimals say."""
+    """Return whether a number is zero: exactly, or to the precision of rounded decimals."""
     if rounding is None:
         return vanishes(expression)
     return bool(abs(enclosure(expression)).b < rounding.bound)

@@ -1,4 +1,4 @@
-"""What becomes of a fast decay y' = λy in one step: y_{k+1} = R(z) y_k, z = λΔt.
+"""Stability function of a tableau: y' = λy gives y_{k+1} = R(z) y_k, z = λΔt.
 
     R(z) = det(I − zA + z 1bᵀ)/det(I − zA)
 
@@ -48,7 +48,7 @@ class Stability:
     constrained : bool
         Whether R is that of steps under linear constraints too.
     rounding : Rational
-        What is smaller beside its terms is 0: of a tableau given as numbers.
+        Values smaller than this relative to their terms are 0, for a tableau given as numbers.
     """
 
     numerator: sp.Poly
@@ -135,7 +135,7 @@ def _determinant(matrix: DomainMatrix) -> sp.Poly:
 
 
 def _without(polynomial: sp.Poly, rounding: sp.Rational) -> sp.Poly:
-    """Return a polynomial without the terms that only rounding has left beside the largest.
+    """Return a polynomial without terms that are round-off relative to the largest.
 
     Eigenvalues of A are about 1/(2s): z is counted in 2s.
     """

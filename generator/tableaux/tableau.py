@@ -28,7 +28,7 @@ from .separation_bounds import Rounding
 
 __all__ = ["FIELDS", "NumericTableau", "Tableau"]
 
-#: What ``numeric`` may be asked for.
+#: Most digits of ``numeric``.
 MAX_DIGITS = 1000
 
 #: The parts of a tableau, in the order in which files, C and reports list them, each with the
@@ -91,7 +91,7 @@ class Tableau:
         The exact coefficients: rationals and radicals while these are short, polynomials in
         ``CRootOf`` nodes beyond.
     claims : dict
-        What the family or the file says of itself, for ``conditions`` to prove or refute:
+        Claims of the family or the file, for ``conditions`` to prove or refute:
         ``order``, ``symmetric``, and how far ``B``, ``C``, ``C_hat``, … hold.
     rounding : Rounding or None
         What a tableau given in decimals leaves open; None if exact.
@@ -114,7 +114,7 @@ class Tableau:
         return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{claimed}>"
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: Butcher tables, exact where that is short."""
+        """Return HTML for notebooks: Butcher tables, exact where that is short."""
         digits = self.numeric(digits=_SHOWN_DIGITS)
         exact = self if self.s <= _EXACT_STAGES else digits
 
@@ -237,7 +237,7 @@ def checked_digits(digits: Any) -> int:
 
 
 def polynomial_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> sp.Expr:
-    """Return Σ_kl C_kl uᵏ vˡ; multiplied out where u and v are a + b√c, else as it stands."""
+    """Return Σ_kl C_kl uᵏ vˡ; expanded where u and v are a + b√c."""
     if is_quadratic(u) and is_quadratic(v):
         return _quadratic_value(coefficients, u, v)
     return sp.Add(*(

@@ -55,7 +55,7 @@ EXACT_DIGITS = 8
 MAX_ORDER = 100
 
 REQUIRED = ("name", "A", "A_tilde", "A_bar", "b", "b_tilde")
-#: What a part that is left out is: another part, or the row sums of another part.
+#: Default of a missing part: another part, or the row sums of another part.
 DEFAULTS = {"A_hat": "A", "b_hat": "b"}
 ROW_SUMS = {"c": "A", "c_tilde": "A_bar"}
 CLAIMS = ("order", "symmetric", "symplectic")
@@ -282,7 +282,7 @@ def _matrix(rows: list[list[sp.Expr]]) -> Any:
 
 
 def _describe(value: Any) -> str:
-    """Say what was found in a file, at most one short line of it."""
+    """Describe a value of a file in one short line."""
     if isinstance(value, dict):
         return "a JSON object"
     if isinstance(value, list):

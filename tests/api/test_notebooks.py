@@ -15,7 +15,7 @@ import sympy as sp
 import gyrospark as gs
 from calls import RUN, TOP
 from gyrospark.certificates.certificate import Certificate
-from gyrospark.certificates.measured_properties import Line
+from gyrospark.certificates.measured_properties import CertificateLine
 from gyrospark.core.html import curve, table
 
 HOSTILE = "<script>alert(1)</script> & \"x\""
@@ -70,7 +70,7 @@ def test_a_trajectory_shows_its_report_and_a_curve(run):
 
 def test_what_others_wrote_stays_text(run):
     manifest = json.loads(json.dumps(run.manifest)) | {"name": HOSTILE}
-    line = Line(HOSTILE, HOSTILE, HOSTILE, False, HOSTILE)
+    line = CertificateLine(HOSTILE, HOSTILE, HOSTILE, False, HOSTILE)
     for thing in (replace(run, manifest=manifest),
                   Certificate(HOSTILE, HOSTILE, 2, 0.1, 3, {}, [line])):
         text = thing._repr_html_()

@@ -28,9 +28,9 @@ from gyrospark.benchmarks import (
     timing,
     tops,
 )
-from gyrospark.benchmarks.contest import Limits, Row, compete, judged, with_ratios
+from gyrospark.benchmarks.contest import ContestRow, Limits, compete, judged, with_ratios
 from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
-from gyrospark.benchmarks.peers.entry import Entry
+from gyrospark.benchmarks.peers.entry import PeerEntry
 from gyrospark.commands import bench_tables, main
 from gyrospark.core.extras import install
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
@@ -39,11 +39,11 @@ from gyrospark.sweeps.run_sweep import run_study
 SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
 
 
-def entry(name: str, run, dt: float | None = None) -> Entry:
-    return Entry(name, "1.0", "as it is", lambda: run, dt)
+def entry(name: str, run, dt: float | None = None) -> PeerEntry:
+    return PeerEntry(name, "1.0", "as it is", lambda: run, dt)
 
 
-def still(t_end: float) -> tops.State:
+def still(t_end: float) -> tops.TopState:
     """A top that does not move."""
     return tops.state_of(tops.tops()[0])
 
@@ -130,7 +130,7 @@ def test_a_row_of_each_entry():
 def test_a_missing_peer_is_a_row():
     with pytest.raises(optional.Unavailable, match=r"pip install no-such\)"):
         optional.need("no_such_module", "no-such")
-    missing = Entry("gone", "", "x", lambda: optional.need("no_such_module"))
+    missing = PeerEntry("gone", "", "x", lambda: optional.need("no_such_module"))
     rows = compete([missing, entry("still", still)], SHORT)
     assert rows[0].us_per_second is None
     assert "pip install no_such_module)" in rows[0].note
@@ -164,8 +164,8 @@ def test_a_dear_entry_is_not_run_to_its_end():
 
 
 def test_ratios_are_over_the_base():
-    rows = [Row("a", "", "x", 1.0, us_per_second=4.0), Row("b", "", "x", 1.0),
-            Row("c", "", "y", 1.0, us_per_second=2.0)]
+    rows = [ContestRow("a", "", "x", 1.0, us_per_second=4.0), ContestRow("b", "", "x", 1.0),
+            ContestRow("c", "", "y", 1.0, us_per_second=2.0)]
     assert [row.ratio for row in with_ratios(rows)] == [1.0, None, 0.5]
     assert [row.ratio for row in with_ratios(rows, "c y")] == [2.0, None, 1.0]
     assert [row.ratio for row in with_ratios(rows[1:2])] == [None]
@@ -250,7 +250,7 @@ def test_contest_says_what_it_does():
     compete([entry("still", still)], SHORT, said.append)
     assert len(said) == 2
     assert "still" in said[0]
-    assert contest.Row("a", "1", "b", 1.0).as_dict()["setting"] == "b"
+    assert contest.ContestRow("a", "1", "b", 1.0).as_dict()["setting"] == "b"
 
 
 def test_a_line_joins_what_nothing_beats():
@@ -404,7 +404,7 @@ def test_bodies_that_a_program_cannot_build_are_a_row(monkeypatch):
     def broken(linkage):
         raise RuntimeError("Failed to compile")
 
-    monkeypatch.setattr(pydy_bodies, "Machine", broken)
+    monkeypatch.setattr(pydy_bodies, "PydyBodies", broken)
     row, = joined_bodies.compare_bodies([peer_linkages.chain_of(1)], ["pydy"], 1, 1e-4, quick=True)
     assert row.failed
     assert "Failed" in row.note
@@ -447,7 +447,7 @@ def test_what_storing_adds_is_that_of_a_round():
 @pytest.mark.parametrize("every", [None, 5])
 def test_the_kernel_does_what_the_sweep_does(every):
     """Otherwise shares mean nothing: the same bits from the bare kernel, in another order."""
-    study = sweeping.study_of(sweeping.Case("steps", 9, 20, every), "G-L 2")
+    study = sweeping.study_of(sweeping.SweepCase("steps", 9, 20, every), "G-L 2")
     q, p = sweeping.kernel_job(study, 2)()
     result = run_study(study)
     assert np.array_equal(q.reshape(9, 9, 4), result.q)
@@ -456,7 +456,7 @@ def test_the_kernel_does_what_the_sweep_does(every):
 
 def test_sweeps_are_rows(tmp_path):
     said = []
-    case = sweeping.Case("samples", 8, 10, 5, 1)
+    case = sweeping.SweepCase("samples", 8, 10, 5, 1)
     row, = sweeping.compare_sweeps([case], ["EMS"], 2, said.append)
     assert len(said) == 1
     assert all(word in said[0] for word in ("EMS", "8²", "10", "samples"))
@@ -482,7 +482,7 @@ def test_a_cluster_that_is_not_installed_is_a_row(monkeypatch):
         raise optional.Unavailable("not installed (pip install distributed)")
 
     monkeypatch.setattr(sweeping, "need", missing)
-    row, = sweeping.compare_sweeps([sweeping.Case("dask", 4, 5)], ["EMS"], 1)
+    row, = sweeping.compare_sweeps([sweeping.SweepCase("dask", 4, 5)], ["EMS"], 1)
     assert row.note.startswith("distributed: ")
     assert "pip install distributed)" in row.note
     assert not row.failed

@@ -9,7 +9,7 @@ from compilers import COMPILERS, compiler
 from gyrospark.benchmarks.compilers import (
     BUILDS,
     Build,
-    Difference,
+    KernelDifference,
     compare,
     compare_kernels,
     main,
@@ -60,8 +60,8 @@ def test_a_wrong_digit_is_not_explained_by_rounding():
 
 
 def test_what_is_not_finite_does_not_hold():
-    assert not Difference("s", "b", "f", 1, np.inf, 1.0, 0).holds
-    assert not Difference("s", "b", "f", 1, np.nan, 1.0, 0).holds
+    assert not KernelDifference("s", "b", "f", 1, np.inf, 1.0, 0).holds
+    assert not KernelDifference("s", "b", "f", 1, np.nan, 1.0, 0).holds
 
 
 @pytest.mark.slow

@@ -59,7 +59,7 @@ def test_a_model_that_pydy_cannot_make_is_a_row(small, monkeypatch):
     def broken(system, values):
         raise ArithmeticError("no equations")
 
-    monkeypatch.setattr(pydy_mechanics, "Machine", broken)
+    monkeypatch.setattr(pydy_mechanics, "PydyMechanics", broken)
     row, = mechanics.compare_mechanics([small], ["pydy"], 1, 1e-4, quick=True)
     assert row.failed
     assert "no equations" in row.note

@@ -17,7 +17,7 @@ import gyrospark as gs
 from command_line import EXAMPLE
 from generic_systems import EXAMPLES
 from gyrospark.certificates import certificate, measured_properties
-from gyrospark.certificates.measurements import OrderSeen, order_seen, reversal, trend
+from gyrospark.certificates.measurements import MeasuredOrder, measure_order, reversal, trend
 from gyrospark.certificates.round_off import RoundOff
 from gyrospark.generator.multibody.rigid_body import heavy_top
 from strategies import EPS
@@ -336,7 +336,7 @@ def test_reversal_of_a_method_that_is_not_symmetric(tmp_path):
 def test_order_of_each_scheme():
     for scheme, stages in (("G-L", 1), ("G-L", 2), ("G-L", 4), ("LIIIA-B", 3), ("EMS", None)):
         step = gs.stepper(scheme, stages)
-        seen = order_seen(step, TOP.q0, TOP.p0, 1e-3, PARAMETERS, lambda h: (1.0, 0.2))
+        seen = measure_order(step, TOP.q0, TOP.p0, 1e-3, PARAMETERS, lambda h: (1.0, 0.2))
         assert abs(seen.order - step.order) < 0.1, (scheme, stages, seen)
 
 
@@ -363,19 +363,19 @@ class Ladder:
     (lambda h, T: h**4 + 1e-10 * math.sin(1e6 * h), 0.1, 4),
 ])
 def test_two_slopes_that_agree_are_found(law, dt, order):
-    seen = order_seen(Ladder(law), np.ones(1), np.ones(1), dt, {}, lambda h: (1.0, 1.0))
+    seen = measure_order(Ladder(law), np.ones(1), np.ones(1), dt, {}, lambda h: (1.0, 1.0))
     assert seen.spread <= 0.2
     assert seen.order == pytest.approx(order, abs=0.1)
 
 
 @pytest.mark.parametrize(("seen", "found"), [
-    (OrderSeen(6.19, 4.02, 0.02, (10.21, 6.19)), "slopes 10.21, 6.19"),
+    (MeasuredOrder(6.19, 4.02, 0.02, (10.21, 6.19)), "slopes 10.21, 6.19"),
     (None, "errors are round-off"),
-    (OrderSeen(5.95, 0.11, 0.02, (6.4, 5.84, 5.95)), "5.95 at Δt = 0.02"),
+    (MeasuredOrder(5.95, 0.11, 0.02, (6.4, 5.84, 5.95)), "5.95 at Δt = 0.02"),
 ])
 def test_what_is_said_of_the_slopes(monkeypatch, seen, found):
     """All that were seen, where no two agree; nothing is said against the method."""
-    monkeypatch.setattr(measured_properties, "order_seen", lambda *_: seen)
+    monkeypatch.setattr(measured_properties, "measure_order", lambda *_: seen)
     run = SimpleNamespace(q=[0], p=[0], dt=0.1)
     measured = SimpleNamespace(step=SimpleNamespace(order=6), run=run, parameters={},
                                round_off=SimpleNamespace(sizes_of_steps=None),

@@ -19,7 +19,7 @@ import sympy as sp
 
 import gyrospark as gs
 from command_line import EXAMPLE
-from gyrospark.certificates.guarantees import MeanPromises, SparkPromises
+from gyrospark.certificates.guarantees import MeanGuarantees, SparkGuarantees
 from gyrospark.generator.multibody.rigid_body import body_system, mgl, rotation_matrix
 from gyrospark.generator.symmetry.momentum_maps import momentum_maps
 from gyrospark.generator.tableaux.conditions import check_tableau
@@ -200,10 +200,10 @@ def read(tmp_path: Path) -> Callable[..., Any]:
     return tableau
 
 
-def promises(tableau: Any, system: gs.System = PLANE, values: Any = None) -> SparkPromises:
+def guarantees(tableau: Any, system: gs.System = PLANE, values: Any = None) -> SparkGuarantees:
     values = values or {"plane": ROUND, "sphere": LEVEL}[system.name]
-    return SparkPromises(system, {s: sp.Rational(values[str(s)]) for s in system.parameters},
-                         tableau)
+    return SparkGuarantees(system, {s: sp.Rational(values[str(s)]) for s in system.parameters},
+                           tableau)
 
 
 def turning(system: gs.System = PLANE) -> Any:
@@ -216,14 +216,14 @@ def turning(system: gs.System = PLANE) -> Any:
 @pytest.mark.parametrize("size", SIZES)
 def test_a_tableau_spoilt_in_one_matrix(read: Callable[..., Any], size: float) -> None:
     """Â: not symplectic, no angular momentum, no quadratic energy, not symmetric."""
-    right, wrong = (promises(read(spoilt(e, ("A_hat", 0, 0)))) for e in (0, size))
-    assert right.loop().made
-    assert not right.loop().broken
-    assert f"off by {size / 2:.0e}".replace("e-0", "e-") in wrong.loop().broken.replace(".0e", "e")
-    assert not right.momentum(turning()).broken
-    assert wrong.momentum(turning()).broken
-    assert right.energy().made
-    assert not wrong.energy().made
+    right, wrong = (guarantees(read(spoilt(e, ("A_hat", 0, 0)))) for e in (0, size))
+    assert right.loop().guaranteed
+    assert not right.loop().refuted
+    assert f"off by {size / 2:.0e}".replace("e-0", "e-") in wrong.loop().refuted.replace(".0e", "e")
+    assert not right.momentum(turning()).refuted
+    assert wrong.momentum(turning()).refuted
+    assert right.energy().guaranteed
+    assert not wrong.energy().guaranteed
     assert right.symmetric
     assert not wrong.symmetric
 
@@ -233,18 +233,18 @@ def test_a_tableau_spoilt_in_its_constraints(read: Callable[..., Any], size: flo
     """Ã: not symplectic with constraints; without them nothing is wrong, and nothing said."""
     places = ("A_tilde", 0, 0), ("A_tilde", 1, 0)
     right, wrong = (read(spoilt(e, *places)) for e in (0, size))
-    assert not promises(right, SPHERE).loop().broken
-    assert promises(wrong, SPHERE).loop().broken
-    assert promises(wrong, SPHERE).momentum(turning(SPHERE)).broken
-    assert not promises(wrong, PLANE).loop().broken
-    assert promises(wrong, PLANE).energy().made
+    assert not guarantees(right, SPHERE).loop().refuted
+    assert guarantees(wrong, SPHERE).loop().refuted
+    assert guarantees(wrong, SPHERE).momentum(turning(SPHERE)).refuted
+    assert not guarantees(wrong, PLANE).loop().refuted
+    assert guarantees(wrong, PLANE).energy().guaranteed
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_two_kinds_of_weights(read: Callable[..., Any], size: float) -> None:
-    right, wrong = (promises(read(spoilt(e, ("b_hat", 0, -1)))) for e in (0, size))
-    assert not right.loop().broken
-    assert wrong.loop().broken
+    right, wrong = (guarantees(read(spoilt(e, ("b_hat", 0, -1)))) for e in (0, size))
+    assert not right.loop().refuted
+    assert wrong.loop().refuted
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -252,11 +252,11 @@ def test_a_partitioned_tableau_is_still_symplectic(read: Callable[..., Any], siz
     """a_11 up and â_11 down: bilinear invariants stay, quadratic ones do not."""
     table = spoilt(size, ("A", 0, 0))
     table["A_hat"] = spoilt(size, ("A_hat", 0, 0), sign=-1)["A_hat"]
-    wrong = promises(read(table))
-    assert wrong.loop().made
-    assert not wrong.loop().broken
-    assert not wrong.momentum(turning()).broken
-    assert not wrong.energy().made
+    wrong = guarantees(read(table))
+    assert wrong.loop().guaranteed
+    assert not wrong.loop().refuted
+    assert not wrong.momentum(turning()).refuted
+    assert not wrong.energy().guaranteed
     assert "b_i a_ij" in wrong.energy().why
 
 
@@ -267,16 +267,16 @@ def test_linear_momenta_are_kept_by_any_tableau(read: Callable[..., Any], size: 
     (J,) = momentum_maps(system, {}, [0.1, 0.2], [0.3, 0.4])
     assert J.name == "momentum px"
     for error in (0, size):
-        promise = SparkPromises(system, {}, read(spoilt(error, ("A_hat", 0, 0)))).momentum(J)
-        assert promise.made
-        assert not promise.broken
+        guarantee = SparkGuarantees(system, {}, read(spoilt(error, ("A_hat", 0, 0)))).momentum(J)
+        assert guarantee.guaranteed
+        assert not guarantee.refuted
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_nodes_that_are_not_symmetric(read: Callable[..., Any], size: float) -> None:
     """c alone is off: forces of time are then taken at other times on the way back."""
-    assert promises(read(spoilt(0, ("c", 0, -1)))).symmetric
-    assert not promises(read(spoilt(size, ("c", 0, -1)))).symmetric
+    assert guarantees(read(spoilt(0, ("c", 0, -1)))).symmetric
+    assert not guarantees(read(spoilt(size, ("c", 0, -1)))).symmetric
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -330,12 +330,12 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
     To 12 digits an error of 1e-12 is a rounding; what is said then is said of 12 digits.
     """
     right, wrong = read(decimals(16)), read(decimals(16, size))
-    assert "16 digits" in promises(right).loop().why
-    assert not promises(right).loop().broken
+    assert "16 digits" in guarantees(right).loop().why
+    assert not guarantees(right).loop().refuted
     assert {line.residual for line in check_tableau(right)} == {"0 to 16 digits"}
-    assert promises(wrong).loop().broken
-    coarse = promises(read(decimals(12, size))).loop()
-    assert bool(coarse.broken) == (size > 1e-12)
+    assert guarantees(wrong).loop().refuted
+    coarse = guarantees(read(decimals(12, size))).loop()
+    assert bool(coarse.refuted) == (size > 1e-12)
     assert "12 digits" in coarse.why
 
 
@@ -373,8 +373,8 @@ def test_a_central_force_with_ems(size: float) -> None:
                        (px**2 + py**2) / 2 - 1 / sp.sqrt(x**2 + k * y**2), name="centre")
     for value, made in ((1.0, True), (1 + size, False)):
         (J,) = momentum_maps(system, {"k": value}, [1.0, 0.2], [0.1, 1.0])
-        means = MeanPromises(system, {k: sp.Rational(value)}, "EMS", 2)
-        assert means.momentum(J).made is made
-        assert means.energy().made
-        assert not means.energy().broken
-        assert not means.loop().made
+        means = MeanGuarantees(system, {k: sp.Rational(value)}, "EMS", 2)
+        assert means.momentum(J).guaranteed is made
+        assert means.energy().guaranteed
+        assert not means.energy().refuted
+        assert not means.loop().guaranteed

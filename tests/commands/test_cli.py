@@ -374,10 +374,12 @@ def test_check_says_up_to_date_or_shows_the_difference(generate):
     assert re.fullmatch("heavy_top_ims_gamma: .*\n", answer.stdout)
     source = Path("here/heavy_top_ims_gamma.c")
     good = source.read_bytes()
-    source.write_bytes(good.replace(b"return OK;", b"return 0;", 1))
+    source.write_bytes(good.replace(b" + ", b" - ", 1))
+    assert source.read_bytes() != good
     answer = generate(*choice, "--check")
     assert answer.code == 1
-    assert "-        return 0;" in answer.stdout or "-    return 0;" in answer.stdout
+    there, wanted = (re.search(rf"^\{sign} .*", answer.stdout, re.MULTILINE)[0] for sign in "-+")
+    assert there[1:] == wanted[1:].replace(" + ", " - ", 1)
     assert re.search(r"^--- .*\n\+\+\+ .*\n@@ ", answer.stdout, re.MULTILINE)
     assert "STALE" in answer.stderr
     assert source.read_bytes() != good  # --check writes nothing

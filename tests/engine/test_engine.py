@@ -1,15 +1,17 @@
-"""The engine by itself: its C files against a toy whose kernels are written by hand.
+"""The engine by itself: its headers against a toy that is described by hand.
 
-The toy is ``toy_engine.c``: a mass on a spring, free, on a sphere (W is constant) or on an
-ellipsoid (W varies), with a second constraint or without. What a step must give is solved for
-here, from the scheme's equations in 30 digits.
+The toy (``tests/data/toy``) is a particle on a spring, free, on a sphere or on an ellipsoid, with
+forces, time, inputs, a frame or a Lagrangian. Each header compiles alone beside it in each of its
+variants. The results of a step are solved for in 30 digits from the equations of the scheme.
 """
 
 from __future__ import annotations
 
 import re
-from fractions import Fraction
-from functools import cache
+from collections import defaultdict
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import groupby
 
 import cffi
 import mpmath as mp
@@ -19,138 +21,130 @@ import pytest
 import gyrospark as gs
 from compilers import MAIN, compiler
 from gyrospark.core.real_types import REALS
+from gyrospark.engine.amalgamate import FOLDER
 from gyrospark.generator.codegen import emit
-from gyrospark.generator.codegen.c_lines import WIDTH
-from gyrospark.generator.codegen.emit_control import control_files, work_files
-from gyrospark.generator.codegen.engine import ENGINE, Proved, engine_of, with_times
 from gyrospark.generator.schemes.fast_tableau import FastTableau
-from gyrospark.generator.tableaux.tableau import FIELDS
-from processes import DATA, ROOT, call
+from processes import call
+from toy import FLAGS, HEADERS, TOY, flags_of, tables, variants
 
-FILES = sorted(ENGINE.glob("*.h"))
-DECLARATIONS = """
-typedef struct { double k; } parameters_t;
-typedef struct { double tolerance; int max_iterations, solver; } options_t;
-int toy_step(const parameters_t *, const options_t *, double, const double *, const double *,
-    double *, double *, double *, int *, void *);
-int toy_project(const parameters_t *, double *, double *);
-void toy_integrate_many(long, const parameters_t *, const options_t *, const double *, long, long,
-    double *, double *, double *, double *, void *, int *, void *, void *);
-int toy_lanes(void);
-"""
-ROOM = 1 << 19  # bytes of memory, more than the toy's own
+EPS = float(np.finfo(float).eps)
 
 
-def compiled(text, declarations, folder):
-    """Return a library of some C and the engine."""
-    (folder / "toy.c").write_text(text, encoding="utf-8")
-    command = [*compiler(MAIN), "-std=c11", "-O1", "-ffp-contract=off", "-Wall", "-Wextra",
-               "-Wpedantic", "-Wconversion", "-Werror", "-shared", "-fPIC", f"-I{ENGINE}",
-               f"-I{DATA}", "toy.c", "-o", "toy.so", "-lm"]
-    done = call(command, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    ffi = cffi.FFI()
-    ffi.cdef(declarations)
-    return ffi, ffi.dlopen(str(folder / "toy.so"))
+@pytest.fixture(scope="module")
+def other_tables(tmp_path_factory):
+    """Return a folder with the tables of one stage and of seven."""
+    folder = tmp_path_factory.mktemp("tables")
+    for stages in (1, 3, 7):
+        (folder / f"tables{stages}.h").write_text(tables(stages), encoding="ascii")
+    return folder
 
 
-# ---------------------------------------------------------------- the files
+def defined(macros):
+    return [f"-D{name}={value}" for name, value in macros.items()]
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
-def test_files_are_plain_c(path):
+# ---------------------------------------------------------------- each header alone
+
+
+def test_tables_of_the_toy_are_those_of_the_generator():
+    assert (TOY / "tables.h").read_text(encoding="ascii") == tables(2)
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in HEADERS}),
+                         ids=lambda path: path.name)
+def test_headers_compile_alone(folder, other_tables):
+    """Beside the toy, in each variant that the header's text tells apart."""
+    together = defaultdict(list)
+    for header in HEADERS:
+        if header.parent == folder:
+            for macros in variants(header).values():
+                together[tuple(sorted(defined(macros)))].append(header)
+    for flags, headers in together.items():
+        done = call([*compiler(MAIN), "-fsyntax-only", "-x", "c", "-Werror", *FLAGS,
+                     f"-I{other_tables}", "-include", "toy.h", *flags, *headers])
+        assert done.returncode == 0, f"{' '.join(flags)}\n{done.stderr}"
+
+
+def test_an_editor_opens_headers_without_errors():
+    """By clang with compile_flags.txt and .clangd, as clangd does; gcc has done it above."""
+    common = (FOLDER / "compile_flags.txt").read_text(encoding="ascii").split()
+    headers = sorted(HEADERS, key=lambda header: defined(flags_of(header)))
+    for flags, some in groupby(headers, key=lambda header: defined(flags_of(header))):
+        done = call([*compiler("clang"), "-fsyntax-only", "-Werror", *common, *flags, *some],
+                    cwd=FOLDER)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("path", HEADERS, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_headers_are_guarded_or_templates(path):
+    """A template is included several times, under other names, and guards nothing."""
     text = path.read_text(encoding="ascii")
-    assert not re.search(r"\{%|\{#|\{\{ \w+ \}\}", text)  # of a template
-    assert not re.search(r"^#if(?!.*(__|LANE))", text, re.MULTILINE)
-    assert all(len(line) <= WIDTH for line in text.splitlines())
+    guard = "GS_" + "_".join(path.relative_to(FOLDER / "gyrospark").with_suffix("").parts).upper()
+    guarded = f"#ifndef {guard}_H\n#define {guard}_H\n" in text
+    is_template = re.search(r"\b(TYPED|SOLVER)\(\w+\)\(|#define TYPED", text)
+    assert guarded or is_template
+    assert text.startswith("/*")
     assert text.endswith("\n")
     assert not text.endswith("\n\n")
 
 
-def test_every_file_is_put_in_somewhere():
-    named = set()
-    for m in (0, 1, 2):
-        for bits in range(1024):
-            stages, structured, forced, constant, scalar, separable, timed, fed, framed, halves = (
-                bool(bits >> i & 1) for i in range(10))
-            for lagrangian, ends in ((True, True), (True, False), (False, False)):
-                proved = Proved(4, m, stages, structured, forced, constant, scalar, separable,
-                                timed, fed, lagrangian, framed, halves, ends and not stages,
-                                definite=not forced)
-                named |= {*proved.solver_files(fast=True)["files"],
-                          *(file for files in proved.sweep_files("mean", "mean")["sweep_files"
-                                                                 ].values() for file in files),
-                          *proved.scheme_files()["finish_files"],
-                          *proved.legendre_lane_files(), *proved.scheme_files()["stage_files"]}
-            for found in (proved.solver_files(fast=True), proved.scheme_files(),
-                          proved.sweep_files(*("stages", "trajectories") if stages
-                                             else ("mean", "mean"))):
-                for files in found.values():
-                    lists = files.values() if isinstance(files, dict) else [files]
-                    named |= {file for some in lists for file in some}
-            named |= {*control_files(stages=stages, bound=m > 0, constant=constant, scalar=scalar,
-                                     separable=separable),
-                      *work_files(stages=stages, bound=m > 0, forced=forced)}
-    templates = "".join(path.read_text(encoding="utf-8")
-                        for path in (ROOT / "templates").glob("*.jinja"))
-    calls = "".join(re.findall(r"engine\(.*?\)", templates))
-    named |= set(re.findall(r'"(\w+)"', calls))
-    assert {path.stem for path in FILES} <= named
+def test_every_header_is_included():
+    texts = "".join(path.read_text(encoding="utf-8")
+                    for folder, ending in ((FOLDER, "h"), (FOLDER.parent / "templates", "jinja"))
+                    for path in folder.rglob(f"*.{ending}"))
+    # A template chooses folder and profile: "gyrospark/{{ ... }}/residual.h".
+    texts = re.sub(r'\{\{ "(\w+)" if \w+ else "(\w+)" \}\}(\S*)', r'\1\3 gyrospark/\2\3', texts)
+    for header in HEADERS:
+        name = header.relative_to(FOLDER).as_posix()
+        parent = name.replace("gyrospark/", "")
+        assert name in texts or parent in texts, name
 
 
-def test_macros_are_written_out():
-    put = engine_of("top", REALS["float"], "stages", "trajectories")
-    timed = engine_of("top", REALS["float"], "stages", "trajectories", timed=True, fed=True)
-    for path in FILES:
-        for run in ("stages", "trajectories"):
-            for text in (put(path.stem, run=run), timed(path.stem, run=run)):
-                assert not re.search(r"\b(NAME|MATH|LIMIT|ON|ONE|MANY|RUN|TABLE|(LANES_)?AT"
-                                     r"|(LANES_)?BETWEEN|TIMED|INPUT|TURNED|CARRIED)\(|\b(NUMBER|HELD)\b",
-                                     text)
-            if not path.stem.endswith(("drive", "drive_free", "inputs", "inputs_lanes")):
-                assert not re.search("at_time|between\\(|span|_drive|inputs",
-                                     put(path.stem, run=run))
-    assert "fabsf(" in put("measure")
-    assert "int top_step(" in put("single")
-    framed = engine_of("top", REALS["float"], "stages", "trajectories", framed=True)
-    assert "    turn_runs(count, parameters, " in framed("many")
-    assert "turn_runs" not in put("many")
-    assert with_times("f(AT(&c,\n  u(t, 1)), q);\n", timed=False) == "f(&c, q);\n"
-    assert with_times("f(AT(&c,\n  u(t, 1)), q);\n", timed=True) == "f(at_time(&c, u(t, 1)), q);\n"
-    assert with_times("{\n    TIMED(a(b);)\n}", timed=False) == "{\n}"
-    assert with_times("f(TIMED(\n  real *t,) int n)", timed=False) == "f(int n)"
-    assert "static void factor(real W" in put("elimination")
-    assert "static void lanes_factor(lanes W" in put("elimination", "lanes_")
-    assert "lanes_factor_mass(const lane_constants *c, const lanes q" in put("mass", "lanes_")
+# ---------------------------------------------------------------- libraries
 
 
-# ---------------------------------------------------------------- angles of a frame
+def compiled(folder, source, declarations, *flags, tables=None):
+    """Return a library of a file of the toy."""
+    folder.mkdir(parents=True, exist_ok=True)
+    include = [f"-I{tables}"] if tables else []
+    library = folder / "toy.so"
+    done = call([*compiler(MAIN), "-O0", "-ffp-contract=off", "-Wpedantic", "-Wconversion",
+                 "-Werror", "-shared", "-fPIC", *FLAGS, *include, *flags, TOY / source, "-o",
+                 library, "-lm"])
+    assert done.returncode == 0, done.stderr
+    ffi = cffi.FFI()
+    ffi.cdef(declarations)
+    return ffi, ffi.dlopen(str(library))
 
-ANGLES = """
-#include <math.h>
-#define MATH(function) function
-typedef double turning;
-static const turning quarter[3] = { QUARTER };
-#include "twofold.h"
-void angle(long k, double dt, double rate, double out[2])
-{
-    const twofold t = plus(product_of((double)k, dt), product_of(0.5, 0));
-    circle(times(t, product_of(0.5, rate)), &out[0], &out[1]);
-}
-double size(double x, double y, double z)
-{
-    const twofold length = length_of(x, y, z);
-    return length.low/length.high;
-}
+
+def pointer(ffi, array, kind="double"):
+    assert array.flags.c_contiguous
+    return ffi.from_buffer(f"{kind} *", array)
+
+
+# ---------------------------------------------------------------- linear algebra
+
+LINEAR_ALGEBRA = """
+int solve_dense(int n, double *A, double *b);
+int solve_band(const double *A, double *b);
+void eliminate(double *W, double *b);
+void eliminate_lanes(double *W, double *b);
+void invert_mass(int indefinite, const double *m, const double *b, const double *p, double *v);
+void angle(long k, double dt, double rate, double out[2]);
+double length_rest(double x, double y, double z);
 """
 
 
-def test_angles_lose_no_digit_in_any_run(tmp_path):
-    """cos and sin of ½ k Δt ω, up to 10^9 steps and 10^9 rad, beside 60 digits."""
-    quarters = ", ".join(emit._quarter(REALS["double"]))
-    ffi, lib = compiled(ANGLES.replace("QUARTER", quarters),
-                        "void angle(long, double, double, double *);"
-                        "double size(double, double, double);", tmp_path)
+@pytest.fixture(scope="module")
+def linear(tmp_path_factory):
+    quarters = ",".join(emit._quarter(REALS["double"]))
+    return compiled(tmp_path_factory.mktemp("linear"), "linear_algebra.c", LINEAR_ALGEBRA,
+                    f"-DQUARTER={quarters}")
+
+
+def test_angles_lose_no_digit_in_any_run(linear):
+    """cos and sin of ½ k Δt ω, up to 10^9 steps and 10^9 rad, against 60 digits."""
+    ffi, lib = linear
     out, draw, worst = ffi.new("double[2]"), np.random.default_rng(7), 0.0
     cases = [(10**9, 1e-3, 125.7), (10**9, -1e-3, 2e3), (1, 1e-3, 75.4), (10**9, 0.1, 0.0),
              (3, 0.5, float(mp.pi)), *zip(draw.integers(1, 10**9, 200).tolist(),
@@ -162,75 +156,16 @@ def test_angles_lose_no_digit_in_any_run(tmp_path):
             angle = mp.mpf(k) * mp.mpf(dt) * mp.mpf(rate) / 2
             worst = max(worst, abs(out[0] - mp.cos(angle)), abs(out[1] - mp.sin(angle)))
     assert worst <= 2**-53  # each is rounded once, but for the last bit of sin and cos
+
+
+def test_the_length_of_a_vector_has_twice_the_digits(linear):
+    _, lib = linear
+    x, y, z = 1.25, 1e-3, 77.7
     with mp.workdps(60):
-        x, y, z = 1.25, 1e-3, 77.7
         exact = mp.sqrt(sum(mp.mpf(c) ** 2 for c in (x, y, z)))
         high = float(exact)
-        assert lib.size(x, y, z) * high == pytest.approx(float(exact - high), rel=1e-10)
-
-
-# ---------------------------------------------------------------- linear algebra
-
-LINEAR = """
-#pragma GCC diagnostic ignored "-Wunused-function"
-#include <float.h>
-#include <math.h>
-#include <stddef.h>
-#define MATH(function) function
-#define ON(function) function
-#define NUMBER real
-typedef double real;
-enum { OK, SINGULAR, NOT_FINITE };
-static const real epsilon = DBL_EPSILON;
-enum { U = 5, BAND = 2, M = 3, FACTOR = 5 };
-/* unknowns 0..4 stand in this order in the band */
-static const int position[U] = { 2, 0, 4, 1, 3 };
-/* W couples 0-1 and 1-2: entries W00, W11, W22, W10, W21 */
-static const int pivot_order[M] = { 0, 1, 2 }, pivot_rows[M] = { 1, 1, 0 };
-static const int below_row[2] = { 1, 2 }, below_target[1] = { 0 };
-static const int before_rows[M] = { 0, 1, 1 }, before_row[2] = { 0, 1 }, before_slot[2] = { 3, 4 };
-#include "measure.h"
-#include "lu.h"
-#include "solve.h"
-#include "band.h"
-#include "elimination.h"
-int solve_dense(int n, double *A, double *b)
-{
-    int exponents[8], pivots[8];
-    return solve(n, A, b, exponents, pivots);
-}
-int solve_banded(const double *A, double *b)
-{
-    real J[U*WIDTH] = { 0 }, forward[U], dense[U*U];
-    int exponents[U], pivots[U];
-    long products;
-    unsigned chance = 1;
-    if (fabs(nudge(&chance)) != 2*epsilon || larger(1, 2) != 2)
-        return -1;
-    for (int i = 0; i < U; ++i)
-        for (int j = 0; j < U; ++j)
-            if (A[i*U + j] != 0)
-                *entry(J, i, j) = A[i*U + j];
-    band_spread(J, dense);
-    for (int e = 0; e < U*U; ++e)
-        if (dense[e] != A[e])
-            return -2;
-    const int status = band_factorise(J, exponents, pivots, &products);
-    return status == OK ? band_substitute(J, exponents, pivots, b, forward) : status;
-}
-void solve_cells(double *W, double *b)
-{
-    factor(W);
-    substitute(W, b);
-}
-"""
-
-
-@pytest.fixture(scope="module")
-def linear(tmp_path_factory):
-    return compiled(LINEAR, "int solve_dense(int, double *, double *); "
-                    "int solve_banded(const double *, double *); "
-                    "void solve_cells(double *, double *);", tmp_path_factory.mktemp("linear"))
+        assert lib.length_rest(x, y, z) * high == pytest.approx(float(exact - high), rel=1e-10)
+    assert np.isnan(lib.length_rest(0, 0, 0))  # 0/0: the low word is 0
 
 
 def rational_system(n, seed, band=None, order=None):
@@ -253,337 +188,786 @@ def test_dense_systems_with_known_solutions(linear, n, power):
     for scale in (0, power):
         rows = 2.0 ** (scale * (np.arange(n) % 2))
         made, right = np.ascontiguousarray(A * rows[:, None]), b * rows
-        assert lib.solve_dense(n, ffi.from_buffer("double *", made),
-                               ffi.from_buffer("double *", right)) == 0
-        np.testing.assert_allclose(right, x, rtol=0, atol=64 * n * np.finfo(float).eps * 10)
+        assert lib.solve_dense(n, pointer(ffi, made), pointer(ffi, right)) == 0
+        np.testing.assert_allclose(right, x, rtol=0, atol=640 * n * EPS)
         expected = right if expected is None else expected
         assert np.array_equal(right, expected)
 
 
-@pytest.mark.parametrize(("entry", "status"), [(0.0, 1), (np.nan, 2), (np.inf, 2)])
-def test_dense_systems_without_solution_say_so(linear, entry, status):
+SINGULAR, NOT_FINITE = 2, 3
+
+
+@pytest.mark.parametrize(("second", "status"), [
+    ([0.0, 0.0], SINGULAR), ([2.0, 4.0], SINGULAR), ([np.nan, 4.0], NOT_FINITE),
+    ([np.inf, 4.0], NOT_FINITE)])
+def test_dense_systems_without_solution_have_a_status(linear, second, status):
     ffi, lib = linear
-    A, b = np.array([[1.0, 2.0], [2.0, 4.0]]), np.ones(2)
-    A[1] = [entry, entry] if not entry else [entry, 4.0]
-    assert lib.solve_dense(2, ffi.from_buffer("double *", A),
-                           ffi.from_buffer("double *", b)) == status
+    A, b = np.array([[1.0, 2.0], second]), np.ones(2)
+    assert lib.solve_dense(2, pointer(ffi, A), pointer(ffi, b)) == status
 
 
 def test_equal_rows_are_singular(linear):
     ffi, lib = linear
     A, b = np.array([[0.1, 0.7], [0.1, 0.7]]), np.ones(2)
-    assert lib.solve_dense(2, ffi.from_buffer("double *", A),
-                           ffi.from_buffer("double *", b)) == 1
+    assert lib.solve_dense(2, pointer(ffi, A), pointer(ffi, b)) == SINGULAR
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_band_in_another_order_has_the_known_solution(linear, seed):
     ffi, lib = linear
     A, x, b = rational_system(5, seed, 2, np.array([2, 0, 4, 1, 3]))
-    assert lib.solve_banded(ffi.from_buffer("double *", A),
-                            ffi.from_buffer("double *", b)) == 0
-    np.testing.assert_allclose(b, x, rtol=0, atol=1e3 * np.finfo(float).eps)
+    assert lib.solve_band(pointer(ffi, A), pointer(ffi, b)) == 0
+    np.testing.assert_allclose(b, x, rtol=0, atol=1e3 * EPS)
 
 
-def test_elimination_without_zeros_has_the_known_solution(linear):
+def test_a_singular_band_has_a_status(linear):
+    ffi, lib = linear
+    A, _, b = rational_system(5, 0, 2, np.array([2, 0, 4, 1, 3]))
+    A[1] = 0
+    assert lib.solve_band(pointer(ffi, A), pointer(ffi, b)) == SINGULAR
+
+
+@pytest.mark.parametrize("function", ["eliminate", "eliminate_lanes"])
+def test_elimination_without_zeros_has_the_known_solution(linear, function):
     ffi, lib = linear
     W = np.array([[4.0, 1.0, 0.0], [1.0, 5.0, -2.0], [0.0, -2.0, 6.0]])
     x = np.array([3.0, -1.0, 2.0])
     entries, b = np.array([4.0, 5.0, 6.0, 1.0, -2.0]), W @ x
-    lib.solve_cells(ffi.from_buffer("double *", entries), ffi.from_buffer("double *", b))
-    np.testing.assert_allclose(b, x, rtol=8 * np.finfo(float).eps)
+    getattr(lib, function)(pointer(ffi, entries), pointer(ffi, b))
+    np.testing.assert_allclose(b, x, rtol=8 * EPS)
 
 
-# ---------------------------------------------------------------- products by halves
+@pytest.mark.parametrize("indefinite", [False, True])
+def test_velocities_from_momenta(linear, indefinite):
+    """M v = p - b, by L D Lᵀ of a definite matrix or Q R of any."""
+    ffi, lib = linear
+    entries = np.array([2.0, -3.0 if indefinite else 3.0, 4.0, 1.0, -2.0])
+    M = np.diag(entries[:3])
+    M[[1, 2], [0, 1]] = M[[0, 1], [1, 2]] = entries[3:]
+    b, v = np.array([0.5, -1.0, 2.0]), np.array([3.0, -1.0, 2.0])
+    p, found = M @ v + b, np.zeros(3)
+    lib.invert_mass(indefinite, *(pointer(ffi, a) for a in (entries, b, p, found)))
+    np.testing.assert_allclose(found, v, rtol=32 * EPS)
 
-HALVES = """
-#pragma GCC diagnostic ignored "-Wunused-function"
-#include <math.h>
-#define MATH(function) function
-typedef double real;
-enum { N = 3, S = %d, P = S };
-#include "lanes_of_vectors.h"
-#include "lanes.h"
-#include "load_again.h"
-typedef struct { lanes q[N], p[N], zero[N]; } trajectories_t;
-#define RUN(name) trajectories_##name
-%s
-#include "halves_of_stages.h"
-#include "halves_of_nodes.h"
-void product(int which, const double *base, const double *x, double *y)
-{
-    static trajectories_t w;
-    lanes from[P*N], to[P*N];
-    for (int a = 0; a < N; ++a)
-        w.q[a] = w.p[a] = splat(base[a]);
-    for (int e = 0; e < P*N; ++e)
-        from[e] = splat(x[e]);
-    if (which == 0)
-        trajectories_places(&w, from, to);
-    else if (which == 1)
-        trajectories_pushes(&w, w.p, 0, from, to);
-    else if (which == 2)
-        trajectories_displace(&w, from, to);
-    else
-        trajectories_pulls(&w, from, to);
-    for (int e = 0; e < P*N; ++e)
-        y[e] = part(&to[e], LANES - 1);
-}
+
+def test_a_mass_matrix_without_pivots_keeps_its_digits(linear):
+    """L D Lᵀ would divide by 1e-9 here; Q R does not."""
+    ffi, lib = linear
+    entries = np.array([1e-9, 1e-9, 1.0, 1.0, 1.0])
+    M = np.diag(entries[:3])
+    M[[1, 2], [0, 1]] = M[[0, 1], [1, 2]] = entries[3:]
+    b, v = np.zeros(3), np.array([1.0, 2.0, -3.0])
+    p, found = M @ v, np.zeros(3)
+    lib.invert_mass(True, *(pointer(ffi, a) for a in (entries, b, p, found)))
+    np.testing.assert_allclose(found, v, rtol=0, atol=200 * EPS * np.linalg.cond(M))
+
+
+# ---------------------------------------------------------------- steppers of the toy
+
+DECLARATIONS = """
+typedef struct { double k, damping, drive, omega, u, time; } parameters_t;
+typedef struct { double tolerance; int max_iterations, solver; } options_t;
+typedef struct {
+    long steps, iterations;
+    int iterations_max;
+    long newton_steps;
+    double work, work_low, energy_start, energy_error_max, energy_error_sum;
+    double constraint_max, constraint_sum, hidden_max, hidden_sum;
+} report_t;
+size_t toy_work_size(void);
+int toy_step(const parameters_t *, const options_t *, double, const double *, const double *,
+    double *, double *, double *, int *, void *);
+int toy_T1(const parameters_t *, const options_t *, double, const double *, const double *,
+    double *, int *, void *);
+void toy_guess(const parameters_t *, double, const double *, const double *, double *, void *);
+void toy_residual(const parameters_t *, double, const double *, const double *, const double *,
+    double *, void *);
+void toy_jacobian(const parameters_t *, double, const double *, const double *, const double *,
+    double *, void *);
+int toy_project(const parameters_t *, double *, double *);
+int toy_integrate(const parameters_t *, const options_t *, const double *, long, double, long,
+    long, double *, double *, double *, double *, int *, report_t *, void *);
+void toy_begin(void *, const parameters_t *, const options_t *, double, const double *,
+    const double *);
+const report_t *toy_report_of(const void *);
+void toy_set_parameters(void *, const parameters_t *);
 """
+FULL = DECLARATIONS + """
+int toy_advance(void *, long, double *, double *);
+int toy_lanes(void);
+int toy_converges(int, const double *, const double *, double, int, int *);
+void toy_converges_lanes(int, const double *, const double *, double, int, int *, int *);
+void toy_predict(int, const double *, double *);
+void toy_product_sum(int, int, const double *, double *);
+void toy_crossings(long, const double *, double, double *, long *);
+void toy_masks(const double *, const double *, const double *, const double *, double *);
+int toy_least_squares(int, int, int, const double *, const double *, double, double *);
+int toy_least_squares_limits(int);
+void toy_table_product(int, const double *, const double *, double *);
+void toy_small_lu(const double *, double *);
+void toy_rotate(const parameters_t *, double, long, double *, double *);
+"""
+MANY = """
+void toy_integrate_many(long, const parameters_t *, const options_t *, {inputs}const double *,
+    long, long, double *, double *, double *, double *, report_t *, int *, void *, void *);
+"""
+CONTROL = DECLARATIONS + """
+int toy_advance(void *, double *, double *);
+int toy_iterations(const void *);
+"""
+MEMORY = 1 << 19  # bytes, more than the toy needs
+SPHERE = {"TOY_SQUARES": "1,1,1", "GS_CONSTANT_SCHUR": 1}
 
 
-@pytest.mark.parametrize("s", [7, 8])
-def test_products_by_sums_and_differences(s, tmp_path):
-    """Beside the whole tables, which are rounded once more; three numbers: a pair and one left."""
-    fast = FastTableau(gs.tableau("G-L", s))
-    halves = fast.halves(REALS["double"])
-    tables = "\n".join(f"static const real half_{name}[{len(rows)}][{len(rows[0])}] = "
-                       f"{braced(rows)};" for name, rows in halves.items())
-    ffi, lib = compiled(HALVES % (s, tables),
-                        "void product(int, const double *, const double *, double *);", tmp_path)
-    draw = np.random.default_rng(s)
-    for which, name in enumerate(("mu", "mu_hat", "nu", "nu_tilde")):
-        table = np.array(fast.tables(REALS["double"])[name], dtype=float)
-        base, x, y = draw.normal(size=3), draw.normal(size=(s, 3)), np.zeros((s, 3))
-        lib.product(which, *(ffi.from_buffer("double *", a) for a in (base, x, y)))
-        wanted = table @ x + base * (name != "nu")
-        np.testing.assert_allclose(y, wanted, rtol=0, atol=32 * np.finfo(float).eps)
-
-
-# ---------------------------------------------------------------- steps of the toy
-
-
+@dataclass
 class Toy:
-    """A stepper of the toy: sizes, squares s_a of the constraint, scheme, and its library."""
+    """A stepper of the toy: its features, and its equations in mpmath."""
 
-    def __init__(self, n, squares, m, stages, folder):
-        self.n, self.m, self.stages = n, m, stages
-        self.squares = squares
-        self.tableau = gs.tableau("G-L", stages) if stages else None
-        constant = m == 1 and set(squares) == {1}
-        self.proved = Proved(n, m, bool(stages), False, False, constant, constant, stages > 0)
-        self.ffi, self.lib = compiled(self.text(), DECLARATIONS, folder)
+    macros: dict[str, object]
+    parameters: dict[str, float] = field(default_factory=dict)
 
-    def text(self):
-        sizes = {"N": self.n, "M": self.m, "S": max(self.stages, 1), "P": max(self.stages, 1),
-                 "STAGES": int(bool(self.stages)), "HISTORY": 32 if self.stages else 16}
-        lines = ['#pragma GCC diagnostic ignored "-Wunused-const-variable"',
-                 "enum { " + ", ".join(f"{k} = {v}" for k, v in sizes.items()) + " };",
-                 f"static const double squares[N] = {{ {', '.join(map(str, self.squares))} }};"]
-        one, many = ("stages", "trajectories") if self.stages else ("mean", "mean")
-        lines += [f"#define ONE_(name) {one}_##name", f"#define MANY_(name) {many}_##name",
-                  '#include "toy_engine.c"']
-        if self.tableau:
-            lines += self.tables()
-        proved = self.proved
-        before = ["measure", "lu", "jacobian_dense"]
-        solver, sweeps = proved.solver_files(fast=True), proved.sweep_files(one, many)
-        scheme = proved.scheme_files()
-        lines += includes([*before, *solver["files"], *scheme["stage_files"],
-                           *scheme["finish_files"], *solver["solver_files"], "objects", "picks",
-                           "judge"])
-        lines += ["#undef ON", "#undef NUMBER", "#define ON(name) lanes_##name",
-                  "#define NUMBER lanes", *includes(["judge"]), "#undef ON", "#undef NUMBER",
-                  "#define ON(name) name", "#define NUMBER real"]
-        lines += includes(["predict", *sweeps["lane_files"]])
-        for run in dict.fromkeys((one, many)):
-            lines += as_run(run, run == one, sweeps["sweep_files"][run])
-        lines += as_run(one, True, sweeps["one_files"])
-        lines += ["enum { SWEEP_COST = 10*U };"]
-        lines += includes(["objects_of_past", "sweeps", "run_by_sweeps", "rows", "single",
-                           "integrate", *sweeps["batch_files"], "many"])
-        return "\n".join([*lines, ""])
+    n = 3
 
-    def tables(self):
-        numeric = self.tableau.numeric(20)
-        kinds = {"s": "S", "p": "P + 1"}
-        shape = {f: "".join(f"[{kinds[k]}]" for k in ks) for f, ks in FIELDS.items()}
-        lines = ["static const struct {",
-                 *(f"    real {field}{shape[field]};" for field in FIELDS), "} tableau = {",
-                 *(f"    .{field} = {braced(getattr(numeric, field))}," for field in FIELDS), "};"]
-        for name, rows in FastTableau(self.tableau).tables(REALS["double"]).items():
-            lines.append(f"static const real fast_{name}[{len(rows)}][{len(rows[0])}] = "
-                         f"{braced(rows)};")
-        return lines
+    def __post_init__(self):
+        self.m = int(self.macros.get("TOY_CONSTRAINTS", 1))
+        self.stages = int(self.macros.get("TOY_STAGES", 2))
+        self.squares = [int(s) for s in str(self.macros.get("TOY_SQUARES", "1,2,4")).split(",")]
+        self.values = {"k": 2.0, "damping": 0.0, "drive": 0.0, "omega": 0.0, "u": 0.0,
+                       "time": 0.0} | self.parameters
+        self.unknowns = (2 * self.stages * 3 + self.m * self.stages) if self.stages else 6 + self.m
 
+    def has(self, feature):
+        return bool(self.macros.get(f"GS_{feature}"))
+
+    def load(self, folder, tables):
+        inputs = "const double *, long, long, " if self.has("INPUTS") else ""
+        declarations = (CONTROL if self.has("PROFILE_CONTROL") else
+                        FULL + MANY.format(inputs=inputs))
+        self.ffi, self.lib = compiled(folder, "calls.c", declarations,
+                                      *defined(self.macros), tables=tables)
+        return self
+
+    # calls
+
+    def arguments(self, solver=0, **changed):
+        parameters = self.ffi.new("parameters_t *", self.values | changed)
+        return parameters, self.ffi.new("options_t *", [0.0, 50, solver])
+
+    def memory(self):
+        return self.ffi.new("double[]", MEMORY // 8)
+
+    def pointers(self, *arrays):
+        return [pointer(self.ffi, array) for array in arrays]
+
+    @cached_property
     def start(self):
-        """Return a state on both constraints, |q|² measured with the squares."""
-        q = np.linspace(0.3, 1.0, self.n)
-        p = np.cos(1 + np.arange(self.n))
+        """Return a state on the constraints."""
+        q = np.array([0.3, 0.6, 1.0])
+        p = np.cos(1 + np.arange(3.0))
         if self.m > 1:
             q[-1] = q[0]
         if self.m:
             q /= np.sqrt(np.dot(self.squares, q**2))
-            assert self.lib.toy_project(*self.pointers({"k": 2.0}, q, p)) == 0
+            p = self.projected(q, p)
         return q, p
 
-    def pointers(self, parameters, *arrays):
-        return (self.ffi.new("parameters_t *", parameters),
-                *(self.ffi.from_buffer("double *", a) for a in arrays))
+    def projected(self, q, p):
+        with mp.workdps(30):
+            return np.array([float(x) for x in self.project([mp.mpf(x) for x in q],
+                                                            [mp.mpf(x) for x in p])])
 
-    def step(self, q, p, h, solver):
-        """Return status, end and multipliers of a step with k = 2."""
-        q1, p1, multipliers = np.zeros(self.n), np.zeros(self.n), np.zeros(16)
-        options = self.ffi.new("options_t *", {"max_iterations": 50, "solver": solver})
-        work = self.ffi.new("double[]", ROOM // 8)
-        par, *arrays = self.pointers({"k": 2.0}, q, p, q1, p1, multipliers)
-        status = self.lib.toy_step(par, options, h, *arrays, self.ffi.new("int *"), work)
-        return status, q1, p1, multipliers
+    def step(self, h, solver=0):
+        (q, p), q1, p1, multipliers = self.start, np.zeros(3), np.zeros(3), np.zeros(32)
+        status = self.lib.toy_step(*self.arguments(solver), h, *self.pointers(
+            q, p, q1, p1, multipliers), self.ffi.new("int *"), self.memory())
+        return status, q1, p1
 
-    # what a step must give, in 30 digits
+    def run(self, h, steps, every=1, solver=0, inputs=None, hold=0):
+        """Return rows of q and p, and the report."""
+        q, p = (x.copy() for x in self.start)
+        Q, P = np.zeros((steps // every, 3)), np.zeros((steps // every, 3))
+        report = self.ffi.new("report_t *")
+        rows = self.ffi.NULL if inputs is None else pointer(self.ffi, inputs)
+        status = self.lib.toy_integrate(*self.arguments(solver), rows, hold, h, steps, every,
+                                        *self.pointers(q, p, Q, P), self.ffi.NULL, report,
+                                        self.memory())
+        assert status == 0
+        return Q, P, report
+
+    # equations, in the digits of mpmath
+
+    def velocity(self, q, p):
+        w = self.values["omega"]
+        if self.has("LAGRANGIAN"):
+            rest = [p[a] - w * q[a] for a in range(3)]
+            return list(mp.lu_solve(mp.matrix([[2, 1, 0], [1, 3, -1], [0, -1, 4]]),
+                                    mp.matrix(rest)))
+        return [p[0] + w * q[1], p[1] - w * q[0], p[2]]
+
+    def force(self, q, p, t):
+        """Return H_q - F."""
+        w, stiffness = self.values["omega"], self.values["k"] + self.values["drive"] * t
+        if self.has("LAGRANGIAN"):
+            v = self.velocity(q, p)
+            of_frame, damped = [-w * x for x in v], v
+        else:
+            of_frame, damped = [-w * p[1], w * p[0], mp.mpf(0)], p
+        r = [stiffness * q[a] + of_frame[a] + self.values["damping"] * damped[a]
+             for a in range(3)]
+        r[0] -= self.values["u"]
+        return r
 
     def g(self, q):
-        values = [mp.fdot(self.squares, [x * x for x in q]) - 1, q[0] - q[-1]]
-        return values[: self.m]
+        return [mp.fdot(self.squares, [x * x for x in q]) - 1, q[0] - q[-1]][: self.m]
 
     def G(self, q):
-        last = [mp.mpf(0)] * self.n
-        last[0], last[-1] = mp.mpf(1), mp.mpf(-1)
+        last = [mp.mpf(1), mp.mpf(0), mp.mpf(-1)]
         return [[2 * s * x for s, x in zip(self.squares, q, strict=True)], last][: self.m]
 
-    def pull(self, q, impulses):
+    def pull(self, q, multipliers):
         rows = self.G(q)
-        return [mp.fdot(impulses, [row[a] for row in rows]) for a in range(self.n)]
+        return [sum((x * row[a] for x, row in zip(multipliers, rows, strict=True)), mp.mpf(0))
+                for a in range(3)]
 
-    @cache  # noqa: B019 - a toy lives as long as this module's tests
+    def project(self, q, p):
+        """Return p on G H_p = 0: H_p is linear."""
+        if not self.m:
+            return p
+        G = self.G(q)
+        rest = mp.matrix(self.velocity(q, p))
+        zero = mp.matrix(self.velocity(q, [mp.mpf(0)] * 3))
+        W = mp.matrix([[mp.fdot(a, mp.matrix(self.velocity(q, b)) - zero) for b in G] for a in G])
+        last = mp.lu_solve(W, mp.matrix(G) * rest)
+        return [p[a] - mp.fdot(last, [row[a] for row in G]) for a in range(3)]
+
+    def residual(self, q, p, h):
+        """Return r(x), of the unknowns in the order of the engine."""
+        return (self.residual_spark if self.stages else self.residual_mean)(q, p, h)
+
+    def residual_mean(self, q, p, h):
+        t = self.values["time"] + h / 2
+
+        def r(x):
+            qm = [a + d / 2 for a, d in zip(q, x, strict=False)]
+            pm = [a + d / 2 for a, d in zip(p, x[3:], strict=False)]
+            v, f, pull = self.velocity(qm, pm), self.force(qm, pm, t), self.pull(qm, x[6:])
+            return [*(x[a] / h - v[a] for a in range(3)),
+                    *(x[3 + a] / h + f[a] + pull[a] for a in range(3)),
+                    *self.g([a + d for a, d in zip(q, x, strict=False)])]
+
+        return r
+
+    @cached_property
+    def tableau(self):
+        return gs.tableau("G-L", self.stages).numeric(30)
+
+    def spark(self, q, p, h, x):
+        """Return Q_i, P_i, the nodes Q~_l and the constraint forces there."""
+        s, m, t = self.stages, self.m, self.tableau
+        k = [x[i*3:(i + 1)*3] for i in range(2 * s)]
+        nodes = [[q[a] + h * mp.fdot(row, [y[a] for y in k[:s]]) for a in range(3)]
+                 for row in t.A_bar]
+        pulls = [self.pull(nodes[j], x[6*s + j*m: 6*s + (j + 1)*m]) for j in range(s)]
+        Q = [[q[a] + h * mp.fdot(row, [y[a] for y in k[:s]]) for a in range(3)] for row in t.A]
+        P = [[p[a] + h * mp.fdot(t.A_hat[i], [y[a] for y in k[s:]])
+              - h * mp.fdot(t.A_tilde[i][:s], [f[a] for f in pulls]) for a in range(3)]
+             for i in range(s)]
+        return k, nodes, pulls, Q, P
+
+    def residual_spark(self, q, p, h):
+        s, time = self.stages, self.values["time"]
+
+        def r(x):
+            k, nodes, _, Q, P = self.spark(q, p, h, x)
+            upper = [k[i][a] - v for i in range(s)
+                     for a, v in enumerate(self.velocity(Q[i], P[i]))]
+            lower = [k[s + i][a] + f for i in range(s) for a, f in enumerate(
+                self.force(Q[i], P[i], time + h * self.tableau.c[i]))]
+            return [*upper, *lower, *(g for node in nodes[1:] for g in self.g(node))]
+
+        return r
+
     def expected(self, h):
-        """Return the end of a step from the start."""
+        """Return the end of a step: of a frame, turned back."""
         with mp.workdps(30):
-            q, p = ([mp.mpf(x) for x in side] for side in self.start())
-            h = mp.mpf(h)
-            solve = self.expected_spark if self.stages else self.expected_mean
-            q1, p1 = solve(q, p, h)
-            return np.array([float(x) for x in q1]), np.array([float(x) for x in p1])
+            q, p = ([mp.mpf(x) for x in side] for side in self.start)
+            h, s = mp.mpf(h), self.stages
+            v, f = self.velocity(q, p), self.force(q, p, self.values["time"])
+            guess = ([*v * s, *[-y for y in f] * s] if s else
+                     [*(h * y for y in v), *(-h * y for y in f)])
+            guess += [mp.mpf(0)] * (self.unknowns - len(guess))
+            r = self.residual(q, p, h)
+            x = list(mp.findroot(lambda *y: r(y), guess))
+            if s:
+                k, nodes, pulls, _, _ = self.spark(q, p, h, x)
+                q1 = nodes[-1]
+                p1 = self.project(q1, [p[a] + h * mp.fdot(self.tableau.b_hat,
+                                                          [y[a] for y in k[s:]])
+                                       - h * mp.fdot(self.tableau.b_tilde[:s],
+                                                     [y[a] for y in pulls]) for a in range(3)])
+            else:
+                q1, p1 = ([a + d for a, d in zip(side, x[at:], strict=False)]
+                          for side, at in ((q, 0), (p, 3)))
+            if self.has("FRAME"):
+                q1, p1 = (self.turned(y, self.values["omega"] * h) for y in (q1, p1))
+            return np.array([[float(y) for y in side] for side in (q1, p1)])
 
-    def expected_mean(self, q, p, h):
-        n, m = self.n, self.m
-
-        def residual(*x):
-            q1, p1, lam = x[:n], x[n:2*n], x[2*n:]
-            mean = [(a + b) / 2 for a, b in zip(q, q1, strict=True)]
-            pull = self.pull(mean, lam) if m else [0] * n
-            return [*(q1[a] - q[a] - h * (p[a] + p1[a]) / 2 for a in range(n)),
-                    *(p1[a] - p[a] + h * (2 * mean[a] + pull[a]) for a in range(n)), *self.g(q1)]
-
-        guess = [*(a + h * b for a, b in zip(q, p, strict=True)), *p, *[mp.mpf(0)] * m]
-        x = list(mp.findroot(residual, guess))
-        return x[:n], x[n:2*n]
-
-    def expected_spark(self, q, p, h):
-        n, m, s = self.n, self.m, self.stages
-        t = self.tableau.numeric(30)
-        nodes = s + 1
-
-        def stages(k, lam):
-            ways = [[h * mp.fdot(t.A_bar[node], [k[j][a] for j in range(s)]) for a in range(n)]
-                    for node in range(nodes)]
-            forces = [self.pull([q[a] + ways[node][a] for a in range(n)], lam[node]) if m
-                      else [0] * n
-                      for node in range(s)]
-            return ways, forces
-
-        def rates(x):
-            k = [x[i*n:(i + 1)*n] for i in range(s)]
-            k_hat = [x[(s + i)*n:(s + i + 1)*n] for i in range(s)]
-            lam = [x[2*s*n + node*m: 2*s*n + (node + 1)*m] for node in range(s)]
-            return k, k_hat, lam
-
-        def residual(*x):
-            k, k_hat, lam = rates(x)
-            ways, forces = stages(k, lam)
-            r = []
-            for i in range(s):
-                r += [k[i][a] - p[a] - h * mp.fdot(t.A_hat[i], [y[a] for y in k_hat])
-                      + h * mp.fdot(t.A_tilde[i][:s], [f[a] for f in forces]) for a in range(n)]
-                r += [k_hat[i][a] + 2 * (q[a] + h * mp.fdot(t.A[i], [y[a] for y in k]))
-                      for a in range(n)]
-            for node in range(1, nodes):
-                r += self.g([q[a] + ways[node][a] for a in range(n)])
-            return r
-
-        guess = [*p * s, *[-2 * a for a in q] * s, *[mp.mpf(0)] * (m * s)]
-        x = list(mp.findroot(residual, guess))
-        k, k_hat, lam = rates(x)
-        ways, forces = stages(k, lam)
-        q1 = [q[a] + ways[-1][a] for a in range(n)]
-        p1 = [p[a] + h * mp.fdot(t.b_hat, [y[a] for y in k_hat])
-              - h * mp.fdot(t.b_tilde[:s], [f[a] for f in forces]) for a in range(n)]
-        if not m:
-            return q1, p1
-        G = mp.matrix(self.G(q1))
-        last = mp.lu_solve(G * G.T, G * mp.matrix(p1))
-        return q1, [p1[a] - (G.T * last)[a] for a in range(n)]
+    @staticmethod
+    def turned(x, angle):
+        c, s = mp.cos(angle), mp.sin(angle)
+        return [c * x[0] - s * x[1], s * x[0] + c * x[1], x[2]]
 
 
-def includes(files):
-    return [f'#include "{file}.h"' for file in files]
-
-
-def as_run(run, of_stages, files):
-    table = "w->name" if of_stages else "&fast_##name[0][0]"
-    return [f"#define RUN(name) {run}_##name", f"#define TABLE(name) {table}",
-            *includes(files), "#undef RUN", "#undef TABLE"]
-
-
-def braced(part):
-    if isinstance(part, (list, tuple)):
-        return "{ " + ", ".join(map(braced, part)) + " }"
-    return repr(float(part)) if isinstance(part, Fraction) else mp.nstr(part, 20)
-
-
-SPHERE, ELLIPSOID = (1, 1, 1), (1, 2, 4)
+SCALAR = {**SPHERE, "GS_SCALAR_SCHUR": 1}
+EVERYTHING = {"GS_FORCES": 1, "GS_TIME_DEPENDENT": 1, "GS_INPUTS": 1}
+DRIVEN = {"damping": 0.3, "drive": 0.7, "u": 0.4, "time": 1.25}
+ROUND = {"TOY_SQUARES": "1,1,4", "GS_FRAME": 1}
+ONE = {"TOY_STAGES": 1, "TOY_TABLES": '"tables1.h"'}
+FREE, TWO, MEAN = {"TOY_CONSTRAINTS": 0}, {"TOY_CONSTRAINTS": 2}, {"TOY_STAGES": 0}
+LAGRANGIAN = {"GS_LAGRANGIAN": 1}
 TOYS = {
-    "free, one stage": (3, SPHERE, 0, 1), "free, mean": (3, SPHERE, 0, 0),
-    "sphere, one stage": (3, SPHERE, 1, 1),
-    "sphere, mean": (3, SPHERE, 1, 0), "ellipsoid, one stage": (3, ELLIPSOID, 1, 1),
-    "ellipsoid, two stages": (3, ELLIPSOID, 1, 2), "ellipsoid, mean": (3, ELLIPSOID, 1, 0),
-    "two of three": (3, ELLIPSOID, 2, 2), "two of three, mean": (3, ELLIPSOID, 2, 0),
+    "free": Toy(FREE),
+    "free, separable": Toy({**FREE, **ONE, "GS_SEPARABLE": 1}),
+    "sphere, scalar W": Toy({**SCALAR, **ONE}),
+    "sphere, scalar W, separable": Toy({**SCALAR, "GS_SEPARABLE": 1}),
+    "sphere, constant W": Toy(SPHERE),
+    "ellipsoid": Toy({}),
+    "ellipsoid, separable": Toy({**ONE, "GS_SEPARABLE": 1}),
+    "two of three": Toy(TWO),
+    "driven": Toy({**ONE, **EVERYTHING}, DRIVEN),
+    "driven, free": Toy({**FREE, **EVERYTHING}, DRIVEN),
+    "frame": Toy({**ONE, **ROUND}, {"omega": 0.8}),
+    "Lagrangian": Toy({**ONE, **LAGRANGIAN, "GS_FORCES": 1}, {"omega": 0.2, "damping": 0.3}),
+    "midpoint, free": Toy({**FREE, **MEAN}),
+    "midpoint, sphere, scalar W": Toy({**SCALAR, **MEAN}),
+    "midpoint, sphere, constant W": Toy({**SPHERE, **MEAN}),
+    "midpoint, ellipsoid": Toy(MEAN),
+    "midpoint, two of three": Toy({**TWO, **MEAN}),
+    "midpoint, driven": Toy({**MEAN, **EVERYTHING}, DRIVEN),
+    "midpoint, frame": Toy({**MEAN, **ROUND}, {"omega": 0.8}),
+    "midpoint, Lagrangian": Toy({**MEAN, **LAGRANGIAN}, {"omega": 0.2}),
+    "EMS": Toy({**MEAN, **LAGRANGIAN, "GS_ENERGY_MOMENTUM": 1, "GS_FORCES": 1},
+               {"omega": 0.2, "damping": 0.3}),
 }
+NEWTON, FIXED_POINT = 1, 2
 
 
-@pytest.fixture(scope="module", params=TOYS)
-def toy(request, tmp_path_factory):
-    return Toy(*TOYS[request.param], tmp_path_factory.mktemp("toy"))
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory, other_tables):
+    """Return a toy by its name, compiled once."""
+    folder, done = tmp_path_factory.mktemp("toys"), {}
+
+    def load(name):
+        if name not in done:
+            done[name] = TOYS[name].load(folder / str(len(done)), other_tables)
+        return done[name]
+
+    return load
 
 
-@pytest.mark.parametrize("solver", [0, 1, 2], ids=["auto", "newton", "sweeps"])
-def test_a_step_is_what_its_equations_say(toy, solver):
-    q, p = toy.start()
-    status, q1, p1, _ = toy.step(q, p, 0.1, solver)
-    assert status == 0
+@pytest.fixture(params=TOYS)
+def toy(request, loaded):
+    return loaded(request.param)
+
+
+def toys_without(*features):
+    """Return the names of the toys that have none of some features."""
+    return [name for name, toy in TOYS.items() if not any(map(toy.has, features))]
+
+
+def test_a_step_solves_its_equations(toy):
+    """By fixed-point iteration with Newton behind it, by Newton and by iteration alone."""
     q_exact, p_exact = toy.expected(0.1)
-    eps = np.finfo(float).eps
-    np.testing.assert_allclose(q1, q_exact, rtol=0, atol=16 * eps)
-    np.testing.assert_allclose(p1, p_exact, rtol=0, atol=64 * eps)
+    for solver in (0, NEWTON, FIXED_POINT):
+        status, q1, p1 = toy.step(0.1, solver)
+        assert status == 0
+        np.testing.assert_allclose(q1, q_exact, rtol=0, atol=16 * EPS)
+        np.testing.assert_allclose(p1, p_exact, rtol=0, atol=64 * EPS)
 
 
-def test_trajectories_side_by_side_are_single_steps(toy):
-    """More of them than lanes, each with a step of its own; lanes share sweeps, not results."""
-    q, p = toy.start()
+def test_residual_and_jacobian(toy):
+    """The residual in 30 digits; it is quadratic, so that central differences are exact."""
+    (q, p), h, u = toy.start, 0.1, toy.unknowns
+    x, r, J = np.cos(np.arange(u)), np.zeros(u), np.zeros((u, u))
+    parameters, memory = toy.arguments()[0], toy.memory()
+    toy.lib.toy_residual(parameters, h, *toy.pointers(q, p, x, r), memory)
+    with mp.workdps(30):
+        exact = toy.residual([mp.mpf(y) for y in q], [mp.mpf(y) for y in p], mp.mpf(h))(
+            [mp.mpf(y) for y in x])
+    np.testing.assert_allclose(r, np.array([float(y) for y in exact]), rtol=0, atol=400 * EPS)
+    toy.lib.toy_jacobian(parameters, h, *toy.pointers(q, p, x, J), memory)
+    differences, d = np.zeros((u, u)), 0.25
+    for e in range(u):
+        for sign in (1, -1):
+            moved = x.copy()
+            moved[e] += sign * d
+            toy.lib.toy_residual(parameters, h, *toy.pointers(q, p, moved, r), memory)
+            differences[:, e] += sign * r / (2 * d)
+    np.testing.assert_allclose(J, differences, rtol=0, atol=4000 * EPS)
+
+
+def test_an_ensemble_has_the_trajectories_of_single_runs(toy):
+    """More of them than lanes, each with a step of its own; lanes do not depend on each other."""
+    q, p = toy.start
     steps = np.array([0.1, -0.1, 0.05, 0.02, 0.1])
     Q, P = np.tile(q, (5, 1)), np.tile(p, (5, 1))
     ffi = toy.ffi
-    par = ffi.new("parameters_t[]", [{"k": 2.0}] * 5)
-    options = ffi.new("options_t *", {"max_iterations": 50})
-    memory = [ffi.new("double[]", ROOM // 8) for _ in range(3)]
-    status = ffi.new("int[]", 5)
-    buffers = [ffi.from_buffer("double *", a) for a in (steps, Q, P)]
-    toy.lib.toy_integrate_many(5, par, options, buffers[0], 1, 1, *buffers[1:], ffi.NULL,
-                               ffi.NULL, memory[0], status, memory[1], memory[2])
+    parameters = ffi.new("parameters_t[]", [toy.values] * 5)
+    options = toy.arguments()[1]
+    inputs = [ffi.NULL, 0, 0] if toy.has("INPUTS") else []
+    status, reports = ffi.new("int[]", 5), ffi.new("report_t[]", 5)
+    toy.lib.toy_integrate_many(5, parameters, options, *inputs, pointer(ffi, steps), 4, 1,
+                               *toy.pointers(Q, P), ffi.NULL, ffi.NULL, reports, status,
+                               toy.memory(), toy.memory())
     assert list(status) == [0] * 5
     for i, h in enumerate(steps):
-        _, q1, p1, _ = toy.step(q, p, h, 0)
-        np.testing.assert_allclose(Q[i], q1, rtol=0, atol=16 * np.finfo(float).eps)
-        np.testing.assert_allclose(P[i], p1, rtol=0, atol=64 * np.finfo(float).eps)
+        Q1, P1, report = toy.run(h, 4)
+        if toy.has("FRAME"):  # a run of one is turned back by the generated file
+            Q1[-1], P1[-1] = (np.array(toy.turned(x, 4 * h * toy.values["omega"]), float)
+                              for x in (Q1[-1], P1[-1]))
+        np.testing.assert_allclose(Q[i], Q1[-1], rtol=0, atol=32 * EPS)
+        np.testing.assert_allclose(P[i], P1[-1], rtol=0, atol=128 * EPS)
+        assert reports[i].steps == 4
+        assert reports[i].work == pytest.approx(report.work, abs=64 * EPS)
     assert np.array_equal(Q[0], Q[4])
 
 
-def test_projection_brings_a_state_onto_the_constraints(toy):
-    if not toy.m:
-        pytest.skip("this toy has no constraints")
-    q, p = toy.start()
+@pytest.mark.parametrize("name", toys_without("FRAME"))  # whose runs the generated file turns
+def test_begin_and_advance_are_integrate_to_the_bit(name, loaded):
+    toy = loaded(name)
+    for solver in (0, NEWTON):
+        Q, P, report = toy.run(0.05, 20, solver=solver)
+        (q, p), memory = (x.copy() for x in toy.start), toy.memory()
+        toy.lib.toy_begin(memory, *toy.arguments(solver), 0.05, *toy.pointers(q, p))
+        for steps in (1, 7, 0, 12):
+            assert toy.lib.toy_advance(memory, steps, *toy.pointers(q, p)) == 0
+        assert np.array_equal(q, Q[-1])
+        assert np.array_equal(p, P[-1])
+        kept = toy.lib.toy_report_of(memory)
+        for name, _ in toy.ffi.typeof(report).item.fields:
+            assert getattr(kept, name) == getattr(report, name)
+
+
+@pytest.mark.parametrize("name", toys_without("LAGRANGIAN", "TIME_DEPENDENT", "FRAME"))
+def test_the_record_of_a_run(name, loaded):
+    """Maxima and sums over all steps, from the rows of the run."""
+    toy = loaded(name)
+    Q, P, report = toy.run(0.05, 20)
+    rows = [np.vstack([first, other]) for first, other in zip(toy.start, (Q, P), strict=True)]
+    energy = (rows[1] ** 2).sum(axis=1) / 2 + toy.values["k"] * (rows[0] ** 2).sum(axis=1) / 2
+    errors = abs(energy - energy[0])
+    assert report.steps == 20
+    assert report.energy_start == pytest.approx(energy[0], rel=4 * EPS)
+    assert report.energy_error_max == pytest.approx(errors.max(), abs=16 * EPS)
+    assert report.energy_error_sum == pytest.approx(errors.sum(), abs=400 * EPS)
+    assert report.constraint_max <= 8 * EPS
+    assert report.constraint_sum <= 21 * report.constraint_max
+    assert report.iterations_max <= report.iterations <= 20 * report.iterations_max
+
+
+def test_the_work_of_forces_is_the_energy_that_ems_gains(loaded):
+    """To round-off, for EMS takes a discrete gradient."""
+    toy = loaded("EMS")
+    *_, report = toy.run(0.05, 40)
+    assert report.work < -1e-2
+    assert report.energy_error_max <= 64 * EPS
+
+
+def test_inputs_are_held_over_steps(loaded):
+    """Rows of inputs are steps with other parameters."""
+    toy = loaded("driven")
+    inputs = np.array([0.4, -0.3, 0.9])
+    Q, P, _ = toy.run(0.05, 6, solver=NEWTON, inputs=inputs, hold=2)
+    (q, p), memory = (x.copy() for x in toy.start), toy.memory()
+    toy.lib.toy_begin(memory, *toy.arguments(NEWTON), 0.05, *toy.pointers(q, p))
+    for u in inputs:
+        toy.lib.toy_set_parameters(memory, toy.arguments(u=u)[0])
+        toy.lib.toy_advance(memory, 2, *toy.pointers(q, p))
+    assert np.array_equal(q, Q[-1])
+    assert np.array_equal(p, P[-1])
+
+
+@pytest.mark.parametrize("name", [name for name, toy in TOYS.items() if toy.m])
+def test_projection_brings_a_state_onto_the_constraints(name, loaded):
+    toy = loaded(name)
+    q, p = (x.copy() for x in toy.start)
     q, p = q + 1e-3, p - 1e-2
-    assert toy.lib.toy_project(*toy.pointers({"k": 2.0}, q, p)) == 0
-    eps = np.finfo(float).eps
-    assert max(abs(float(g)) for g in toy.g(q)) <= 8 * eps
-    assert max(abs(float(mp.fdot(row, p))) for row in toy.G(q)) <= 16 * eps
+    assert toy.lib.toy_project(toy.arguments()[0], *toy.pointers(q, p)) == 0
+    assert max(abs(float(g)) for g in toy.g(q)) <= 8 * EPS
+    assert max(abs(float(mp.fdot(row, toy.velocity(q, p)))) for row in toy.G(q)) <= 16 * EPS
+
+
+def test_a_rotated_state_loses_no_digit(loaded):
+    toy = loaded("frame")
+    k, h = 10**8, 1e-3
+    (q, p), parameters = (x.copy() for x in toy.start), toy.arguments()[0]
+    with mp.workdps(40):
+        expected = [[float(x) for x in toy.turned(
+            [mp.mpf(x) for x in side], mp.mpf(k) * mp.mpf(h) * mp.mpf(toy.values["omega"]))]
+            for side in (q, p)]
+    toy.lib.toy_rotate(parameters, h, k, *toy.pointers(q, p))
+    np.testing.assert_allclose([q, p], expected, rtol=0, atol=4 * EPS)
+
+
+# ---------------------------------------------------------------- profiles
+
+
+@pytest.mark.parametrize("features", [SCALAR, {}, FREE, {**TWO, "GS_SEPARABLE": 1}, MEAN,
+                                      {**SCALAR, **MEAN}, {**FREE, **MEAN},
+                                      {**MEAN, **TWO, "GS_FORCES": 1}],
+                         ids=lambda features: " ".join(map(str, features)) or "ellipsoid")
+def test_profiles_come_to_where_the_full_stepper_comes(features, tmp_path, other_tables):
+    """Newton of profile run has the same bits; iterations of both profiles are the same."""
+    run = Toy({**features, "GS_PROFILE_RUN": 1}).load(tmp_path / "run", other_tables)
+    control = Toy({**features, "GS_PROFILE_CONTROL": 1}).load(tmp_path / "control", other_tables)
+    for h in (0.05, -0.1):
+        Q, P, report = run.run(h, 20, solver=FIXED_POINT)
+        Q_newton, P_newton, _ = run.run(h, 20, solver=NEWTON)
+        np.testing.assert_allclose(Q, Q_newton, rtol=0, atol=400 * EPS)
+        np.testing.assert_allclose(P, P_newton, rtol=0, atol=400 * EPS)
+        (q, p), memory, taken = (x.copy() for x in control.start), control.memory(), 0
+        control.lib.toy_begin(memory, *control.arguments(), h, *control.pointers(q, p))
+        for _ in range(20):
+            assert control.lib.toy_advance(memory, *control.pointers(q, p)) == 0
+            taken += control.lib.toy_iterations(memory)
+        assert np.array_equal(q, Q[-1])
+        assert np.array_equal(p, P[-1])
+        assert taken == report.iterations
+
+
+def test_newton_of_profile_run_has_the_bits_of_the_full_stepper(loaded, tmp_path, other_tables):
+    full = loaded("ellipsoid")
+    run = Toy({"GS_PROFILE_RUN": 1}).load(tmp_path / "run", other_tables)
+    for found, expected in zip(run.run(0.05, 20, solver=NEWTON),
+                               full.run(0.05, 20, solver=NEWTON), strict=True):
+        if isinstance(found, np.ndarray):
+            assert np.array_equal(found, expected)
+
+
+# ---------------------------------------------------------------- lanes and sums
+
+
+def test_masks_and_functions_of_lanes(loaded):
+    toy = loaded("two of three")
+    n, draw = toy.lib.toy_lanes(), np.random.default_rng(3)
+    a, b, x, y = draw.normal(size=(4, n))
+    b[0], x, out = a[0], abs(x), np.zeros((6, n))
+    toy.lib.toy_masks(*toy.pointers(a, b, x, y, out))
+    below = a < b
+    expected = [np.where(below, x, y), np.maximum(a, b), np.minimum(a, b), np.sqrt(x), x**y,
+                np.where(below, x, y)]
+    np.testing.assert_allclose(out, expected, rtol=4 * EPS)
+    assert np.array_equal(out[[0, 1, 2, 5]], [expected[i] for i in (0, 1, 2, 5)])
+
+
+def test_each_lane_has_its_own_factors(loaded):
+    toy = loaded("two of three")
+    n, draw = toy.lib.toy_lanes(), np.random.default_rng(5)
+    half = draw.normal(size=(n, 2, 2))
+    W, x = half @ half.transpose(0, 2, 1) + np.eye(2), draw.normal(size=(n, 2))
+    b = np.ascontiguousarray(np.einsum("lij,lj->il", W, x))
+    toy.lib.toy_small_lu(*toy.pointers(np.ascontiguousarray(W.transpose(1, 2, 0)), b))
+    np.testing.assert_allclose(b, x.T, rtol=0, atol=400 * EPS)
+
+
+def test_sums_of_products_have_twice_the_digits(loaded):
+    """1e8·1e8 + 1 - 1e8·1e8, and products of random factors, against exact sums."""
+    toy = loaded("ellipsoid")
+    for factors in (np.array([[1e8, 1e8, 1], [1, 1, 1], [-1e8, 1e8, 1]]),
+                    np.random.default_rng(1).normal(size=(40, 3))):
+        sums = np.zeros(2)
+        toy.lib.toy_product_sum(*factors.shape, *toy.pointers(factors, sums))
+        with mp.workdps(60):
+            exact = sum(mp.fprod(map(mp.mpf, row)) for row in factors)
+            assert abs(mp.mpf(sums[0]) + mp.mpf(sums[1]) - exact) <= 1e-29 * abs(factors).max()**3
+
+
+@pytest.mark.parametrize("s", [7])
+def test_products_by_even_and_odd_parts(s, tmp_path, other_tables):
+    """Against the whole tables, which are rounded once more; three numbers: a pair and one."""
+    toy = Toy({"TOY_STAGES": s, "TOY_TABLES": f'"tables{s}.h"', "GS_EVEN_ODD": 1}).load(
+        tmp_path, other_tables)
+    whole = FastTableau(gs.tableau("G-L", s)).tables(REALS["double"])
+    draw = np.random.default_rng(s)
+    for which, name in enumerate(("mu", "mu_hat", "nu", "nu_tilde")):
+        table = np.array(whole[name], dtype=float)
+        base, x, y = draw.normal(size=3), draw.normal(size=(s, 3)), np.zeros((s, 3))
+        toy.lib.toy_table_product(which, *toy.pointers(base, x, y))
+        expected = table @ x + base * (name != "nu")
+        np.testing.assert_allclose(y, expected, rtol=0, atol=32 * EPS)
+
+
+# ---------------------------------------------------------------- convergence test
+
+
+def converges(toy, changes, defects=None, tolerance=0.0, most=50):
+    """Return the iteration that ends a sequence of changes (no squares), and whether it failed."""
+    change = np.array(changes, float) ** 2
+    defect = np.zeros(len(change)) if defects is None else np.array(defects, float) ** 2
+    failed = toy.ffi.new("int *")
+    ended = toy.lib.toy_converges(len(change), *toy.pointers(change, defect), tolerance, most,
+                                  failed)
+    return ended, bool(failed[0])
+
+
+def linear_changes(rate, start=0.1, floor=1e-17, count=60):
+    return [max(start * rate**k, floor) for k in range(count)]
+
+
+def test_iterations_end_where_the_next_change_is_round_off(loaded):
+    toy = loaded("ellipsoid")
+    for rate in (1e-1, 1e-2, 1e-3):
+        changes = linear_changes(rate, floor=0.0)
+        ended, failed = converges(toy, changes)
+        expected = [change * max(rate, 1e-2) for change in changes]  # of the next: no faster
+        assert expected[ended - 1] < EPS / 256 < expected[ended - 2]
+        assert not failed
+
+
+def test_iterations_end_below_the_tolerance(loaded):
+    toy = loaded("ellipsoid")
+    ended, failed = converges(toy, linear_changes(0.1), tolerance=1.5e-6)
+    assert (ended, failed) == (6, False)  # 0.1, ..., 1e-6
+
+
+def test_iterations_that_stagnate_at_round_off_end(loaded):
+    toy = loaded("ellipsoid")
+    ended, failed = converges(toy, [1e-2, 1e-6, 1e-10, 1e-14] + [3e-15] * 20)
+    assert 5 <= ended <= 12
+    assert not failed
+
+
+def test_iterations_go_on_while_constraints_are_not_met(loaded):
+    toy = loaded("ellipsoid")
+    changes = [1e-2, 1e-6, 1e-10] + [1e-17] * 20
+    early, _ = converges(toy, changes)
+    late, failed = converges(toy, changes, [10.0 ** -k for k in range(23)])
+    assert early < late
+    assert not failed
+
+
+@pytest.mark.parametrize("changes", [
+    [0.1, 0.2, 0.4, 0.8, 1.6, 2.0], [0.1, 4.0], [np.nan], [0.1, np.nan],
+    [0.1 * 0.99**k for k in range(60)]], ids=["grow", "far", "NaN", "NaN later", "slow"])
+def test_iterations_fail_that_grow_or_are_too_slow(loaded, changes):
+    ended, failed = converges(loaded("ellipsoid"), changes)
+    assert failed
+    assert 1 <= ended <= 9
+
+
+def test_lanes_converge_as_numbers_do(loaded):
+    """Each lane ends by itself, at the iteration that its numbers alone end at."""
+    toy = loaded("ellipsoid")
+    n, draw = toy.lib.toy_lanes(), np.random.default_rng(11)
+    sequences = [linear_changes(rate) for rate in 10 ** draw.uniform(-3, -0.5, n - 1)]
+    sequences.append([0.1 * 1.5**k for k in range(60)])
+    change = np.ascontiguousarray(np.array(sequences).T ** 2)
+    ended, failed = np.zeros(n, np.int32), np.zeros(n, np.int32)
+    toy.lib.toy_converges_lanes(60, *toy.pointers(change, np.zeros_like(change)), 0.0, 50,
+                                *(pointer(toy.ffi, x, "int") for x in (ended, failed)))
+    alone = [converges(toy, sequence) for sequence in sequences]
+    assert list(zip(ended.tolist(), failed.astype(bool).tolist(), strict=True)) == alone
+
+
+# ---------------------------------------------------------------- predictor
+
+
+def predictions(toy, values):
+    out = np.zeros_like(values)
+    toy.lib.toy_predict(len(values), *toy.pointers(values, out))
+    return out
+
+
+def test_polynomials_are_continued_exactly(loaded):
+    """The order rises with the steps: three series, cubic and lower."""
+    k = np.arange(16.0)
+    values = np.stack([2 + k, 1 - k**2, k**3 / 8], axis=1)
+    found = predictions(loaded("ellipsoid"), values)
+    np.testing.assert_allclose(found[8:, 0], values[8:, 0], rtol=0, atol=1e-9)
+
+
+def test_sums_of_exponentials_obey_the_fitted_recurrence(loaded):
+    """Spinning and damped motions with a recurrence for each series."""
+    k = np.arange(120.0)
+    values = np.stack([np.cos(0.7 * k) + 0.5 * np.sin(1.3 * k), np.exp(-0.01 * k) * np.cos(0.4*k),
+                       1 + np.cos(0.2 * k + 1)], axis=1)
+    found = predictions(loaded("ellipsoid"), values)
+    fitted = 17 + 2 * 23 + 2  # after the samples of the first fit
+    assert abs(found[fitted:] - values[fitted:]).max() <= 1e-12
+    assert abs(found[20:40] - values[20:40]).max() > 1e-9  # polynomials before it
+
+
+@pytest.mark.parametrize("extra", [0, 1, 40])
+@pytest.mark.parametrize("name", ["ellipsoid", "free, separable"])
+def test_least_squares(loaded, extra, name):
+    """Against numpy; the ridge is of the size of round-off."""
+    toy, draw = loaded(name), np.random.default_rng(extra)
+    most, sides = (toy.lib.toy_least_squares_limits(which) for which in (0, 1))
+    for unknowns in (1, 4, most):
+        A = draw.normal(size=(unknowns + extra, unknowns)) + 4 * np.eye(unknowns + extra, unknowns)
+        b, x = draw.normal(size=(unknowns + extra, sides)), np.zeros((unknowns, sides))
+        assert toy.lib.toy_least_squares(unknowns, sides, unknowns + extra,
+                                         *toy.pointers(A, b), 1e-14, pointer(toy.ffi, x)) == 0
+        expected = np.linalg.lstsq(A, b, rcond=None)[0]
+        np.testing.assert_allclose(x, expected, rtol=0, atol=1e-11)
+
+
+def test_the_ridge_of_least_squares(loaded):
+    """|A x - b|² + r² |x|², also where A has no full rank."""
+    toy = loaded("ellipsoid")
+    A = np.array([[1.0, 2.0], [2.0, 4.0], [3.0, 6.0]])
+    b, x, ridge = np.array([[1.0], [2.5], [2.0]]), np.zeros((2, 1)), 0.5
+    assert toy.lib.toy_least_squares(2, 1, 3, *toy.pointers(A, b), ridge,
+                                     pointer(toy.ffi, x)) == 0
+    expected = np.linalg.solve(A.T @ A + ridge**2 * np.eye(2), A.T @ b)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=64 * EPS)
+
+
+# ---------------------------------------------------------------- crossings
+
+
+def test_rows_near_a_level_hold_every_crossing(loaded):
+    toy = loaded("ellipsoid")
+    values = np.cos(0.3 * np.arange(40.0))
+    last, rows = np.array([np.nan, np.nan]), np.array([-1, -1])
+    toy.lib.toy_crossings(40, pointer(toy.ffi, values), 0.5, pointer(toy.ffi, last),
+                          pointer(toy.ffi, rows, "long"))
+    changes = np.nonzero(np.diff(np.sign(values - 0.5)))[0] + 1
+    assert rows[0] <= changes.min()
+    assert rows[1] >= changes.max()
+    rows[:] = -1
+    toy.lib.toy_crossings(40, pointer(toy.ffi, values / 100), 0.5, pointer(toy.ffi, last),
+                          pointer(toy.ffi, rows, "long"))
+    assert rows[0] == 0  # what came before is not known to be far
+    rows[:] = -1
+    toy.lib.toy_crossings(40, pointer(toy.ffi, values / 100), 0.5, pointer(toy.ffi, last),
+                          pointer(toy.ffi, rows, "long"))
+    assert list(rows) == [-1, -1]
+
+
+# ---------------------------------------------------------------- README
+
+
+def test_readme_lists_every_header():
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    table = text.partition("## Folders and headers")[2].partition("\n## ")[0]
+    folder, listed = "", set()
+    for row in re.findall(r"^\| (.*?) \|", table, re.MULTILINE):
+        names = re.findall(r"`([\w./]+)`", row)
+        if row.startswith("**"):
+            (folder,) = names
+        else:
+            listed |= {folder + name.removesuffix(".h") for name in names}
+    assert listed == {path.relative_to(FOLDER / "gyrospark").with_suffix("").as_posix()
+                      for path in HEADERS}
+
+
+def test_readme_names_what_exists():
+    """Names of C and of files; those of the generated part are in the toy or in a template."""
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    sources = [*HEADERS, *TOY.iterdir(), *(FOLDER.parent / "templates").iterdir()]
+    known = set(re.findall(r"\w+", "".join(
+        path.read_text(encoding="utf-8") for path in sources if path.is_file())))
+    files = {path.stem for path in HEADERS}
+    for code in re.findall(r"`([A-Za-z_]\w*)(?:\([^`]*\))?`", text):
+        assert code in known | files | {"lanes_f", "VARIANTS", "gyrospark"}, code

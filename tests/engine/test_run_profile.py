@@ -21,7 +21,6 @@ from compilers import MAIN, compiler
 from forced_systems import PARAMETERS as DRAG
 from forced_systems import oscillator, pendulum
 from gyrospark.core.errors import InputError
-from gyrospark.generator.codegen.reachable import reachable
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.spec import Spec
@@ -252,73 +251,6 @@ def test_nothing_but_what_the_header_declares(programs):
     assert source.source.count("\n") <= 1700
     for word in ("vector_size", "__asm__", "batch", "trajectories_", "malloc"):
         assert word not in source.source
-
-
-def test_what_is_unreachable_is_left_out():
-    header = "int f(int x);\n"
-    source = """#include "f.h"
-
-enum { A = 1, B = 2 };
-enum { C = 3 };
-
-/* ------ a section */
-
-typedef struct {
-    int x; /* of many */
-} many;
-
-_Static_assert(sizeof(many) > 0, "C is not read in here");
-
-/* Nothing calls it, B or no B. */
-static int unused(many m)
-{
-    return m.x + B;
-}
-
-/* ------ another section */
-
-static const int table[2] = {
-    1, A
-};
-
-#if defined(__GNUC__)
-#define INLINE static inline
-#else
-#define INLINE static
-#endif
-
-/* Nothing to do. */
-static void idle(int x)
-{
-    (void)x;
-}
-
-static void asked(int x)
-{
-    (void)x;
-}
-
-/* One of two. */
-INLINE int used(int x)
-{
-    idle(x);
-    if (x > 0)
-        asked(x);
-    return table[x];
-}
-
-int f(int x)
-{
-    return used(x);
-}
-"""
-    kept = reachable(source, header)
-    for name in ("A = 1", "table[2]", "INLINE", "used(x)", "another section", "One of two",
-                 "asked(int x)", "asked(x)"):
-        assert name in kept
-    for name in ("C = 3", "many", "unused", "a section */\n\ntypedef", "Nothing calls",
-                 "idle", "Nothing to do"):
-        assert name not in kept
 
 
 # ---------------------------------------------------------------- programs

@@ -10,7 +10,7 @@ from typing import Any
 
 import sympy as sp
 
-from gyrospark.generator.normal_forms.terms import stand_in
+from gyrospark.generator.normal_forms.terms import placeholder
 from gyrospark.generator.systems.system import System
 
 HALF = sp.Rational(1, 2)
@@ -19,7 +19,7 @@ HALF = sp.Rational(1, 2)
 def stand_ins(moving: Sequence[sp.Symbol],
               still: Sequence[sp.Symbol] = ()) -> dict[sp.Symbol, sp.Symbol]:
     """Return what stands for symbols that move, and for parameters."""
-    return {s: stand_in(at, side is moving, frozenset(s.assumptions0.items()))
+    return {s: placeholder(at, side is moving, frozenset(s.assumptions0.items()))
             for side in (moving, still) for at, s in enumerate(side)}
 
 

@@ -327,7 +327,8 @@ def told_commands() -> list[list[str]]:
     """Return the command lines of README and pages, forms of commands included."""
     texts = [path.read_text(encoding="utf-8") for path in documents.DOCUMENTS]
     return [words for text in texts for words in (
-        *commands_of("\n".join(re.findall(r"^```\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))),
+        *commands_of("\n".join(block for language, block in re.findall(
+            r"^```(\S*)[^\n]*\n(.*?)^```$", text, re.DOTALL | re.MULTILINE) if not language)),
         *commands_of("\n".join(re.findall(r"`((?:generate|gyrospark) [^`]*)`", text))))]
 
 

@@ -130,8 +130,8 @@ def test_andrews_of_bodies_moves_as_its_lagrangian_does():
     model = build.model(redundant="leave out")
     run = gs.stepper("G-L", 4, system=model).integrate(
         model.q0, model.p0, dt=3e-2 / 400, steps=400, every=400, parameters=model.parameters)
-    motions = {name: scenes.Motion(body.attitude[-1], body.position()[-1], body.velocity()[-1],
-                                   body.angular_velocity()[-1])
+    motions = {name: scenes.SceneMotion(body.attitude[-1], body.position()[-1], body.velocity()[-1],
+                                        body.angular_velocity()[-1])
                for name in scene.scene.bodies for body in (run.body(name),)}
     found = scene.read(motions)
     for group, names in problem.groups.items():

@@ -281,7 +281,7 @@ def test_refusals(arguments, said, gyrospark):
 def test_the_page_is_what_the_command_writes():
     """Titles, digits and tables' heads; times are of the machine that wrote it."""
     kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
-    run = gs.references.Run("", "G-L", 1, 1.0, 1.0, {"energy": 0.0})
+    run = gs.references.WorkPrecisionRun("", "G-L", 1, 1.0, 1.0, {"energy": 0.0})
     made = page([(problem, [run]) for problem in REFERENCES.values()], "references.png")
     assert _fixed(made) == _fixed(kept)
     assert "missed" not in kept

@@ -283,11 +283,11 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
 
 def test_store_of_another_process_is_not_removed(gyrospark, tmp_path):
     """Two runs to one file: the second is refused, and the first loses nothing."""
-    from gyrospark.storage.writer_lock import claim
+    from gyrospark.storage.staging import writer_lock
 
     store = tmp_path / ".x.csv.zarr"
     (store / "work").mkdir(parents=True)
-    with claim(store):
+    with writer_lock(store):
         refused(gyrospark(*RUN, "--out", "x.csv"), "Another process")
     assert (store / "work").is_dir()
 

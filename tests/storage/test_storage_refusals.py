@@ -16,7 +16,7 @@ import gyrospark as gs
 from calls import PARAMETERS, TOP
 from command_line import RUN, refused
 from gyrospark.storage import recorder
-from gyrospark.storage.writer_lock import claim
+from gyrospark.storage.staging import writer_lock
 from processes import cli, environment
 from stores import START, Interrupted, as_files, assert_same_bytes, small_blocks
 
@@ -263,7 +263,7 @@ def test_links(gl3, begun, tmp_path):
     nowhere.symlink_to(tmp_path / "disk" / "new.zarr")
     (tmp_path / "folder").symlink_to(tmp_path / "disk")
     for way in (link, tmp_path / "folder" / "run.zarr"):
-        with claim(place), pytest.raises(gs.StorageError, match="Another process"):
+        with writer_lock(place), pytest.raises(gs.StorageError, match="Another process"):
             gs.record(gl3, **ARGUMENTS, out=way, resume=True)
     gs.record(gl3, **ARGUMENTS, out=link, resume=True)
     gs.record(gl3, **ARGUMENTS, out=nowhere)

@@ -17,12 +17,12 @@ from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
 from gyrospark.runtime.rigid_body.quaternion import momentum
 from gyrospark.studies import odd_proof
 from gyrospark.studies.beyond import FINDINGS
-from gyrospark.studies.body_frame import Top, motion
+from gyrospark.studies.body_frame import BodyFrameTop, motion
 from gyrospark.studies.case_runner import Engine
 from gyrospark.studies.energy_law import energy_law, node_numbers
 from gyrospark.studies.equivalence import gradients_claim, nodes_claim, stages_claim
 from gyrospark.studies.one_step import energy_error
-from gyrospark.studies.power_series import Series
+from gyrospark.studies.power_series import PowerSeries
 from gyrospark.studies.study_result import Claim, Finding
 from gyrospark.studies.zeros import integrable_claim
 
@@ -106,7 +106,7 @@ def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:
     pytest.param("C", two_stages, marks=pytest.mark.slow),
     pytest.param("A", three_stages, marks=pytest.mark.slow)])
 def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, claim: Any) -> None:
-    def wrong(s: int, top: Top) -> Any:
+    def wrong(s: int, top: BodyFrameTop) -> Any:
         law = energy_law(s, top)
         return dataclasses.replace(law, **{term: getattr(law, term) * 2})
 
@@ -115,7 +115,7 @@ def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, clai
 
 
 def test_a_wrong_gamma_term_is_refuted(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(s: int, top: Top) -> Any:
+    def wrong(s: int, top: BodyFrameTop) -> Any:
         law = energy_law(s, top)
         return dataclasses.replace(law, B=law.B * 2)
 
@@ -131,8 +131,8 @@ def test_energy_of_another_gamma_is_not_quadratic() -> None:
 
 
 def test_series_keep_powers_of_both_signs() -> None:
-    a = Series({(0, 0): 1, (1, -1): 2}, 3)
-    b = Series({(1, 1): 3, (3, 0): 5}, 3)
+    a = PowerSeries({(0, 0): 1, (1, -1): 2}, 3)
+    b = PowerSeries({(1, 1): 3, (3, 0): 5}, 3)
     assert (a * b).terms == {(1, 1): 3, (2, 0): 6, (3, 0): 5}
     assert (a - a).terms == {}
     assert b.shifted(h=-1).terms == {(0, 1): 3, (2, 0): 5}

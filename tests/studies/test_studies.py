@@ -37,7 +37,7 @@ from gyrospark.studies.summary import (
     unexplained,
     write_summary,
 )
-from gyrospark.studies.verdict import judge, same_digits, units_apart
+from gyrospark.studies.verdict import compare_value, same_digits, units_apart
 from processes import ROOT
 
 #: Results that take well under a second each once their steppers are compiled.
@@ -86,28 +86,28 @@ RIGHT = Misprint(19, "2.387E-04", "a column is printed again")
     ],
 )
 def test_each_verdict_is_reachable_and_refutable(ours, printed, floor, misprint, verdict):
-    cell = judge("row", "column", ours, printed, floor, misprint)
+    cell = compare_value("row", "column", ours, printed, floor, misprint)
     assert cell.verdict == verdict
     assert cell.note or verdict in ("agrees", "differs")
     assert cell.paper == float(printed)
 
 
 def test_a_lost_number_has_no_verdict():
-    assert judge("row", "column", 1.0, None).as_dict() == {
+    assert compare_value("row", "column", 1.0, None).as_dict() == {
         "row": "row", "column": "column", "paper": None, "ours": 1.0, "ratio": None,
         "verdict": "not printed", "note": "",
     }
 
 
 def test_a_difference_says_by_how_much_and_why():
-    assert judge("r", "c", 1.68e-6, "1.69E-06").note.startswith("1 unit ")
-    assert judge("r", "c", 1.67e-6, "1.69E-06").note == ""  # more than a unit needs a reason
-    note = judge("r", "c", 1.67e-6, "1.69E-06", reason="known").note
+    assert compare_value("r", "c", 1.68e-6, "1.69E-06").note.startswith("1 unit ")
+    assert compare_value("r", "c", 1.67e-6, "1.69E-06").note == ""  # needs a reason
+    note = compare_value("r", "c", 1.67e-6, "1.69E-06", reason="known").note
     assert note.startswith("2 units ")
     assert note.endswith("; known")
-    assert judge("r", "c", 5e-6, "1.69E-06").note == ""
-    assert unexplained(Table(1, "", "", [judge("r", "c", 1.67e-6, "1.69E-06")]))
-    assert not unexplained(Table(1, "", "", [judge("r", "c", 1.68e-6, "1.69E-06")]))
+    assert compare_value("r", "c", 5e-6, "1.69E-06").note == ""
+    assert unexplained(Table(1, "", "", [compare_value("r", "c", 1.67e-6, "1.69E-06")]))
+    assert not unexplained(Table(1, "", "", [compare_value("r", "c", 1.68e-6, "1.69E-06")]))
 
 
 def test_digits_are_compared_at_the_printed_place():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.storage.writer_lock import claim
-from gyrospark.sweeps import compute_tile, local_threads, tiles
+from gyrospark.storage.staging import writer_lock
+from gyrospark.sweeps import compute_tile, tiles
 from gyrospark.sweeps.cost_estimate import estimate
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import NOT_COMPUTED, done_tiles, fields_of
@@ -54,7 +54,7 @@ def test_finished_cells_are_never_computed_again(tmp_path, small_tiles, monkeypa
         if finished >= ended.at:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(local_threads, "compute", counted)
+    monkeypatch.setattr(compute_tile, "compute", counted)
     for ended.at in (1, 200, 321):
         with pytest.raises(KeyboardInterrupt):
             gs.sweep(TOP, over, **choice, out=path, resume=True, workers=1, progress=ended)
@@ -182,5 +182,5 @@ def test_keep_keeps_what_it_names(tmp_path):
 
 
 def test_two_sweeps_on_one_store_do_not_meet(tmp_path):
-    with claim(tmp_path / "s.zarr"), pytest.raises(gs.StorageError, match="Another process"):
+    with writer_lock(tmp_path / "s.zarr"), pytest.raises(gs.StorageError, match="Another process"):
         gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr")

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.sweeps import compute_tile, local_threads, tiles
+from gyrospark.sweeps import compute_tile, tiles
 from gyrospark.sweeps.axes import value_axis
 from gyrospark.sweeps.plan import plan
-from gyrospark.sweeps.results import BAD_START, Store, fields_of, meanings
+from gyrospark.sweeps.results import BAD_START, StoreSink, fields_of, meanings
 from sweep_studies import GAMMAS, OVER, STEPS, TOP
 
 
@@ -236,7 +236,7 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ([("gamma", [1e-3])], {}, ["no dict"]),
 ])
 def test_refusals_come_before_anything_is_computed(over, options, fragments, monkeypatch):
-    monkeypatch.setattr(local_threads, "compute", None)
+    monkeypatch.setattr(compute_tile, "compute", None)
     choice = {"scheme": "EMS", "steps": 10, "dt": 1e-3} | options
     with pytest.raises(gs.InputError) as error:
         gs.sweep("fast-top", over, **choice)
@@ -250,7 +250,7 @@ def test_a_system_without_a_start_is_refused_with_the_cure():
 
 def test_studies_and_stores_travel():
     study = plan(TOP, OVER, scheme="EMS", steps=5)
-    there = pickle.loads(pickle.dumps((study, Store(Path("x")))))[0]
+    there = pickle.loads(pickle.dumps((study, StoreSink(Path("x")))))[0]
     tile = next(tiles.tiles_of(study))
     fields = fields_of(study)
     here = compute_tile.compute(study, fields, tile)

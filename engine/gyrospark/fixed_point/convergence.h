@@ -1,5 +1,8 @@
 /* The convergence test of the fixed-point iteration. */
 
+#include "gyrospark/linear_algebra/norms.h"
+#include "gyrospark/simd/vector.h"
+
 /* ------------------------------------------------------------------- when a sweep has converged */
 
 /* What is known of the sweeps of one step, in numbers alone. Changes and defects are squares. */

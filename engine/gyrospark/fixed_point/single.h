@@ -2,7 +2,11 @@
 #ifndef GS_FIXED_POINT_SINGLE_H
 #define GS_FIXED_POINT_SINGLE_H
 
+#include "gyrospark/run/record.h"
+
 #if GS_SPARK
+#include "gyrospark/spark/residual.h"
+
 #include "gyrospark/predictor/least_squares.h"
 
 #include "gyrospark/simd/small_lu.h"

@@ -5,6 +5,10 @@
 #include "gyrospark/newton/newton.h"
 #include "gyrospark/run/record.h"
 
+#if GS_FRAME
+#include "gyrospark/frames/rotation.h"
+#endif
+
 /* One step; the constants of the run are prepared. */
 static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real q1[N], real p1[N], real multipliers[ROOM], int *iterations)

@@ -2,6 +2,7 @@
 #ifndef GS_PREDICTOR_RECURRENCE_H
 #define GS_PREDICTOR_RECURRENCE_H
 
+#include "gyrospark/linear_algebra/norms.h"
 #include "gyrospark/simd/vector.h"
 
 /* ---------------------------------------------------------------- starting values from the past */

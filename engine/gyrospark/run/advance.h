@@ -5,6 +5,12 @@
 #include "gyrospark/newton/step.h"
 
 #if GS_FIXED_POINT
+#include "gyrospark/run/objects.h"
+
+#include "gyrospark/fixed_point/fallback.h"
+#endif
+
+#if GS_FIXED_POINT
 /* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],

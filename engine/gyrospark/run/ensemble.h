@@ -5,6 +5,10 @@
 #include "gyrospark/run/integrate.h"
 
 #if GS_FIXED_POINT
+#include "gyrospark/run/batch.h"
+#endif
+
+#if GS_FIXED_POINT
 /* ------------------------------------------------------- any number of trajectories, whole runs */
 
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,

@@ -4,6 +4,16 @@
 
 #include "gyrospark/run/record.h"
 
+#if GS_INPUTS
+#include "gyrospark/run/inputs.h"
+#endif
+
+#if GS_PROFILE_RUN
+#include "gyrospark/profiles/run.h"
+#else
+#include "gyrospark/run/advance.h"
+#endif
+
 #if GS_PROFILE_RUN
 /* Where a run stores its rows; NULL where they are not wanted. */
 typedef struct {

@@ -5,6 +5,14 @@
 #include "gyrospark/linear_algebra/norms.h"
 
 #if GS_FORCES
+#if GS_SPARK
+#include "gyrospark/spark/step_end.h"
+#else
+#include "gyrospark/midpoint/step_end.h"
+#endif
+#endif
+
+#if GS_FORCES
 /* Adds the work of a step to the record, in a compensated sum. */
 static void add_work(report_t *report, real done)
 {

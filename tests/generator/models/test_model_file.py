@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from gyrospark.core.errors import InputError
 from gyrospark.generator.models.model_file import parse_model
-from gyrospark.generator.models.start_attitude import from_euler
+from gyrospark.generator.models.single_body_file import from_euler
 from gyrospark.generator.multibody.rigid_body import left_matrix
 from gyrospark.runtime.rigid_body import quaternion
 from processes import ROOT

@@ -258,10 +258,10 @@ def test_a_driven_four_bar(scheme, stages):
     assert run.report.constraint_max <= 16 * EPS
     assert np.abs(angles(run, "crank") + 2 * run.t).max() <= 256 * EPS
     end = np.stack([np.sin(2 * run.t), np.cos(2 * run.t)], axis=1)
-    apart = np.array([2.0, 0.0]) - end
-    half = np.linalg.norm(apart, axis=1) / 2
-    normal = np.stack([-apart[:, 1], apart[:, 0]], axis=1) / (2 * half)[:, None]
-    joined = end + apart / 2 + np.sqrt(4 - half**2)[:, None] * normal
+    difference = np.array([2.0, 0.0]) - end
+    half = np.linalg.norm(difference, axis=1) / 2
+    normal = np.stack([-difference[:, 1], difference[:, 0]], axis=1) / (2 * half)[:, None]
+    joined = end + difference / 2 + np.sqrt(4 - half**2)[:, None] * normal
     rocker = np.arctan2(joined[:, 1], joined[:, 0] - 2) - np.arctan2(pin[1], pin[0] - 2)
     assert np.abs(angles(run, "rocker") - rocker).max() <= 1e3 * EPS
     if scheme == "EMS":

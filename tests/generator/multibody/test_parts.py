@@ -88,8 +88,8 @@ def test_points_on_springs_and_balls():
     model = build.model()
     run = gs.stepper("G-L", 4, system=model).integrate(
         model.q0, model.p0, dt=0.01, steps=200, parameters=model.parameters)
-    apart = 1 + 0.5 * np.cos(np.sqrt(30.0 / 1.2) * run.t)
-    assert np.abs(run.q[:, 3] - run.q[:, 0] - apart).max() < 1e-10
+    difference = 1 + 0.5 * np.cos(np.sqrt(30.0 / 1.2) * run.t)
+    assert np.abs(run.q[:, 3] - run.q[:, 0] - difference).max() < 1e-10
     assert np.abs(2 * run.q[:, 0] + 3 * run.q[:, 3] - 4.5).max() < 64 * EPS
 
     build = gs.Multibody("laden")

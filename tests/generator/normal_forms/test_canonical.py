@@ -230,9 +230,9 @@ def test_equal_parts_of_a_chain_have_one_form(count):
     """Mass and height; the first spring or rod, and the others: of any length and spelling."""
     for change in (sp.expand, sp.together):
         structure = Structure(hoisted(canonical(everywhere(change)(links(count))))[0])
-        assert sorted(len(form.instances) for form in structure.forms) == sorted(
+        assert sorted(len(form.instances) for form in structure.templates) == sorted(
             [2 * count, count, count // 2])
-        assert [len(form.instances) for form in structure.constraint_forms] == (
+        assert [len(form.instances) for form in structure.constraint_templates] == (
             [1, count // 2 - 1])
 
 

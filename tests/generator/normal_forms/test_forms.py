@@ -6,8 +6,8 @@ import pytest
 import sympy as sp
 
 from equivalent_forms import HALF, stand_ins
-from gyrospark.generator.normal_forms.additive_terms import apart, total
-from gyrospark.generator.normal_forms.canonical_expressions import Forms
+from gyrospark.generator.normal_forms.additive_terms import split, total
+from gyrospark.generator.normal_forms.canonical_expressions import CanonicalForms
 
 x, y, z = sp.symbols("x y z", real=True)
 a, b = sp.symbols("a b", real=True)
@@ -18,7 +18,7 @@ ROOT = sp.sqrt(x**2 + y**2)
 def form(e, *moving):
     """Return the canonical form of an expression in which these move."""
     names = stand_ins(moving, sorted(e.free_symbols - set(moving), key=str))
-    found = Forms().expression(e.xreplace(names))
+    found = CanonicalForms().expression(e.xreplace(names))
     return found.xreplace({stand: s for s, stand in names.items()})
 
 
@@ -65,6 +65,6 @@ def test_decimals_are_exact_numbers():
 def test_a_product_of_sums_is_multiplied_out_as_far_as_its_pieces_need():
     product = k * (x + y) * (z + L)
     for most, count in ((4, 1), (2, 2), (1, 4)):
-        pieces = list(apart(Forms(), product, lambda terms, most=most: len(terms) <= most))
+        pieces = list(split(CanonicalForms(), product, lambda terms, most=most: len(terms) <= most))
         assert len(pieces) == count
         assert sp.expand(total(pieces) - product) == 0

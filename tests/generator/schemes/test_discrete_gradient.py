@@ -26,7 +26,7 @@ from gyrospark.generator.multibody.rigid_body import (
     moments,
 )
 from gyrospark.generator.schemes.discrete_gradient import (
-    Difference,
+    DiscreteDifference,
     differentiate,
     discrete_gradient,
 )
@@ -148,7 +148,7 @@ def test_D_is_the_gradient_when_the_end_points_meet(e):
 
 @pytest.mark.parametrize("e", [x0 * x1, x0**3, 1 / x0, sp.sqrt(x0), x0**-2 * x1])
 def test_mean_is_the_mean_of_the_end_values_exactly(e):
-    leaves = {s: Difference(mean, {i: sp.Integer(1)}, dx)
+    leaves = {s: DiscreteDifference(mean, {i: sp.Integer(1)}, dx)
               for i, (s, mean) in enumerate(zip(x, xm, strict=True))}
     found = differentiate(e, leaves, dx)
     assert is_zero(spelled_out(found.mean) - (e.xreplace(STARTS) + e.xreplace(ENDS)) / 2)

@@ -322,9 +322,9 @@ def test_forces_of_large_systems(scheme, stages):
 def test_cost_of_damping_grows_with_the_length():
     """Twice the chain has the same forms, and a band as wide."""
     short, long = (Structure(hoisted(chain(links))[0]) for links in (6, 12))
-    assert len(short.force_forms) == len(long.force_forms)
-    assert [len(form.expressions) for form in short.force_forms] == [
-        len(form.expressions) for form in long.force_forms]
+    assert len(short.force_templates) == len(long.force_templates)
+    assert [len(form.expressions) for form in short.force_templates] == [
+        len(form.expressions) for form in long.force_templates]
 
 
 @pytest.mark.parametrize(("real", "scheme", "stages"), [

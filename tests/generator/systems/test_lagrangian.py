@@ -147,12 +147,13 @@ def test_derivatives_along_directions_are_those_of_the_complex_step(make):
     rng = np.random.default_rng(7)
     dq, dv = rng.standard_normal((2, system.n))
     at = [0.4]
-    changed = numbers("slope_change", q=q, v=v, dq=dq, dv=dv)
+    changed = numbers("force_derivative", q=q, v=v, dq=dq, dv=dv)
     if system.forces:
-        changed = changed + numbers("force_change", q=q, v=v, t=at, dq=dq, dv=dv)
-    along = numbers("push", q=q + 1j * TINY * dq, v=v + 1j * TINY * dv, t=at).imag / TINY
+        changed = changed + numbers("applied_force_derivative", q=q, v=v, t=at, dq=dq, dv=dv)
+    moved = {"q": q + 1j * TINY * dq, "v": v + 1j * TINY * dv, "t": at}
+    along = numbers("generalised_force", **moved).imag / TINY
     np.testing.assert_allclose(changed, along, rtol=64 * EPS, atol=64 * EPS)
-    by_v = [numbers("slope_change", q=q, v=v, dq=0 * dq, dv=e) for e in np.eye(system.n)]
+    by_v = [numbers("force_derivative", q=q, v=v, dq=0 * dq, dv=e) for e in np.eye(system.n)]
     np.testing.assert_allclose(by_v @ dq, momenta(q + 1j * TINY * dq, v).imag / TINY,
                                rtol=64 * EPS, atol=64 * EPS)
     if not system.forces:  # R = dL/dq, with L = ½ v·(p + b) − V
@@ -160,7 +161,8 @@ def test_derivatives_along_directions_are_those_of_the_complex_step(make):
             b = numbers("rest_momentum", q=q)
             return v @ (momenta(q, v) + b) / 2 - numbers("potential", q=q)
         slopes = [L(q + 1j * TINY * e).imag / TINY for e in np.eye(system.n)]
-        np.testing.assert_allclose(numbers("push", q=q, v=v, t=at), slopes, rtol=64 * EPS)
+        force = numbers("generalised_force", q=q, v=v, t=at)
+        np.testing.assert_allclose(force, slopes, rtol=64 * EPS)
 
 
 @pytest.mark.parametrize("make", SYSTEMS)

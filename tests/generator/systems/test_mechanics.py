@@ -16,7 +16,7 @@ from gyrospark.generator.symbolic.derivatives import along
 from gyrospark.generator.symbolic.finite_fields import vanish
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.symbolic.shared_subexpressions import parts_of
-from gyrospark.generator.systems.sympy_motion import Motion
+from gyrospark.generator.systems.sympy_motion import FrameMotion
 from mechanics_systems import T, joints
 from strategies import EPS
 
@@ -31,7 +31,7 @@ def sides(system, values, q, v, t=0.0):
         M[place] = entries[slot]
     time = [] if system.clock is None else [system.clock]
     moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
-    return M, evaluate(system.push, at) - evaluate(moved, at)
+    return M, evaluate(system.generalised_force, at) - evaluate(moved, at)
 
 
 def numbers(matrix, q, u, values, t=0.0):
@@ -265,7 +265,7 @@ def test_an_arm_moves_and_keeps_its_energy():
 def length_of_energy(count):
     """Return of how many different parts T of a chain is made."""
     method = joints(count)
-    return len(list(parts_of([Motion(method.frame).energy(method.bodies)])))
+    return len(list(parts_of([FrameMotion(method.frame).energy(method.bodies)])))
 
 
 def test_kinetic_energy_grows_with_the_links():
@@ -285,7 +285,7 @@ def test_velocities_that_were_given_are_the_rates_of_places():
         P, fixed = P.locatenew(f"P{i}", arm.y), P
         P.v2pt_theory(fixed, N, arm)
         before = arm
-    motion = Motion(N)
+    motion = FrameMotion(N)
     short, axes = motion.velocity(P)
     given = motion.components(P.vel(N), axes)
     assert vanish([a - b for a, b in zip(short, given, strict=True)])
@@ -297,14 +297,14 @@ def test_a_velocity_that_is_no_rate_of_the_place_is_taken_as_given():
     N, _, points, _ = particles()
     u = me.dynamicsymbols("u")
     points[1].set_vel(N, u * N.x)
-    motion = Motion(N)
+    motion = FrameMotion(N)
     found, axes = motion.velocity(points[1])
     assert found == motion.components(u * N.x, axes)
 
 
 def test_a_point_of_unknown_velocity_is_refused():
     with refused("P in N"):
-        Motion(me.ReferenceFrame("N")).velocity(me.Point("P"))
+        FrameMotion(me.ReferenceFrame("N")).velocity(me.Point("P"))
 
 
 def particle(constraint=None, **more):

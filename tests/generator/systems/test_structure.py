@@ -136,8 +136,8 @@ def test_oscillators_without_constraints():
 def test_forms_of_a_chain(links):
     """Rotation and translation; norm, first joint and inner joint: whatever the length."""
     structure = Structure(hoisted(chain(links))[0])
-    assert [len(form.instances) for form in structure.forms] == [links, links]
-    assert sorted(len(form.instances) for form in structure.constraint_forms) == sorted(
+    assert [len(form.instances) for form in structure.templates] == [links, links]
+    assert sorted(len(form.instances) for form in structure.constraint_templates) == sorted(
         [links, 1, links - 1])
     assert structure.is_worthwhile
 
@@ -276,7 +276,7 @@ def test_names_do_not_matter():
                       constraints=[g.xreplace(letters) for g in system.constraints],
                       parameters=[letters[s] for s in system.parameters])
     ours, theirs = (Structure(hoisted(s)[0]) for s in (system, renamed))
-    assert [f.expressions for f in ours.forms] == [f.expressions for f in theirs.forms]
+    assert [f.expressions for f in ours.templates] == [f.expressions for f in theirs.templates]
 
 
 def test_a_constant_in_H_is_no_body():

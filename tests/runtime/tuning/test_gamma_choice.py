@@ -21,7 +21,7 @@ from gyrospark.runtime.tuning.gamma_choice import PILOT_STEPS
 from gyrospark.runtime.tuning.gamma_error_law import least
 from gyrospark.runtime.tuning.gamma_pilots import WORTHWHILE
 from gyrospark.studies.gamma_auto import ALLOWED, LONGER
-from gyrospark.studies.gamma_trials import BODIES, METHODS, TIMES, Body, Trial, asymmetric_top
+from gyrospark.studies.gamma_trials import BODIES, METHODS, TIMES, Trial, TrialBody, asymmetric_top
 
 TOP = gs.problems.fast_top()
 GAMMA = {"gamma": TOP.inertia}
@@ -39,7 +39,7 @@ def choose(step, **changes):
 
 
 def name_of(value):
-    if isinstance(value, Body):
+    if isinstance(value, TrialBody):
         return value.name
     return f"{value[1] or ''}{value[0]}" if isinstance(value, tuple) else str(value)
 
@@ -81,7 +81,7 @@ def test_no_path_of_any_top_gets_worse(
     speed = max(math.hypot(*omega, spin), math.sqrt(weight))
     assume(speed > 0.1)
     make = lambda: asymmetric_top(inertia, weight, theta, [*omega, spin])  # noqa: E731
-    trial = Trial(Body("drawn", make, turn / speed, 1000), *method)
+    trial = Trial(TrialBody("drawn", make, turn / speed, 1000), *method)
     times = (1000 * trial.body.dt, 10_000 * trial.body.dt)
     distance = trial.distances(trial.rule("γ_m"), times)
     ratios = trial.ratios(times=times)

@@ -1,0 +1,136 @@
+"""Components of a multibody system, found by name: bodies, connections, forces, parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ...core.arguments import as_text, listed, proposal, shown
+from ...core.errors import InputError
+from ...core.inertia import Inertia
+from ..symbolic.derivatives import derivative
+from ..symbolic.numeric_evaluation import evaluate
+from .body import GROUND, Body, Frame, GeneralisedForce, MovingPoint, Vector
+from .initial_poses import InitialState
+from .joints import Connection
+
+__all__ = ["TIME", "Components"]
+
+#: t, in laws of motion and in forces.
+TIME = sp.Symbol("t", real=True)
+
+
+@dataclass(eq=False)
+class Components:
+    """Bodies, connections, forces and parameters of a multibody system.
+
+    Attributes
+    ----------
+    gravity : vector
+        Its acceleration in space.
+    bodies, inertia : dict
+        Body → its initial state; rigid body → its moments or tensor of inertia.
+    symbols, values : dict
+        Symbols that users named; value of each parameter by its name.
+    measures : dict
+        Symbol of a joint's coordinate or rate → the joint, and the name of the measure.
+    """
+
+    name: str
+    gravity: Vector
+    values: dict[str, float]
+    bodies: dict[Body, InitialState] = field(default_factory=dict)
+    inertia: dict[Body, Inertia] = field(default_factory=dict)
+    moving_points: list[MovingPoint] = field(default_factory=list)
+    connections: list[Connection] = field(default_factory=list)
+    symbols: dict[str, sp.Symbol] = field(default_factory=dict)
+    potentials: list[sp.Expr] = field(default_factory=list)
+    forces: list[GeneralisedForce] = field(default_factory=list)
+    quantities: dict[str, sp.Expr] = field(default_factory=dict)
+    inputs: list[sp.Symbol] = field(default_factory=list)
+    measures: dict[sp.Symbol, tuple[Connection, str]] = field(default_factory=dict)
+
+    def claim(self, name: str) -> None:
+        """Refuse a name that is taken, or no identifier."""
+        as_text(f"a name in Multibody {self.name!r}", name)
+        taken = {*(b.name for b in self.bodies), *(point.name for point in self.moving_points),
+                 *(link.name for link in self.connections), *self.symbols}
+        if name in taken or name in ("ground", "gravity"):
+            raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
+                             "springs and parameters need names of their own.")
+        if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
+            raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
+                             "letters, digits and '_', a letter first.")
+
+    def frames(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
+        """Return the two frames of a connection, at least one of them a body."""
+        found = [self.frame(frame, shown(name)) for frame in (a, b)]
+        if found[0] is found[1] or not any(isinstance(frame, Body) for frame in found):
+            raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
+        return found[0], found[1]
+
+    def frame(self, frame: Any, what: str) -> Frame:
+        """Return the ground, a moving point or a body, given itself or by name."""
+        if frame is GROUND or (isinstance(frame, str) and frame == "ground"):
+            return GROUND
+        moving = {one.name: one for one in self.moving_points}
+        if isinstance(frame, str) and frame in moving:
+            return moving[frame]
+        if isinstance(frame, MovingPoint) and frame in self.moving_points:
+            return frame
+        return self.body(frame, what)
+
+    def body(self, body: Any, what: str) -> Body:
+        """Return a body, given itself or by name."""
+        names = {known.name: known for known in self.bodies}
+        if isinstance(body, str) and body in names:
+            return names[body]
+        if isinstance(body, Body) and body in self.bodies:
+            return body
+        raise InputError(
+            f"{what} connects {shown(body)}, which is no body of Multibody {self.name!r}; pass "
+            f"what body(...) returned, or a name: {', '.join(names) or 'there is none yet'}"
+            f"{proposal(body, names)}.")
+
+    def joint(self, joint: Any, what: str) -> Connection:
+        """Return a joint, given itself or by name."""
+        names = {link.name: link for link in self.connections}
+        if isinstance(joint, str) and joint in names:
+            return names[joint]
+        if isinstance(joint, Connection) and joint in self.connections:
+            return joint
+        raise InputError(f"{what} connects {shown(joint)}, which is no joint of Multibody "
+                         f"{self.name!r}; pass a joint, or a name: "
+                         f"{', '.join(names) or 'there is none yet'}{proposal(joint, names)}.")
+
+    def turning_joint(self, name: str, joint: Connection | str) -> Connection:
+        """Return a joint that has an angle."""
+        found = self.joint(joint, f"Gear {name!r}")
+        self.refuse_measure(found, "angle")
+        return found
+
+    def refuse_measure(self, joint: Connection, what: str) -> None:
+        """Refuse a measure that a joint does not have."""
+        if what not in joint.MEASURES:
+            raise InputError(f"Joint {joint.name!r} has no {what}; it has "
+                             f"{listed(joint.MEASURES) if joint.MEASURES else 'no coordinate'}.")
+
+    def start_of_point(self, point: MovingPoint) -> list[tuple[float, float]]:
+        """Return position and velocity of a moving point at t = 0, axis by axis."""
+        return [self.initial_value_and_rate(f"path of {point.name!r}", e) for e in point.path]
+
+    def initial_value_and_rate(self, what: str, law: sp.Expr) -> tuple[float, float]:
+        """Return the value and the rate of a law at t = 0."""
+        at = {symbol: self.values[name] for name, symbol in self.symbols.items()
+              if name in self.values}
+        with np.errstate(all="ignore"):
+            value, rate = map(float, evaluate([law, derivative(law, TIME)],
+                                              at | {TIME: 0.0}))
+        if not (math.isfinite(value) and math.isfinite(rate)):
+            raise InputError(f"The {what} has no finite value and rate at t = 0, so that no start "
+                             "satisfies it; write a law that begins smoothly.")
+        return value, rate

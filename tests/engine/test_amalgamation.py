@@ -1,0 +1,255 @@
+"""Short files that include the engine, standalone files that contain it, and other engines."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import pickle
+import re
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS
+from command_line import refused
+from compilers import MAIN, compiler
+from gyrospark.api import _generator_fingerprint, checked_in_files
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.engine import amalgamate as engine
+from gyrospark.engine.amalgamate import FOLDER, amalgamate
+from gyrospark.runtime.compilation import prebuilt
+from gyrospark.runtime.compilation.build_cache import binary_key, digest
+from gyrospark.runtime.compilation.compiler import find_compiler
+from processes import ROOT, call, gyrospark_command
+from stores import START
+from toy import HEADERS
+
+NAME = "heavy_top_ims_gamma"
+SHORT = sorted((ROOT / "generated").glob("*.c"))
+FLAGS = ["-std=c11", "-O0", "-ffp-contract=off"]
+
+
+def text_of(name):
+    return (ROOT / "generated" / f"{name}.c").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def other_engine(tmp_path, monkeypatch):
+    """Return a function that changes headers of a copy of the engine, which is then used."""
+    folder = tmp_path / "engine"
+    shutil.copytree(FOLDER / "gyrospark", folder / "gyrospark")
+
+    def change(header, old, new):
+        path = folder / "gyrospark" / header
+        text = path.read_text(encoding="ascii")
+        assert old in text
+        path.write_text(text.replace(old, new), encoding="ascii")
+        monkeypatch.setattr(engine, "FOLDER", folder)
+        engine._header.cache_clear()
+        return folder
+
+    yield change
+    engine._header.cache_clear()
+
+
+CHANGE = ("fixed_point/convergence.h", "s->iterations > 2", "s->iterations > 3")
+
+
+# ---------------------------------------------------------------- short and standalone
+
+
+def objects(tmp_path, name, source, *flags):
+    """Return the object code of C in a folder of its own."""
+    folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
+    folder.mkdir()
+    (folder / f"{name}.c").write_text(source, encoding="utf-8")
+    shutil.copy(ROOT / "generated" / f"{name}.h", folder)
+    done = call([*compiler(MAIN), *FLAGS, *flags, "-c", f"{name}.c"], cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return (folder / f"{name}.o").read_bytes()
+
+
+@pytest.mark.parametrize("name", [NAME, "heavy_top_ems_alpha", "heavy_top_gl2_gamma"])
+def test_short_and_standalone_files_have_the_same_object_code(name, tmp_path):
+    short = text_of(name)
+    assert objects(tmp_path, name, short, f"-I{FOLDER}") == objects(
+        tmp_path, name, amalgamate(short))
+
+
+@pytest.mark.parametrize("path", SHORT, ids=lambda path: path.stem)
+def test_standalone_files_contain_what_they_need(path):
+    whole = amalgamate(path.read_text(encoding="utf-8"))
+    assert "gyrospark/" not in whole
+    assert not re.search(r"^#\w+.*\bGS_", whole, re.MULTILINE)
+    assert amalgamate(whole) == whole
+
+
+def test_the_command_of_the_documents_builds_a_short_file(tmp_path):
+    """cc -I "$(gyrospark include)" -c x.c, by a shell."""
+    (tmp_path / "x.c").write_text(text_of(NAME), encoding="utf-8")
+    shutil.copy(ROOT / "generated" / f"{NAME}.h", tmp_path)
+    include = " ".join(map(str, gyrospark_command("include")))
+    done = call(["sh", "-c", f'{compiler(MAIN)[0]} -std=c11 -O0 -I "$({include})" -c x.c'],
+                cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "x.o").is_file()
+
+
+def test_the_command_prints_one_line(gyrospark):
+    answer = gyrospark("include")
+    assert (answer.code, answer.stderr) == (0, "")
+    assert answer.stdout == f"{FOLDER}\n"
+
+
+def test_without_the_folder_the_compiler_says_what_is_missing(tmp_path):
+    (tmp_path / "x.c").write_text(text_of(NAME), encoding="utf-8")
+    shutil.copy(ROOT / "generated" / f"{NAME}.h", tmp_path)
+    done = call([*compiler(MAIN), *FLAGS, "-c", "x.c"], cwd=tmp_path)
+    assert done.returncode != 0
+    first = next(line for line in done.stderr.splitlines() if "error" in line)
+    assert "gyrospark include" in first
+
+
+@pytest.mark.parametrize("standalone", [[], ["--standalone"]])
+def test_a_folder_that_cannot_be_written_is_refused(gyrospark, tmp_path, standalone):
+    (tmp_path / "file").write_text("no folder")
+    refused(gyrospark("generate", "--scheme", "IMS", "--no-compile", *standalone, "--out",
+                      str(tmp_path / "file" / "in")), "file")
+
+
+def test_generate_standalone_writes_one_file(gyrospark, tmp_path):
+    answer = gyrospark("generate", "--scheme", "IMS", "--no-compile", "--standalone", "--out",
+                       str(tmp_path))
+    assert answer.code == 0
+    assert (tmp_path / f"{NAME}.c").read_text(encoding="utf-8") == amalgamate(text_of(NAME))
+
+
+# ---------------------------------------------------------------- engines that do not fit
+
+
+def test_a_missing_engine_is_one_sentence(gyrospark, tmp_path, monkeypatch):
+    monkeypatch.setattr(engine, "FOLDER", tmp_path / "none")
+    monkeypatch.setattr(importlib.import_module("gyrospark.commands.include"), "FOLDER",
+                        tmp_path / "none")
+    engine._header.cache_clear()
+    try:
+        refused(gyrospark("include"), "none")
+        refused(gyrospark("generate", "--scheme", "IMS", "--no-compile", "--standalone"), "none")
+        with pytest.raises(GyrosparkError, match="none"):
+            checked_in_files(NAME)
+    finally:
+        engine._header.cache_clear()
+
+
+def test_a_missing_header_is_named(other_engine):
+    folder = other_engine(*CHANGE)
+    (folder / "gyrospark" / CHANGE[0]).unlink()
+    with pytest.raises(GyrosparkError, match=re.escape(CHANGE[0])):
+        amalgamate(text_of(NAME))
+
+
+def test_another_version_of_the_engine_is_refused(other_engine, gyrospark, tmp_path):
+    """By the compiler, by Python and by a command."""
+    folder = other_engine("engine.h", "#define GS_ENGINE_VERSION 1", "#define GS_ENGINE_VERSION 2")
+    with pytest.raises(GyrosparkError, match="version"):
+        amalgamate(text_of(NAME))
+    refused(gyrospark("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5"),
+            "version")
+    (tmp_path / "x.c").write_text(text_of(NAME), encoding="utf-8")
+    shutil.copy(ROOT / "generated" / f"{NAME}.h", tmp_path)
+    done = call([*compiler(MAIN), *FLAGS, f"-I{folder}", "-c", "x.c"], cwd=tmp_path)
+    assert done.returncode != 0
+    assert "version" in next(line for line in done.stderr.splitlines() if "error" in line)
+
+
+# ---------------------------------------------------------------- another engine, another stepper
+
+
+def test_a_changed_header_is_another_stepper(other_engine):
+    """In the key of the cache, in a wheel's digest and in the generator's fingerprint."""
+    before = checked_in_files(NAME)
+    other_engine(*CHANGE)
+    after = checked_in_files(NAME)
+    assert {name for name in before if before[name] != after[name]} == {f"{NAME}.c"}
+    found = find_compiler()
+    assert binary_key(before, found) != binary_key(after, found)
+    assert digest(before) != digest(after)
+
+
+def test_every_header_counts_in_the_fingerprint_of_generated_sources(monkeypatch):
+    """So that no source that was kept outlives a change to any header."""
+    read, seen = type(ROOT).read_text, set()
+
+    def reads(path, *arguments, **named):
+        seen.add(path)
+        return read(path, *arguments, **named)
+
+    monkeypatch.setattr(type(ROOT), "read_text", reads)
+    _generator_fingerprint.__wrapped__()
+    assert set(HEADERS) <= seen
+
+
+def test_a_prebuilt_module_of_another_engine_is_not_loaded(other_engine, tmp_path, monkeypatch):
+    about = {f"{NAME}.so": {"source": digest(checked_in_files(NAME)), "part": "runs",
+                            "sha256": prebuilt._checksum(ROOT / "py.typed")}}
+    (tmp_path / "modules.json").write_text(json.dumps(about), encoding="utf-8")
+    shutil.copy(ROOT / "py.typed", tmp_path / f"{NAME}.so")
+    monkeypatch.setattr(prebuilt, "FOLDER", tmp_path)
+    prebuilt._modules.cache_clear()
+    try:
+        assert prebuilt.prebuilt_module(checked_in_files(NAME), "runs") is not None
+        other_engine(*CHANGE)
+        assert prebuilt.prebuilt_module(checked_in_files(NAME), "runs") is None
+    finally:
+        prebuilt._modules.cache_clear()
+
+
+def test_a_run_does_not_resume_on_another_engine(other_engine, tmp_path):
+    pytest.importorskip("zarr")
+    out, arguments = tmp_path / "run.zarr", START | {"steps": 20}
+    gs.record(gs.Stepper(NAME, checked_in_files(NAME)), **arguments, out=out)
+    other_engine(*CHANGE)
+    with pytest.raises(gs.InputError, match=r"code\.source"):
+        gs.record(gs.Stepper(NAME, checked_in_files(NAME)), **arguments, out=out, resume=True)
+
+
+def test_a_pickle_keeps_the_engine_it_was_made_with(other_engine):
+    step = gs.Stepper(NAME, checked_in_files(NAME))
+    stored = pickle.dumps(step)
+    other_engine(*CHANGE)
+    again = pickle.loads(stored)
+    assert again.provenance["source"] == step.provenance["source"]
+    other = gs.Stepper(NAME, checked_in_files(NAME))
+    assert other.provenance["source"] != step.provenance["source"]
+    runs = [s.integrate(START["q"], START["p"], dt=1e-3, steps=5, parameters=PARAMETERS)
+            for s in (step, again)]
+    assert np.array_equal(runs[0].q, runs[1].q)
+
+
+# ---------------------------------------------------------------- installed
+
+
+@pytest.mark.slow
+def test_an_installed_wheel_has_the_headers_and_compiles(tmp_path):
+    """Built, installed into an environment of its own, and a stepper compiled there."""
+    pytest.importorskip("build")
+    done = call([sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT],
+                PYTHONWARNINGS=None)
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    folder = tmp_path / "venv"
+    assert call([sys.executable, "-m", "venv", folder]).returncode == 0
+    python = folder / "bin" / "python"
+    clean = {"PYTHONWARNINGS": None, "PYTHONPATH": None, "GYROSPARK_CACHE": str(tmp_path / "cache")}
+    done = call([python, "-m", "pip", "install", "--quiet", wheel], **clean)
+    assert done.returncode == 0, done.stderr
+    done = call([python, "-m", "gyrospark", "include"], cwd=tmp_path, **clean)
+    assert done.stdout.startswith(str(folder))
+    installed = {path.name for path in (tmp_path / done.stdout.strip()).rglob("*.h")}
+    assert installed == {path.name for path in HEADERS}
+    done = call([python, "-m", "gyrospark", "run", "fast-top", "--scheme", "IMS", "--dt", "1e-3",
+                 "--steps", "5", "--json"], cwd=tmp_path, **clean)
+    assert done.returncode == 0, done.stderr
