@@ -49,18 +49,18 @@ UNRELATED = re.compile(
 
 # ---------------------------------------------------------------- as a plugin of pytest
 
+MEMORY = 1 << 21  # pages, of 4 KiB, that a mutant may take
 COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
-LIMITS, SEEN = "GYROSPARK_MUTATION_LIMITS", "GYROSPARK_MUTATION_SEEN"
+LIMIT, SEEN = "GYROSPARK_MUTATION_LIMIT", "GYROSPARK_MUTATION_SEEN"
 _seen: dict[str, Any] = {"tests": {}, "failed": []}
 
 
 def pytest_configure() -> None:
-    """Limit time and memory; in ``map``, begin to measure."""
+    """Limit the time; in ``map``, begin to measure."""
     import resource
 
-    cpu, memory = json.loads(os.environ[LIMITS])
+    cpu = int(os.environ[LIMIT])
     resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu))
-    resource.setrlimit(resource.RLIMIT_AS, (memory << 30, memory << 30))
     if SEEN in os.environ:
         import coverage
 
@@ -103,7 +103,7 @@ def pytest_runtest_logfinish(nodeid: str) -> None:
 
 def pytest_runtest_teardown(item: Any) -> None:
     """End a file whose budget is used."""
-    if SEEN in os.environ and sum(os.times()[:4]) > json.loads(os.environ[LIMITS])[0] / 2:
+    if SEEN in os.environ and sum(os.times()[:4]) > int(os.environ[LIMIT]) / 2:
         item.session.shouldstop = "The budget of this file is used."
 
 
@@ -156,7 +156,7 @@ class Copy:
             cache.chmod(0o700)
         here = os.pathsep.join([str(self.folder.parent), str(Path(__file__).resolve().parent)])
         environment = {"PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0", "GYROSPARK_CACHE": str(cache),
-                       LIMITS: json.dumps([int(seconds), 12])} | ({SEEN: str(seen)} if seen else {})
+                       LIMIT: str(int(seconds))} | ({SEEN: str(seen)} if seen else {})
         command = ["-p", Path(__file__).stem, "-q", "-n", "0", "-p", "no:cacheprovider",
                    "--basetemp", str(self.scratch), *([] if seen else ["-x"]),
                    *(f"--deselect={name}" for name in skipped), *tests]
@@ -180,7 +180,8 @@ class Copy:
             os._exit(ended)
         while not (done := os.waitpid(child, os.WNOHANG))[0]:
             time.sleep(0.05)
-            if time.monotonic() > until:
+            pages = Path(f"/proc/{child}/statm").read_text().split()[1]
+            if time.monotonic() > until or int(pages) > MEMORY:
                 os.killpg(child, 9)
         code = os.waitstatus_to_exitcode(done[1])
         return None if code in (-9, -24) else code, said.read_text(errors="replace")
