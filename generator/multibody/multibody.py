@@ -663,7 +663,7 @@ class Multibody:
         self.redundancy = assembly.redundancy()
         if redundant == "refuse":
             self.redundancy.refuse()
-        system, store = assembly.system(self.redundancy.left_out), assembly.store
+        system, store = assembly.make_system(self.redundancy.left_out), assembly.store
         self.start = project(NumericSystem(system, store), assembly.q0, assembly.p0)
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
