@@ -64,7 +64,7 @@ class RunDefaults:
     events: tuple[Event, ...] = ()
 
     def __repr__(self) -> str:
-        return (f"<Start of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
+        return (f"<RunDefaults of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
                 "parameters>")
 
     @classmethod

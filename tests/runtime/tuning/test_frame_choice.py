@@ -232,7 +232,7 @@ def test_lines_are_centred():
     assert lines.least(1, np.zeros(1)) == pytest.approx([(9 * 20 + 26) / 10], rel=1e-6)
     middle = 20 + 6 / (1 + 9 ** (1 / 11))  # 9 x^11 = (6 - x)^11
     assert lines.least(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)  # a window has a width
-    coarse = SpectralLines(q[::32], q[::32], 0.32, [turn])  # lines are folded: 26 rad/s above π/0.32
+    coarse = SpectralLines(q[::32], q[::32], 0.32, [turn])  # folded: 26 rad/s > π/0.32
     assert not coarse.resolved or abs(coarse.least(1, np.zeros(1))[0]) < 10
 
 
