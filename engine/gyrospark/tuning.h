@@ -47,7 +47,7 @@
 #define MAX_STAGNATION 3 /* iterations without progress near round-off */
 #define MAX_DEFECT_STAGNATION 2 /* iterations without progress of the constraints */
 
-/* ------------------------------------------------------ fixed-point iteration or Newton's method */
+/* ----------------------------------------------------- fixed-point iteration or Newton's method */
 
 #define FAR_CHANGE ((real)0.02) /* first change above which another root is a risk */
 #define EFFORT_MEMORY 8 /* steps that the running mean of the cost averages */

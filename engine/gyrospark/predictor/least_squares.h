@@ -25,7 +25,7 @@
 enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* every SKIP-th stage, up to the last */
 enum { LAGS = 13, REGRESSORS = 2*(LAST + LAGS) };
 enum { EQUATION_ROWS = 16 }; /* eliminated together, by Householder reflections */
-_Static_assert((int)REGRESSORS >= (int)ORDER, "the multipliers have lessons of their own");
+_Static_assert((int)REGRESSORS >= (int)ORDER, "the workspace is too small for the multipliers");
 enum { FIRST_FIT = HISTORY/4, SECOND_FIT = 3*HISTORY/4 }; /* numbers of steps */
 /* Columns are stored in blocks of LANES; the right-hand sides begin a new block. */
 enum { RIGHT_BLOCKS = (2*S + LANES - 1)/LANES,

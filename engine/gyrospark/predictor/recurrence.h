@@ -300,7 +300,8 @@ INLINE void record_values(predictor_t *s, lanes *history, int length, const int 
     if (elapsed >= 0 && elapsed % STRIDE == 0)
         for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
             for (int spacing = 1 + (rows[group] - 1)/EQUATIONS,
-                     e = start + (int)(elapsed/STRIDE) % spacing; e < start + rows[group]; e += spacing)
+                     e = start + (int)(elapsed/STRIDE) % spacing;
+                 e < start + rows[group]; e += spacing)
                 add_equation(s, history, length, group, e, x);
     if (elapsed == STRIDE*(SAMPLES - 1)) {
         solve_fit(s);
