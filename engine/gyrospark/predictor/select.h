@@ -229,7 +229,8 @@ static void SOLVER(fit_stages)(SOLVER(t) *w, least_squares_t *l, int trajectory,
     const int steps = SOLVER(history_length)(w), unknowns = 2*(LAST + lags);
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, unknowns);
     const lanes *newest = SOLVER(history_values)(w, 1);
-    begin_least_squares(l, unknowns, 2*S, (const real[2]){ SOLVER(ridge)(newest, SOLVER(HAT), trajectory),
+    begin_least_squares(l, unknowns, 2*S, (const real[2]){
+        SOLVER(ridge)(newest, SOLVER(HAT), trajectory),
         SOLVER(ridge)(newest + SOLVER(HAT), SOLVER(HAT), trajectory) });
     for (int e = 0; e < available; e += stride) {
         const int lag = 1 + e/N, a = e % N;
