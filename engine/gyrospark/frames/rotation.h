@@ -38,7 +38,7 @@ static void angles_after(const frame_t *frame, real dt, long k, real share, angl
     const double_word t = plus(product_of((wide_real)k, dt), product_of(share, dt));
     for (int i = 0; i < ANGLES; ++i) {
         wide_real cosine, sine;
-        circle(times(t, frame->rate[i]), &cosine, &sine);
+        cos_sin(times(t, frame->rate[i]), &cosine, &sine);
         at->cosine[i] = (real)cosine;
         at->sine[i] = (real)sine;
     }
