@@ -40,8 +40,8 @@ INLINE SOLVER(state) SOLVER(current_state)(const SOLVER(t) *w)
 }
 
 /*
- * Estimates the squared round-off drift of one step, for each group of coordinates that a rotation
- * mixes: the mean square response of dt H_p and dt H_q to four perturbations of the state and rates.
+ * Estimates the squared round-off drift of a step, for each group of coordinates that a rotation
+ * mixes: the mean square response of dt H_p and dt H_q to four perturbations of state and rates.
  */
 static void SOLVER(estimate_drift)(const SOLVER(t) *w, const SOLVER(state) *at, lanes q_drift[N],
     lanes p_drift[N])

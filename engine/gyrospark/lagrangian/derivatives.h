@@ -1,4 +1,4 @@
-/* Derivatives of the H of a Lagrangian for Newton's method; conversion of momenta and velocities. */
+/* Derivatives of the H of a Lagrangian for Newton's method; momenta and velocities. */
 #ifndef GS_LAGRANGIAN_DERIVATIVES_H
 #define GS_LAGRANGIAN_DERIVATIVES_H
 

@@ -165,8 +165,8 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
 }
 
 /*
- * Solves T1 from the explicit Euler start. A stiff force times dt may exceed the momentum many times
- * over and mislead the iteration; the second attempt uses the zero-force start.
+ * Solves T1 from the explicit Euler start. A stiff force times dt may exceed the momentum by orders
+ * of magnitude and mislead the iteration; the second attempt uses the zero-force start.
  */
 static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real x[U], int *iterations)

@@ -1,4 +1,4 @@
-/* Any number of trajectories, whole runs. */
+/* Integration of an ensemble of trajectories. */
 #ifndef GS_RUN_ENSEMBLE_H
 #define GS_RUN_ENSEMBLE_H
 
@@ -9,7 +9,7 @@
 #endif
 
 #if GS_FIXED_POINT
-/* ------------------------------------------------------- any number of trajectories, whole runs */
+/* ------------------------------------------------------------------------------ ensemble */
 
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
     IF_INPUTS(const real *inputs, long hold, long input_rows,)
@@ -35,7 +35,7 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
     IF_FRAME(rotate_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports);)
 }
 #else
-/* ------------------------------------------------------- any number of trajectories, whole runs */
+/* ------------------------------------------------------------------------------ ensemble */
 
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
     IF_INPUTS(const real *inputs, long hold, long input_rows,)
