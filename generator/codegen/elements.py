@@ -2,7 +2,7 @@
 
 Every kernel works on local symbols: coordinates ``q``, momenta ``p`` and constants ``k`` of one
 instance. The functions of the whole system, which gather and scatter, are in
-``templates/forms.c.jinja``; they have the names that the other templates call.
+``templates/elements.c.jinja``; they have the names that the other templates call.
 """
 
 from __future__ import annotations

@@ -4,9 +4,7 @@
 
 #include "gyrospark/engine.h"
 
-/* --------------------------------------------------------------------------- sums and rounding */
-
-/* sum_j x_j over rows of N */
+/* sum_j x_j, rows of N numbers */
 static void total(int rows, const real *x, real sum[N])
 {
     for (int a = 0; a < N; ++a) {
@@ -16,7 +14,7 @@ static void total(int rows, const real *x, real sum[N])
     }
 }
 
-/* old + change = end + low exactly, for a rounded end: what rounding leaves over is not lost. */
+/* two-sum: old + change = end + low exactly; low is added to the next change. */
 static void add_compensated(const real old[N], const real change[N], real end[N], real low[N])
 {
     for (int a = 0; a < N; ++a) {
@@ -28,7 +26,7 @@ static void add_compensated(const real old[N], const real change[N], real end[N]
 
 #if GS_FACTORS
 #if GS_SEVERAL_CONSTRAINTS
-/* LU factors of W, m x m, in its place, without pivoting: W = G H_pp G^T is positive definite. */
+/* W <- its LU factors, without pivoting: W = G H_pp G^T is positive definite. */
 static void factorise(real W[M][M])
 {
     for (int k = 0; k < M; ++k) {
@@ -54,7 +52,7 @@ static void substitute(real W[M][M], real b[M])
     }
 }
 #else
-/* W, one number, is factorised by its inverse, in its place. */
+/* W <- 1/W, one number */
 static void factorise(real W[M][M])
 {
     W[0][0] = 1/W[0][0];

@@ -4,7 +4,7 @@
 
 #include "gyrospark/profiles/solve.h"
 
-/* The state as the caller has it; where that is not new, what rounding left over stays with it. */
+/* The state of the caller; a component that did not change keeps its round-off. */
 static void set_state(real state[N], real low[N], const real given[N])
 {
     for (int a = 0; a < N; ++a)

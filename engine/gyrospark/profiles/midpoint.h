@@ -4,12 +4,10 @@
 
 #include "gyrospark/profiles/arithmetic.h"
 
-/* --------------------------------------------------------------- a sweep: one mean value a step */
-
-/* The unknowns x are the increments dq and dp of the step, and the impulses h lambda. */
+/* The unknowns x: the increments dq and dp of the step, and the impulses h lambda. */
 enum { HAT = N, IMPULSE = 2*N, X = 2*N + M };
 
-/* The means of the ends (51). */
+/* Mean values of both ends of the step (51). */
 static void means(const state_t *w, const real x[X], real q_mean[N], real p_mean[N])
 {
     for (int a = 0; a < N; ++a) {
@@ -18,7 +16,7 @@ static void means(const state_t *w, const real x[X], real q_mean[N], real p_mean
     }
 }
 
-/* dq = h D_p between the state and the end that x says. */
+/* x <- dq = h D_p between the state and the end given by x. */
 static void position_increment(const state_t *w, real x[X])
 {
     real q_mean[N], p_mean[N], rate[N];
@@ -28,7 +26,7 @@ static void position_increment(const state_t *w, real x[X])
         x[a] = w->h*rate[a];
 }
 
-/* dp = -h (D_q - F) there, with F in the middle of the step; constraint forces are left out. */
+/* dp = -h (D_q - F) without constraint forces, F at the middle of the step */
 static void momentum_increment(const state_t *w, const real x[X], real dp[N])
 {
     real q_mean[N], p_mean[N], rate[N];
@@ -39,7 +37,7 @@ static void momentum_increment(const state_t *w, const real x[X], real dp[N])
         dp[a] = -w->h*rate[a];
 }
 
-/* Starting values without a past: an explicit Euler step, no impulse. */
+/* Starting values without history: an explicit Euler step, zero impulses. */
 static void initial_unknowns(state_t *w)
 {
     real dp[N];
@@ -53,7 +51,7 @@ static void initial_unknowns(state_t *w)
 
 #if GS_CONSTRAINED
 #if GS_CONSTANT_SCHUR
-/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+/* W is constant where g = 0: its inverse is a constant of the run. */
 static void begin_iteration(state_t *w)
 {
     (void)w;
@@ -67,7 +65,7 @@ static void apply_schur_inverse(const state_t *w, const real g[M], real impulse[
             impulse[mu] += 2*w->h_inverse*w->constants.W_inverse[mu][nu]*g[nu];
 }
 #else
-/* W = G H_pp G^T at the end of the step, factorised */
+/* Factors of W = G H_pp G^T at the end of the step. */
 static void begin_iteration(state_t *w)
 {
     real q[N], p[N];
@@ -88,7 +86,7 @@ static void apply_schur_inverse(state_t *w, real g[M], real impulse[M])
 }
 #endif
 
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+/* g at the state with its round-off, and 1/|G_mu|^2 of each row of G. */
 static void evaluate_constraints(state_t *w)
 {
     real G[M][N];
@@ -105,7 +103,7 @@ static void evaluate_constraints(state_t *w)
 }
 
 #if GS_SCALAR_SCHUR
-/* H_pp G^T = c G^T: a pull changes the velocity by c times what it changes the momenta by. */
+/* H_pp G^T = c G^T: a constraint force changes dq by h c/2 times the change of dp. */
 static void correct_increments(const state_t *w, int a, real force, real x[X])
 {
     x[HAT + a] -= force;
@@ -117,7 +115,7 @@ static void update_position_increment(const state_t *w, real x[X])
     (void)w, (void)x;
 }
 #else
-/* What a pull changes of the velocity is found by another look at it. */
+/* The change of dq by a constraint force follows from another evaluation of D_p. */
 static void correct_increments(const state_t *w, int a, real force, real x[X])
 {
     (void)w;
@@ -131,8 +129,8 @@ static void update_position_increment(const state_t *w, real x[X])
 #endif
 
 /*
- * Corrects the impulses, so that the end is on the constraints, and both increments with them;
- * w->defect is how far from g = 0 the end was before. G is that between the ends.
+ * Corrects the impulses so that the end satisfies g = 0, and both increments with them. G is the
+ * mean of dg/dq between both ends, w->defect the squared constraint error before the correction.
  */
 static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
 {
@@ -153,7 +151,7 @@ static void correct_multipliers(state_t *w, real x[X], real G[ROOM][N])
     update_position_increment(w, x);
 }
 
-/* force -= G^T impulse */
+/* force <- force - G^T impulse */
 static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real force[N])
 {
     for (int a = 0; a < N; ++a)
@@ -161,7 +159,6 @@ static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real
             force[a] -= G[mu][a]*impulse[mu];
 }
 #else
-/* There are no constraints to look at. */
 static void evaluate_constraints(state_t *w)
 {
     w->defect = 0;
@@ -184,8 +181,8 @@ static void subtract_constraint_force(real G[ROOM][N], const real *impulse, real
 #endif
 
 /*
- * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
- * dp from them. Returns the sum of squares of what it changed, relative to the state.
+ * One fixed-point iteration with Gauss-Seidel ordering: dq from dp, the impulses from g at the end,
+ * dp from both. Returns the squared norm of the increment, relative to the state.
  */
 static real iterate_once(state_t *w)
 {
@@ -206,7 +203,7 @@ static real iterate_once(state_t *w)
     return q_change*w->q_weight + p_change*w->p_weight;
 }
 
-/* The end of the step, `low` what rounding leaves over. */
+/* The end of the step by compensated sums; `low` is their round-off. */
 static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
 {
     real dq[N], dp[N];

@@ -8,7 +8,7 @@
 #if GS_FORCES
 #if GS_SPARK
 #if GS_CONSTRAINED
-/* The unknowns (B.2) from the scaled ones. */
+/* The unknowns (B.2) from the scaled unknowns. */
 static void get_unknowns(const state_t *w, real x[U])
 {
     for (int e = 0; e < S*N; ++e) {
@@ -21,7 +21,7 @@ static void get_unknowns(const state_t *w, real x[U])
     }
 }
 #else
-/* The unknowns (B.2) from the scaled ones. */
+/* The unknowns (B.2) from the scaled unknowns. */
 static void get_unknowns(const state_t *w, real x[U])
 {
     for (int e = 0; e < S*N; ++e) {
@@ -31,7 +31,7 @@ static void get_unknowns(const state_t *w, real x[U])
 }
 #endif
 #else
-/* The unknowns from those of the sweeps: a multiplier is an impulse by h. */
+/* The unknowns from those of the iteration: a multiplier is an impulse divided by h. */
 static void get_unknowns(const state_t *w, real x[U])
 {
     for (int e = 0; e < X; ++e)
@@ -39,23 +39,20 @@ static void get_unknowns(const state_t *w, real x[U])
 }
 #endif
 
-/* The work of the step that sweeps have just done, from their unknowns. */
+/* Stores the work of the step that the iteration has completed. */
 static void store_iteration_work(work_t *w, const real q[N], const real p[N])
 {
     get_unknowns(&w->state, w->x);
     store_work(w, w->state.h, q, p, w->x);
 }
 #else
-/* Without forces no work is done. */
 static void store_iteration_work(work_t *w, const real q[N], const real p[N])
 {
     (void)w, (void)q, (void)p;
 }
 #endif
 
-/* ---------------------------------------------------------- a run: sweeps, Newton behind them */
-
-/* Rounding errors are forgotten where the state is another one. */
+/* Takes the state of the caller; a component that changed loses its round-off. */
 static void set_state(work_t *w, const real q[N], const real p[N])
 {
     state_t *s = &w->state;
@@ -70,7 +67,7 @@ static void set_state(work_t *w, const real q[N], const real p[N])
     }
 }
 
-/* After a step that sweeps have not done: starting values come from the steps behind it. */
+/* Clears the history after a step by Newton's method. */
 static void reset_iteration(work_t *w)
 {
     w->state.history_length = w->state.order = 0;
@@ -93,7 +90,7 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
     }
 }
 
-/* One step by sweeps alone; one that is not done leaves the state. */
+/* One step by fixed-point iteration; a failed step leaves the state. */
 static int advance_by_fixed_point(work_t *w, real q[N], real p[N])
 {
     state_t *s = &w->state;
@@ -117,7 +114,7 @@ static int advance_by_fixed_point(work_t *w, real q[N], real p[N])
     return OK;
 }
 
-/* One step of a run, counted and observed: by Newton where sweeps fail, and some steps after. */
+/* One step of a run, recorded; Newton's method where the iteration fails, and for some steps after. */
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {

@@ -8,11 +8,9 @@
 #include "gyrospark/profiles/midpoint.h"
 #endif
 
-/* ---------------------------------------------------------------- starting values from the past */
-
 /*
- * Backward differences of the unknowns, past[k], continue the polynomial through the last steps:
- * x_n = sum_(k < order) past[k]. What that has missed is the next difference of the new values.
+ * Polynomial extrapolation by backward differences of the unknowns: x_n = sum_(k < order)
+ * history[k]. The error of order k is the next difference of the new values.
  */
 static void predict_unknowns(state_t *w)
 {
@@ -23,10 +21,10 @@ static void predict_unknowns(state_t *w)
     }
 }
 
-/* Records the unknowns of the step just done, and chooses the order for the next one. */
+/* Updates the differences by a completed step; the order with the least error is selected. */
 static void record_unknowns(state_t *w)
 {
-    real *rest = w->x, best = (real)HUGE_VAL; /* the unknowns are not asked for any more */
+    real *rest = w->x, best = (real)HUGE_VAL; /* the unknowns are overwritten */
     w->order = 1;
     for (int k = 0; k < ORDERS && k <= w->history_length; ++k) {
         real missed = 0;
@@ -44,20 +42,18 @@ static void record_unknowns(state_t *w)
     w->history_length += w->history_length < ORDERS;
 }
 
-/* ------------------------------------------------------------------- when a sweep has converged */
-
-/* What is known of the sweeps of a step: squares, relative to the state. */
+/* State of the convergence test: squared norms relative to the state. */
 typedef struct {
-    int iterations, stagnation;   /* all; those in a row that brought nothing nearer */
-    real remaining, previous;  /* what the last sweep changed or found amiss, and the one before it */
-    real smallest;         /* of all */
+    int iterations, stagnation; /* all, and the last ones without a decrease */
+    real remaining, previous;   /* increment and constraint error of the last two iterations */
+    real smallest;              /* of all */
 } progress_t;
 
 static const progress_t initial_progress = { 0, 0, (real)HUGE_VAL, (real)HUGE_VAL, (real)HUGE_VAL };
 
 /*
- * Whether sweeps may end: when the next would change less than round-off, at the rate of the last
- * two (modes may alternate), or when two in a row near round-off have brought nothing nearer.
+ * Whether the iteration has converged: the next increment, extrapolated by the rate of the last two
+ * (modes may alternate), is below round-off, or two iterations near round-off brought no decrease.
  */
 static int test_convergence(progress_t *s, real change, real defect, real tolerance)
 {
@@ -73,9 +69,7 @@ static int test_convergence(progress_t *s, real change, real defect, real tolera
         || (s->stagnation >= 2 && remaining < low*low);
 }
 
-/* ----------------------------------------------------------------------------------- the steps */
-
-/* What changes are relative to: the state and the step's own length. */
+/* Weights of the norms: the state and the increment of the step. */
 static void update_scales(state_t *w)
 {
     real dq[N], dp[N], q_square = LIMIT(MIN), p_square = LIMIT(MIN);
@@ -90,9 +84,8 @@ static void update_scales(state_t *w)
 }
 
 /*
- * Sweeps until they have converged, at most max_sweeps, all told. They begin with what past
- * steps predict, and once more without it where the first of them shows it to be far off: that may
- * lead to another root.
+ * Iterates to convergence, at most max_iterations times in all. If the first increment is large, the
+ * prediction may lead to another root: the iteration restarts without it.
  */
 static int solve_fixed_point(state_t *w)
 {
@@ -104,7 +97,7 @@ static int solve_fixed_point(state_t *w)
             progress = initial_progress;
         }
         if (restarts || (!predicted && (progress.iterations == 1 || progress.iterations == 3))) {
-            update_scales(w); /* again, for what is at rest has none before it moves */
+            update_scales(w); /* again: a body at rest has no scale before it moves */
             begin_iteration(w);
         }
         w->change = iterate_once(w);

@@ -4,15 +4,13 @@
 
 #include "gyrospark/profiles/arithmetic.h"
 
-/* ------------------------------------------------------------------ a sweep over all the stages */
-
 /*
- * The scaled unknowns x are L = h b k and L^ = h b^ k^ of the stages, then the impulses h b~ Lambda
- * of the constraint nodes 1..P-1 and last P, where g is asked for, or 0, where a multiplier acts.
+ * The scaled unknowns x: L = h b k and L^ = h b^ k^ of the stages, then the impulses h b~ Lambda.
+ * Impulse l belongs to node l + 1, where g = 0 is imposed; the last one acts at node 0.
  */
 enum { HAT = S*N, IMPULSE = 2*S*N, X = 2*S*N + P*M };
 
-/* y_i = base_i + sum_j table_ij x_j: rows of `width` numbers, those of the base `stride` apart. */
+/* y_i = base_i + sum_j table_ij x_j; rows have `width` numbers, rows of the base `stride`. */
 static void multiply_table(int rows, int columns, int width, const real *base, int stride,
     const real *table, const real *x, real *y)
 {
@@ -25,7 +23,7 @@ static void multiply_table(int rows, int columns, int width, const real *base, i
         }
 }
 
-/* Starting values without a past: the rates at the start of the step, no impulse. */
+/* Starting values without history: the rates at the start of the step, zero impulses. */
 static void initial_unknowns(state_t *w)
 {
     real H_q[N], H_p[N], shared[SHARED];
@@ -40,7 +38,7 @@ static void initial_unknowns(state_t *w)
 }
 
 #if GS_CONSTRAINED
-/* The place of the node where impulse l acts: of the last it is the start of the step. */
+/* The position of the node where impulse l acts; the last one acts at q. */
 static void node_position(const state_t *w, int l, real place[N])
 {
     for (int a = 0; a < N; ++a)
@@ -65,14 +63,14 @@ static void constraint_forces(state_t *w, real C[S*N])
 }
 
 #if GS_CONSTANT_SCHUR
-/* From starting values: the nodes Q~_l = q + D_l, D_l = sum_j nu_lj L_j, and the forces there. */
+/* Nodes Q~_l = q + D_l with D_l = sum_j nu_lj L_j of the starting values, and their forces. */
 static void begin_iteration(state_t *w)
 {
     multiply_table(P, S, N, NULL, 0, &table_nu[0][0], w->x, w->D);
     constraint_forces(w, w->C);
 }
 
-/* impulse += (h W)^-1 defect at node j: W is constant where g = 0. */
+/* impulse += (h W)^-1 defect at node j, W constant where g = 0 */
 static void apply_schur_inverse(const state_t *w, int j, const real defect[M], real impulse[M])
 {
     (void)j;
@@ -82,8 +80,8 @@ static void apply_schur_inverse(const state_t *w, int j, const real defect[M], r
 }
 #else
 /*
- * From starting values: the nodes Q~_l = q + D_l, D_l = sum_j nu_lj L_j, and the forces and factors
- * of W = G H_pp G^T there.
+ * Nodes Q~_l = q + D_l with D_l = sum_j nu_lj L_j of the starting values, their forces, and the
+ * factors of W = G H_pp G^T there.
  */
 static void begin_iteration(state_t *w)
 {
@@ -107,8 +105,8 @@ static void apply_schur_inverse(state_t *w, int j, real defect[M], real impulse[
 #endif
 
 /*
- * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
- * w->defect is how far from g = 0 the nodes were before.
+ * Corrects the impulses so that the nodes reached by L satisfy g = 0; C are the stage momenta of the
+ * new forces. w->defect is the squared constraint error before the correction.
  */
 static void correct_multipliers(state_t *w, const real L[S*N], real C[S*N])
 {
@@ -128,7 +126,7 @@ static void correct_multipliers(state_t *w, const real L[S*N], real C[S*N])
     constraint_forces(w, C);
 }
 
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+/* g at the state with its round-off, and 1/|G_mu|^2 of each row of G. */
 static void evaluate_constraints(state_t *w)
 {
     real G[M][N];
@@ -144,14 +142,14 @@ static void evaluate_constraints(state_t *w)
     }
 }
 
-/* T2: dp, with the impulses, becomes such that p + dp is on the constraint on the momenta at q. */
+/* T2: adds the impulses to dp and projects p + dp onto f(q, p) = 0. */
 static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
 {
-    real G[M][N], pushed[N];
+    real G[M][N], impulses[N];
     KERNEL(constraint_jacobian)(&w->constants, q, G);
-    total(P, w->Y, pushed);
+    total(P, w->Y, impulses);
     for (int a = 0; a < N; ++a)
-        dp[a] += pushed[a] + w->p_low[a];
+        dp[a] += impulses[a] + w->p_low[a];
     for (int round = 0; round < ROUNDS; ++round) {
         real f[M], p[N], W[M][M];
         for (int a = 0; a < N; ++a)
@@ -167,7 +165,7 @@ static void project_momentum_increment(const state_t *w, const real q[N], real d
 }
 
 #if GS_SCALAR_SCHUR
-/* The impulses, and what they change of P_i and L_i: H_pp G^T = c G^T, so of H_p c times that. */
+/* Corrects P_i by the new impulses; H_pp G^T = c G^T, so L_i changes by h b c times as much. */
 static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     real C[S*N];
@@ -181,7 +179,7 @@ static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], re
     }
 }
 #else
-/* The impulses, what they change of P_i, and H_p once more for these. */
+/* Corrects P_i by the new impulses and evaluates H_p again. */
 static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
     real C[S*N], H_p[N], shared[SHARED];
@@ -198,13 +196,12 @@ static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], re
 }
 #endif
 #else
-/* There are no constraints to look at. */
 static void evaluate_constraints(state_t *w)
 {
     w->defect = 0;
 }
 
-/* C_i = p: no impulses change the momenta. */
+/* C_i = p without impulses */
 static void begin_iteration(state_t *w)
 {
     for (int e = 0; e < S*N; ++e)
@@ -225,13 +222,13 @@ static void project_momentum_increment(const state_t *w, const real q[N], real d
 #endif
 
 #if GS_SEPARABLE
-/* H_pq = 0: H_q at the places just found squares the contraction (Gauss-Seidel). */
+/* Gauss-Seidel ordering: with H_pq = 0, H_q at the new positions squares the contraction. */
 static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 {
     multiply_table(S, S, N, w->q, 0, &table_mu[0][0], L, Q);
 }
 #else
-/* H_q is taken where H_p was. */
+/* Jacobi ordering: H_q at the positions of H_p. */
 static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 {
     (void)w, (void)L, (void)Q;
@@ -239,8 +236,8 @@ static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 #endif
 
 /*
- * One sweep: new rates k_i = H_p and k^_i = -H_q of all stages, with the impulses corrected in
- * between. Returns the sum of squares of what it changed, relative to the state.
+ * One fixed-point iteration: k_i = H_p, correction of the impulses, k^_i = -H_q. Returns the squared
+ * norm of the increment, relative to the state.
  */
 static real iterate_once(state_t *w)
 {
@@ -271,7 +268,7 @@ static real iterate_once(state_t *w)
     return q_change*w->q_weight + p_change*w->p_weight;
 }
 
-/* T2: the end of the step from the converged stages, `low` what rounding leaves over. */
+/* T2: the end of the step by compensated sums; `low` is their round-off. */
 static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
 {
     real dq[N], dp[N];
