@@ -29,8 +29,7 @@ extern "C" {
 /* Status codes. */
 enum heavy_top_ems_alpha_status {
     HEAVY_TOP_EMS_ALPHA_OK = 0,
-    HEAVY_TOP_EMS_ALPHA_NOT_CONVERGED = 1,
-        /* max_iterations reached while increments still decreased */
+    HEAVY_TOP_EMS_ALPHA_NOT_CONVERGED = 1, /* max_iterations reached; increments still shrank */
     HEAVY_TOP_EMS_ALPHA_SINGULAR = 2,
     HEAVY_TOP_EMS_ALPHA_NOT_FINITE = 3,
     HEAVY_TOP_EMS_ALPHA_STAGNATED = 4, /* increments stagnated above the level of round-off */
@@ -47,8 +46,7 @@ typedef struct {
 
 /* Solver of the nonlinear system T1. */
 enum heavy_top_ems_alpha_solver {
-    HEAVY_TOP_EMS_ALPHA_AUTO = 0,
-              /* fixed-point iteration; Newton's method for steps where it fails */
+    HEAVY_TOP_EMS_ALPHA_AUTO = 0,       /* fixed-point iteration; Newton's method if it fails */
     HEAVY_TOP_EMS_ALPHA_NEWTON = 1,     /* full Newton method */
     HEAVY_TOP_EMS_ALPHA_FIXED_POINT = 2 /* fixed-point iteration only */
 };
@@ -85,8 +83,8 @@ typedef struct {
 } heavy_top_ems_alpha_constants;
 
 /*
- * Work memory of heavy_top_ems_alpha_work_size() bytes; it needs no initialisation. To declare it as a
- * variable,
+ * Work memory of heavy_top_ems_alpha_work_size() bytes; it needs no initialisation.
+ * To declare it as a variable,
  *     #define HEAVY_TOP_EMS_ALPHA_WORK
  * before including this header. Its members are private to the functions below.
  */
@@ -94,7 +92,7 @@ typedef struct heavy_top_ems_alpha_work heavy_top_ems_alpha_work;
 size_t heavy_top_ems_alpha_work_size(void);
 
 /*
- * Starts a trajectory at (q, p) with the time step dt, which may be negative. The work memory stores
+ * Starts a trajectory at (q, p) with the time step dt, which may be negative. The work memory holds
  * the trajectory between calls; until its end, pass this memory only to the functions
  * heavy_top_ems_alpha_advance, _set_parameters, and _report_of.
  */
@@ -105,8 +103,8 @@ void heavy_top_ems_alpha_begin(heavy_top_ems_alpha_work *work,
 /*
  * Advances the trajectory by `steps` steps and returns its state in (q, p). On entry (q, p) is the
  * state of the previous call, which the caller may modify, for example by an impulse on p. The
- * result is bit-identical to one call of heavy_top_ems_alpha_integrate for all steps. On failure, the call
- * returns the status of the failed step, and (q, p) is the state before it.
+ * result is bit-identical to one call of heavy_top_ems_alpha_integrate for all steps.
+ * On failure, the call returns the status of the failed step, and (q, p) is the state before it.
  */
 int heavy_top_ems_alpha_advance(heavy_top_ems_alpha_work *work, long steps, double q[4],
     double p[4]);
@@ -148,7 +146,8 @@ int heavy_top_ems_alpha_integrate(const heavy_top_ems_alpha_parameters *paramete
 
 /*
  * Returns 1 if all integers of a report and work memory are in their valid ranges, else 0. Call it
- * for data read from a file: heavy_top_ems_alpha_integrate uses them as indices and does not check them.
+ * for data read from a file:
+ * heavy_top_ems_alpha_integrate uses them as indices and does not check them.
  */
 int heavy_top_ems_alpha_is_valid(const heavy_top_ems_alpha_report *report,
     heavy_top_ems_alpha_work *work);
@@ -163,8 +162,9 @@ int heavy_top_ems_alpha_lanes(void);
 
 /*
  * Integrates a batch of `count` trajectories, at most heavy_top_ems_alpha_lanes(), like
- * heavy_top_ems_alpha_integrate. Every input array has one entry or row per trajectory; trajectory i writes
- * its output from row i*rows on.
+ * heavy_top_ems_alpha_integrate.
+ * Every input array has one entry or row per trajectory; trajectory i writes its output from row
+ * i*rows on.
  * The caller sets all statuses to 0 before the first call. A trajectory that fails keeps its last
  * state and its status; the others are not affected. The solver is the fixed-point iteration, with
  * Newton's method for single trajectories and steps where it fails.
