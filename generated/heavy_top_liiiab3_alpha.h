@@ -9,7 +9,7 @@
  * H = mgl*(q0^2 - q1^2 - q2^2 + q3^2) + (p0*q0 + p1*q1 + p2*q2 + p3*q3)^2/(8*alpha) + (-p0*q3 + p1*q2 - p2*q1 + p3*q0)^2/(8*I3) + (-p0*q2 - p1*q3 + p2*q0 + p3*q1)^2/(8*I2) + (-p0*q1 + p1*q0 + p2*q3 - p3*q2)^2/(8*I1)
  * g = q0^2 + q1^2 + q2^2 + q3^2 - 1
  *
- * n = 4 coordinates, m = 1 constraints, 26 unknowns per step, order 4.
+ * n = 4 coordinates, m = 1 constraints, 26 unknowns a step, order 4.
  * Any consistent system of units may be used (SI: kg m^2, J, s).
  *
  * All functions are re-entrant: they allocate no memory and have no static state. The caller owns
@@ -134,8 +134,8 @@ void heavy_top_liiiab3_alpha_set_parameters(heavy_top_liiiab3_alpha_work *work,
 const heavy_top_liiiab3_alpha_report *heavy_top_liiiab3_alpha_report_of(const heavy_top_liiiab3_alpha_work *work);
 
 /*
- * Advances (q, p) by one step to (q1, p1), which may be the same arrays. Also returns the
- * 3 multipliers and the number of iterations.
+ * Advances (q, p) by one step to (q1, p1), which may be the same arrays. multipliers (3
+ * of them) and iterations are results too.
  */
 int heavy_top_liiiab3_alpha_step(const heavy_top_liiiab3_alpha_parameters *parameters,
     const heavy_top_liiiab3_alpha_options *options,

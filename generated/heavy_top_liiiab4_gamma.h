@@ -9,7 +9,7 @@
  * H = mgl*(q0^2 - q1^2 - q2^2 + q3^2) + (-1/gamma + 1/I1)*(-p0*q1 + p1*q0 + p2*q3 - p3*q2)^2/8 + (-1/gamma + 1/I2)*(-p0*q2 - p1*q3 + p2*q0 + p3*q1)^2/8 + (-1/gamma + 1/I3)*(-p0*q3 + p1*q2 - p2*q1 + p3*q0)^2/8 + (p0^2 + p1^2 + p2^2 + p3^2)/(8*gamma)
  * g = q0^2 + q1^2 + q2^2 + q3^2 - 1
  *
- * n = 4 coordinates, m = 1 constraints, 35 unknowns per step, order 6.
+ * n = 4 coordinates, m = 1 constraints, 35 unknowns a step, order 6.
  * Any consistent system of units may be used (SI: kg m^2, J, s).
  *
  * All functions are re-entrant: they allocate no memory and have no static state. The caller owns
@@ -134,8 +134,8 @@ void heavy_top_liiiab4_gamma_set_parameters(heavy_top_liiiab4_gamma_work *work,
 const heavy_top_liiiab4_gamma_report *heavy_top_liiiab4_gamma_report_of(const heavy_top_liiiab4_gamma_work *work);
 
 /*
- * Advances (q, p) by one step to (q1, p1), which may be the same arrays. Also returns the
- * 4 multipliers and the number of iterations.
+ * Advances (q, p) by one step to (q1, p1), which may be the same arrays. multipliers (4
+ * of them) and iterations are results too.
  */
 int heavy_top_liiiab4_gamma_step(const heavy_top_liiiab4_gamma_parameters *parameters,
     const heavy_top_liiiab4_gamma_options *options,
