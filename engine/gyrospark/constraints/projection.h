@@ -5,8 +5,6 @@
 #include "gyrospark/linear_algebra/norms.h"
 
 #if GS_ELEMENTS
-/* ----------------------------------------------------------------- constraints: G as blocks */
-
 /*
  * Largest accepted step of a projection, in ulps of the state, once the steps no longer shrink.
  */
@@ -33,8 +31,6 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
 }
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
-
-/* ------------------------------------------------------------- constraints: G as a dense matrix */
 
 /*
  * Largest accepted step of a projection, in ulps of the state, once the steps no longer shrink.
@@ -87,8 +83,6 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
     return solve(M, &W[0][0], g, exponents, pivots);
 }
 #endif
-
-/* --------------------------------------------------------------------------- projection */
 
 /*
  * Projects p along G^T onto f(q, p) = 0 by Newton's method, p <- p - G^T W^-1 f, until the step is

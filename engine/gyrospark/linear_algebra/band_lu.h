@@ -4,8 +4,6 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* ------------------------------------------------------------------------------- linear algebra */
-
 /*
  * Band storage: row r holds the columns r - BAND .. r + BAND, and BAND more for the fill-in of row
  * exchanges. position[] permutes unknowns and equations alike, to reduce the bandwidth.

@@ -4,8 +4,6 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* ------------------------------------------------------------------------------- linear algebra */
-
 /*
  * A = P L U in place, with partial pivoting. Row equilibration by powers of two makes the choice of
  * pivots independent of units; it is exact. `products` counts the multiplications, whose number

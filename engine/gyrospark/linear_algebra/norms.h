@@ -4,8 +4,6 @@
 
 #include "gyrospark/engine.h"
 
-/* -------------------------------------------------------------------------- norms and round-off */
-
 static real larger(real a, real b)
 {
     return a > b ? a : b;

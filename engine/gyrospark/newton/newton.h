@@ -79,8 +79,6 @@ static int satisfies_constraints(work_t *w, real dt, const real q[N], const real
 }
 #endif
 
-/* ------------------------------------------------------------------------------ T1: full Newton */
-
 /*
  * Returns 1 if round-off explains the increment in w->r, after convergence slower than 1/2. A
  * stiff spring k has a round-off of epsilon k |q| in its force, and dt epsilon k |q| may exceed a

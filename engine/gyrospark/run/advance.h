@@ -11,10 +11,6 @@
 #endif
 
 #if GS_FIXED_POINT
-/* ------------------------------------- a run: fixed-point iteration, or Newton if requested */
-
-/* Initialises the history of the predictor; Newton's method has none. */
-
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
@@ -30,7 +26,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
         const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
         if (status != OK)
             return status;
-        add_step_work(w, report);
+        IF_FORCES(add_step_work(w, report);)
         observe(AT(&w->constants, w->t + w->step), q, p, report);
         return OK;
     }
@@ -65,10 +61,6 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 #else
-/* ---------------------------------------------------------- a run: Newton's method only */
-
-/* Newton's method has no history. */
-
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
@@ -82,7 +74,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
     const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
     if (status != OK)
         return status;
-    add_step_work(w, report);
+    IF_FORCES(add_step_work(w, report);)
     observe(AT(&w->constants, w->t + w->step), q, p, report);
     return OK;
 }

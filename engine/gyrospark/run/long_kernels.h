@@ -4,8 +4,6 @@
 
 #include "gyrospark/engine.h"
 
-/* ------------------------------------------------------------------------------- long kernels */
-
 /*
  * Compiling long kernels takes most of the build time. In a build of several objects (objects.h),
  * object 1 contains the scalar kernels and object 4 or 3 the lane kernels; the other objects

@@ -5,8 +5,6 @@
 #include "gyrospark/newton/simplified.h"
 #include "gyrospark/newton/step.h"
 
-/* ---------------------------------------------------------------- one or several object files */
-
 /*
  * A parallel build compiles the generated file several times and links the objects.
  * GYROSPARK_OBJECT selects the contents: 1, Newton's method and the functions without iteration; 2,
