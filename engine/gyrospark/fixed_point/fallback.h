@@ -22,8 +22,15 @@ typedef struct {
     real effort[2]; /* of a step, lately, in either way; 0 where that is not known */
 } fixed_point_t;
 
-_Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
+_Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory),
+    "work memory is too small");
+_Static_assert(_Alignof(fixed_point_t) <= 64, "fixed_point_of aligns to 64 bytes only");
 
+/*
+ * The state of the fixed-point iteration at the first multiple of 64 bytes in its memory. The cast
+ * keeps the engine's types, whose size depends on the vector registers, out of the public header,
+ * which declares bytes.
+ */
 static fixed_point_t *fixed_point_of(work_t *w)
 {
     return (fixed_point_t *)(((size_t)w->memory + 63) & ~(size_t)63);
