@@ -23,7 +23,8 @@ typedef struct {
     real effort[2];        /* mean cost of a step by each method; 0: unknown */
 } fixed_point_t;
 
-_Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
+_Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory),
+    "work memory is too small");
 
 static fixed_point_t *fixed_point_of(work_t *w)
 {

@@ -1,7 +1,7 @@
 /* Scaled unknowns and state of the fixed-point iteration, and products with the tableau. */
 
 #if GS_STAGES_IN_LANES
-/* --------------------------------------------------- one trajectory: the stages of a step in lanes */
+/* ------------------------------------------------ one trajectory: the stages of a step in lanes */
 
 /*
  * An item is a group of LANES stages, or of LANES constraint nodes. Nodes are stored in the order
@@ -56,7 +56,7 @@ typedef struct {
     lanes defect; /* squared constraint defect of the last iteration, relative to the state */
     lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
     lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
-    lanes last_column[M]; /* h b~_P Lambda_P */
+    lanes last_impulse[M]; /* h b~_P Lambda_P */
     lanes W_inverse[M][M]; /* (h W)^-1 */
     lanes correction;      /* c in H_pp G^T = c G^T */
 } SOLVER(constraint_state);
@@ -76,7 +76,7 @@ typedef struct {
     lanes defect; /* squared constraint defect of the last iteration, relative to the state */
     lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
     lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
-    lanes last_column[M]; /* h b~_P Lambda_P */
+    lanes last_impulse[M]; /* h b~_P Lambda_P */
 } SOLVER(constraint_state);
 #endif
 #endif
@@ -85,7 +85,7 @@ typedef struct {
 enum { SOLVER(TRAJECTORIES) = LANES/SOLVER(PER) };
 
 typedef struct {
-    lanes next[REGRESSORS*2*SOLVER(S)]; /* of L and L^; regressors L and L^ alternate */
+    lanes coefficients[REGRESSORS*2*SOLVER(S)]; /* of L and L^; regressors L and L^ alternate */
     lanes multiplier_coefficients[ORDER]; /* recurrence of the multipliers */
     lanes candidate[SOLVER(X)];           /* least-squares prediction of this step */
     lanes baseline[SOLVER(IMPULSE)];      /* polynomial or recurrence prediction of this step */
@@ -130,7 +130,8 @@ typedef struct {
  * entries at a time: their sums fit into the registers, and suffice to hide latency.
  */
 INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count,
-    const lanes *restrict base, int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
+    const lanes *restrict base, int stride, const lanes *restrict table, const lanes *restrict x,
+    lanes *restrict y)
 {
     /*
      * Few entries have several partial sums each, because dependent additions have latency. The
@@ -240,7 +241,8 @@ typedef struct {
  * so that multiply-adds and not loads are the bottleneck.
  */
 INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count,
-    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
+    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x,
+    lanes *restrict y)
 {
     for (int i = 0; i < rows; i += 2) {
         const int next = i + 1 < rows ? i + 1 : i;
