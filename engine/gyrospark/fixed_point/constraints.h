@@ -192,7 +192,8 @@ INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
 }
 
 /* Extrapolates the polynomial through the last impulses by one step. */
-INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values, lanes *extrapolated)
+INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values,
+    lanes *extrapolated)
 {
     SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(onward_nodes), values, extrapolated);
 }
@@ -213,7 +214,8 @@ INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
     w->constraint_state.defect = splat(0);
 }
 
-INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values, lanes *extrapolated)
+INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values,
+    lanes *extrapolated)
 {
     (void)w, (void)values, (void)extrapolated;
 }

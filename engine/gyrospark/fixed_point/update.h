@@ -5,7 +5,7 @@ INLINE void SOLVER(accumulate_increment)(SOLVER(t) *w, int i, const lanes *L_new
     const lanes *H_q, lanes *q_change, lanes *p_change)
 {
     lanes *L = w->now.x + i*N, *L_hat = w->now.x + SOLVER(HAT) + i*N;
-    lanes dq_square = splat(0), dp_square = splat(0); /* separate sums per item shorten the dependency chain */
+    lanes dq_square = splat(0), dp_square = splat(0); /* per item: shorter dependency chains */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->h_b_hat[i]*H_q[a];
         const lanes dq = L_new[a] - L[a], dp = force - L_hat[a];

@@ -18,7 +18,8 @@ INLINE void SOLVER(add_constraint_work)(SOLVER(t) *w)
     for (int j = 0; j < SOLVER(P); ++j) {
         lanes position[N], rate[M];
         SOLVER(node_position)(w, j, position);
-        lanes_constraint_rate(LANES_AT(&w->constants, w->t + w->force_time[j]*w->step), position, rate);
+        lanes_constraint_rate(LANES_AT(&w->constants, w->t + w->force_time[j]*w->step),
+            position, rate);
         terms[j] = splat(0);
         for (int mu = 0; mu < M; ++mu)
             terms[j] += impulse[j*M + mu]*rate[mu];

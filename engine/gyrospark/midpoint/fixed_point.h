@@ -10,7 +10,7 @@
 
 #define SOLVER(f) SINGLE(f)
 
-/* -------------------------------------------------------------------- unknowns, state, mean values */
+/* ----------------------------------------------------------------- unknowns, state, mean values */
 
 /* Layout of the unknowns: the increments dq and dp, and the impulses h lambda. */
 enum { SOLVER(S) = 1, SOLVER(P) = 1 };
