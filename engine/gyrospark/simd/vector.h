@@ -71,7 +71,7 @@ INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
 
 /* Masks: results of comparisons, lane by lane. */
 #if defined(LANE_BYTES)
-typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* integers of the same width: 0 or -1 */
+typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* integers of equal width: 0 or -1 */
 
 INLINE int mask_get(const lanes_mask *m, int i)
 {
