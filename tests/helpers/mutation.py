@@ -4,14 +4,15 @@
     python mutation.py run --mutants 300     take mutants at random, write log.jsonl, resume
     python mutation.py run --again           the survivors of the log, after a test was added
     python mutation.py table                 share caught by package, and the survivors
-    python mutation.py run --packages engine --files predictor --tests tests/engine/test_predictor.py
 
-The map is of Python's lines: for headers of the engine the tests are named, those of systems that
-have what the header is for (time, forces, joints, a Lagrangian, a frame, a profile).
 ``mutants.py`` has the changes, and what is left out. A mutant is caught when a test that executes
 its line fails or runs too long; it survives when all of them pass, about two minutes of them at
-most. One of C that does not compile, without a warning, is not counted. Everything happens in copies of the project
-under ``--work``.
+most. One of C that does not compile without a warning is not counted. Everything happens in copies
+of the project under ``--work``.
+
+The map has the lines of Python: for headers of the engine name the tests, with ``--packages engine
+--files PATTERN --tests ...``, those of systems that have what a header is for (time, forces,
+joints, a Lagrangian, a frame, a profile).
 """
 
 from __future__ import annotations
