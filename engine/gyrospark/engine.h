@@ -69,7 +69,7 @@
 #ifndef GS_SEPARABLE /* H_pq = 0: Gauss-Seidel ordering */
 #define GS_SEPARABLE 0
 #endif
-#ifndef GS_EVEN_ODD /* the tableau is symmetric in time: products with it are split in even and odd parts */
+#ifndef GS_EVEN_ODD /* products with the tableau, symmetric in time, by even and odd parts */
 #define GS_EVEN_ODD 0
 #endif
 #ifndef GS_WIDE_REAL /* no machine has vector registers for the type */

@@ -46,7 +46,7 @@ static void constraint_force(const constants *c, const real q[N], const real lam
     }
 }
 
-/* reach[mu] = max_a |G[mu][a]|: the response of g to a unit displacement */
+/* reach[mu] = max_a |G[mu][a]|: largest change of g_mu per unit displacement of one coordinate */
 static void constraint_reach(const constants *c, const real q[N], real reach[M])
 {
     real G[M][N];

@@ -104,17 +104,20 @@ INLINE TYPED(mask) TYPED(constraints_met)(TYPED(progress_t) *s, NUMBER defect)
         | ((s->constraint_stagnation > MAX_DEFECT_STAGNATION) & (defect < low*low));
 }
 
-/* A negative entry is the rate of the iteration before, as no rate was measured; 1: no rate. */
+/*
+ * |rate|. A negative entry is a default copied from the preceding iteration, used until a rate has
+ * been measured; 1 means unknown.
+ */
 INLINE NUMBER TYPED(rate_magnitude)(NUMBER rate)
 {
     return TYPED(larger)(rate, -rate);
 }
 
 /*
- * rates[0] <- running mean of the contraction rate of this iteration. The rate is measured wherever
- * the expected change previous*rates[0], and not the actual one, is above round-off: a condition on
- * the actual change would select large rates and bias the mean. Each iteration has its own rate, as
- * the first ones contract less than later ones.
+ * rates[0] <- running mean of the contraction rate of this iteration. The rate is measured if the
+ * expected change, previous*rates[0], exceeds round-off. The actual change is not used in this
+ * condition: it would discard small rates and bias the mean upwards. A separate mean is stored for
+ * each iteration number, because the first iterations contract less than later ones.
  */
 INLINE void TYPED(update_rates)(const TYPED(progress_t) *s, NUMBER change, NUMBER rate,
     NUMBER *rates)
@@ -138,7 +141,10 @@ INLINE void TYPED(update_rates)(const TYPED(progress_t) *s, NUMBER change, NUMBE
 INLINE NUMBER TYPED(predict_remaining)(const TYPED(progress_t) *s, TYPED(mask) near, NUMBER change,
     NUMBER ratio, NUMBER rate, const NUMBER *rates)
 {
-    /* Few iterations do not show the slow modes: a lower bound on the rate. */
+    /*
+     * The first iterations underestimate the rate, because slow modes are not yet dominant; hence a
+     * lower bound.
+     */
     const NUMBER slow = TYPED(broadcast)(MIN_RATE);
     const NUMBER next = TYPED(larger)(ratio, TYPED(select_value)(s->iterations < 3, slow, rate));
     const NUMBER known = TYPED(rate_magnitude)(rates[1]);

@@ -28,9 +28,9 @@ _Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory),
 _Static_assert(_Alignof(fixed_point_t) <= 64, "fixed_point_of aligns to 64 bytes only");
 
 /*
- * The state of the fixed-point iteration at the first multiple of 64 bytes in its memory. The cast
- * keeps the engine's types, whose size depends on the vector registers, out of the public header,
- * which declares bytes.
+ * The state of the fixed-point iteration at the first multiple of 64 bytes in its memory. The
+ * public header declares the memory as bytes, because the size of fixed_point_t depends on the
+ * width of the vector registers.
  */
 static fixed_point_t *fixed_point_of(work_t *w)
 {
@@ -43,7 +43,10 @@ static int failure_reason(real change, real previous)
     return failure_status(MATH(sqrt)(change), previous > 0 ? MATH(sqrt)(change/previous) : 0);
 }
 
-/* Not inlined: compilers would keep vectors across iterations and spill registers. */
+/*
+ * Not inlined: otherwise compilers hold vectors in registers across iterations, which causes
+ * spills.
+ */
 NOINLINE void iterate_noinline(SINGLE(t) *w)
 {
     SINGLE(iterate_once)(w);

@@ -77,7 +77,8 @@ static void SOLVER(release_equilibrium)(SOLVER(t) *w)
 /*
  * stationary[i] <- whether the increment of the last step of lane i is round-off: below 65536
  * epsilon of the state, and within a factor of 8 of the estimated drift in every group. The first
- * test is cheap. A lane stays stationary for good if its zero rates do not depend on time.
+ * test is cheap. If RATES_STAY_ZERO (no forces, no inputs), a stationary lane remains stationary
+ * until the run ends.
  */
 static void SOLVER(detect_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
 {
@@ -111,8 +112,8 @@ static void SOLVER(detect_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before
 
 /*
  * Restores the state before the step in all stationary lanes. At a relative equilibrium the rates
- * are pure round-off. A step no longer than 16 ulp of the state accounts for, which is the accuracy
- * of the fixed-point iteration, is treated as zero; otherwise round-off accumulates as a drift.
+ * are pure round-off. An increment that perturbations of the state by 16 ulp (the accuracy of the
+ * fixed-point iteration) can explain is treated as zero; otherwise it would accumulate as a drift.
  */
 static void SOLVER(hold_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
 {

@@ -49,7 +49,10 @@ static int solve_jacobian(work_t *w, real b[U])
 #endif
 
 #if GS_CONSTRAINED
-/* Checks g(q1): a small relative increment of huge unknowns may be no solution. */
+/*
+ * Checks g(q1). If the unknowns are very large, a small relative increment does not imply a small
+ * residual.
+ */
 static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
     real d[N], q1[N], g[M], dg[M], reach[M];
@@ -77,10 +80,11 @@ static int satisfies_constraints(work_t *w, real dt, const real q[N], const real
 #endif
 
 /*
- * Returns 1 if round-off explains the increment in w->r, after convergence slower than 1/2. A
- * stiff spring k has a round-off of epsilon k |q| in its force, and dt epsilon k |q| may exceed a
- * small momentum. Perturbing state and guess by 2 ulp estimates the round-off of the residual. It
- * is evaluated at the starting guess, because a diverged iterate says nothing about round-off.
+ * Returns 1 if the increment in w->r is at round-off level. Called when the ratio of successive
+ * increments is at least 1/2. A stiff spring k has a round-off of epsilon k |q| in its force, and
+ * dt epsilon k |q| may exceed a small momentum. Perturbing state and guess by 2 ulp estimates the
+ * round-off of the residual. The residual is evaluated at the starting values, because its
+ * round-off at a diverged iterate is meaningless.
  */
 static int is_round_off(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
@@ -161,7 +165,7 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
 
 /*
  * Solves T1 from the explicit Euler start. A stiff force times dt may exceed the momentum by orders
- * of magnitude and mislead the iteration; the second attempt uses the zero-force start.
+ * of magnitude and the iteration may then diverge; the second attempt starts from zero forces.
  */
 static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real x[U], int *iterations)

@@ -5,7 +5,10 @@
 #include "gyrospark/predictor/recurrence.h"
 #include "gyrospark/tuning.h"
 
-/* Reloads through the pointer: a compiler that keeps all values would spill registers. */
+/*
+ * Makes the compiler read the values from memory again; keeping all of them in registers would
+ * cause spills.
+ */
 #if defined(__GNUC__)
 #define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
 #else
@@ -16,11 +19,12 @@
 
 /*
  * Linear prediction of the stages. The stages of the next step are a linear function of stages of
- * the last step and of the first stage of each step before it. All coordinates have the same
- * function, as they have the same frequencies; so have L and L^ of a coordinate, and therefore both
- * are regressors of each, which halves the steps that a fit needs. The coefficients are fitted to
- * the history by least squares, separately for each trajectory. The Tikhonov parameter (ridge) is
- * the round-off level of the data, which keeps the coefficients small.
+ * the last step and of the first stage of each step before it. The coefficients are the same for
+ * all coordinates, because these have the same frequencies. L and L^ of a coordinate share them
+ * too, so both are regressors of both; this halves the number of steps needed for a fit. The
+ * coefficients are fitted to the history by least squares, separately for each trajectory. The
+ * Tikhonov parameter (ridge) is the round-off level of the data, which keeps the coefficients
+ * small.
  */
 enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* every SKIP-th stage, up to the last */
 enum { LAGS = 13, REGRESSORS = 2*(LAST + LAGS) };
@@ -80,8 +84,8 @@ static void begin_least_squares(least_squares_t *l, int unknowns, int sides, con
 }
 
 /*
- * R <- triangular factor of (R; A), by Householder reflections. Column k overwrites the columns
- * before it in its block, which are not read again.
+ * R <- triangular factor of (R; A), by Householder reflections. The update is by whole blocks: step
+ * k also overwrites columns < k of its block, which are not needed any more.
  */
 static void eliminate_equations(least_squares_t *l)
 {

@@ -61,7 +61,10 @@ static void reset_predictor(predictor_t *s)
         s->rate[i] = splat(1);
 }
 
-/* x_(n-1-m); store_values has counted the new step already, and m = 0 is then its entry. */
+/*
+ * The entry m steps before the newest one (m = 0). In store_values, count is already incremented,
+ * so m = 0 is the entry to be written.
+ */
 INLINE lanes *history_entry(const predictor_t *s, lanes *history, int length, int m)
 {
     return history + ((s->count - m) & (HISTORY - 1))*length;
@@ -198,7 +201,7 @@ NOINLINE void reselect_polynomial(predictor_t *s, lanes *history, int length, co
     }
 }
 
-/* R = ridge: least-squares problems without equations. */
+/* R = ridge*I: empties the least-squares problem of each group. */
 INLINE void begin_fit(predictor_t *s, const int *ends, const lanes *x)
 {
     const real tiny = MATH(sqrt)(LIMIT(MIN))*UNDERFLOW_MARGIN;

@@ -13,7 +13,10 @@ INLINE int SOLVER(history_length)(const SOLVER(t) *w)
     return w->predictor.count < HISTORY ? (int)w->predictor.count : HISTORY;
 }
 
-/* The history entry of m steps ago; m = 1 is the last step, m = 0 the entry of the next. */
+/*
+ * History entry of step n - m, where n is the step to be predicted; m = 1 is the last completed
+ * step.
+ */
 INLINE const lanes *SOLVER(history_values)(const SOLVER(t) *w, int m)
 {
     return w->history + ((w->predictor.count + 1 - m) & (HISTORY - 1))*SOLVER(X);
@@ -336,8 +339,9 @@ INLINE void SOLVER(predict_unknowns)(SOLVER(t) *w)
 
 /*
  * Compares pending candidates with the baseline at the completed step. A candidate is selected if
- * it is clearly more accurate. The result of the second fit is permanent. No recurrence is fitted
- * before it, so that the selection of a trajectory does not depend on neighbouring lanes.
+ * its squared error is smaller by the factor CANDIDATE_GAIN. If the second fit is selected, the
+ * selection is permanent. No recurrence is fitted before that, so the selection does not depend on
+ * other lanes.
  */
 static void SOLVER(compare_candidates)(SOLVER(t) *w)
 {

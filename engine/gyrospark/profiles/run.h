@@ -109,11 +109,12 @@ static int advance_by_fixed_point(work_t *w, real q[N], real p[N])
     return OK;
 }
 
-/* One step of a run, recorded; Newton's method where the iteration fails, and for some steps after. */
+/* One step of a run, recorded; Newton's method if the iteration fails, and for some steps after. */
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
-    const int only_fixed_point = options->solver == FIXED_POINT, iterates = options->solver != NEWTON
+    const int only_fixed_point = options->solver == FIXED_POINT;
+    const int iterates = options->solver != NEWTON
         && (only_fixed_point || w->newton_steps_left == 0);
     int status = NOT_CONVERGED, taken = 0;
     *iterations = 0;
@@ -130,7 +131,8 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
             return status;
         if (options->solver != NEWTON) {
             ++report->newton_steps;
-            w->newton_steps_left = iterates ? (1 << (w->failures < 6 ? w->failures++ : 6)) - 1 : w->newton_steps_left - 1;
+            w->newton_steps_left = iterates ? (1 << (w->failures < 6 ? w->failures++ : 6)) - 1
+                : w->newton_steps_left - 1;
             set_state(w, q, p);
             reset_iteration(w);
         }

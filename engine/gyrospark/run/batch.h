@@ -9,7 +9,7 @@
 /* State of a batch, inside the caller's batch memory. */
 typedef struct {
     BATCH(t) solver;
-    BATCH(unknowns) converged; /* unknowns of lanes that converged early, or must not change */
+    BATCH(unknowns) converged; /* unknowns of lanes that converged or do not restart */
     lanes energy_start, energy_error_max, energy_error_sum;
     lanes start; /* time at the start of the run */
     long done;   /* steps since the start */
@@ -63,7 +63,7 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, con
     int *failed, int *iterations)
 {
     BATCH(t) *solver = &b->solver;
-    const lanes radius = splat((real)0.02);
+    const lanes radius = splat(FAR_CHANGE);
     const int predicted = solver->predictor.count > 0, updates = updates_rates(&solver->predictor);
     lanes iterations_taken = splat(0), alive_count = splat(0);
     for (int i = 0; i < LANES; ++i) {
@@ -100,7 +100,7 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, con
             for (int i = 0; i < LANES; ++i)
                 if (mask_get(&active, i))
                     solver->predictor.first[i] = lane_get(&change, i);
-            if (lanes_any(restarted)) { /* a distant prediction may converge to another root */
+            if (lanes_any(restarted)) { /* a poor prediction may lead to another root */
                 const lanes_progress_t start = lanes_initial_progress();
                 assign_lanes(restarted, sizeof(progress)/sizeof(lanes), &start.iterations,
                     &progress.iterations);
@@ -129,7 +129,10 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, con
         select_lanes(finished, BATCH(RESULT), &b->converged, &solver->now);
 }
 
-/* Solves the step of one lane by full Newton, with the same bits as the solver NEWTON. */
+/*
+ * Solves the step of one lane by full Newton; the result is bit-identical to that of the solver
+ * NEWTON.
+ */
 static int solve_lane_by_newton(ensemble_t *b, const options_t *options, int lane,
     int *iterations, work_t *w)
 {

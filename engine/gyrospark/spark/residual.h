@@ -13,7 +13,7 @@
 #endif
 
 #if GS_CONSTRAINED
-/* Number of nodes whose multipliers act in the stages, l = 0..P-1 */
+/* Number of multipliers Lambda_l, l = 0..P-1, that enter the stage equations */
 enum { ACTING = P };
 
 /* Constraint forces G(Q~_l)^T Lambda_l at the nodes l = 0..P-1 */
@@ -73,7 +73,10 @@ static void euler_start(work_t *w, real dt, const real q[N], const real p[N], re
         x[l] = 0;
 }
 
-/* Zero-force start: k^_i = 0, for stiff forces that mislead the Euler start. */
+/*
+ * Zero-force start: k^_i = 0, for stiff forces, for which the iteration diverges from the Euler
+ * start.
+ */
 static void zero_force_start(real x[U])
 {
     for (int e = K_HAT; e < LAMBDA; ++e)
@@ -134,9 +137,10 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
 }
 
 /*
- * Norm of an increment, max(dt|dk|/|q|, dt|dk^|/|p|), by its effect on the state. The scale |p|
- * includes the stage values of the last residual, because p = 0 for a body at rest. Multipliers are
- * excluded: their round-off grows like 1/dt^2 and does not affect the state.
+ * Norm of an increment: the relative change of the state that it causes, max(dt|dk|/|q|,
+ * dt|dk^|/|p|). The scale |p| includes the stage values of the last residual, because p = 0 for a
+ * body at rest. Multipliers are excluded: their round-off grows like 1/dt^2 and does not affect the
+ * state.
  */
 static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real dx[U])
