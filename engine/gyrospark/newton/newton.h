@@ -49,10 +49,7 @@ static int solve_jacobian(work_t *w, real b[U])
 #endif
 
 #if GS_CONSTRAINED
-/*
- * Checks g(q1). If the unknowns are very large, a small relative increment does not imply a small
- * residual.
- */
+/* Checks g(q1): a small increment relative to large unknowns does not imply a small residual. */
 static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
     real d[N], q1[N], g[M], dg[M], reach[M];
