@@ -73,7 +73,7 @@ static void euler_start(work_t *w, real dt, const real q[N], const real p[N], re
         x[l] = 0;
 }
 
-/* Zero-force start: k^_i = 0, for stiff forces, where the iteration may diverge from euler_start. */
+/* Zero-force start: k^_i = 0, for stiff forces whose Euler start diverges. */
 static void zero_force_start(real x[U])
 {
     for (int e = K_HAT; e < LAMBDA; ++e)
