@@ -17,19 +17,19 @@ from ._version import __version__
 from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
 from .core.inertia import RepName
-from .core.progress import doing
+from .core.progress import log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
 from .core.registry import MODELS
-from .core.warnings import listening, remark
+from .core.warnings import capture_warnings, warn
 from .engine.amalgamate import complete
 from .generator.parsing.text_file import UnusableFileError, is_urdf, model_text, read_text
 from .generator.schemes.named_schemes import SCHEMES, SchemeName
 from .generator.spec import Spec
 from .runtime.bindings.array_checks import as_array, as_real
 from .runtime.bindings.real_numbers import rounding
-from .runtime.compilation.build_cache import digest, keep, kept
-from .runtime.steppers.run_defaults import Start
+from .runtime.compilation.build_cache import digest, read_cache, write_cache
+from .runtime.steppers.run_defaults import RunDefaults
 from .runtime.steppers.stepper import Stepper
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def consistent(
     system: System | Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, float], *,
     t: float = 0.0,
 ) -> Projection:
-    """Return the state next to (q, p) with g(q) = 0 and g_q H_p = 0, and what was moved.
+    """Return the projection of (q, p) on g(q) = 0 and g_q H_p = 0, with its report.
 
         q ← q − g_qᵀ (g_q g_qᵀ)⁻¹ g,   p ← p − g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_p
 
@@ -230,12 +230,12 @@ def _named_stepper(spec: Spec) -> Stepper:
 
 def model_stepper(
     spec: Spec, allow_invalid: bool = False, settings: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a spec with a model file, and the numbers of the file.
 
-    Both are kept: the second time the same file asks for the same stepper, no SymPy is imported;
-    nor is it for other values of parameters that no other number of the file mentions. What is to
-    be said of the file is said every time.
+    Both are cached: SymPy is not imported for a file that is known, nor for other values of
+    parameters that no other number of the file depends on. Warnings about the file are issued
+    every time.
 
     Parameters
     ----------
@@ -255,8 +255,8 @@ def model_stepper(
     beside = is_urdf(spec.model or "") and "loops" in settings
     loops = [model_text(settings["loops"])] if beside else []
 
-    def found(changes: Mapping[str, str]) -> tuple[Stepper, Start]:
-        return _kept_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
+    def found(changes: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
+        return _cached_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
                            lambda: _model_of_file(spec, text, changes), allow_invalid)
 
     numbers = {key: number for key, value in settings.items()
@@ -271,7 +271,7 @@ def model_stepper(
 
 def named_model_stepper(
     spec: Spec, name: str, options: Mapping[str, Any], allow_invalid: bool = False
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of one of ``gyrospark.models``, and the model's numbers; both are kept.
 
     ``options`` are arguments of the model's function.
@@ -280,40 +280,40 @@ def named_model_stepper(
         arguments = {**options, **({"rep": spec.rep} if spec.rep else {})}
         return MODELS[name].make(**arguments), []
 
-    return _kept_model(("named", name, allow_invalid, sorted(options.items())), spec, make,
+    return _cached_model(("named", name, allow_invalid, sorted(options.items())), spec, make,
                        allow_invalid)
 
 
-def _kept_model(
+def _cached_model(
     what: tuple[Any, ...], spec: Spec, make: Callable[[], tuple[Model, list[str]]],
     allow_invalid: bool,
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a model and its numbers as they are kept, or make and keep them."""
     own = "" if spec.tableau is None else _text_of(spec.tableau)
     key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
-    found = kept(key)
+    found = read_cache(key)
     if found is None:
-        with listening() as heard:
+        with capture_warnings() as captured:
             name, files, start = _generate_model(spec, make, allow_invalid)
-        start = replace(start, remarks=heard)
-        keep(key, [name, files, start.as_json()])
+        start = replace(start, warnings=captured)
+        write_cache(key, [name, files, start.as_json()])
     else:
-        name, files, start = found[0], found[1], Start.from_json(found[2])
-    for said in start.remarks:
-        remark(said)
+        name, files, start = found[0], found[1], RunDefaults.from_json(found[2])
+    for message in start.warnings:
+        warn(message)
     return Stepper(name, files), start
 
 
 def _generate_model(
     spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool
-) -> tuple[str, dict[str, str], Start]:
+) -> tuple[str, dict[str, str], RunDefaults]:
     from .generator.pipeline import generate
 
     what = spec.model or spec.system
-    with doing(f"deriving {what} with {spec.method}", f"derived {what}"):
+    with log_task(f"deriving {what} with {spec.method}", f"derived {what}"):
         model, free = make()
         source = generate(spec, model=model, allow_invalid=allow_invalid).source
-    return source.name, source.files(), replace(Start.of(model), free=free)
+    return source.name, source.files(), replace(RunDefaults.of(model), free=free)
 
 
 def _model_of_file(
@@ -347,19 +347,19 @@ def files_of(spec: Spec) -> dict[str, str]:
     found = checked_in_files(spec.name)
     if found is not None:
         return found
-    files: dict[str, str] | None = kept(_kept_name(spec))
+    files: dict[str, str] | None = read_cache(_cache_name(spec))
     if files is None:
         files = _generate(spec, None, None, False).source.files()
-        keep_files(spec, files)
+        cache_files(spec, files)
     return files
 
 
-def keep_files(spec: Spec, files: dict[str, str]) -> None:
+def cache_files(spec: Spec, files: dict[str, str]) -> None:
     """Keep generated files for later calls."""
-    keep(_kept_name(spec), files)
+    write_cache(_cache_name(spec), files)
 
 
-def _kept_name(spec: Spec) -> str:
+def _cache_name(spec: Spec) -> str:
     return f"{spec.name}-{_source_key(spec)}.source.json"
 
 
@@ -397,5 +397,5 @@ def _generate(
         raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
                          "one with gyrospark.tableau.")
     what = spec.name if system is None else f"{system.name} with {spec.method}"
-    with doing(f"deriving {what}", f"derived {what}"):
+    with log_task(f"deriving {what}", f"derived {what}"):
         return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)

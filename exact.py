@@ -1,6 +1,6 @@
 """Motions in closed form, as ``gyrospark.exact.free_body(...)``."""
 
-from .runtime.rigid_body.exact_motions import free_body, regular_precession
+from .runtime.rigid_body.closed_forms import free_body, regular_precession
 
 __all__ = ["free_body", "regular_precession"]
 

@@ -48,10 +48,14 @@ from ..generator.schemes.named_schemes import SchemeName
 from ..generator.spec import Spec
 from ..references.problem_registry import REFERENCES
 from ..runtime.compilation.compiler import SPEED_FLAGS, Compiler, compile_module, read_declarations
-from ..runtime.compilation.gcc_permutations import WITHOUT_PERMUTATIONS, has_permutation
 from ..runtime.compilation.kernel_check import differences
 from ..runtime.compilation.manifest import read_manifest
-from ..runtime.compilation.object_files import Part, objects_of
+from ..runtime.compilation.object_files import (
+    WITHOUT_PERMUTATIONS,
+    Part,
+    has_permutation,
+    objects_of,
+)
 from ..runtime.compilation.verified_build import import_module
 from ..runtime.rigid_body.problems import fast_top, free_body
 

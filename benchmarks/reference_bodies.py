@@ -17,7 +17,7 @@ from ..references.problem import Reference, largest_error
 from ..references.work_precision import WorkPrecisionRun
 from .peers import exudyn_scenes, mujoco_scenes
 from .peers.optional import Unavailable
-from .reference_scenes import Told, told
+from .reference_scenes import SceneReference, scene_reference
 from .scenes import ReferenceScene, SceneMotion
 from .timing import stopwatch
 
@@ -47,7 +47,7 @@ def measure_bodies(problem: Reference, *, rounds: int = 3, quick: bool = False,
         Is told what is at work, and what is left out: the problem, a package, steps that fail.
     """
     try:
-        scene = told(problem)
+        scene = scene_reference(problem)
     except Unavailable as reason:
         watch(f"exudyn and MuJoCo are left out of {problem.name}: {reason}.")
         return
@@ -86,7 +86,8 @@ def _of_mujoco(
     return machine.prepare(integrator, seconds, steps)
 
 
-def _finer(problem: Reference, scene: Told, peer: str, scheme: str, prepare: Prepare, rounds: int,
+def _finer(problem: Reference, scene: SceneReference, peer: str, scheme: str, prepare: Prepare,
+           rounds: int,
            most: int, watch: Callable[[str], None]) -> Iterator[WorkPrecisionRun]:
     """Yield runs with ever more steps; one that fails is told."""
     steps = min(min(attempt.steps) for attempt in problem.attempts)
@@ -107,7 +108,7 @@ def _finer(problem: Reference, scene: Told, peer: str, scheme: str, prepare: Pre
         steps *= _FACTOR
 
 
-def _error(problem: Reference, scene: Told, end: Mapping[str, SceneMotion]) -> float:
+def _error(problem: Reference, scene: SceneReference, end: Mapping[str, SceneMotion]) -> float:
     """Return how far the end of a run is from the truth, as ``Reference.error`` does of ours."""
     found = scene.read(end)
     return max(largest_error(found[group], [problem.truth.value(name) for name in names])

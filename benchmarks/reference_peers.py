@@ -32,7 +32,7 @@ _TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-14)
 
 
 @dataclass(frozen=True)
-class _Way:
+class _PeerEquations:
     """Equations of motion, and what brings a state back onto its constraints."""
 
     motion: Callable[[], equations.Motion]
@@ -58,11 +58,11 @@ def _unit(state: Array) -> Array:
     return np.concatenate([state[:4] / np.linalg.norm(state[:4]), state[4:]])
 
 
-_WAYS: Mapping[str, _Way] = {
-    "kovalevskaya": _Way(equations.kovalevskaya, _unit),
-    "goryachev-chaplygin": _Way(equations.goryachev_chaplygin, _unit),
-    "neumann": _Way(equations.neumann, _on_surface((1, 1, 1))),
-    "ellipsoid": _Way(equations.ellipsoid, _on_surface((1, 2, 4))),
+_WAYS: Mapping[str, _PeerEquations] = {
+    "kovalevskaya": _PeerEquations(equations.kovalevskaya, _unit),
+    "goryachev-chaplygin": _PeerEquations(equations.goryachev_chaplygin, _unit),
+    "neumann": _PeerEquations(equations.neumann, _on_surface((1, 1, 1))),
+    "ellipsoid": _PeerEquations(equations.ellipsoid, _on_surface((1, 2, 4))),
 }
 
 
@@ -97,7 +97,8 @@ def _measure_equations(problem: Reference, rounds: int,
 Prepared = Callable[[], tuple[Array, int]]
 
 
-def _runs(problem: Reference, peer: str, prepare: Callable[[_Way, float, float], Prepared],
+def _runs(problem: Reference, peer: str,
+          prepare: Callable[[_PeerEquations, float, float], Prepared],
           rounds: int) -> Iterator[WorkPrecisionRun]:
     true = [[problem.truth.value(name) for name in names] for names in problem.groups.values()]
     scheme = {"SciPy": "DOP853, projected", "heyoka": "Taylor"}[peer]
@@ -115,7 +116,7 @@ def _runs(problem: Reference, peer: str, prepare: Callable[[_Way, float, float],
                                statistics.median(seconds), {}, peer)
 
 
-def _scipy(way: _Way, tolerance: float, seconds: float) -> Prepared:
+def _scipy(way: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
     integrate = need("scipy.integrate", "scipy")
     rates, start = way.motion()
     initial = np.array([float(x) for x in start])
@@ -137,7 +138,7 @@ def _scipy(way: _Way, tolerance: float, seconds: float) -> Prepared:
     return go
 
 
-def _heyoka(way: _Way, tolerance: float, seconds: float) -> Prepared:
+def _heyoka(way: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
     heyoka = need("heyoka")
     rates, start = way.motion()
     initial = np.array([float(x) for x in start])

@@ -24,20 +24,20 @@ from ..runtime.rigid_body.quaternion import rotation_matrix
 from .peers.optional import Unavailable
 from .scenes import GROUND, ReferenceScene, SceneBody, SceneJoint, SceneMotion, scene_of
 
-__all__ = ["Told", "andrews", "at_start", "told"]
+__all__ = ["SceneReference", "andrews", "at_start", "scene_reference"]
 
 Motions = Mapping[str, SceneMotion]
 Numbers = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True)
-class Told:
+class SceneReference:
     """A scene, and what is read off it: numbers by group, as ``Reference.read`` gives them."""
 
     scene: ReferenceScene
     read: Callable[[Motions], Numbers]
 
 
-def told(problem: Reference) -> Told:
+def scene_reference(problem: Reference) -> SceneReference:
     """Return a reference problem as a scene.
 
     Raises
@@ -53,7 +53,7 @@ def told(problem: Reference) -> Told:
     if problem.name.startswith("flyball-governor"):
         return _governor(model)
     scene = scene_of(model) if model.system.bodies else _pendulum(model)
-    return Told(scene, lambda motions: _signed(problem, problem.read(scene.end(motions))))  # type: ignore[arg-type]
+    return SceneReference(scene, lambda motions: _signed(problem, problem.read(scene.end(motions))))  # type: ignore[arg-type]
 
 
 def _signed(problem: Reference, found: Numbers) -> Numbers:
@@ -142,7 +142,7 @@ def andrews(values: Mapping[str, float], angles: Sequence[float]) -> Multibody:
     return build
 
 
-def _andrews(problem: Reference, model: Model) -> Told:
+def _andrews(problem: Reference, model: Model) -> SceneReference:
     build = andrews(model.parameters, model.q0.tolist())
     scene = replace(scene_of(build.model(redundant="leave out")),
                     torques={"K1": np.array([0.0, 0.0, model.parameters["mom"]])})
@@ -157,7 +157,7 @@ def _andrews(problem: Reference, model: Model) -> Told:
         return {"positions": [_next_to(x, y) for x, y in zip(found, true, strict=True)],
                 "velocities": moving}
 
-    return Told(scene, read)
+    return SceneReference(scene, read)
 
 
 def _next_to(angle: float, true: float) -> float:
@@ -168,10 +168,10 @@ def _next_to(angle: float, true: float) -> float:
 # ---------------------------------------------------------------- the governors
 
 
-def _governor(model: Model) -> Told:
+def _governor(model: Model) -> SceneReference:
     governor = runpy.run_path(str(EXAMPLES / "flyball_governor.py"))["governor"]
     slide = model.p0[2] / model.parameters["M"]
-    return Told(scene_of(governor(model.parameters["C"], slide)), _governor_end)
+    return SceneReference(scene_of(governor(model.parameters["C"], slide)), _governor_end)
 
 
 def _governor_end(motions: Motions) -> Numbers:

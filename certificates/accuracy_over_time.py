@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import StepFailed
-from ..core.warnings import listening
+from ..core.warnings import capture_warnings
 from ..runtime.plotting.trajectory_plots import figure_class, save
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
@@ -76,7 +76,7 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
 
     def run(step: float, n: int) -> tuple[Trajectory, float]:
         begun = time.process_time()
-        with listening():
+        with capture_warnings():
             made = stepper.integrate(q, p, dt=step, steps=n, every=n, parameters=parameters)
         return made, time.process_time() - begun
 

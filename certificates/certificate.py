@@ -20,7 +20,7 @@ from ..core.html import card, table
 from ..core.inertia import RepName
 from ..core.real_types import REALS, RealName
 from ..core.registry import SYSTEMS
-from ..core.warnings import listening
+from ..core.warnings import capture_warnings
 from ..generator.multibody.model import Model
 from ..generator.schemes.named_schemes import (
     DEFAULT_SCHEME,
@@ -30,7 +30,7 @@ from ..generator.schemes.named_schemes import (
 )
 from ..generator.symbolic.numeric_evaluation import as_rational
 from ..runtime.bindings.array_checks import as_positive_count, as_step
-from ..runtime.integration.frame_following import followed
+from ..runtime.integration.frame_following import follow_frame
 from ..runtime.rigid_body.gamma_rules import gamma_m
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
@@ -63,12 +63,12 @@ class Certificate:
         compared = [line for line in self.lines if line.holds is not None]
         return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                 f"{self.dt:g} s: {sum(line.holds is True for line in compared)} of {len(compared)} "
-                "promises hold>")
+                "guarantees hold>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: a row for each property, its measurement and the result."""
         rows = [(line.quantity, line.found, line.expected, line.verdict) for line in self.lines]
-        result = "every promise holds" if self.holds else "a promise is broken"
+        result = "every guarantee holds" if self.holds else "a guarantee is missed"
         return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
                     f"{self.dt:g} s: {result}",
                     table(rows, ("kept", "found", "should be", "verdict")))
@@ -148,7 +148,7 @@ def certify(
     known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real)
     if "velocity_names" in step.manifest["system"]:
         raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
-                         "written out: promises are not proved for it. Certify a model with the "
+                         "written out: guarantees are not proved for it. Certify a model with the "
                          "system that its legendre() returns.")
     if dt is None:
         dt = known.dt
@@ -157,13 +157,14 @@ def certify(
     count = as_positive_count("steps", (known.steps or STEPS) if steps is None else steps, least=2)
     values = _parameters(known, step, {} if parameters is None else as_mapping(
         "parameters", parameters, '{"mgl": 0.4}'))
-    values, follow = followed(step, known.q0, known.p0, dt=as_step(dt), steps=count,
-                              parameters=values)
+    asked = follow_frame(step, step.run_arguments(known.q0, known.p0, dt=dt, steps=count,
+                                                  parameters=values))
+    values, follow = asked.parameters, asked.follow
     run = step.integrate(known.q0, known.p0, dt=as_step(dt), steps=count, parameters=values)
     values = dict(run.parameters)  # with a number where a rule was given
     guarantees = _guarantees(known, step, scheme, stages, tableau, values)
     round_off = RoundOff(known.system, run, values, step)
-    with listening():  # what is to be said of the run has been said
+    with capture_warnings():  # what is to be said of the run has been said
         lines = list(Examination(known, step, guarantees, run, values, round_off,
                                  "" if follow is None else str(follow)).lines())
     return Certificate(model.name, step.name, step.order, run.dt, count, values, lines)

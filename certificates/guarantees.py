@@ -1,7 +1,7 @@
 """Guaranteed properties of a scheme on a model, derived in exact algebra, not listed.
 
-A promise is made, is not made, or is made and broken: then a condition that it rests on is not
-met, exactly, however little of that a run may show.
+A property is guaranteed, not guaranteed, or refuted. Refuted: an exact condition fails, even if no
+run shows it.
 """
 
 from __future__ import annotations
@@ -235,24 +235,24 @@ class MeanGuarantees:
     def loop(self) -> Guarantee:
         """Only without constraints, and with the gradient at the midpoint."""
         if self.system.m:
-            return Guarantee(False, f"{self.name} does not project p: with constraints it promises "
-                             "no ∮p·dq")
+            return Guarantee(False, f"{self.name} does not project p: with constraints it "
+                             "guarantees no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
             return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if not self.scheme.discrete:
             return Guarantee(True, "the implicit midpoint rule")
         if not self._is_midpoint:
             return Guarantee(False, f"{self.name}'s D is not the gradient at the midpoint: it "
-                             "promises no ∮p·dq")
+                             "guarantees no ∮p·dq")
         return Guarantee(True, "D is the gradient at the midpoint: H is quadratic")
 
     def energy(self) -> Guarantee:
         """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
         how = self._how_energy
         if self.scheme.discrete:
-            timed = self.system.is_time_dependent
-            law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * timed
-            return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * timed} ({how})",
+            time_dependent = self.system.is_time_dependent
+            law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * time_dependent
+            return Guarantee(True, f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({how})",
                              "" if how else f"{law} is refuted")
         if how:
             return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "

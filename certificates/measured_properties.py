@@ -47,7 +47,7 @@ class CertificateLine:
     expected : str
         What it should be.
     holds : bool or None
-        The verdict; None where the scheme promises nothing.
+        The result; None where nothing is guaranteed.
     why : str
         Where the expectation comes from.
     value, bound : float or None
@@ -76,7 +76,7 @@ def compared(
 ) -> CertificateLine:
     """Return a line that holds if its value is within its bound; NaN is not.
 
-    A promise that exact algebra refutes fails however small the value is, and the line then says
+    A guarantee that exact algebra refutes fails for any value, and the line then says
     that the run does not show it.
     """
     within = bool(value <= bound)
@@ -188,7 +188,7 @@ class Examination:
         drift, bound = loop.drift / loop.scale, rounded.walk
         found = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
         if not guarantee.guaranteed:
-            return reported(quantity, found, "not promised", guarantee.why, drift)
+            return reported(quantity, found, "not guaranteed", guarantee.why, drift)
         if self.switching.named and not guarantee.refuted:
             return reported(quantity, found, "kept by smooth motion",
                             f"across {self.switching.named} loops have kinks", drift)
@@ -229,7 +229,8 @@ class Examination:
         value = max(back.q_error / sizes[0], back.p_error / sizes[1])
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
         if not self.guarantees.symmetric:
-            return reported(quantity, found, "not promised", "the tableau is not symmetric", value)
+            return reported(quantity, found, "not guaranteed", "the tableau is not symmetric",
+                            value)
         if self.follow:
             return reported(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
                         "the start: the same steps back are those of each block's own rates", value)
@@ -373,7 +374,7 @@ class Examination:
             if guarantee.guaranteed:
                 yield compared(J.name, text, f"drift ≤ {bound:.1e}", guarantee, value, bound)
             else:
-                yield reported(J.name, text, "not promised", guarantee.why, value)
+                yield reported(J.name, text, "not guaranteed", guarantee.why, value)
 
     def _in_frame(self, J: MomentumMap, guarantee: Guarantee) -> Guarantee:
         """Return the guarantee for J in the frame, where J rotates unless it commutes."""

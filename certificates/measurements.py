@@ -90,7 +90,7 @@ def _largest(x: Array) -> float:
 # ---------------------------------------------------------------- constraints
 
 #: Most numbers in memory at a time.
-_ROOM = 2**20
+_MOST_NUMBERS = 2**20
 
 
 def constraint_scales(
@@ -106,7 +106,7 @@ def constraint_scales(
     given = binding.parameters(dict(parameters))
     moves = nudge * np.concatenate([np.zeros((1, 2 * n)), np.diag(np.concatenate(sizes))])
     largest = np.zeros((2, m))
-    count = max(1, _ROOM // (2 * n * (n + m)))
+    count = max(1, _MOST_NUMBERS // (2 * n * (n + m)))
     for start in range(0, len(run.q), count):
         rows = slice(start, start + count)
         states = np.concatenate([run.q[rows], run.p[rows]], axis=1).astype(float)

@@ -29,7 +29,7 @@ __all__ = ["RoundOff"]
 Array = NDArray[np.float64]
 
 #: Most numbers in memory at a time, of all subexpressions.
-_ROOM = 2**22
+_MOST_NUMBERS = 2**22
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class RoundOff:
     def states(self, expressions: Sequence[sp.Expr]) -> Iterator[tuple[dict[Any, Any], int]]:
         """Yield the values of all symbols, as many states at a time as fit in memory."""
         parts = sum(1 for _ in parts_of(expressions)) + 1
-        size = max(16, _ROOM // parts)
+        size = max(16, _MOST_NUMBERS // parts)
         for start in range(0, len(self.run.t), size):
             rows = slice(start, start + size)
             yield self.values(rows), len(self.run.t[rows])

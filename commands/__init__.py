@@ -4,7 +4,6 @@
     reference                 one of the commands, too; models has ``examples`` in it
     options                   options that several of them share
     run/                      ``run``: command, choices, outputs, report
-    bench_tables              what ``bench`` prints
 
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one
 sentence on stderr, no traceback), 130 interrupted.
@@ -25,7 +24,7 @@ import click
 
 from .._version import __version__
 from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
-from ..core.progress import spoken
+from ..core.progress import terminal_messages
 from .bench import bench
 from .cache import cache
 from .export import export
@@ -75,7 +74,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
         if isinstance(stream, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
             stream.reconfigure(errors="replace")
     try:
-        with spoken(), _saying_remarks(name):
+        with terminal_messages(), _printing_warnings(name):
             result = command.main(prog_name=name, standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -89,7 +88,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
         logging.getLogger("asyncio").disabled = True  # it would name the reads that Zarr had begun
         _fail(name, "Interrupted.", 130)
     except StepFailed as error:
-        kept = f"{error.told}; everything before it is reported and saved."
+        kept = f"{error.summary}; everything before it is reported and saved."
         _fail(name, " ".join([kept, *getattr(error, "__notes__", ())]), 1)
     except CompilerError as error:
         _fail(name, str(error), 2)  # with the compiler's own lines
@@ -107,8 +106,8 @@ def _call(command: click.Command, name: str) -> NoReturn:
 
 
 @contextlib.contextmanager
-def _saying_remarks(name: str) -> Iterator[None]:
-    """Have every remark on an input said in one line on stderr, each once."""
+def _printing_warnings(name: str) -> Iterator[None]:
+    """Print each warning about the input once, in one line on stderr."""
     said: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
@@ -129,7 +128,7 @@ def _one_line(message: str) -> str:
 
 
 def _forget_output() -> None:
-    """Let what cannot be written go nowhere, so that Python does not try it again at its end."""
+    """Discard unwritten output, so that Python does not try to write it at exit."""
     with contextlib.suppress(OSError, AttributeError):  # stdout may be no file at all
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())

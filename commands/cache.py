@@ -11,7 +11,7 @@ __all__ = ["cache"]
 
 @click.group()
 def cache() -> None:
-    """List or clear what is kept between runs (GYROSPARK_CACHE chooses the folder)."""
+    """List or clear the cache of generated and compiled steppers (folder: GYROSPARK_CACHE)."""
 
 
 @cache.command(name="list")

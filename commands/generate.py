@@ -1,4 +1,4 @@
-"""``generate``: write a stepper's C, compile it, say what it is."""
+"""``generate``: write a stepper's C, compile it, print its properties."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import click
 from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.lazy_imports import imported_for_good
-from ..core.progress import doing
+from ..core.progress import log_task
 from ..generator.codegen.profiles import PROFILES
 from ..generator.spec import PAPER_SPECS, Spec
-from ..runtime.compilation.manifest import remarks_of
+from ..runtime.compilation.manifest import manifest_warnings
 from .options import (
     check_no_file,
     completing,
@@ -90,26 +90,26 @@ def write_stepper(
 ) -> None:
     """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
-    with doing(f"making {spec.model or spec.name}"):  # the summary says how long it took
+    with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
         made = _generate(spec, allow_invalid)
         write_files(made.source.files(standalone=standalone), out)
         derived = time.perf_counter()
         if compile_it:
-            from ..api import keep_files
+            from ..api import cache_files
             from ..runtime.compilation.stepper_module import load_module
 
             load_module(made.source.name, made.source.files())
             if spec.tableau is None and spec.model is None:
-                keep_files(spec, made.source.files())
+                cache_files(spec, made.source.files())
     done = time.perf_counter()
     click.echo(summary(made, out, derived - start, done - derived if compile_it else None))
 
 
 def summary(made: Generated, out: Path, derive: float, compile_seconds: float | None) -> str:
-    """Return what was made, in a few lines."""
+    """Return the properties of a generated stepper, in a few lines."""
     scheme = made.scheme
     operations = sum_operations(made.source.manifest)
-    said = remarks_of(json.loads(made.source.manifest))
+    said = manifest_warnings(json.loads(made.source.manifest))
     remarks = "".join(f"  {part}: {remark}\n" for part, remark in said)
     seconds = f"derived and written in {derive:.2f} s"
     if compile_seconds is not None:
@@ -177,7 +177,7 @@ def write_files(files: dict[str, str], out: Path) -> None:
 
 
 def _generate(spec: Spec, allow_invalid: bool) -> Generated:
-    with doing(f"deriving {spec.model or spec.name}"):
+    with log_task(f"deriving {spec.model or spec.name}"):
         with imported_for_good("sympy"):  # only when needed
             from ..generator.pipeline import generate as run_pipeline
 

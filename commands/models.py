@@ -1,4 +1,4 @@
-"""What there is to run: ``gyrospark models`` by name, ``gyrospark examples`` by file."""
+"""``gyrospark models`` lists named models, ``gyrospark examples`` the example files."""
 
 from __future__ import annotations
 

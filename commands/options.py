@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,9 +16,9 @@ import click
 from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.exact_numbers import Rounded, decimal
-from ..core.file_formats import PICTURES, ending_of
+from ..core.file_formats import ending_of, endings
 from ..core.inertia import REPS
-from ..core.progress import hush
+from ..core.progress import TERMINAL
 from ..core.real_types import REALS
 from ..core.registry import FRAMES, MODELS, SYSTEMS
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
@@ -30,7 +31,7 @@ __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file"
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
 #: Endings of what is written to folders.
-_FILES = (".c", ".h", ".json", ".html", ".csv", *PICTURES)
+_FILES = (".c", ".h", ".json", ".html", ".csv", *endings("picture"))
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -94,11 +95,11 @@ def frame_option(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --json, with which nothing is said on the way."""
+    """Add --json, which shows no progress."""
 
     def choose(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
         if value:
-            hush()
+            TERMINAL.setLevel(logging.CRITICAL)  # until terminal_messages ends
         return value
 
     return click.option("--json", "as_json", is_flag=True, callback=choose,
@@ -129,7 +130,7 @@ def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[st
 
 
 def completing(names: Iterable[str]) -> Callable[..., list[str]]:
-    """Return what completes an option's text to one of the names, on a shell's Tab."""
+    """Return the shell completion of an option's text to one of the names."""
     return lambda context, parameter, text: [name for name in names if name.startswith(text)]
 
 
@@ -178,7 +179,7 @@ def check_no_file(option: str, folder: Path) -> None:
 
 
 def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
-    """Refuse a name whose ending says something else than what can be written."""
+    """Refuse a name with an ending of no format that can be written."""
     if ending_of(path) not in allowed:
         raise InputError(f"{option} {path.name!r} ends in {path.suffix!r}, which cannot be "
                          f"written; end it in {', '.join(filter(None, allowed))}.")
@@ -194,7 +195,7 @@ def check_film(path: Path) -> None:
 
 def check_picture(path: Path) -> None:
     """Refuse a file of --plot that no picture can be written to."""
-    from ..runtime.plotting.trajectory_plots import check_target
+    from ..runtime.plotting.trajectory_plots import check_picture_path
 
     check_writable("--plot", path)
-    check_target(path)
+    check_picture_path(path)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.errors import MissingDependencyError
-from ..core.progress import hushed
+from ..core.progress import hide_tasks
 from .generate import write_files
 from .options import check_folder, check_writable, json_option
 
@@ -70,7 +70,7 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
 
 
 def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:
-    """Return where the report goes, and what is to be said if there is none: before all work.
+    """Return the folder of the report, and the notice where there is none: before all work.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def _progress(
     columns = (TextColumn("{task.fields[result]:>14}"), BarColumn(),
                TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
                TextColumn("{task.description}"))
-    with hushed(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with hide_tasks(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, result="")
         yield (lambda name, done: bar.update(task, completed=done, result=name, description=""),
                lambda text: bar.update(task, description=text))

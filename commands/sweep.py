@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.errors import GyrosparkError, InputError, Stopped
-from ..core.interrupts import watched
+from ..core.interrupts import catch_signals
 from .options import check_ending, check_picture, check_writable, json_option, whole_number
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def sweep(
     started = time.perf_counter()
     trouble: Stopped | None = None
     failure: GyrosparkError | None = None
-    with watched() as interrupts:  # to the end: a sweep that is complete is reported
+    with catch_signals() as interrupts:  # to the end: a sweep that is complete is reported
         with _progress(quiet=as_json) as progress:
             try:
                 run_study(loaded.study, keep=loaded.keep, out=store, resume=resume,
@@ -94,7 +94,7 @@ def sweep(
             if plot is not None:
                 failure = _draw(store, show, plot, result)
             click.echo(json.dumps(result, indent=2) if as_json else _text(result))
-    if trouble is None and interrupts.asked:
+    if trouble is None and interrupts.requested:
         trouble = Stopped("Stopped while the report was made: the sweep is complete.",
                           interrupts.signal)
     if trouble is not None:  # to click a KeyboardInterrupt is one like another
@@ -107,7 +107,7 @@ def sweep(
 
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Progress | None]:
-    """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
+    """Yield a callback that moves a progress bar; None without a terminal."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return

@@ -12,7 +12,7 @@ import click
 
 from ..core.errors import InputError
 from ..core.inertia import REPS, RepName
-from ..core.progress import doing
+from ..core.progress import log_task
 from ..core.real_types import REALS
 from ..core.registry import SYSTEMS, entry_named
 from ..generator.schemes.named_schemes import SCHEMES
@@ -83,7 +83,7 @@ def verify(
 
     verdicts = []
     for spec in specs:
-        with doing(f"verifying {spec.tableau or spec.name}"):
+        with log_task(f"verifying {spec.tableau or spec.name}"):
             verdicts.append(verify_stepper(spec))
     holds = all(verdict.holds for verdict in verdicts)
     if as_json:
@@ -141,7 +141,7 @@ def _certify(
     name: str, target: str | None, dt: str | None, steps: str | None, plot: Path | None,
     choice: dict[str, Any], *, moving: bool, as_json: bool,
 ) -> int:
-    """Print the certificate of a model; 0 if no promise is broken."""
+    """Print the certificate of a model; 0 if no guarantee is missed."""
     if target is not None:
         raise InputError(f"{target!r} is given besides --model; name a scheme with --scheme and "
                          "--stages or --tableau.")
@@ -158,7 +158,7 @@ def _certify(
     from ..runtime.rigid_body.problems import Problem
 
     step_size = None if dt is None else real_number("--dt", dt)
-    with doing(f"checking what {name} keeps"):
+    with log_task(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
         rep = choice["rep"] if isinstance(model, Problem) else None  # a file has had its say
         found = certify(
@@ -170,7 +170,7 @@ def _certify(
         )
     drawn = {}
     if plot is not None:
-        with doing(f"measuring how exact {found.stepper} is"):
+        with log_task(f"measuring how exact {found.stepper} is"):
             drawn = _draw(model, found, choice, count, rep, plot)
     if as_json:
         click.echo(json.dumps(found.as_dict() | drawn, indent=2, allow_nan=False))
@@ -227,7 +227,7 @@ def _print_certificate(found: Certificate) -> None:
     failed = [line.quantity for line in found.lines if line.holds is False]
     judged = sum(line.holds is not None for line in found.lines)
     result = "holds" if not failed else f"FAILS: {', '.join(failed)}"
-    click.echo(f"{found.model}: {judged} promises of {found.stepper}: {result}")
+    click.echo(f"{found.model}: {judged} guarantees of {found.stepper}: {result}")
 
 
 def _print(verdicts: list[Verification], *, details: bool) -> None:

@@ -1,4 +1,4 @@
-"""What every package uses: errors, arguments, numbers, registries. Nothing here imports upwards.
+"""Errors, argument checks, numbers, registries: used by every package, importing none.
 
     errors         every error that is raised on purpose
     arguments      checks of names, paths, flags and lists, with the closest match for a wrong name

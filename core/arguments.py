@@ -82,7 +82,7 @@ def proposal(
 
 
 def _plain(name: str) -> str:
-    """Return a name without what people confuse: case, and the signs between words."""
+    """Return a name without case and signs between words, which people confuse."""
     return name.lower().replace("-", "").replace("_", "").replace(" ", "")
 
 
@@ -93,7 +93,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def shown(value: Any, most: int = 80) -> str:
-    """Return a value as a message shows it: on one line, cut to what can be read."""
+    """Return a value as a message shows it: on one line, cut to a readable length."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a repr of somebody else's; of an integer of 5000 digits, too

@@ -32,7 +32,7 @@ class InputError(GyrosparkError, ValueError):
 
 
 class InputWarning(UserWarning):
-    """A value that a caller passed is taken as it is, and was perhaps meant otherwise."""
+    """A value that a caller passed is accepted, but suspicious."""
 
 
 class TableauError(InputError):
@@ -106,7 +106,7 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
     detail, cure : str
         The reason with its figures, and what helps.
     hint : str
-        What the system itself lets expect: forces that jump may leave a step without a solution.
+        A property of the system that makes steps fail: forces that jump.
     """
 
     def __init__(
@@ -122,19 +122,19 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
         self.dt = dt
         self.detail = detail or reason
         self.cure = cure
-        super().__init__(f"{self.told}; everything before it is in .trajectory.")
+        super().__init__(f"{self.summary}; everything before it is in .trajectory.")
 
     @property
     def hint(self) -> str:
-        """What the system itself lets expect of steps without a solution."""
+        """The property of the system that makes steps fail, if it has one."""
         jumps = self.trajectory.manifest["system"].get("jumps")
         return "" if jumps is None else (
             f" Forces jump at {jumps}: a step to there may have no solution; write them smooth, as "
             "tanh(x/1e-3) for sign(x).")
 
     @property
-    def told(self) -> str:
-        """What failed, where, why, and what helps."""
+    def summary(self) -> str:
+        """The failed step, its time, the reason and the cure."""
         where = f"Step {self.step} at t = {self.t:.9g} s"
         return f"{where} failed: {self.detail}.{self.hint} {self.cure}"
 

@@ -1,4 +1,4 @@
-"""An event: a quantity of a run crosses a level. What is asked for, in Python and in words."""
+"""An event: a quantity of a run crosses a level. Its record, and its text on the command line."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def _of_ratio(above: int, below: int) -> Fraction | float:
 
 
 def _beyond(size: int, *, negative: bool) -> Fraction | float:
-    """Return what is too large or too small for every type, as all of them see it."""
+    """Return the overflow or underflow of a number beyond every type."""
     if size < 0:
         return Fraction(0)
     return -math.inf if negative else math.inf

@@ -16,12 +16,12 @@ _EXTRA = re.compile(r"""extra\s*==\s*["']([\w-]+)["']""")
 
 
 def install(extra: str) -> str:
-    """Return the command that installs what an extra has, in backticks."""
+    """Return the command that installs the packages of an extra, in backticks."""
     return "`pip install " + " ".join(f'"{one}"' for one in packages_of(extra)) + "`"
 
 
 def packages_of(extra: str) -> list[str]:
-    """Return the requirements of an extra, those of the extras that it has in place of these."""
+    """Return the requirements of an extra, with extras among them replaced by their own."""
     found: dict[str, None] = {}
     for requirement in _extras()[extra]:
         own = _OWN.match(requirement)

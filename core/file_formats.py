@@ -1,21 +1,143 @@
-"""What the ending of a file's name says of the file to write."""
+"""Formats of the files that results are written to, by the ending of the name: one registry.
+
+A format of states has a writer for each kind of result. Writers are imported when they are used;
+``packages`` are imported first, so that a missing one is found before a long run.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from typing import Any, Literal
 
-__all__ = ["ENDINGS", "FILMS", "PAGES", "PICTURES", "ending_of"]
+from .arguments import why_unwritable
+from .errors import GyrosparkError, InputError, MissingDependencyError
+from .extras import install
 
-#: What states are written as.
-ENDINGS = (".npz", ".csv", ".nc")
-#: What pictures are written as.
-PICTURES = (".png", ".svg", ".pdf")
-#: What films are written as.
-FILMS = (".gif", ".mp4")
-#: What moving pages are written as.
-PAGES = (".html", ".htm")
+__all__ = ["FORMATS", "FileFormat", "Kind", "ending_of", "endings", "format_of",
+           "result_file", "with_ending"]
+
+_PACKAGE = __name__.partition(".")[0]
+
+Kind = Literal["states", "store", "picture", "film", "page"]
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A format.
+
+    Attributes
+    ----------
+    ending : str
+    kind : {"states", "store", "picture", "film", "page"}
+    name : str
+        As messages name it.
+    writers : dict of str to str
+        "trajectory", "ensemble" or "run" (a stored one) → "module:function".
+    tabular : bool
+        Whether it has named columns, which a caller may choose, and Euler angles among them.
+    streamed : bool
+        Whether a long run is stored first, and the file made of its store.
+    extra, packages : str and tuple of str
+        What has to be installed for it, and what is imported.
+    """
+
+    ending: str
+    kind: Kind
+    name: str = ""
+    writers: dict[str, str] = field(default_factory=dict)
+    tabular: bool = False
+    streamed: bool = False
+    extra: str = ""
+    packages: tuple[str, ...] = ()
+
+    def writer(self, result: str) -> Any:
+        """Return the function that writes a kind of result."""
+        module, _, function = self.writers[result].partition(":")
+        return getattr(import_module(f"{_PACKAGE}.{module}"), function)
+
+    def require_packages(self) -> None:
+        """Raise MissingDependencyError where the format needs what is not installed."""
+        try:
+            for package in self.packages:
+                import_module(package)
+        except ImportError as error:
+            raise MissingDependencyError(f"{self.name} needs {self.packages[0]}; "
+                                         f"{install(self.extra)} brings it.") from error
+
+
+_TABLES = "runtime.results.trajectory_tables"
+_ENSEMBLES = "runtime.results.ensemble_table"
+_STORED = "storage.table_files"
+
+FORMATS = (
+    FileFormat(".npz", "states", "NumPy", {
+        "trajectory": "runtime.results.trajectory_file:save_npz",
+        "ensemble": f"{_ENSEMBLES}:write_npz", "run": f"{_STORED}:export_npz"}),
+    FileFormat(".csv", "states", "CSV", {
+        "trajectory": f"{_TABLES}:to_csv", "ensemble": f"{_ENSEMBLES}:write_csv_rows",
+        "run": f"{_STORED}:export_csv"}, tabular=True, streamed=True),
+    FileFormat(".nc", "states", "NetCDF", {
+        "trajectory": f"{_STORED}:save_netcdf", "ensemble": f"{_ENSEMBLES}:write_netcdf",
+        "run": f"{_STORED}:export_netcdf"}, streamed=True, extra="netcdf",
+        packages=("h5netcdf", "h5py")),
+    FileFormat(".zarr", "store"),
+    *(FileFormat(ending, "picture") for ending in (".png", ".svg", ".pdf")),
+    *(FileFormat(ending, "film") for ending in (".gif", ".mp4")),
+    *(FileFormat(ending, "page") for ending in (".html", ".htm")),
+)
 
 
 def ending_of(path: Path) -> str:
     """Return the ending of a file's name in small letters."""
     return path.suffix.lower()
+
+
+def endings(*kinds: Kind) -> list[str]:
+    """Return the endings of all formats of some kinds."""
+    return [one.ending for one in FORMATS if one.kind in kinds]
+
+
+def format_of(path: Path, what: str, *kinds: Kind) -> FileFormat:
+    """Return the format that a name asks for.
+
+    Raises
+    ------
+    InputError
+        Where none of these kinds has its ending, naming ``what`` is to be written.
+    """
+    for one in FORMATS:
+        if one.kind in kinds and one.ending == ending_of(path):
+            return one
+    raise InputError(f"{what} cannot be written as {path.name!r}; end it in "
+                     f"{', '.join(endings(*kinds))}.")
+
+
+@contextlib.contextmanager
+def result_file(path: Path, what: str) -> Iterator[Path]:
+    """Yield the name of a file to write, which then becomes ``path``, complete or not at all.
+
+    Raises
+    ------
+    GyrosparkError
+        Saying why ``what`` cannot be written, where the system refuses it.
+    """
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield part
+        part.replace(path)
+    except OSError as error:
+        raise GyrosparkError(f"{what} cannot be written to {str(path)!r}: "
+                             f"{why_unwritable(path, error)}.") from error
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()
+
+
+def with_ending(path: Path, ending: str) -> Path:
+    """Return the path, with an ending where its name has none."""
+    return path if ending_of(path) else path.with_name(path.name + ending)

@@ -1,4 +1,4 @@
-"""What notebooks show of an object: HTML of tables, formulas and small curves, text escaped.
+"""HTML for notebooks: tables, formulas and small curves; text is escaped.
 
 Nothing has a colour of its own but the current one, so that light and dark pages can show it.
 """

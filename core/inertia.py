@@ -1,4 +1,4 @@
-"""What callers say of a rigid body in numbers: moments of inertia, attitude, angles.
+"""Checks of the numbers of a rigid body: moments of inertia, attitude, angles.
 
 What no body can have is refused. What was perhaps meant otherwise is taken, with a remark that
 names the value and the cure: angles in degrees, a quaternion with the scalar last or of another
@@ -19,19 +19,17 @@ from numpy.typing import NDArray
 from .arguments import shown
 from .errors import InputError
 from .exact_numbers import Rounded, exact, knowing
-from .warnings import remark
+from .warnings import warn
 
-__all__ = ["REPS", "RULES", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
+__all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
            "inverse_entries", "is_tensor", "moments_of", "quaternion_of_matrix", "real_array",
-           "remark_on_angles", "tensor_of_inverse", "unit_quaternions"]
+           "tensor_of_inverse", "unit_quaternions", "warn_of_degrees"]
 
 #: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
 #: entries, for editors and type checkers.
 RepName = Literal["alpha", "gamma"]
 REPS: tuple[RepName, ...] = ("alpha", "gamma")
-#: Names that a value of γ or α may be given by: the means of the moments, and what a run chooses.
-RULES = ("m", "h", "mt", "ht", "auto", "auto-energy")
 
 Array = NDArray[np.float64]
 Moments: TypeAlias = tuple[float, float, float]
@@ -91,7 +89,7 @@ def as_inertia(inertia: Any, what: str = "inertia") -> Inertia:
             raise InputError(
                 f"{said}; correct the moments. (Moments that fluid or rotors add to are "
                 "parameters of a gyrospark.System, which takes any.)")
-        remark(f"{said}. It is taken as it is, as if by rounding; give more digits.")
+        warn(f"{said}. It is taken as it is, as if by rounding; give more digits.")
     return given
 
 
@@ -227,12 +225,12 @@ def unit_quaternions(values: Any, what: str = "quaternion") -> Array:
     norms = np.linalg.norm(scaled, axis=-1, keepdims=True)
     lengths = norms * sizes
     unit: Array = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)  # or as it is
-    _remark_on_length(what, values, lengths.ravel())
-    _remark_on_order(what, values, unit)
+    _warn_of_length(what, values, lengths.ravel())
+    _warn_of_order(what, values, unit)
     return unit
 
 
-def _remark_on_length(what: str, values: Any, norms: Array) -> None:
+def _warn_of_length(what: str, values: Any, norms: Array) -> None:
     """Say that quaternions are far from length 1: further than rounding explains.
 
     Entries rounded to d decimals have errors of 10⁻ᵈ/2 each, and |q| one of 10⁻ᵈ at most; d = 2
@@ -245,11 +243,11 @@ def _remark_on_length(what: str, values: Any, norms: Array) -> None:
     worst = int(np.abs(norms - 1).argmax())
     if abs(norms[worst] - 1) > bound:
         where = "" if len(norms) == 1 else f" in row {worst + 1}"
-        remark(f"The {what}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
-               "write a unit quaternion if another was meant.")
+        warn(f"The {what}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
+             "write a unit quaternion if another was meant.")
 
 
-def _remark_on_order(what: str, values: Any, unit: Array) -> None:
+def _warn_of_order(what: str, values: Any, unit: Array) -> None:
     """Say that quaternions look as if their scalar stood last.
 
     Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
@@ -261,9 +259,9 @@ def _remark_on_order(what: str, values: Any, unit: Array) -> None:
     first = np.atleast_2d(unit)[0]
     here, there = (math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in first[[0, 3]])
     moved = ", ".join(f"{x + 0.0:.6g}" for x in first[[3, 0, 1, 2]])
-    remark(f"The {what} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
-           f"stands last, a turn by {there:.0f}°, write ({moved}); else give it as a rotation, "
-           "which has this unsaid.")
+    warn(f"The {what} {shown(values)} is read scalar first, a turn by {here:.0f}°. If its scalar "
+         f"stands last, a turn by {there:.0f}°, write ({moved}); else give it as a rotation, "
+         "which has this unsaid.")
 
 
 def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
@@ -299,10 +297,10 @@ def quaternion_of_matrix(matrix: Any, what: str = "rotation") -> Array:
 # ---------------------------------------------------------------- angles
 
 
-def remark_on_angles(what: str, angles: Sequence[float], *, cure: str) -> None:
+def warn_of_degrees(what: str, angles: Sequence[float], *, cure: str) -> None:
     """Say that angles beyond a full turn look like degrees."""
     if any(abs(x) > 2 * math.pi for x in angles):
         listed = ", ".join(f"{x:.6g}" for x in angles)
-        remark(f"{what} is [{listed}], taken as radians, more than a turn; if degrees are meant, "
-               f"write {cure}.")
+        warn(f"{what} is [{listed}], taken as radians, more than a turn; if degrees are meant, "
+             f"write {cure}.")
 

@@ -9,72 +9,84 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-__all__ = ["Interrupts", "ctrl_c", "watched"]
+from .errors import Stopped
+
+__all__ = ["Interrupts", "before_start", "catch_ctrl_c", "catch_signals"]
 
 #: Ctrl-C, the end that a batch system announces, the terminal that goes away.
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Interrupts:
-    """Whether someone wants this process to end."""
+    """Whether a signal has asked this process to end."""
 
     def __init__(self) -> None:
         self.signal = 0
 
     @property
-    def asked(self) -> bool:
+    def requested(self) -> bool:
         """Whether a signal has come."""
         return self.signal != 0
 
-    def hear(self, number: int, frame: FrameType | None) -> None:
-        """Take note of a signal; the second one ends the process at once."""
-        if self.asked:
+    def handle(self, number: int, frame: FrameType | None) -> None:
+        """Record a signal; the second one ends the process at once."""
+        if self.requested:
             raise KeyboardInterrupt
         self.signal = number
 
 
-#: What hears the main thread's signals at present: a watch within another one is the same.
-_watches: list[Interrupts] = []
+#: The record in use in the main thread: nested calls share it.
+_active: list[Interrupts] = []
 
 
 @contextlib.contextmanager
-def watched() -> Iterator[Interrupts]:
-    """Yield what hears the signals that end a process; in threads beside the main one, nothing.
+def catch_signals() -> Iterator[Interrupts]:
+    """Yield a record of the signals that end a process; in other threads than the main one, none.
 
     Signals that are ignored (nohup, a shell's background) stay ignored. A second one raises
     ``KeyboardInterrupt``: what is stored stays whole.
     """
     numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
-    with _hearing([n for n in numbers if signal.getsignal(n) is not signal.SIG_IGN]) as interrupts:
+    with _handling([n for n in numbers if signal.getsignal(n) is not signal.SIG_IGN]) as interrupts:
         yield interrupts
 
 
 @contextlib.contextmanager
-def ctrl_c() -> Iterator[Interrupts]:
-    """Yield what hears Ctrl-C where Python would raise ``KeyboardInterrupt``, and nothing else.
+def catch_ctrl_c() -> Iterator[Interrupts]:
+    """Yield a record of Ctrl-C, where Python would raise ``KeyboardInterrupt``.
 
     A program that has its own way with signals keeps it.
     """
     own = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    with _hearing([] if own else [signal.SIGINT]) as interrupts:
+    with _handling([] if own else [signal.SIGINT]) as interrupts:
         yield interrupts
 
 
 @contextlib.contextmanager
-def _hearing(numbers: list[int]) -> Iterator[Interrupts]:
+def before_start(what: str) -> Iterator[None]:
+    """Let Ctrl-C during pilot runs end a call that has not begun, without a pilot's trajectory."""
+    try:
+        yield
+    except Stopped as stopped:
+        raise Stopped(f"Stopped before the first step, while {what} was chosen.", stopped.signal
+                      ) from None
+
+
+@contextlib.contextmanager
+def _handling(numbers: list[int]) -> Iterator[Interrupts]:
     if threading.current_thread() is not threading.main_thread():
         yield Interrupts()
         return
-    if _watches:
-        yield _watches[-1]
+    if _active:
+        yield _active[-1]
         return
     interrupts, before = Interrupts(), dict[int, Any]()
     try:
-        _watches.append(interrupts)
+        _active.append(interrupts)
         for number in numbers:
-            before[number] = signal.signal(number, interrupts.hear)
+            before[number] = signal.signal(number, interrupts.handle)
         yield interrupts
     finally:
-        _watches.clear()
+        _active.clear()
         for number, handler in reversed(before.items()):  # Ctrl-C last: it may be on its way
             signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""Many imports at once, in a program of our own: what they make stays, and nobody looks through it.
+"""Imports of large packages without garbage collection, for the command line.
 
 SymPy makes some hundred thousand objects, and Python's collector goes through them again and again
 while they are made, and once more at the end of the program: a quarter of what a short command

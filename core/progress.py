@@ -1,8 +1,9 @@
-"""What takes seconds is said while it is done, to people at a terminal and to nobody else.
+"""Progress messages: records of the logger ``gyrospark``, and a handler that shows them.
 
-The command line says it on stderr; so does an interactive Python, where it vanishes when it is
-over. Scripts, pipes, notebooks and ``--json`` hear nothing: there the log ``gyrospark`` has it, at
-level INFO, for whoever listens.
+A task that takes seconds logs its begin at level DEBUG and its result, with the time it took, at
+INFO. ``TerminalHandler`` shows the task under way on stderr, if that is a terminal: installed by
+the command line, and in an interactive Python by the first task. Scripts, pipes, notebooks and
+``--json`` show nothing; a program that wants the messages adds a handler of its own.
 """
 
 from __future__ import annotations
@@ -13,97 +14,94 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["doing", "hush", "hushed", "spoken"]
+__all__ = ["TERMINAL", "hide_tasks", "log_task", "terminal_messages"]
 
-_LOG = logging.getLogger("gyrospark")
+_LOGGER = logging.getLogger("gyrospark")
 
 
-@dataclass
-class _Terminal:
-    """Who is at the terminal, and what it shows."""
+class TerminalHandler(logging.Handler):
+    """Shows the innermost task under way in the main thread; ``results`` are printed, too."""
 
-    commands: bool = False  # the command line is at work, and not another program
-    hushed: bool = False
-    texts: list[str] = field(default_factory=list)
-    status: Any = None
+    results = False
 
-    @property
-    def listens(self) -> bool:
-        """Whether somebody reads what is said now."""
-        return (not self.hushed and (self.commands or hasattr(sys, "ps1"))
-                and sys.stderr is not None and sys.stderr.isatty()
-                and threading.current_thread() is threading.main_thread())
+    def __init__(self) -> None:
+        super().__init__()
+        self._tasks: list[str] = []
+        self._status: Any = None
 
-    def begin(self, text: str) -> None:
-        """Show that something is being done, in place of what it is a part of."""
-        self.texts.append(text)
-        if self.status is None:
-            from rich.console import Console
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether somebody reads a record of a task."""
+        return (hasattr(record, "task") and sys.stderr is not None and sys.stderr.isatty()
+                and record.thread == threading.main_thread().ident)
 
-            self.status = Console(stderr=True, highlight=False).status("")
-            self.status.start()
-        self._show()
+    def emit(self, record: logging.LogRecord) -> None:
+        """Show a task that begins; at its end the one around it, or the result."""
+        if record.task == "begin":  # type: ignore[attr-defined]
+            self._tasks.append(record.getMessage())
+        elif self._tasks:
+            self._tasks.pop()
+        if self._tasks:
+            self._show(self._tasks[-1])
+        elif self._status is not None:
+            self._status.stop()
+            if self.results and record.levelno >= logging.INFO:
+                self._status.console.print(record.getMessage(), markup=False)
+            self._status = None
 
-    def _show(self) -> None:
+    def _show(self, text: str) -> None:
+        from rich.console import Console
         from rich.text import Text  # a path may have brackets, which are no style
 
-        self.status.update(Text(f"{self.texts[-1]} …"))
-
-    def end(self, line: str) -> None:
-        """Show again what it was a part of; else nothing, and on the command line what was done."""
-        self.texts.pop()
-        if self.texts:
-            self._show()
-            return
-        self.status.stop()
-        if line and self.commands:
-            self.status.console.print(line, markup=False)
-        self.status = None
+        if self._status is None:
+            self._status = Console(stderr=True, highlight=False).status("")
+            self._status.start()
+        self._status.update(Text(text))
 
 
-_terminal = _Terminal()
+TERMINAL = TerminalHandler()
 
 
 @contextlib.contextmanager
-def doing(what: str, done: str = "") -> Iterator[None]:
-    """Say what is being done, and when it is ``done`` how long it took."""
-    shown, began, line = _terminal.listens, time.perf_counter(), ""
-    if shown:
-        _terminal.begin(what)
+def log_task(text: str, done: str = "") -> Iterator[None]:
+    """Log that a task begins, and when it is ``done`` how long it took."""
+    if hasattr(sys, "ps1") and not _LOGGER.handlers:
+        _LOGGER.addHandler(TERMINAL)
+        _LOGGER.setLevel(logging.DEBUG)
+    start, level, result = time.perf_counter(), logging.DEBUG, f"{text}: ended"
+    _LOGGER.debug("%s …", text, extra={"task": "begin"})
     try:
         yield
         if done:
-            line = f"{done} in {time.perf_counter() - began:.1f} s"
-            _LOG.info("%s", line)
+            level, result = logging.INFO, f"{done} in {time.perf_counter() - start:.1f} s"
     finally:
-        if shown:
-            _terminal.end(line)
+        _LOGGER.log(level, "%s", result, extra={"task": "end"})
 
 
 @contextlib.contextmanager
-def spoken() -> Iterator[None]:
-    """Let what is done within be said on stderr, if that is a terminal, by the command line."""
-    before = _terminal.commands, _terminal.hushed
-    _terminal.commands, _terminal.hushed = True, False
+def terminal_messages() -> Iterator[None]:
+    """Show tasks and results within: for the command line."""
+    before = _LOGGER.level, TERMINAL.level
+    TERMINAL.results = True
+    TERMINAL.setLevel(logging.NOTSET)
+    _LOGGER.addHandler(TERMINAL)
+    _LOGGER.setLevel(logging.DEBUG)
     try:
         yield
     finally:
-        _terminal.commands, _terminal.hushed = before
-
-
-def hush() -> None:
-    """Say nothing until the command is over."""
-    _terminal.hushed = True
+        _LOGGER.removeHandler(TERMINAL)
+        _LOGGER.setLevel(before[0])
+        TERMINAL.setLevel(before[1])
+        TERMINAL.results = False
 
 
 @contextlib.contextmanager
-def hushed() -> Iterator[None]:
-    """Say nothing within: a bar is there already."""
-    before, _terminal.hushed = _terminal.hushed, True
+def hide_tasks() -> Iterator[None]:
+    """Show no tasks within: a progress bar is there already."""
+    before = TERMINAL.level
+    TERMINAL.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        _terminal.hushed = before
+        TERMINAL.setLevel(before)

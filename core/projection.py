@@ -29,7 +29,7 @@ RANK_TOLERANCE = 1e-9
 
 
 class Constrained(Protocol):
-    """What a projection asks of a system with its numbers."""
+    """The functions of a system that a projection evaluates."""
 
     @property
     def constraint_names(self) -> Sequence[str]:
@@ -65,7 +65,7 @@ class Constrained(Protocol):
 
 @dataclass(frozen=True)
 class Projection:
-    """A consistent state, and what had to be moved for it.
+    """A consistent state, and the report of its projection.
 
     Attributes
     ----------
@@ -269,7 +269,7 @@ def _listed(names: Any) -> str:
 
 
 def _floor(G: Array, q: Array) -> float:
-    """Return |g| below which rounding decides: 16 ε of what q is worth in g."""
+    """Return the round-off level of |g|: 16 ε times the scale of g at q."""
     return 16 * EPS * float(np.linalg.norm(np.abs(G) @ np.abs(q))) if G.size else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Everything with a name that can be integrated: systems, problems and models, one list.
+"""Registries of names: systems, problems, models, frames, rules for γ.
 
     system     H and g alone: a stepper can be made for it
     problem    a system of the paper with its numbers and, where known, its exact motion
@@ -20,10 +20,14 @@ from typing import Any, Literal
 from .arguments import listed, proposal, shown
 from .errors import InputError
 
-__all__ = ["FRAMES", "MODELS", "PROBLEMS", "SYSTEMS", "Entry", "entry_named", "unknown_name"]
+__all__ = ["AIMS", "FRAMES", "GAMMA_RULES", "MODELS", "PROBLEMS", "RULES", "SYSTEMS", "Aim",
+           "Entry", "GammaRule", "entry_named", "unknown_name"]
 
 _PACKAGE = __name__.partition(".")[0]
 _HOME = Path(__file__).resolve().parents[1]
+
+#: What a search for γ or a frame makes small.
+Aim = Literal["motion", "energy"]
 
 #: What ``frame`` may be: co-moving frames along the symmetries of a system (docs/frames.md).
 FRAMES = ("symmetries",)
@@ -31,7 +35,7 @@ FRAMES = ("symmetries",)
 
 @dataclass(frozen=True)
 class Entry:
-    """A name, and where the function lives that makes what it stands for.
+    """A name, and the module of the function that makes its system, problem or model.
 
     Attributes
     ----------
@@ -80,6 +84,45 @@ MODELS = _entries("model", "generator.multibody.example_models", "lagrange_top",
                   "double_pendulum", "double_top", "gimbal", "four_bar", "chain")
 
 
+@dataclass(frozen=True)
+class GammaRule:
+    """A name for a value of γ or α: a mean of the moments of inertia, or a choice for one run.
+
+    Attributes
+    ----------
+    name : str
+        In options, files, and among the parameters of a run.
+    symbol : str
+        The paper's, of a mean.
+    function : str
+        In ``runtime.rigid_body.gamma_rules``: makes the value from the inertia.
+    aim : {"motion", "energy"} or None
+        The error that pilot runs make small, where these choose the value.
+    """
+
+    name: str
+    symbol: str = ""
+    function: str = ""
+    aim: Aim | None = None
+
+    @property
+    def is_mean(self) -> bool:
+        """Whether the inertia alone gives the value."""
+        return bool(self.symbol)
+
+
+GAMMA_RULES = {rule.name: rule for rule in (
+    GammaRule("m", "γ_m", "gamma_m"), GammaRule("h", "γ_h", "gamma_h"),
+    GammaRule("mt", "γ̃_m", "gamma_m_tilde"), GammaRule("ht", "γ̃_h", "gamma_h_tilde"),
+    GammaRule("auto", aim="motion"), GammaRule("auto-energy", aim="energy"),
+    GammaRule("fast", function="gamma_fast"),  # of the command line: it needs an angular velocity
+)}
+#: Those of models, files and parameters.
+RULES = tuple(rule.name for rule in GAMMA_RULES.values() if rule.is_mean or rule.aim)
+#: Those that pilot runs choose, and their aims.
+AIMS: dict[str, Aim] = {rule.name: rule.aim for rule in GAMMA_RULES.values() if rule.aim}
+
+
 def entry_named(name: Any, what: str = "problem") -> Entry:
     """Return the problem or model of a name.
 
@@ -95,7 +138,7 @@ def entry_named(name: Any, what: str = "problem") -> Entry:
 
 
 def unknown_name(what: str, name: Any, names: Sequence[str]) -> InputError:
-    """Return the refusal of a name that is none of these; examples, which are files, are proposed.
+    """Return the error for an unknown name, with the closest of names and example files.
     """
     files = {path.stem: f"examples/{path.name}" for path in (_HOME / "examples").glob("*.toml")}
     return InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "

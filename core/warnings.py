@@ -1,9 +1,4 @@
-"""What is said of an input that is taken, and was perhaps meant otherwise.
-
-A remark becomes an ``InputWarning`` at the caller's own line. Whoever reads a file listens to the
-remarks instead: to say in which place of the file they belong, and to say them again when the file
-is known from an earlier time.
-"""
+"""Warnings about accepted but suspicious input, at the line of the caller's own code."""
 
 from __future__ import annotations
 
@@ -15,33 +10,34 @@ from contextvars import ContextVar
 
 from .errors import InputWarning
 
-__all__ = ["listening", "remark"]
+__all__ = ["capture_warnings", "warn"]
 
-_HEARD: ContextVar[list[str] | None] = ContextVar("heard", default=None)
+# ``warnings.catch_warnings`` replaces a function of the whole process, and models are read and
+# certificates made in several threads at once: a capture is of its own context.
+_CAPTURED: ContextVar[list[str] | None] = ContextVar("captured", default=None)
 
 
-def remark(message: str) -> None:
-    """Say a sentence about an input, to whoever listens or else as a warning."""
-    heard = _HEARD.get()
-    if heard is not None:
-        heard.append(message)
+def warn(message: str) -> None:
+    """Issue an ``InputWarning`` at the first line outside of gyrospark, or add to a capture."""
+    captured = _CAPTURED.get()
+    if captured is not None:
+        captured.append(message)
         return
     level, frame = 1, sys._getframe(0)
-    while frame.f_back is not None and _is_ours(frame.f_globals.get("__name__", "")):
+    package = __name__.partition(".")[0]
+    while frame.f_back is not None and (
+            frame.f_globals.get("__name__", "").partition(".")[0] == package):
         level, frame = level + 1, frame.f_back
     warnings.warn(message, InputWarning, stacklevel=level)
 
 
-def _is_ours(module: str) -> bool:
-    return module.partition(".")[0] == __name__.partition(".")[0]
-
-
 @contextmanager
-def listening() -> Iterator[list[str]]:
-    """Yield a list that the remarks of this thread go to until the end."""
-    heard: list[str] = []
-    token = _HEARD.set(heard)
+def capture_warnings() -> Iterator[list[str]]:
+    """Yield a list of the messages that ``warn`` gets in this context, which are not
+    issued."""
+    captured: list[str] = []
+    token = _CAPTURED.set(captured)
     try:
-        yield heard
+        yield captured
     finally:
-        _HEARD.reset(token)
+        _CAPTURED.reset(token)

@@ -1,7 +1,7 @@
 """One C file that compiles alone: the headers of the engine in place of their includes.
 
 A preprocessor for the names that begin with ``GS_`` and for includes of ``gyrospark/``, and for
-nothing else: it keeps what the features select, and leaves all other lines as they are.
+nothing else: it keeps the branches of the features, and leaves all other lines as they are.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ import numpy as np
 import zarr
 
 from ..core.real_types import REALS
-from ..runtime.bindings.wide_numbers import WIDE_BYTES
+from ..runtime.bindings.real_numbers import WIDE_BYTES
 from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
 from .chunks import codecs_of
 from .durable_files import DurableStore, write_durably

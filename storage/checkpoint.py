@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.bindings.binding import REASONS, Binding
-from ..runtime.bindings.wide_numbers import as_bytes, from_bytes
+from ..runtime.bindings.real_numbers import as_bytes, from_bytes
 from ..runtime.events.detection import TAIL, Memory
 
 __all__ = ["CheckpointState", "EventProgress", "checkpoint_size", "pack", "unpack"]

@@ -19,7 +19,7 @@ from zarr.storage import LocalStore
 
 from ..core.arguments import as_path
 from ..core.errors import InputError, StorageError
-from ..core.file_formats import ENDINGS, ending_of
+from ..core.file_formats import ending_of, endings
 
 __all__ = ["DurableStore", "atomic_file", "new_store_path", "one_line", "remove_parts",
            "storage_errors", "store_path", "sync_folder", "write_durably"]
@@ -137,7 +137,7 @@ def new_store_path(path: Any, cure: str) -> Path:
         If its name says that it is a file of states, with the cure.
     """
     found = store_path(path)
-    if ending_of(found) in ENDINGS:
+    if ending_of(found) in endings("states"):
         raise InputError(f"out = {str(found)!r} names a file, and a store is a folder; end it in "
                          f".zarr. {cure}")
     return found

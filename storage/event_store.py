@@ -15,7 +15,7 @@ import zarr
 from numpy.typing import NDArray
 
 from ..core.real_types import REALS
-from ..runtime.bindings.wide_numbers import as_bytes
+from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.crossings import Crossings
 from .array_layout import StoredField, array_of, fields_of_event, names_of, wide_name
 from .chunks import Chunk

@@ -17,7 +17,7 @@ from ..core.exact_numbers import digits_of, exact
 
 if TYPE_CHECKING:
     from ..core.event import Event
-    from ..runtime.integration.step_loop import Run
+    from ..runtime.integration.run_arguments import RunArguments
     from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["identity_of", "refuse_if_different", "versions", "written_by"]
@@ -27,7 +27,7 @@ FORMAT = 1
 
 
 def identity_of(
-    stepper: Stepper, run: Run, events: tuple[Event, ...] = ()
+    stepper: Stepper, run: RunArguments, events: tuple[Event, ...] = ()
 ) -> dict[str, Any]:
     """Return the identity of a run, compared before it is resumed, as JSON values.
 

@@ -7,7 +7,6 @@ bits of ``Stepper.integrate``, for any number of interruptions.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,8 @@ from ..core.event import Event, as_events, refuse_unusable_names
 from ..core.exact_numbers import Number
 from ..runtime.bindings.array_checks import as_callback
 from ..runtime.bindings.binding import SolverName
-from ..runtime.integration.frame_following import followed
-from ..runtime.integration.step_loop import Run
+from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.steppers.stepper import Stepper
-from ..runtime.tuning.frame_choice import chosen
 from .array_layout import (
     EXTENDS,
     create,
@@ -109,11 +106,9 @@ def record(
         raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
                          "gyrospark.stepper.")
     as_flag("resume", resume)
-    parameters, follow = followed(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
-    parameters = chosen(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0)
-    run = stepper.checked_run(q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0,
-                              solver=solver, tolerance=tolerance, max_iterations=max_iterations)
-    run = replace(run, follow=follow)
+    run = stepper.resolved(stepper.run_arguments(
+        q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0, solver=solver,
+        tolerance=tolerance, max_iterations=max_iterations))
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
     as_callback("progress", progress)
     asked = as_events(events, stepper.manifest["system"])
@@ -133,7 +128,7 @@ def record(
 
 
 def _opened(
-    stepper: Stepper, run: Run, events: tuple[Event, ...], path: Path, resume: bool,
+    stepper: Stepper, run: RunArguments, events: tuple[Event, ...], path: Path, resume: bool,
     seed: int | None,
 ) -> zarr.Group:
     """Return the store's group, existing or new."""
@@ -156,7 +151,7 @@ def _opened(
 
 
 def _existing_group(
-    stepper: Stepper, run: Run, path: Path, identity: dict[str, Any]
+    stepper: Stepper, run: RunArguments, path: Path, identity: dict[str, Any]
 ) -> zarr.Group:
     """Return the group of an existing store of this run, or of its first steps."""
     kept = Recording(path)
@@ -182,7 +177,7 @@ def _existing_group(
 
 
 def _run_attributes(
-    stepper: Stepper, run: Run, identity: dict[str, Any], kept: Recording | None = None
+    stepper: Stepper, run: RunArguments, identity: dict[str, Any], kept: Recording | None = None
 ) -> dict[str, Any]:
     """Return the attributes of a new run, or of one with more steps than ``kept``.
 

@@ -18,15 +18,15 @@ import zarr
 
 from ..core.errors import InputError, Stopped
 from ..core.event import Event
-from ..core.interrupts import Interrupts, watched
+from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
-from ..runtime.events.observer import End, Observer
+from ..runtime.events.observer import Observer, TerminalEvent
+from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import (
-    Pace,
+    ChunkSize,
     Rows,
-    Run,
     advance,
-    advance_watched,
+    advance_with_events,
     ended_at,
     next_chunk,
 )
@@ -64,7 +64,7 @@ COMMIT_SECONDS = 5.0
 class Recorder:
     """Recorder of a run: its state, and the block of rows being filled."""
 
-    def __init__(self, stepper: Stepper, run: Run, events: tuple[Event, ...], path: Path,
+    def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...], path: Path,
                  group: zarr.Group) -> None:
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
         self.manifest, self.fields = stepper.manifest, fields_of(stepper.manifest)
@@ -79,7 +79,7 @@ class Recorder:
         self.state, self.first, self.rows = self._resume_state()
         self.committed = pack(self.binding,
                               replace(self.state, event_progress=self._event_progress()))
-        self.pace = Pace(self.observer is not None)
+        self.pace = ChunkSize(self.observer is not None)
 
     # ------------------------------------------------------------ where it stands
 
@@ -88,7 +88,7 @@ class Recorder:
         try:
             kept = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
                           len(self.events))
-            self._refuse_beyond(kept)
+            self._check_checkpoint(kept)
         except ValueError as error:
             raise InputError(f"The store {str(self.path)!r} cannot be resumed: {error}. What "
                              "is stored can be read; choose another store for the run.") from error
@@ -104,7 +104,7 @@ class Recorder:
         rows.iterations[done - first] = kept.most
         return kept, first, rows
 
-    def _refuse_beyond(self, kept: CheckpointState | None) -> None:
+    def _check_checkpoint(self, kept: CheckpointState | None) -> None:
         """Refuse a checkpoint of more steps, rows or events than the store has."""
         if kept is None:
             return
@@ -180,12 +180,12 @@ class Recorder:
     def run_to_end(self, progress: Callable[[int], None] | None) -> None:
         """Compute and commit to the end of the run, to a step that fails, or to a signal."""
         with ExitStack() as stack:
-            interrupts = stack.enter_context(watched())
+            interrupts = stack.enter_context(catch_signals())
             writer = stack.enter_context(Writer(self.path, self.group, self.fields, self.binding,
                                                 self.run, self.block))
             self._compute(writer, interrupts, progress)
             self._commit(writer)
-        if interrupts.asked and self.state.status <= 0:
+        if interrupts.requested and self.state.status <= 0:
             ended = self.state.status < 0
             said = ended_at(self.state.steps, self.state.steps if ended else self.run.steps)
             rest = ("It is" if ended or self.state.steps == self.run.steps else
@@ -195,7 +195,7 @@ class Recorder:
     def _compute(self, writer: Writer, interrupts: Interrupts,
                  progress: Callable[[int], None] | None) -> None:
         run, committed = self.run, time.monotonic()
-        while self.state.steps < run.steps and not self._has_ended() and not interrupts.asked:
+        while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
             place = self.state.steps // run.every + 1 - self.first
             if place == self.block:
                 self._commit(writer)
@@ -223,13 +223,13 @@ class Recorder:
         """Whether a step has failed, or an event has ended the run."""
         return self.state.status != 0
 
-    def _advance(self, place: int, run: Run) -> None:
+    def _advance(self, place: int, run: RunArguments) -> None:
         """Compute the next chunk into the block, from that row on."""
         state, rows = self.state, self.rows
         count, every = next_chunk(run, state.steps, self.pace.begin(), self.block - place)
         parameters = self._parameters(state)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
-        step_on = advance if run.watch is None else advance_watched
+        step_on = advance if run.detector is None else advance_with_events
         status = step_on(self.binding, run, parameters, count, every, state.q, state.p,
                          _output_rows(rows, place), state.report, state.work)
         rows.iterations[place] = max(most, rows.iterations[place])
@@ -255,12 +255,12 @@ class Recorder:
             return None
         copy = unpack(self.binding, pack(self.binding, replace(self.state, event_progress=None)))
         assert copy is not None
-        rows = Rows.room(self.binding, 1)
+        rows = Rows.allocate(self.binding, 1)
         status = advance(self.binding, self.run, self._parameters(copy), 1, 1, copy.q, copy.p,
                          rows.after(0), copy.report, copy.work)
         return None if status else (rows.q[1:], rows.p[1:])
 
-    def _end(self, end: End) -> None:
+    def _end(self, end: TerminalEvent) -> None:
         """End the run at an event, in the next step or an earlier one."""
         run, steps = self.run, int(end.at.steps[0])
         if steps < self.state.steps:  # a value that only touched its level: from the last commit

@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arguments import why_unwritable
-from ..core.errors import InputError, MissingDependencyError, StorageError
+from ..core.errors import InputError, StorageError
 from ..core.exact_numbers import digits_of
-from ..core.extras import install
-from ..core.file_formats import ENDINGS, ending_of
+from ..core.file_formats import format_of
 from ..core.real_types import REALS
-from ..runtime.bindings.wide_numbers import as_bytes, from_bytes
+from ..runtime.bindings.real_numbers import as_bytes, from_bytes
 from ..runtime.results.run_arrays import labels_of
 from ..runtime.results.state_columns import (
-    beside,
     event_headings,
+    events_path,
     headings,
     places_of,
     spreadsheet_text,
@@ -40,8 +39,8 @@ from .event_store import values_of
 from .recording import Recording
 from .validation import refuse_missing_blocks, stored_values
 
-__all__ = ["Column", "StateTable", "check_angles", "check_export", "export", "save_table",
-           "stored_table", "table_of"]
+__all__ = ["Column", "StateTable", "check_angles", "check_export", "export", "export_csv",
+           "export_netcdf", "export_npz", "save_netcdf", "stored_table", "table_of"]
 
 if TYPE_CHECKING:
     from ..runtime.results.trajectory import Trajectory
@@ -58,17 +57,7 @@ def check_export(path: Path) -> None:
     ------
     InputError, MissingDependencyError
     """
-    if ending_of(path) not in ENDINGS:
-        raise InputError(f"{str(path)!r} is no file to export to; give a name that ends in "
-                         f"{', '.join(ENDINGS)}.")
-    if ending_of(path) == ".nc":
-        try:
-            import h5netcdf  # noqa: F401
-            import h5py  # noqa: F401
-        except ImportError as error:
-            raise MissingDependencyError(
-                f"NetCDF needs h5netcdf; {install('netcdf')} brings it."
-            ) from error
+    format_of(path, "A run", "states").require_packages()
 
 
 def check_angles(path: Path, euler: str | None, *, degrees: bool) -> None:
@@ -80,7 +69,7 @@ def check_angles(path: Path, euler: str | None, *, degrees: bool) -> None:
     """
     if euler is not None:
         check_sequence(euler)
-        if ending_of(path) != ".csv":
+        if not format_of(path, "Euler angles", "states", "store").tabular:
             raise InputError(f"Euler angles are columns of a .csv file, and {path.name!r} is none; "
                              "end its name in .csv, or leave them out.")
     elif degrees:
@@ -112,19 +101,35 @@ def export(
     """
     check_export(path)
     check_angles(path, euler, degrees=degrees)
-    if columns is not None and ending_of(path) != ".csv":
+    form = format_of(path, "A run", "states")
+    if columns is not None and not form.tabular:
         raise InputError(f"columns are those of a .csv file, and {path.name!r} is none; end its "
                          "name in .csv, or leave them out.")
     if recording.report is None:
         raise InputError(f"{str(recording.path)!r} holds no state yet; go on with its run first.")
-    if ending_of(path) == ".npz":
-        return recording.trajectory().save(path)
     if euler is not None:
         return recording.trajectory().to_csv(path, euler=euler, degrees=degrees, columns=columns)
-    return _write(stored_table(recording), path, columns)
+    found: Path = form.writer("run")(recording, path, columns)
+    return found
 
 
-def save_table(trajectory: Trajectory, path: Path) -> Path:
+def export_npz(recording: Recording, path: Path, columns: Any) -> Path:
+    """Write a run as .npz."""
+    return recording.trajectory().save(path)
+
+
+def export_netcdf(recording: Recording, path: Path, columns: Any) -> Path:
+    """Write a run as .nc."""
+    return _write(stored_table(recording), path, _write_netcdf)
+
+
+def export_csv(recording: Recording, path: Path, columns: str | Iterable[str] | None) -> Path:
+    """Write a run as .csv, and its events as a second file."""
+    table = stored_table(recording)
+    return _write(table, path, partial(_write_csv, picks=_picks(table, columns)), events=True)
+
+
+def save_netcdf(trajectory: Trajectory, path: Path) -> Path:
     """Write a trajectory as .nc, as if it had been stored and exported.
 
     Raises
@@ -138,18 +143,16 @@ def save_table(trajectory: Trajectory, path: Path) -> Path:
             raise InputError(f"The event {name!r} names variables of a NetCDF file, where '/' "
                              'parts groups; give it another name, as in gs.Event(..., '
                              'name="landing"), or save the run as .npz or .csv.')
-    return _write(table_of(trajectory), path)
+    return _write(table_of(trajectory), path, _write_netcdf)
 
 
 def _write(
-    table: StateTable, path: Path, columns: str | Iterable[str] | None = None
+    table: StateTable, path: Path, write: Callable[[StateTable, Path], None], *,
+    events: bool = False,
 ) -> Path:
-    write: Callable[[StateTable, Path], None] = _write_netcdf
-    if ending_of(path) == ".csv":
-        write = partial(_write_csv, picks=_picks(table, columns))
     try:
-        if table.events and ending_of(path) == ".csv":
-            with atomic_file(beside(path)) as part:
+        if table.events and events:
+            with atomic_file(events_path(path)) as part:
                 _write_events(table, part)
         with atomic_file(path) as part:
             write(table, part)

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..core.errors import InputError
 from ..core.real_types import REALS, RealName
-from ..runtime.bindings.real_numbers import from_text
-from ..runtime.bindings.wide_numbers import from_bytes
+from ..runtime.bindings.real_numbers import from_bytes, from_text
 from ..runtime.compilation.manifest import sizes_of
 from ..runtime.results.diagnostics import Report, known_fields
 from .array_layout import (

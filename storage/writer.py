@@ -14,8 +14,9 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..runtime.bindings.wide_numbers import as_bytes
-from ..runtime.integration.step_loop import Rows, Run
+from ..runtime.bindings.real_numbers import as_bytes
+from ..runtime.integration.run_arguments import RunArguments
+from ..runtime.integration.step_loop import Rows
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.run_arrays import OUTPUTS, States, parts, pieces, value_of
 from .array_layout import CHECKPOINT, StoredField, array_of, attributes_of, consolidate, wide_name
@@ -61,7 +62,7 @@ class Writer:
     """
 
     def __init__(self, path: Path, group: zarr.Group, fields: list[StoredField], binding: Binding,
-                 run: Run, block: int) -> None:
+                 run: RunArguments, block: int) -> None:
         self._path, self._fields = path, fields
         self._arrays = {name: array_of(group, name)
                         for name in (*attributes_of(group)["arrays"], CHECKPOINT)}
@@ -130,7 +131,7 @@ class Writer:
 
 
 def stored_arrays(
-    binding: Binding, manifest: dict[str, Any], run: Run, parameters: Any, batch: Batch
+    binding: Binding, manifest: dict[str, Any], run: RunArguments, parameters: Any, batch: Batch
 ) -> dict[str, Array]:
     """Return every array of a batch by the field's name."""
     kept = slice(0, batch.count)

@@ -203,7 +203,7 @@ def parameter_value(parameter: float | str, inertia: Sequence[float]) -> float:
     """Return γ or α in kg m² from a number or a rule, e.g. "m", "ht", "100m"."""
     if not isinstance(parameter, str):
         return float(parameter)
-    match = re.fullmatch(r"([0-9.]*)(m|h|mt|ht)", parameter)
+    match = re.fullmatch(rf"([0-9.]*)({'|'.join(MEANS)})", parameter)
     if match is None:
         raise InputError(f"Unknown parameter rule {parameter!r}; write m, h, mt or ht, with a "
                          "factor before it if need be, as in 100m.")

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..api import stepper
+from ..core.registry import Aim
 from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.results.trajectory import Trajectory
-from ..runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, Aim, gamma_m
+from ..runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, gamma_m
 from ..runtime.rigid_body.problems import Problem, fast_top, free_body, regular_precession
 from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
 from ..runtime.tuning.gamma_choice import GammaChoice, choose_gamma

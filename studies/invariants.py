@@ -19,16 +19,16 @@ from .case_runner import Case, Engine, Quantity
 from .labels import NORMS, PARAMETERS, row_name
 from .printed import COLUMNS
 from .study_result import Cell, Claim, Figure, Panel, Series, Table
-from .verdict import KEPT_EXACTLY, compare_value
+from .verdict import CONSERVED_EXACTLY, compare_value
 
-__all__ = ["KEPT", "figure_5", "figure_6", "figure_7", "table_2", "table_3"]
+__all__ = ["CONSERVED", "figure_5", "figure_6", "figure_7", "table_2", "table_3"]
 
 STEPS = 1000
 TOP = Setting("fast-top", 0.01, STEPS)
 CONE = Setting("regular-precession", 0.005, STEPS)
 
 #: Scheme → what the theory says it keeps exactly.
-KEPT: dict[str, set[Quantity]] = {
+CONSERVED: dict[str, set[Quantity]] = {
     "IMS": {"l3", "g"}, "EMS": {"H", "g"},
     "3-LIIIA-B": {"l3", "g", "qp"}, "2-G-L": {"l3", "g", "qp"},
 }
@@ -60,13 +60,13 @@ def _table(engine: Engine, number: int, title: str, setting: Setting) -> Table:
         _cell(engine, setting.case(method, rep, rule), quantity, rule)
         for quantity in _QUANTITIES for rep, rule in VARIANTS for method in COLUMNS
     ]
-    claims = [_kept_claim(engine, setting, method) for method in COLUMNS]
+    claims = [_conserved_claim(engine, setting, method) for method in COLUMNS]
     return Table(number, title, about, cells,
                  [_overall_claim(engine, setting), *claims, _periodic_claim(engine, setting)])
 
 
 def _cell(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
-    note = KEPT_EXACTLY if _keeps(engine, case, quantity) else ""
+    note = CONSERVED_EXACTLY if _keeps(engine, case, quantity) else ""
     return compare_value(row_name(quantity, case.rep, rule), case.method,
                          engine.mean(case, quantity), None,
                          reason=note)
@@ -79,13 +79,13 @@ def _keeps(engine: Engine, case: Case, quantity: Quantity) -> bool:
 def _overall_claim(engine: Engine, setting: Setting) -> Claim:
     """Compare what is kept with the theory: what a scheme should keep it keeps."""
     wanted = [(setting.case(method, rep, rule), quantity) for method in COLUMNS
-              for rep, rule in VARIANTS for quantity in KEPT[method]]
+              for rep, rule in VARIANTS for quantity in CONSERVED[method]]
     kept = [pair for pair in wanted if _keeps(engine, *pair)]
     return Claim("Neither γ nor α affects the invariants: conserved to round-off as derived",
                  f"{len(kept)}", f"all {len(wanted)}", len(kept) == len(wanted))
 
 
-def _kept_claim(engine: Engine, setting: Setting, method: str) -> Claim:
+def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
     """Compare what is kept with the theory, for both types and all parameters."""
     kept = {
         rep: [{c for c in _QUANTITIES if _keeps(engine, setting.case(method, rep, rule), c)}
@@ -96,7 +96,8 @@ def _kept_claim(engine: Engine, setting: Setting, method: str) -> Claim:
     found = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
     return Claim(
         f"{method} conserves exactly, for any γ and α", found,
-        f"{_listed(KEPT[method])} at least", KEPT[method] <= gamma and KEPT[method] <= alpha,
+        f"{_listed(CONSERVED[method])} at least",
+        CONSERVED[method] <= gamma and CONSERVED[method] <= alpha,
     )
 
 
@@ -162,7 +163,7 @@ def _figure(
 
 
 def _exactness_claim(engine: Engine, case: Case, quantity: Quantity) -> Claim:
-    kept, wanted = _keeps(engine, case, quantity), quantity in KEPT[case.method]
+    kept, wanted = _keeps(engine, case, quantity), quantity in CONSERVED[case.method]
     size = "round-off" if kept else f"{engine.mean(case, quantity):.3e}"
     return Claim(f"{case.method}-γ {'conserves' if wanted else 'does not conserve'} "
                  f"{_NAMES[quantity]} exactly: {NORMS[quantity]}", size,

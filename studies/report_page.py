@@ -21,7 +21,7 @@ from .._version import __version__
 from . import summary
 from .drawing import arrange, draw, inline
 from .study_result import Cell, Figure, Finding, Result, Table
-from .verdict import KEPT_EXACTLY
+from .verdict import CONSERVED_EXACTLY
 
 __all__ = ["as_json", "command", "heading", "json_text", "number_text", "report_files"]
 
@@ -101,7 +101,7 @@ def page(results: Sequence[Result], drawings: dict[str, list[str]]) -> str:
         version=__version__, marks=MARKS, results=results, verdicts=summary.ALL_VERDICTS,
         counts=[(table, summary.counts([table])) for table in tables],
         total=summary.counts(tables), requirements=summary.requirements(results),
-        iterations=summary.iterations_remark(results), headlines=summary.headlines(results),
+        iterations=summary.iterations_note(results), headlines=summary.headlines(results),
         failing=summary.failing(results),
         claims=[claim for result in results for claim in result.claims],
         pieces=[_piece(result, drawings) for result in results],
@@ -180,7 +180,7 @@ def _cell_text(cell: Cell | None, scientific: bool) -> dict[str, Any] | None:
         "ratio": "" if ratio is None else f"{ratio:.3g}",
         "verdict": cell.verdict, "mark": MARKS[cell.verdict],
         "slug": cell.verdict.replace(" ", "-"), "note": cell.note,
-        "strong": cell.verdict != "not printed" or cell.note == KEPT_EXACTLY,
+        "strong": cell.verdict != "not printed" or cell.note == CONSERVED_EXACTLY,
     }
 
 

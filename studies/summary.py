@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from .study_result import Cell, Claim, Figure, Finding, Result, Table, Verdict
-from .verdict import KEPT_EXACTLY, ROUND_OFF
+from .verdict import CONSERVED_EXACTLY, ROUND_OFF
 
 __all__ = [
     "ALL_VERDICTS",
@@ -20,7 +20,7 @@ __all__ = [
     "counts_line",
     "failing",
     "headlines",
-    "iterations_remark",
+    "iterations_note",
     "notes",
     "requirements",
     "section",
@@ -91,7 +91,7 @@ def requirements(results: Iterable[Result]) -> list[Claim]:
     ]
 
 
-def iterations_remark(results: Iterable[Result]) -> str:
+def iterations_note(results: Iterable[Result]) -> str:
     """Return why Tables 8-14 differ so often, if some of them are there."""
     if not any(table.number >= FIRST_ITERATION_TABLE for table in tables_of(results)):
         return ""
@@ -150,8 +150,8 @@ def _overview(results: Sequence[Result]) -> list[str]:
     parts = []
     if tables_of(results):
         parts += ["## Verdicts", _verdict_table(tables_of(results))]
-        if iterations_remark(results):
-            parts.append(iterations_remark(results))
+        if iterations_note(results):
+            parts.append(iterations_note(results))
     if requirements(results):
         parts.append(_claims(requirements(results)))
     claims = [claim for result in results for claim in result.claims]
@@ -205,7 +205,7 @@ def _numbers(table: Table) -> str:
 def _number(cell: Cell | None) -> str:
     if cell is None:
         return ""
-    return cell.note if cell.note in (ROUND_OFF, KEPT_EXACTLY) else shown(cell.ours)
+    return cell.note if cell.note in (ROUND_OFF, CONSERVED_EXACTLY) else shown(cell.ours)
 
 
 def _group(group: Group) -> str:

@@ -16,18 +16,18 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from .printed import Misprint
 from .study_result import Cell, Verdict
 
-__all__ = ["KEPT_EXACTLY", "ROUND_OFF", "compare_value", "same_digits", "units_apart"]
+__all__ = ["CONSERVED_EXACTLY", "ROUND_OFF", "compare_value", "same_digits", "units_between"]
 
 #: Notes of cells that were not printed and whose digits mean nothing.
-ROUND_OFF, KEPT_EXACTLY = "round-off", "conserved"
+ROUND_OFF, CONSERVED_EXACTLY = "round-off", "conserved"
 
 
 def same_digits(ours: float, printed: str) -> bool:
     """Return whether ours, rounded to the printed digits, is the printed number."""
-    return math.isfinite(ours) and units_apart(ours, printed) == 0
+    return math.isfinite(ours) and units_between(ours, printed) == 0
 
 
-def units_apart(ours: float, printed: str) -> int:
+def units_between(ours: float, printed: str) -> int:
     """Return how many units of the last printed digit lie between the rounded numbers."""
     number = Decimal(printed)
     unit = Decimal((0, (1,), int(number.as_tuple().exponent)))
@@ -74,7 +74,7 @@ def _verdict(
                             f"right is {misprint.right}")
     if not math.isfinite(ours):
         return "differs", "ours is no finite number"
-    units = units_apart(ours, printed)
+    units = units_between(ours, printed)
     if units > 1 and (units > 9 or not reason):
         return "differs", reason  # more than one unit needs a reason
     apart = f"{units} unit{'s' if units > 1 else ''} in the last printed digit"

@@ -1,15 +1,14 @@
 """Parameter sweeps: many short runs over a grid of parameters, steps, schemes and starts.
 
-    axes           what varies, along which dimension
+    axes           axes of the grid, each a dimension of the result
     study          a sweep as data: steppers, axes, arguments common to all cells
     sweep_model    the model as steppers and numbers
-    plan           from a caller's arguments to a checked study
-    study_file     the same from TOML
+    plan           arguments of ``sweep`` to a checked study
+    study_file     a study file (TOML) to a study
     tiles          the cells in blocks, each a chunk of every array of the result
     cell_events    cells with events
-    compute_tile   the cells of a tile, side by side in the lanes of compiled code
+    compute_tile   the cells of a tile in lanes of compiled code; tiles on local threads
     results        results of cells, in memory or in a store
-    local_threads  tiles on the threads of this process
     cluster        tiles on a Dask cluster
     cost_estimate  time and size of a sweep, from a few cells
     run_sweep      ``gyrospark.sweep``

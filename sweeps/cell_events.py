@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.events.detection import Levels
-from ..runtime.events.location import crossings_of, watches_of
-from ..runtime.integration.lanes import Course
-from ..runtime.integration.run_arguments import Runs
-from ..runtime.integration.step_loop import Run
+from ..runtime.events.location import crossings_of, detectors_for
+from ..runtime.integration.lanes import EnsembleStates
+from ..runtime.integration.run_arguments import EnsembleArguments, RunArguments
 from ..runtime.steppers.stepper import Stepper
 from .study import Study
 from .tiles import Cells
@@ -52,10 +51,10 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
     every = study.every or steps
     runs = _runs(study, stepper, steps, every, cells, group)
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
-    course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
-    _fill(course)
-    crossings = crossings_of(stepper, levels, runs, course.watches, _fill)
-    binding, rows = course.binding, steps // every + 1
+    computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
+    _fill(computed)
+    crossings = crossings_of(stepper, levels, runs, computed.detectors, _fill)
+    binding, rows = computed.binding, steps // every + 1
     found: dict[str, Array] = {}
     for event in study.events:
         own = [one[event.name] for one in crossings]
@@ -63,20 +62,20 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
                                                 for one in own])
         found[count_of(event.name)] = np.array([len(one) for one in own], dtype=float)
     reports = np.concatenate([np.frombuffer(binding.ffi.buffer(one), dtype=binding.report_type)
-                              for one in course.reports])
-    samples = course.rows.q[:, :rows], course.rows.p[:, :rows]
-    return CellEnds(course.q, course.p, reports, course.status, samples, found)
+                              for one in computed.reports])
+    samples = computed.rows.q[:, :rows], computed.rows.p[:, :rows]
+    return CellEnds(computed.q, computed.p, reports, computed.status, samples, found)
 
 
-def _fill(course: Course) -> None:
-    memory = course.memory()
-    for batch in range(len(course.reports)):
-        course.fill(batch, memory, lambda: False)
+def _fill(computed: EnsembleStates) -> None:
+    memory = computed.memory()
+    for batch in range(len(computed.reports)):
+        computed.fill(batch, memory, lambda: False)
 
 
 def _runs(
     study: Study, stepper: Stepper, steps: int, every: int, cells: Cells, group: Array
-) -> Runs:
+) -> EnsembleArguments:
     """Return the cells as runs, with numbers as a single run has them."""
     binding = stepper.binding
 
@@ -87,7 +86,7 @@ def _runs(
     q, p = (values[group].astype(binding.dtype) for values in (cells.q, cells.p))
     dt, t0 = column(cells.dt[group]), column(np.full(len(group), study.t0))
     parameters = {name: column(values[group]) for name, values in cells.parameters.items()}
-    first = Run(q[0], p[0], dt[0], steps, every,
+    first = RunArguments(q[0], p[0], dt[0], steps, every,
                 {name: values[0] for name, values in parameters.items()}, study.solver,
                 study.tolerance, study.max_iterations, t0[0])
-    return Runs(first, q, p, dt, t0, parameters)
+    return EnsembleArguments(first, q, p, dt, t0, parameters)

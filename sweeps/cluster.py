@@ -28,7 +28,7 @@ _TILES_A_THREAD = 4
 #: Seconds that a scheduler may take to answer.
 _CONNECT_SECONDS = 10
 #: Seconds between two looks at the cluster, and how long it may be without workers.
-_LOOK, _PATIENCE = 1.0, 600
+_CHECK_SECONDS, _PATIENCE = 1.0, 600
 
 
 def client_of(where: Any) -> Client:
@@ -92,24 +92,24 @@ def run_tiles(
         future.add_done_callback(ended.put)
 
     def fill() -> None:
-        while len(begun) < memory.tiles and not interrupts.asked:
+        while len(begun) < memory.tiles and not interrupts.requested:
             tile = next(tiles, None)
             if tile is None:
                 break
             begin(tile)
-        if not begun and blamed and not interrupts.asked:
+        if not begun and blamed and not interrupts.requested:
             last.add(blamed[-1].place)
             begin(blamed.pop())
 
     def withdraw() -> None:
-        if interrupts.asked:
+        if interrupts.requested:
             client.cancel([future for future, _ in begun.values() if future.status == "pending"])
 
     shared, last = share(), set[tuple[int, ...]]()
     fill()
     while begun:
         try:
-            future = ended.get(timeout=_LOOK)
+            future = ended.get(timeout=_CHECK_SECONDS)
         except Empty:
             withdraw()
             memory.measure(len(begun))
@@ -120,7 +120,7 @@ def run_tiles(
                 sink.write(tile, future.result())
             advance(tile)
         elif future.status == "cancelled":
-            if not interrupts.asked:
+            if not interrupts.requested:
                 begin(tile)
         elif isinstance(future.exception(), KilledWorker):
             (left if tile.place in last else blamed).append(tile)
@@ -147,7 +147,7 @@ class _ClusterMemory:
     @property
     def tiles(self) -> int:
         """Number of tiles to submit: some wait at the scheduler, so that no worker idles."""
-        if time.monotonic() > self._counted + _LOOK:
+        if time.monotonic() > self._counted + _CHECK_SECONDS:
             self._count()
         return _TILES_A_THREAD * max(1, self.threads)
 

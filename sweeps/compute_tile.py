@@ -195,12 +195,12 @@ def run_tiles(
     pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
     try:
         while True:
-            while len(begun) < 2 * workers and not interrupts.asked:
+            while len(begun) < 2 * workers and not interrupts.requested:
                 tile = next(tiles, None)
                 if tile is None:
                     break
                 begun[pool.submit(compute, study, fields, tile)] = tile
-            if interrupts.asked:
+            if interrupts.requested:
                 begun = {future: tile for future, tile in begun.items() if not future.cancel()}
             if not begun:
                 return

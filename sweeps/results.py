@@ -112,10 +112,10 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
     status = StoredField(STATUS, (), {
         "long_name": "how the cell ended", "flag_values": list(said),
         "flag_meanings": " ".join(text.replace(" ", "_") for text in said.values())}, "i1")
-    return [*_kept(found, keep), status]
+    return [*_selected_fields(found, keep), status]
 
 
-def _kept(found: list[StoredField], keep: Iterable[str] | None) -> list[StoredField]:
+def _selected_fields(found: list[StoredField], keep: Iterable[str] | None) -> list[StoredField]:
     names = [field.name for field in found]
     wanted = names if keep is None else as_items("keep", keep, "results")
     for name in wanted:

@@ -15,13 +15,13 @@ from ..core.arguments import as_flag
 from ..core.errors import InputError, Stopped, StorageError
 from ..core.exact_numbers import digits_of, exact
 from ..core.inertia import RepName
-from ..core.interrupts import ctrl_c, watched
+from ..core.interrupts import catch_ctrl_c, catch_signals
 from ..core.real_types import RealName
 from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.bindings.array_checks import as_callback, as_positive_count
 from ..runtime.bindings.binding import SolverName
-from ..runtime.bindings.wide_numbers import as_bytes
-from ..runtime.results.rotation_rate import Turning
+from ..runtime.bindings.real_numbers import as_bytes
+from ..runtime.results.rotation_rate import FastestRotation
 from ..storage.array_layout import StoredField, attributes_of, open_group
 from ..storage.durable_files import new_store_path, remove_parts, storage_errors
 from ..storage.identity import refuse_if_different, versions
@@ -180,7 +180,7 @@ def run_study(
 
 def _warn_of_turning(study: Study) -> None:
     """Warn where a body turns too far in a step at the start of some cell, of the worst one."""
-    found: list[Turning] = []
+    found: list[FastestRotation] = []
     for tile in tiles_of(study):
         cells = cells_of(study, tile)
         for scheme, stepper in enumerate(study.steppers):
@@ -190,7 +190,7 @@ def _warn_of_turning(study: Study) -> None:
                 cells.q[some], cells.p[some]) if some.any() else None
             found += [] if worst is None else [worst]
     if found:
-        max(found, key=lambda one: one.radians / one.borne).warn()
+        max(found, key=lambda one: one.radians / one.limit).warn()
 
 
 def _prepare(
@@ -220,12 +220,12 @@ def _compute(
     left = (tile for tile in tiles_of(study, stored) if tile.place not in done)
     counted = _Count(cells, study.size, progress)
     counted.tell()
-    with watched() if stored else ctrl_c() as interrupts:
+    with catch_signals() if stored else catch_ctrl_c() as interrupts:
         if client is None:
             compute_tile.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
         else:
             cluster.run_tiles(study, fields, left, sink, client, interrupts, counted.add)
-    if interrupts.asked:
+    if interrupts.requested:
         raise Stopped(_end(counted, path), interrupts.signal)
 
 

@@ -16,7 +16,7 @@ from ..core.event import Event, as_events, refuse_unusable_names
 from ..core.real_types import REALS
 from ..runtime.bindings.array_checks import as_positive_count, as_real, as_step
 from ..runtime.bindings.binding import SOLVERS, SolverName
-from ..runtime.integration.parameters import as_parameters
+from ..runtime.integration.run_arguments import as_parameters, warn_of_negative
 from ..runtime.tuning.manifest_symmetries import refuse_broken
 from .axes import SCHEME, START, Axis
 
@@ -133,6 +133,7 @@ def checked_study(study: Study) -> Study:
     trial = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
                      for name in axis.columns if name in names}
     doubles = as_parameters(trial, stepper.parameter_domains, symmetries=stepper.symmetries)
+    warn_of_negative(doubles)
     _refuse_broken_frames(study, doubles)
     if (study.steps is None) == (study.duration is None):
         raise InputError("Give a sweep either steps, the number for every cell, or duration, the "

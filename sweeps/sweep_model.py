@@ -17,7 +17,7 @@ from ..generator.spec import Spec, is_model_file
 from ..runtime.rigid_body.gamma_rules import MEANS
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.rigid_body.quaternion import momentum
-from ..runtime.steppers.run_defaults import Start
+from ..runtime.steppers.run_defaults import RunDefaults
 from .axes import Axis, as_rows, start_axis
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ Array = NDArray[Any]
 def resolve(
     model: Any, schemes: list[str], rep: str | None, real: str | None,
     settings: Mapping[str, Any] | None = None, frame: str | None = None,
-) -> tuple[list[Stepper], Start]:
+) -> tuple[list[Stepper], RunDefaults]:
     """Return a stepper for each scheme ("EMS", "G-L 3") and the model's own numbers.
 
     ``model`` is the name of a built-in problem, with ``settings`` as its arguments, a model file,
@@ -67,7 +67,7 @@ def _named(
 
 def _stepper(
     model: Any, label: str, rep: str | None, real: str | None, frame: str | None
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     from ..api import model_stepper, stepper_of
 
     scheme, stages = _scheme(label)
@@ -76,14 +76,14 @@ def _stepper(
     if isinstance(model, Problem):
         spec = Spec.checked(scheme, stages, rep, model.system, real).with_frame(frame)
         made = stepper_of(spec)
-        return made, Start.of_problem(model)
+        return made, RunDefaults.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
         raise InputError(f"model = {model!r} is nothing to sweep; give a problem, a file or a "
                          "model, which of a system is gs.Model(system, parameters, q0, p0).")
     if rep is not None:
         raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
     spec = Spec.checked(scheme, stages, real=real).with_frame(frame or model.frame or None)
-    return stepper_of(spec, model.system), Start.of(model)
+    return stepper_of(spec, model.system), RunDefaults.of(model)
 
 
 def _scheme(label: str) -> tuple[str, int | None]:
@@ -96,7 +96,7 @@ def _scheme(label: str) -> tuple[str, int | None]:
 
 
 def base_parameters(
-    stepper: Stepper, start: Start, given: Mapping[str, Any], varied: set[str]
+    stepper: Stepper, start: RunDefaults, given: Mapping[str, Any], varied: set[str]
 ) -> dict[str, float]:
     """Return the parameters that all cells have in common.
 
@@ -127,7 +127,7 @@ def _by_rule(name: str, rule: str, inertia: Any) -> float:
     return MEANS[rule](inertia)
 
 
-def starts(table: Any, start: Start, varied: set[str]) -> Axis:
+def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:
     """Return the axis of states: rows of q and p, or of angular velocities of one body.
 
     With ``angular_velocity`` (body axes, rad/s), ``quaternion`` is one for all, one for each, or

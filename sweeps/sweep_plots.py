@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..runtime.plotting.trajectory_plots import check_target, figure_class, save
+from ..runtime.plotting.trajectory_plots import check_picture_path, figure_class, save
 
 if TYPE_CHECKING:
     import xarray
@@ -91,7 +91,7 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     MissingDependencyError
         Without matplotlib.
     """
-    target = None if path is None else check_target(path)
+    target = None if path is None else check_picture_path(path)
     inner = {"coordinate", "sample"}
     drawable = [str(n) for n, a in dataset.items() if not inner & set(a.dims)]
     if name not in drawable:

@@ -1,4 +1,4 @@
-"""What a run is to choose: its steps, γ and α of ``--gamma`` and ``--alpha``, a ``--frame``."""
+"""Choices of a run: time step, γ and α of ``--gamma`` and ``--alpha``, the ``--frame``."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 from ...core.arguments import listed, proposal
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, decimal
-from ...runtime.rigid_body.gamma_rules import AIMS
+from ...core.registry import AIMS, GAMMA_RULES, RULES
 from ..options import real_number, whole_number
 
 if TYPE_CHECKING:
-    from ...runtime.rigid_body.gamma_rules import Aim
-    from ...runtime.steppers.run_defaults import Start
+    from ...core.registry import Aim
+    from ...runtime.steppers.run_defaults import RunDefaults
     from ...runtime.steppers.stepper import Stepper
     from ...runtime.tuning.gamma_choice import GammaChoice
 
-__all__ = ["Frame", "aim_of", "frame_for", "gamma_for", "parameters_for", "step_for"]
+__all__ = ["ChosenFrame", "aim_of", "frame_for", "gamma_for", "parameters_for", "step_for"]
 
 
 def parameters_for(
-    step: Stepper, start: Start, gamma: str | None, alpha: str | None
+    step: Stepper, start: RunDefaults, gamma: str | None, alpha: str | None
 ) -> dict[str, float]:
     """Return the parameters, with γ and α of every body as the options say; auto starts from m.
 
@@ -52,7 +52,7 @@ def parameters_for(
 
 
 def aim_of(
-    start: Start, parameters: dict[str, float], option: str | None, *, unnamed: bool
+    start: RunDefaults, parameters: dict[str, float], option: str | None, *, unnamed: bool
 ) -> Aim | None:
     """Return what γ is searched for, if it is: by the option, else by the model's own rules.
 
@@ -67,7 +67,7 @@ def aim_of(
 
 
 def gamma_for(
-    step: Stepper, start: Start, state: tuple[Any, Any, float], dt: float, steps: int,
+    step: Stepper, start: RunDefaults, state: tuple[Any, Any, float], dt: float, steps: int,
     parameters: dict[str, float], aim: Aim | None,
 ) -> GammaChoice | None:
     """Return the choice of γ or α with this aim, made on pilot runs no longer than the run."""
@@ -81,8 +81,8 @@ def gamma_for(
                         steps=min(max(steps, 2), PILOT_STEPS), run_steps=steps)
 
 
-def _fast_gamma(step: Stepper, start: Start) -> float:
-    """Return the γ with the fewest sweeps; refuse it where γ would change the solution."""
+def _fast_gamma(step: Stepper, start: RunDefaults) -> float:
+    """Return the γ with the fewest iterations; refuse it where γ would change the solution."""
     from ...runtime.rigid_body.gamma_rules import gamma_fast
     from ...runtime.rigid_body.quaternion import angular_velocity
 
@@ -99,14 +99,14 @@ def _fast_gamma(step: Stepper, start: Start) -> float:
 
 
 def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
-    """Return γ or α from m, h, mt, ht or a number."""
-    from ...runtime.rigid_body.gamma_rules import MEANS
+    """Return γ or α from the name of a mean, or a number."""
+    if text in GAMMA_RULES and GAMMA_RULES[text].is_mean:
+        from ...runtime.rigid_body.gamma_rules import MEANS
 
-    if text in MEANS:
         return MEANS[text](inertia)
     value = decimal(text)
     if value is None:
-        choices = listed([*MEANS, *AIMS, "a number"])
+        choices = listed([*RULES, "a number"])
         raise InputError(f"--{name} {text!r} is none of {choices}.")
     value = value if isinstance(value, float) else Rounded(value)
     if not math.isfinite(value) or value == 0:
@@ -115,7 +115,7 @@ def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
 
 
 @dataclass(frozen=True)
-class Frame:
+class ChosenFrame:
     """The rates of a run, γ where it was searched for with them, and what is reported.
 
     The rates are those of the start where the frame follows the motion.
@@ -127,9 +127,9 @@ class Frame:
 
 
 def frame_for(
-    step: Stepper, start: Start, state: tuple[Any, Any, float], dt: float, steps: int,
+    step: Stepper, start: RunDefaults, state: tuple[Any, Any, float], dt: float, steps: int,
     parameters: dict[str, float], options: tuple[str, ...], aim: Aim | None,
-) -> Frame | None:
+) -> ChosenFrame | None:
     """Return the frame that the options ask for, or a model file without any.
 
     Raises
@@ -142,29 +142,30 @@ def frame_for(
     mode = options[0] if len(options) == 1 else "start" if not options else ""
     if mode not in ("auto", "start") and not mode.startswith("follow"):
         values = _rates(step, options)
-        return Frame(values, {"frame": values})
-    from ...runtime.integration.frame_following import followed
+        return ChosenFrame(values, {"frame": values})
+    from ...runtime.integration.frame_following import follow_frame
     from ...runtime.tuning.frame_choice import choose_frame, start_frame
     from ...runtime.tuning.gamma_choice import PILOT_STEPS
 
     q0, p0, t0 = state
-    forced, follow = followed(step, q0, p0, dt=dt, steps=steps, t0=t0,
-                              parameters={**parameters, "frame": mode})
+    asked = follow_frame(step, step.run_arguments(q0, p0, dt=dt, steps=steps, t0=t0,
+                                                  parameters={**parameters, "frame": mode}))
+    forced, follow = asked.parameters, asked.follow
     if follow is not None:  # the run says what is to be warned of
-        return Frame({"frame": str(follow)}, {
-            "frame": start_frame(step, q0, p0, parameters, dt=dt, t0=t0, warn=False),
+        return ChosenFrame({"frame": str(follow)}, {
+            "frame": start_frame(step, q0, p0, parameters, dt=dt, t0=t0, quiet=True),
             "frame_reason": f"{follow} steps"})
     if mode == "start":
         values = start_frame(step, q0, p0, parameters, dt=dt, t0=t0)
-        return Frame(values, {"frame": values})
+        return ChosenFrame(values, {"frame": values})
     if "frame" not in forced:  # forces act
         values = {symmetry.name: forced.get(symmetry.name, 0.0) for symmetry in step.symmetries}
-        return Frame(values, {"frame": values})
+        return ChosenFrame(values, {"frame": values})
     bodies = {name: inertia for name, inertia in start.bodies.items()
               if name in parameters} if aim == "motion" else {}
     found = choose_frame(step, q0, p0, dt=dt, t0=t0, parameters=parameters, bodies=bodies,
                          steps=min(max(steps, 8), PILOT_STEPS))
-    return Frame(found.values, {
+    return ChosenFrame(found.values, {
         "frame": found.frame, "frame_expected_gain": found.expected_gain,
         "frame_measured_gain": found.measured_gain, "frame_reason": found.reason, **found.gammas,
     }, has_gamma=bool(found.gammas))
@@ -185,7 +186,7 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
 
 
 def step_for(
-    step: Stepper, start: Start, arguments: dict[str, Any], given: Mapping[str, str | None],
+    step: Stepper, start: RunDefaults, arguments: dict[str, Any], given: Mapping[str, str | None],
     nearest: bool,
 ) -> tuple[Any, int, dict[str, Any]]:
     """Return dt, the number of steps, and what was measured if --dt is auto.
@@ -224,7 +225,7 @@ def _chosen(
     }
 
 
-def _step_size(option: str | None, start: Start) -> float:
+def _step_size(option: str | None, start: RunDefaults) -> float:
     """Return the time step of the option, or the model's own."""
     if option is None and start.dt is None:
         raise InputError(f"--dt is not given and {start.name} names none; write for example "
@@ -233,10 +234,10 @@ def _step_size(option: str | None, start: Start) -> float:
 
 
 def _step_count(
-    steps: str | None, t_end: str | None, start: Start, dt: float, t0: float, nearest: bool
+    steps: str | None, t_end: str | None, start: RunDefaults, dt: float, t0: float, nearest: bool
 ) -> int:
     """Return the number of steps of the option, up to the time of the other, or the model's own."""
-    from ...runtime.integration.step_count import step_count
+    from ...runtime.integration.run_arguments import step_count
 
     if t_end is not None:
         if steps is not None:

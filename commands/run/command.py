@@ -12,15 +12,15 @@ import click
 
 from ...core.arguments import listed, proposal
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
-from ...core.interrupts import watched
+from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
-from ...core.registry import MODELS, PROBLEMS, Entry, entry_named
-from ...core.warnings import listening, remark
+from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES, Entry, entry_named
+from ...core.warnings import capture_warnings, warn
 from ...generator.spec import is_model_file
 from ...runtime.bindings.binding import SOLVERS
-from ...runtime.compilation.manifest import remarks_of
+from ...runtime.compilation.manifest import manifest_warnings
 from ...runtime.plotting.scene import check_bodies
-from ...runtime.steppers.run_defaults import Start
+from ...runtime.steppers.run_defaults import RunDefaults
 from ..options import (
     DEFAULT,
     Grouped,
@@ -34,7 +34,7 @@ from ..options import (
     with_default_scheme,
 )
 from .choices import aim_of, frame_for, gamma_for, parameters_for, step_for
-from .outputs import Angles, check_targets, events_of, integrate_to, where_it_is
+from .outputs import Angles, check_targets, events_of, integrate_to, stored_location
 from .report import (
     about_choice,
     as_text,
@@ -54,7 +54,7 @@ __all__ = ["run"]
 _BAR_FROM = 20_000
 
 
-class Run(Grouped):
+class RunCommand(Grouped):
     """``gyrospark run``."""
 
     groups: ClassVar = {
@@ -68,16 +68,17 @@ class Run(Grouped):
     }
 
 
-@click.command(cls=Run, no_args_is_help=True,
+@click.command(cls=RunCommand, no_args_is_help=True,
                context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @stepper_options
-@click.option("--gamma", metavar="{m,h,mt,ht,auto,auto-energy,fast,NUMBER}",
+@click.option("--gamma", metavar=f"{{{','.join(GAMMA_RULES)},NUMBER}}",
+              shell_complete=completing(GAMMA_RULES),
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m; without "
                    "--scheme auto for a single body); auto: smallest error of the motion in short "
                    "pilot runs, γ_m if any axis would get worse; auto-energy: smallest energy "
-                   "error; fast: fewest sweeps, from 6 stages on.")
-@click.option("--alpha", metavar="{m,h,mt,ht,auto,auto-energy,NUMBER}",
+                   "error; fast: fewest iterations, from 6 stages on.")
+@click.option("--alpha", metavar=f"{{{','.join(RULES)},NUMBER}}", shell_complete=completing(RULES),
               help="The same for --rep alpha.")
 @click.option("--frame", "frames", metavar="{auto,start,follow,NAME=RATE,...}", multiple=True,
               help="Integrate in a co-moving frame along the system's symmetries: auto searches "
@@ -100,7 +101,7 @@ class Run(Grouped):
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
 @click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
-              help="auto (sweeps, Newton behind them), fixed-point (sweeps alone), newton, python.")
+              help="auto (fixed point, Newton as fallback), fixed-point, newton, python.")
 @click.option("--tolerance", metavar="TOL", help="Of the Newton increment (default: round-off).")
 @click.option("--max-iterations", metavar="N", default="50", show_default=True,
               help="Iterations of one step.")
@@ -172,15 +173,15 @@ def run(
     choice, note = with_default_scheme(choice)
     choice["frame"] = "symmetries" if frames else None
     if chosen is not None:
-        step, start = _stepper(chosen, choice), Start.of_problem(chosen)
+        step, start = _stepper(chosen, choice), RunDefaults.of_problem(chosen)
     else:
         step, start = _model(problem, entry, options, settings, reference, choice)
     if page is not None:
         check_bodies(step.manifest)
     angles.check_bodies(step.manifest)
     if not as_json:  # before a step is taken
-        for said in (*note, *(f"{part}: {said}" for part, said in remarks_of(step.manifest))):
-            click.echo(said)
+        for line in (*note, *map(": ".join, manifest_warnings(step.manifest))):
+            click.echo(line)
     parameters = parameters_for(step, start, gamma, alpha)
     begin = real_number("--t0", t0)
     (q0, p0), moved = start.state, 0.0
@@ -211,17 +212,17 @@ def run(
         **events_of(watched_for, start.events, step),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
-    with watched() as interrupts:  # to the end: what is done is reported, whenever a signal comes
+    with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
-            with _progress(count, quiet=as_json) as progress, listening() as heard:
+            with _progress(count, quiet=as_json) as progress, capture_warnings() as captured:
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
                                     progress=progress, angles=angles)
             trouble = done.trouble
-            for said in dict.fromkeys(heard):
+            for message in dict.fromkeys(captured):
                 if isinstance(trouble, StepFailed):
-                    trouble.add_note(said)  # a failure is one line on stderr
+                    trouble.add_note(message)  # a failure is one line on stderr
                 else:
-                    remark(said)
+                    warn(message)
             result = result_of(start, step, done, begin)
             result |= measured
             if moved:
@@ -244,9 +245,9 @@ def run(
             warn_of_rest(done.trajectory, problem)
             click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
         except KeyboardInterrupt:  # the second signal
-            click.echo(f"gyrospark: Interrupted. {where_it_is(out)}".rstrip(), err=True)
+            click.echo(f"gyrospark: Interrupted. {stored_location(out)}".rstrip(), err=True)
             return 130
-    if trouble is None and interrupts.asked:
+    if trouble is None and interrupts.requested:
         trouble = Stopped("Stopped while the report was made: the run is complete.",
                           interrupts.signal)
     if isinstance(trouble, Stopped):  # to click a KeyboardInterrupt is one like another
@@ -300,7 +301,7 @@ def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
 def _model(
     name: str, entry: Entry | None, options: dict[str, Any], settings: tuple[str, ...],
     reference: bool, choice: dict[str, Any],
-) -> tuple[Stepper, Start]:
+) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a named model, or of a model file, and the numbers of it."""
     from ...api import model_stepper, named_model_stepper
 
@@ -322,7 +323,7 @@ def _model(
 
 
 def _projected(
-    step: Stepper, start: Start, parameters: dict[str, float], t0: Any
+    step: Stepper, start: RunDefaults, parameters: dict[str, float], t0: Any
 ) -> tuple[Any, Any, float]:
     """Return the start on the constraints, and how far it was from there if a reader shall know.
 
@@ -337,7 +338,7 @@ def _projected(
 
 @contextmanager
 def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Yield a callback that moves a bar on the terminal, None when nobody would see it."""
+    """Yield a callback that moves a progress bar; None without a terminal."""
     if quiet or steps < _BAR_FROM or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ...core.event import Event, as_events, event_of_text
-from ...core.file_formats import ENDINGS, PAGES, ending_of
+from ...core.file_formats import ending_of, endings, format_of, with_ending
 from ...runtime.compilation.body_columns import bodies_of
 from ..options import check_ending, check_film, check_picture, check_writable
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from ...runtime.steppers.stepper import Stepper
     from ...storage.recording import Recording
 
-__all__ = ["Angles", "Done", "check_targets", "events_of", "integrate_to", "where_it_is"]
+__all__ = ["Angles", "RunOutcome", "check_targets", "events_of", "integrate_to", "stored_location"]
 
-#: States in memory for pictures and errors of a stored run: more cannot be told apart.
+#: States in memory for pictures and errors of a stored run: more are not distinguishable.
 _SHOWN = 20_000
 
 
 @dataclass(frozen=True)
-class Done:
+class RunOutcome:
     """A run that came to an end, its own or another.
 
     Attributes
@@ -85,15 +85,15 @@ class Angles:
 def check_targets(
     out: Path | None, plot: Path | None, page: Path | None, film: Path | None, *, resume: bool
 ) -> None:
-    """Refuse what cannot be written before a long run, not after it."""
+    """Refuse unwritable files before a long run."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
-        check_ending("--out", out, ("", *ENDINGS, ".zarr"))
+        check_ending("--out", out, ("", *endings("states", "store")))
     if plot is not None:
         check_picture(plot)
     if page is not None:
         check_writable("--view", page)
-        check_ending("--view", page, PAGES)
+        check_ending("--view", page, endings("page"))
     if film is not None:
         check_film(film)
     if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):
@@ -119,24 +119,25 @@ def _named(text: str) -> Event:
 
 
 def _is_store(out: Path | None) -> bool:
-    return out is not None and ending_of(out) == ".zarr"
+    return out is not None and ending_of(out) in endings("store")
 
 
 def _is_exported(out: Path, *, resume: bool) -> bool:
     """Whether a file is made of a store that the run streams to.
 
-    CSV needs none: where stores cannot be written it is made of what is in memory.
+    A table needs none: where stores cannot be written it is made of what is in memory.
     """
-    if ending_of(out) == ".csv" and not resume:
+    form = format_of(with_ending(out, ".npz"), "A run", "states", "store")
+    if form.tabular and not resume:
         return all(find_spec(package) is not None for package in ("zarr", "filelock"))
-    return ending_of(out) in (".csv", ".nc")
+    return form.streamed
 
 
 def integrate_to(
     step: Stepper, out: Path | None, arguments: dict[str, Any], *, resume: bool, seed: int | None,
     progress: Callable[[int], None] | None, angles: Angles,
-) -> Done:
-    """Integrate and write the states; what goes wrong on the way comes with all before it."""
+) -> RunOutcome:
+    """Integrate and write the states; an error comes with all states before it."""
     if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
         return _in_memory(step, out, arguments, progress, angles)
     if _is_store(out):
@@ -147,7 +148,7 @@ def integrate_to(
 def _exported(
     step: Stepper, out: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, angles: Angles, *, resume: bool, seed: int | None,
-) -> Done:
+) -> RunOutcome:
     """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
 
     Whatever ends the process, --resume goes on.
@@ -177,8 +178,8 @@ def store_beside(out: Path) -> Path:
     return out.with_name(f".{out.name}.zarr")
 
 
-def where_it_is(out: Path | None) -> str:
-    """Return a sentence on what a run that ended at once has left; empty if that is nothing."""
+def stored_location(out: Path | None) -> str:
+    """Return a sentence on the store of an interrupted run; empty where there is none."""
     if out is None:
         return ""
     store = out if _is_store(out) else store_beside(out)
@@ -199,7 +200,7 @@ def _remove(store: Path) -> None:
 def _in_memory(
     step: Stepper, out: Path | None, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, angles: Angles,
-) -> Done:
+) -> RunOutcome:
     trouble: GyrosparkError | Stopped | None = None
     written = None
     started = time.perf_counter()
@@ -218,7 +219,7 @@ def _in_memory(
         trouble = trouble or error
     if isinstance(trouble, Stopped):
         trouble = _told(trouble, trajectory.report.steps, arguments["steps"], written)
-    return Done(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
+    return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
                 _ended_by(trajectory, arguments))
 
 
@@ -229,7 +230,7 @@ def _ended_by(trajectory: Trajectory, arguments: dict[str, Any]) -> str | None:
 
 
 def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopped:
-    """Return what a signal has ended with where its states are, for people."""
+    """Return the error of an interrupted run with the location of its states."""
     from ...runtime.integration.step_loop import ended_at
 
     where = "--out would keep its states." if written is None else f"It is in {written!r}."
@@ -241,7 +242,7 @@ def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopp
 def _stored(
     step: Stepper, store: Path, name: str, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
-) -> Done:
+) -> RunOutcome:
     from ...storage.record import record
 
     before = _open(store).steps_done if resume and store.exists() else 0
@@ -255,7 +256,7 @@ def _stored(
     seconds = time.perf_counter() - started
     shown = recording.trajectory(thin=-(-len(recording) // _SHOWN))
     last = recording.trajectory(first=len(recording) - 1)
-    return Done(shown, last, seconds, recording.steps_done - before, name, trouble,
+    return RunOutcome(shown, last, seconds, recording.steps_done - before, name, trouble,
                 _ended_by(shown, arguments))
 
 

@@ -1,4 +1,4 @@
-"""What ``gyrospark run`` says of a run: as a dictionary for scripts, as text for people."""
+"""The report of ``gyrospark run``: a dictionary for scripts, text for people."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import StepFailed, Stopped
 from ...core.exact_numbers import digits_of
-from ...core.warnings import remark
+from ...core.registry import AIMS
+from ...core.warnings import warn
 from ...generator.parsing.text_file import is_urdf
-from ...runtime.rigid_body.gamma_rules import AIMS
 
 if TYPE_CHECKING:
     from ...runtime.results.trajectory import Trajectory
     from ...runtime.rigid_body.problems import Problem
-    from ...runtime.steppers.run_defaults import Start
+    from ...runtime.steppers.run_defaults import RunDefaults
     from ...runtime.steppers.stepper import Stepper
     from ...runtime.tuning.gamma_choice import GammaChoice
-    from .outputs import Done
+    from .outputs import RunOutcome
 
 __all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of", "warn_of_rest"]
 
@@ -34,7 +34,7 @@ def json_text(result: dict[str, Any]) -> str:
 
 
 def about_choice(choice: GammaChoice) -> dict[str, Any]:
-    """Return what is reported of a choice."""
+    """Return the report of a choice of γ."""
     name = "alpha" if "alpha" in next(iter(choice.values)) else "gamma"
     return {
         **choice.values,
@@ -47,10 +47,12 @@ def about_choice(choice: GammaChoice) -> dict[str, Any]:
     }
 
 
-def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[str, Any]:
-    """Return what is said of a run that began at t0."""
+def result_of(
+    start: RunDefaults, step: Stepper, done: RunOutcome, t0: float = 0.0
+) -> dict[str, Any]:
+    """Return the report of a run that began at t0."""
     from ...core.real_types import REALS  # and NumPy: not for --help
-    from ...runtime.results.rotation_rate import fastest_turning
+    from ...runtime.results.rotation_rate import fastest_rotation
 
     trajectory = done.last
     report = trajectory.report
@@ -59,7 +61,7 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
         "problem": start.name,
         "stepper": step.name,
         "order": step.order,
-        **({"remarks": step.remarks} if step.remarks else {}),
+        **({"warnings": step.warnings, "remarks": step.warnings} if step.warnings else {}),
         "parameters": {name: float(x) for name, x in trajectory.parameters.items()},
         "steps": report.steps,
         "dt": float(trajectory.dt),
@@ -83,7 +85,7 @@ def result_of(start: Start, step: Stepper, done: Done, t0: float = 0.0) -> dict[
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work
-    turning = fastest_turning(done.trajectory)
+    turning = fastest_rotation(done.trajectory)
     if turning is not None:
         result["radians_per_step"] = turning.radians
         result["fastest_body"] = turning.body
@@ -123,7 +125,7 @@ def warn_of_rest(trajectory: Trajectory, problem: str) -> None:
         cure = "--set JOINT=0.3, or --set JOINT.rate=1, of a joint of the file"
     else:
         cure = "another start, such as --set start.euler='[0.3, 0, 0]' of a body in a model file"
-    remark(f"Nothing moves: {problem} starts at rest, where it is in equilibrium. Give it {cure}.")
+    warn(f"Nothing moves: {problem} starts at rest, where it is in equilibrium. Give it {cure}.")
 
 
 def _all_digits(trajectory: Trajectory) -> dict[str, Any]:
@@ -166,7 +168,7 @@ def _resumed_lines(result: dict[str, Any]) -> list[str]:
 
 
 def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
-    """Return the result for people; ``system`` is what the manifest says of it."""
+    """Return the report as text; ``system`` is that part of the manifest."""
     balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
     lines = [
         f"{result['problem']} with {result['stepper']} (order {result['order']})",

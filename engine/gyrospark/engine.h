@@ -100,6 +100,11 @@
 #define LANES_AT(c, t) c
 #define LANES_BETWEEN(c, t, late) c
 #endif
+#if GS_FORCES
+#define IF_FORCES(...) __VA_ARGS__
+#else
+#define IF_FORCES(...)
+#endif
 #if GS_INPUTS
 #define IF_INPUTS(...) __VA_ARGS__
 #else
@@ -132,10 +137,9 @@ typedef NAME(batch) batch_memory;
 #endif
 #endif
 
-/* The status of a step, as in the public header. */
+/* The status of a step and its solver, as in the public header. */
 enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
 #if !GS_PROFILE_CONTROL
-/* How a step is solved. */
 enum { NEWTON = 1, FIXED_POINT };
 #endif
 

@@ -31,7 +31,7 @@ def hidden_constraints(derived: Derived, elements: Elements | None) -> list[str]
     system = derived.scheme.system
     if elements is not None:
         return ["G H_p + g_t" if system.is_time_dependent else "G H_p"] * system.m
-    return [str(derived.constants.spelled_out(f)) for f in system.hidden]
+    return [str(derived.constants.expand_shared(f)) for f in system.hidden]
 
 
 def manifest_text(derived: Derived, program: Program) -> str:
@@ -119,7 +119,7 @@ def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
     if not system.constraints:
         return []
     deciding = (energy_of(system), *system.constraints) if elements is not None else (
-        *system.constraints, *map(derived.constants.spelled_out, derived.scheme.system.hidden))
+        *system.constraints, *map(derived.constants.expand_shared, derived.scheme.system.hidden))
     if isinstance(system, LagrangianSystem):
         deciding = (system.L, *system.constraints)
     found = {x for e in deciding for x in e.free_symbols}

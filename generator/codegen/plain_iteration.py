@@ -40,7 +40,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     scheme, real, constants = derived.scheme, derived.real, derived.constants
     _refuse(scheme, real, derived.profile)
     system = FastSystem(scheme.system)
-    own = (system.spark_kernels(apart=True) if isinstance(scheme, SparkScheme)
+    own = (system.spark_kernels(separate=True) if isinstance(scheme, SparkScheme)
            else system.mean_kernels(scheme))
     # What a run evaluates once is among its constants; H and F are not evaluated here.
     unused = {"hamiltonian", "applied_force", "schur_inverse", "correction",

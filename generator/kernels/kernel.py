@@ -11,7 +11,7 @@ import sympy as sp
 
 from ...core.real_types import Real
 from ..symbolic.bounded_algebra import is_small
-from ..symbolic.shared_subexpressions import spelled_out, symbols_of
+from ..symbolic.shared_subexpressions import expand_shared, symbols_of
 from ..symbolic.switching_functions import Where
 from .c_printer import ON_LANES, CPrinter
 from .statements import Kernel, Statements, entries
@@ -94,7 +94,7 @@ class Constants:
         return bool(free) and free <= self._known
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
-        e = spelled_out(e)  # constants are printed as they are, without temporaries
+        e = expand_shared(e)  # constants are printed as they are, without temporaries
         if e not in self.definitions:
             free = (f"k{i}" for i in count() if f"k{i}" not in self.taken)
             name = next(islice(free, len(self.definitions) - len(self.parameters), None))
@@ -102,7 +102,7 @@ class Constants:
             self.definitions[e] = sp.Symbol(name, real=True, **facts)
         return self.definitions[e]
 
-    def spelled_out(self, e: sp.Expr) -> sp.Expr:
+    def expand_shared(self, e: sp.Expr) -> sp.Expr:
         """Return e in terms of the parameters again."""
         return e.xreplace({symbol: definition for definition, symbol in self.definitions.items()})
 

@@ -1,10 +1,9 @@
-"""Model files: a user's own model from TOML, robots from URDF.
+"""Model files: models from TOML, robots from URDF.
 
     model_file        one file to a ``Model``
     toml_tables       tables of TOML; every error names file and key
     formulas          formulas in named symbols
     common_tables     parameters, quantities, run length: common to all kinds
-    start_attitude    the start of a body in numbers, to 50 digits
     single_body_file  a body with a fixed point
     multibody_file    several bodies with joints
     system_file       any Hamiltonian system

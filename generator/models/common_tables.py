@@ -9,7 +9,7 @@ from typing import Any
 import sympy as sp
 
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..parsing.grammar import UNITS
 from ..parsing.tokens import names_in, shorten
 from ..symbolic.switching_functions import Where
@@ -102,13 +102,13 @@ class Formulas:
                     f"[parameters] {name} has the name of something else in this model "
                     f"({shorten(', '.join(names), 120)}); choose another name.")
 
-    def remark_on_unused(self) -> None:
+    def warn_of_unused(self) -> None:
         """Warn of parameters that nothing in the file uses."""
         mentioned = self.mentioned | self.numbers.values.mentioned
         for name in self.content.table("parameters").items():
             if name not in mentioned:
-                remark(f"[parameters] {name} is in no formula and no other number of the file; "
-                       "remove it, or write it where it is meant.")
+                warn(f"[parameters] {name} is in no formula and no other number of the file; "
+                     "remove it, or write it where it is meant.")
 
     def in_use(
         self, expressions: Iterable[sp.Expr]

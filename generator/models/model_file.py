@@ -55,7 +55,7 @@ from ...core.errors import InputError
 from ...core.event import Event, event_of_text
 from ...core.inertia import REPS, RepName
 from ...core.registry import FRAMES, SYSTEMS
-from ...core.warnings import listening, remark
+from ...core.warnings import capture_warnings, warn
 from ..multibody.model import Model
 from ..parsing.grammar import UNITS
 from ..parsing.reserved_names import KEYWORDS
@@ -136,10 +136,10 @@ def read_model(
     InputError
         With file, key and cure, for whatever in the file is no model.
     """
-    with listening() as heard:
+    with capture_warnings() as heard:
         found = _read(text, path, rep, settings)
     for said in dict.fromkeys(heard):
-        remark(f"In the model file {str(path)!r}: {said}")
+        warn(f"In the model file {str(path)!r}: {said}")
     return found
 
 
@@ -168,7 +168,7 @@ def _read(
         model = _with_events(model, content)
         if "frame" in content:
             model = replace(model, frame=content.choice("frame", FRAMES, ""))
-        formulas.remark_on_unused()
+        formulas.warn_of_unused()
         mentioned = formulas.numbers.values.mentioned
         return ModelFile(model, [name for name in model.parameters if name in content.table(
             "parameters") and name not in mentioned])

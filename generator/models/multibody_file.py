@@ -54,7 +54,7 @@ import sympy as sp
 
 from ...core.errors import InputError
 from ...core.inertia import REPS, RepName
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..multibody.body import Body, Frame, Particle
 from ..multibody.initial_poses import Attitude
 from ..multibody.model import Model
@@ -133,7 +133,7 @@ def finished(builder: Multibody, content: TomlTable) -> Model:
     redundant = content.choice("redundant", ("refuse", "leave out"), "refuse")
     model = builder.model(without=content.strings("without"), redundant=cast("Any", redundant))
     if builder.redundancy and builder.redundancy.left_out:
-        remark(f"{builder.redundancy} They are left out, as the file asks.")
+        warn(f"{builder.redundancy} They are left out, as the file asks.")
     return model
 
 

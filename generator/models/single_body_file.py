@@ -19,16 +19,16 @@ from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, exact
 from ...core.inertia import (
     REPS,
-    RULES,
     Inertia,
     Moments,
     as_inertia,
     inertia_rows,
     inverse_entries,
     is_tensor,
-    remark_on_angles,
+    warn_of_degrees,
 )
-from ...core.warnings import remark
+from ...core.registry import RULES
+from ...core.warnings import warn
 from ..multibody import initial_poses, rigid_body
 from ..multibody.initial_poses import product
 from ..multibody.model import Model, whole_array
@@ -87,8 +87,8 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         tensor=tensor,
     )
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
-        remark("[body] mass is in no formula: a weight needs a potential, such as "
-               '"mass*9.81*0.04*R33".')
+        warn("[body] mass is in no formula: a weight needs a potential, such as "
+             '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
     return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
                  rules={chosen: body.text(chosen)} if ruled else {},
@@ -173,7 +173,7 @@ def read_attitude(table: TomlTable) -> list[float] | None:
         angles = table.vector(key, 3, ANGLES)
         if table.is_plain(key):
             degrees = ", ".join(f'"{x:.6g} deg"' for x in angles)
-            remark_on_angles(f"{table.where}euler", angles, cure=f"[{degrees}]")
+            warn_of_degrees(f"{table.where}euler", angles, cure=f"[{degrees}]")
         return from_euler(*angles)
     quaternion = table.vector(key, 4) if key == "quaternion" else None
     matrix = table.matrix(key, 3) if key == "rotation" else None

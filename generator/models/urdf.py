@@ -21,7 +21,7 @@ import numpy as np
 from ...core.arguments import as_items, as_mapping, as_text, choose, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import decimal
-from ...core.inertia import remark_on_angles
+from ...core.inertia import warn_of_degrees
 from ...core.registry import SYSTEMS
 from ..multibody.body import GROUND, Frame
 from ..multibody.initial_poses import attitude, finite, rotation, vector
@@ -148,7 +148,7 @@ def _coordinate(what: str, joint: RobotJoint, given: Any) -> float:
             raise InputError(f"The {about} is {shown(given)}: {error}") from None
     number = float(finite(about, given, ()))
     if is_angle and what == "angles":
-        remark_on_angles(f"The {about}", [number], cure=(
+        warn_of_degrees(f"The {about}", [number], cure=(
             f'"{number:.6g} deg"; "{number:.6g} rad" says that radians are'))
     return number
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import listed, proposal, shown
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from .bounded_xml import Element
 
 __all__ = ["EXTRAS", "IDENTITY", "MOVING", "Placement", "Robot", "RobotJoint", "RobotLink",
@@ -217,7 +217,7 @@ def _joint(name: str, element: Element) -> RobotJoint:
     parent, child = (_text(element, end, "link") for end in ("parent", "child"))
     dynamics, mimic = element.first("dynamics"), element.first("mimic")
     if mimic is not None and kind not in MOVING:
-        remark(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
+        warn(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
         mimic = None
     return RobotJoint(
         name, kind, parent, child, _place(element), _axis(element, kind),

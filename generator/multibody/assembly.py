@@ -116,7 +116,7 @@ class Assembly:
         terms += [link.energy(self.store) for link in self.links]
         return sp.Add(*terms, *self.components.potentials)
 
-    def system(self, left_out: Collection[str]) -> System:
+    def make_system(self, left_out: Collection[str]) -> System:
         """Return the system without some constraints; unused parameters leave the store."""
         equations = [e for e in self.equations if e.name not in left_out]
         store = self.store

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import shown, whole
 from ...core.errors import InputError
-from ...core.inertia import RepName, remark_on_angles
+from ...core.inertia import RepName, warn_of_degrees
 from .body import Body, Frame
 from .initial_poses import finite, rotation
 from .model import Model
@@ -80,7 +80,7 @@ def double_pendulum(*, rep: RepName = "gamma", angles: tuple[float, float] = (1.
     ``angles`` are those of the bars against the downward vertical, in rad.
     """
     found = finite("angles", angles, (2,)).tolist()
-    remark_on_angles("angles", found, cure=f"numpy.radians({found})")
+    warn_of_degrees("angles", found, cure=f"numpy.radians({found})")
     build = Multibody("double_pendulum", dt=0.005, steps=1000,
                       description="Two bars in a plane: a compound double pendulum.")
     upper = build.top(

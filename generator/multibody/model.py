@@ -16,8 +16,8 @@ from ...core.errors import InputError
 from ...core.event import Event, as_events
 from ...core.exact_numbers import exact
 from ...core.html import card, table
-from ...core.inertia import RULES, Inertia, as_moments_or_tensor, real_array
-from ...core.registry import FRAMES
+from ...core.inertia import Inertia, as_moments_or_tensor, real_array
+from ...core.registry import FRAMES, RULES
 from ..systems.system import System
 
 __all__ = ["Model", "whole_array"]

@@ -18,7 +18,7 @@ from ...core.arguments import as_flag, as_items, as_text, choose, few, shown, wh
 from ...core.errors import InputError
 from ...core.inertia import Inertia, RepName, as_inertia, is_tensor, moments_of
 from ...core.projection import Projection, project
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..symbolic.derivatives import derivative
 from ..systems.expression_arguments import as_expression
 from ..systems.numeric_system import NumericSystem
@@ -663,7 +663,7 @@ class Multibody:
         self.redundancy = assembly.redundancy()
         if redundant == "refuse":
             self.redundancy.refuse()
-        system, store = assembly.system(self.redundancy.left_out), assembly.store
+        system, store = assembly.make_system(self.redundancy.left_out), assembly.store
         self.start = project(NumericSystem(system, store), assembly.q0, assembly.p0)
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
@@ -716,10 +716,10 @@ class Multibody:
         if what == "axis_on_body":
             return turned
         if what == "axis" and carrier is a and np.abs(turned - axis).max() > _SAME_AXIS:
-            remark(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
-                   f"at the start, so that its components on the body differ. Write axis_on_body= "
-                   f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "
-                   "they are in space.")
+            warn(f"The axis of {name!r} is {shown(e)} in space, and {carrier.name!r} is tilted "
+                 f"at the start, so that its components on the body differ. Write axis_on_body= "
+                 f"if they are components in the axes of {carrier.name!r}, or axis_in_space= if "
+                 "they are in space.")
         return axis
 
     def _add(

@@ -38,22 +38,22 @@ def canonical(system: System) -> System:
     Symbols are ordered by their indices in q, p and the parameters, not by their names.
     """
     moving = (*system.q, *system.p, *filter(None, (system.time,)))
-    stand_ins = {x: placeholder(at, side is moving, frozenset(x.assumptions0.items()))
-                 for side in (moving, system.parameters) for at, x in enumerate(side)}
-    names = {x: own for own, x in stand_ins.items()}
+    placeholders = {x: placeholder(at, side is moving, frozenset(x.assumptions0.items()))
+                    for side in (moving, system.parameters) for at, x in enumerate(side)}
+    names = {x: own for own, x in placeholders.items()}
     forms = CanonicalForms()
 
     def named(found: sp.Expr, written: sp.Expr) -> sp.Expr:
         return with_floats(found, written).xreplace(names)
 
     def by_itself(e: sp.Expr) -> sp.Expr:
-        return named(forms.expression(e.xreplace(stand_ins)), e)
+        return named(forms.expression(e.xreplace(placeholders)), e)
 
     if isinstance(system, LagrangianSystem):  # what is written is short: T of sums of velocities
         return replace(system, constraints=tuple(map(by_itself, system.constraints)))
-    q, p = ([stand_ins[x] for x in side] for side in (system.q, system.p))
-    H = HamiltonianTerms(forms, q, p, system.H.xreplace(stand_ins))
-    F = ForceTerms(forms, H.support, [e.xreplace(stand_ins) for e in system.forces])
+    q, p = ([placeholders[x] for x in side] for side in (system.q, system.p))
+    H = HamiltonianTerms(forms, q, p, system.H.xreplace(placeholders))
+    F = ForceTerms(forms, H.support, [e.xreplace(placeholders) for e in system.forces])
     return replace(
         system,
         H=named(H.sum(), system.H),

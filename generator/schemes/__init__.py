@@ -1,17 +1,14 @@
 """Schemes: their names, and the equations of a step of each, for any system.
 
     named_schemes        the record of each scheme with a name; costs no SymPy
-    kernel_inputs        symbols of the inputs of kernels
     step_equations       unknowns and kernels of SPARK methods and of IMS and EMS
     discrete_gradient    discrete differentiation: difference quotients with an exact chain rule
-    discrete_functions   exact differences of powers and elementary functions
-    discrete_switches    exact differences of functions with two sides
-    discrete_difference  an expression by its mean and its difference quotients
-    system_differences   H and g between two states, and between two times
+    discrete_functions   exact differences of powers, elementary and switching functions
+    system_differences   H and g between two states or times; symbols of kernel inputs
     lagrangian_kernels   kernels of a system from its Lagrangian
     lagrangian_midpoint  IMS and EMS of such a system
     midpoint_conditions  conditions that IMS and EMS satisfy
-    frame_kernels        back from a co-moving frame
+    frame_kernels        rotation back from a co-moving frame
     fast_path            structure of a system for the fixed-point iteration, found by algebra
     fast_tableau         coefficients of the fixed-point iteration, scaled and rounded
 """

@@ -13,7 +13,7 @@ from itertools import pairwise
 import sympy as sp
 
 from ..symbolic.cardinal_functions import Asinhc, Atanc, Atanhc, Sinc, Sinhc
-from ..symbolic.piecewise import Pieces
+from ..symbolic.piecewise import PiecewiseForm
 from ..symbolic.shared_subexpressions import Shared, parts_of, share
 from ..symbolic.switching_functions import Max, Min, Switch, Where
 
@@ -373,7 +373,7 @@ def chosen(
 
 
 def piecewise(
-    pieces: Pieces, s: DiscreteDifference, differentiate: Differentiate
+    pieces: PiecewiseForm, s: DiscreteDifference, differentiate: Differentiate
 ) -> DiscreteDifference:
     """Return the difference of f(s) = Σ_i f_i(c_i) + constant, c_i being s held between its limits.
 

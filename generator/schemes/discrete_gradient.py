@@ -70,7 +70,7 @@ import sympy as sp
 
 from ...core.errors import InputError
 from ..parsing.tokens import shorten
-from ..symbolic.piecewise import ScatteredError, pieces_of, tells_sides
+from ..symbolic.piecewise import NotPiecewiseError, piecewise_form_of, selects_side
 from ..symbolic.shared_subexpressions import Shared, parts_of, share, substitute
 from ..symbolic.switching_functions import Max, Min, Where
 from .discrete_functions import (
@@ -178,7 +178,7 @@ class _Walk:
         """Return all parts of u that contain a condition, sign or floor of the symbols."""
         found: set[sp.Basic] = set()
         for part in parts_of([u]):
-            if tells_sides(part, self.symbols) or not found.isdisjoint(part.args):
+            if selects_side(part, self.symbols) or not found.isdisjoint(part.args):
                 found.add(part)
         return found
 
@@ -189,11 +189,11 @@ class _Walk:
         x H(x) is continuous, and Heaviside's H(x) is not.
         """
         try:
-            pieces = pieces_of(e, self.symbols)
-        except ScatteredError as reason:
+            pieces = piecewise_form_of(e, self.symbols)
+        except NotPiecewiseError as reason:
             together = self._together(e) if e.is_Add or e.is_Mul else e
-            if together == e and (tells_sides(e, self.symbols) or e.is_Add or e.is_Mul):
-                raise _no_pieces(e, reason) from None
+            if together == e and (selects_side(e, self.symbols) or e.is_Add or e.is_Mul):
+                raise _not_piecewise(e, reason) from None
             if together == e:
                 return self._combined(e)
             self.stepping.add(together)
@@ -223,7 +223,7 @@ def _refuse_unknown(e: sp.Expr) -> None:
     )
 
 
-def _no_pieces(e: sp.Expr, reason: ScatteredError) -> InputError:
+def _not_piecewise(e: sp.Expr, reason: NotPiecewiseError) -> InputError:
     return InputError(
         f"No exact difference is known for {shorten(str(e), 200)}: {reason}. The discrete gradient "
         "takes pieces in one variable that meet, for all parameters, where their conditions "

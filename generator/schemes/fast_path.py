@@ -180,10 +180,10 @@ class FastSystem:
             factors |= {sp.Mul(*(a for a in m.args if a in self.folds.constants)) for m in inside}
         return factors.pop() if len(factors) == 1 else sp.Integer(1)
 
-    def spark_kernels(self, *, apart: bool = False) -> list[Kernel]:
+    def spark_kernels(self, *, separate: bool = False) -> list[Kernel]:
         """Return the kernels of the sweeps of SPARK methods, to be emitted on lanes.
 
-        ``apart`` keeps H_p out of the kernel of H_q, where it is asked for again.
+        ``separate`` keeps H_p out of the kernel of H_q, where it is asked for again.
         """
         system = self.system
         state = {"q": list(system.q), "p": list(system.p)}
@@ -193,7 +193,7 @@ class FastSystem:
         force: dict[str, list[sp.Expr]] = {"H_q": H_q}
         if w:
             velocity["w"] = shared
-        if system.m and self.correction is None and not apart:
+        if system.m and self.correction is None and not separate:
             force = {"H_p": H_p, "H_q": H_q}
         kernels = [
             *self._common(projected=True),
@@ -313,7 +313,7 @@ class FastLagrangian(FastSystem):
         """No expressions: the factors of M are shared as numbers."""
         return []
 
-    def spark_kernels(self, *, apart: bool = False) -> list[Kernel]:
+    def spark_kernels(self, *, separate: bool = False) -> list[Kernel]:
         """Return M, b, V, L_q + F and the constraints on lanes: the engine makes rates of them."""
         return [*common_kernels(self.system), *motion_kernels(self.system)]
 

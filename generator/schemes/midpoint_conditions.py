@@ -35,15 +35,15 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
 
 def _energy(scheme: MeanScheme) -> Condition:
     """ΔH = D_qH·Δq + D_pH·Δp: energy is conserved, the multiplier's work is λΔg = 0 (60)."""
-    timed = scheme.system.is_time_dependent
-    law = "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * timed
+    time_dependent = scheme.system.is_time_dependent
+    law = "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * time_dependent
     if isinstance(scheme, LagrangianEMS):
         return _condition("energy", law, scheme.balance())
     variables = with_time(
         [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
         [*scheme.differences[0], *scheme.differences[1]], scheme.system.clock)
     slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
-             *([scheme.mean_energy_rate] if timed else [])]
+             *([scheme.mean_energy_rate] if time_dependent else [])]
     return _condition("energy", law, _increments([scheme.system.H], [slope], *variables))
 
 

@@ -270,8 +270,8 @@ class MeanScheme:
 
     @property
     def _differences(self) -> list[sp.Symbol]:
-        late = [TIME_STEP] if self.system.is_time_dependent else []
-        return [*self.differences[0], *self.differences[1], *late]
+        time_step = [TIME_STEP] if self.system.is_time_dependent else []
+        return [*self.differences[0], *self.differences[1], *time_step]
 
     def kernels(self) -> list[Kernel]:
         """Return the mean gradient and its derivatives by Δq and Δp."""

@@ -22,15 +22,15 @@ from .identities import compare
 from .shared_subexpressions import parts_of
 from .switching_functions import Where, sides
 
-__all__ = ["Pieces", "ScatteredError", "pieces_of", "tells_sides"]
+__all__ = ["NotPiecewiseError", "PiecewiseForm", "piecewise_form_of", "selects_side"]
 
 
-class ScatteredError(Exception):
+class NotPiecewiseError(Exception):
     """An expression is no continuous piecewise function of one variable; the reason."""
 
 
 @dataclass(frozen=True)
-class Pieces:
+class PiecewiseForm:
     """The pieces of an expression.
 
     Attributes
@@ -58,7 +58,7 @@ class Pieces:
     assumed: list[tuple[sp.Expr, sp.Expr]]
 
 
-def tells_sides(e: sp.Basic, symbols: set[sp.Symbol]) -> bool:
+def selects_side(e: sp.Basic, symbols: set[sp.Symbol]) -> bool:
     """Whether e itself is a condition, a sign or a floor that the assumptions on symbols decide."""
     if isinstance(e, Where):
         return not symbols.isdisjoint(e.args[0].free_symbols | e.args[1].free_symbols)
@@ -66,10 +66,10 @@ def tells_sides(e: sp.Basic, symbols: set[sp.Symbol]) -> bool:
 
 
 def _has_sides(e: sp.Expr, symbols: set[sp.Symbol]) -> bool:
-    return any(tells_sides(part, symbols) for part in parts_of([e]))
+    return any(selects_side(part, symbols) for part in parts_of([e]))
 
 
-def pieces_of(e: sp.Expr, symbols: set[sp.Symbol]) -> Pieces:
+def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
     """Return the pieces of an expression that is proved continuous.
 
     Parameters
@@ -86,24 +86,24 @@ def pieces_of(e: sp.Expr, symbols: set[sp.Symbol]) -> Pieces:
     """
     first = next(_comparisons([e], symbols), None)
     if first is None:
-        raise ScatteredError("it has a floor, which jumps")
+        raise NotPiecewiseError("it has a floor, which jumps")
     variable, _, _ = _split(first, symbols)
     others = sorted(map(str, (e.free_symbols - variable.free_symbols) & symbols))
     if others:
-        raise ScatteredError(f"it depends on {', '.join(others)} beside {_short(variable)}, which "
-                             "its conditions compare")
+        raise NotPiecewiseError(f"it depends on {', '.join(others)} besides {_short(variable)}, "
+                                "which its conditions compare")
     symbol, whole = _in_one_symbol(e, variable, symbols)
     limits = _sorted_limits(whole, symbol)
     parts = [_between(whole, symbol, limits, i) for i in range(len(limits) + 1)]
     for limit, (below, above) in zip(limits, pairwise(parts), strict=True):
         at = [part.xreplace({symbol: limit}) for part in (below, above)]
         if any(value.has(sp.nan, sp.zoo, sp.oo, -sp.oo) for value in at):
-            raise ScatteredError(f"it has no value where {_short(variable)} = {_short(limit)}")
+            raise NotPiecewiseError(f"it has no value where {_short(variable)} = {_short(limit)}")
         if not compare(at[:1], at[1:]).holds:
-            raise ScatteredError(f"it jumps from {_short(at[0])} to {_short(at[1])} where "
-                                 f"{_short(variable)} = {_short(limit)}")
+            raise NotPiecewiseError(f"it jumps from {_short(at[0])} to {_short(at[1])} where "
+                                    f"{_short(variable)} = {_short(limit)}")
     assumed = [pair for pair in pairwise(limits) if not _is_below(*pair, set())]
-    return Pieces(variable, symbol, whole, limits, parts, assumed)
+    return PiecewiseForm(variable, symbol, whole, limits, parts, assumed)
 
 
 def _short(e: sp.Expr) -> str:
@@ -113,7 +113,7 @@ def _short(e: sp.Expr) -> str:
 def _comparisons(expressions: Iterable[sp.Expr], symbols: set[sp.Symbol]) -> Iterator[sp.Expr]:
     """Yield the w of every condition and sign that has no other one inside."""
     for part in parts_of(expressions):
-        told = sides(part) if tells_sides(part, symbols) else None  # None of a floor
+        told = sides(part) if selects_side(part, symbols) else None  # None of a floor
         if told is not None and not _has_sides(told[0], symbols):
             yield told[0]
 
@@ -126,7 +126,7 @@ def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> tuple[sp.Expr, sp.Expr, bool]
     if len(moving) > 1:
         variable = sp.expand(sp.Add(*moving) / factor)
     if not (factor.is_positive or factor.is_negative):
-        raise ScatteredError(f"the sign of {_short(factor)} is not known: declare it positive")
+        raise NotPiecewiseError(f"the sign of {_short(factor)} is not known: declare it positive")
     rest = sp.Add(*(t for t in terms if t not in moving))
     return variable, -rest / factor, bool(factor.is_positive)
 
@@ -141,8 +141,8 @@ def _in_one_symbol(
         found = {_without(e.xreplace(replacement), symbols) for replacement in replacements}
         if len(found) == 1 and found.isdisjoint({None}):
             return symbol, found.pop()
-    raise ScatteredError(f"its pieces are no functions of {_short(variable)}, which its conditions "
-                         "compare")
+    raise NotPiecewiseError(f"its pieces are no functions of {_short(variable)}, which its "
+                            "conditions compare")
 
 
 def _without(e: sp.Expr, symbols: set[sp.Symbol]) -> sp.Expr | None:
@@ -174,17 +174,17 @@ def _sorted_limits(whole: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
     for w in _comparisons([whole], {symbol}):
         variable, limit, _ = _split(w, {symbol})
         if variable != symbol:
-            raise ScatteredError(f"its conditions compare {_short(w)} with 0, which is not linear "
-                                 "in the variable")
+            raise NotPiecewiseError(f"its conditions compare {_short(w)} with 0, which is not "
+                                    "linear in the variable")
         limits.setdefault(sp.expand(limit))
-    before = _said_by_places(whole, symbol)
+    before = _ordered_by_position(whole, symbol)
     left, order = list(limits), []
     while left:
         lowest = [a for a in left
                   if all(a == b or _is_below(a, b, before) for b in left)]
         if len(lowest) != 1:
-            raise ScatteredError("the order of its limits "
-                                 f"{' and '.join(map(_short, left[:2]))} is not known")
+            raise NotPiecewiseError("the order of its limits "
+                                    f"{' and '.join(map(_short, left[:2]))} is not known")
         order += lowest
         left.remove(lowest[0])
     return order
@@ -197,7 +197,7 @@ def _is_below(a: sp.Expr, b: sp.Expr, before: set[tuple[sp.Expr, sp.Expr]]) -> b
     return (a, b) in before
 
 
-def _said_by_places(whole: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.Expr]]:
+def _ordered_by_position(whole: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.Expr]]:
     """Return pairs (a, b), a below b: b is asked for above a, or the variable lies between."""
     found: set[tuple[sp.Expr, sp.Expr]] = set()
     for part in parts_of([whole]):
@@ -225,7 +225,7 @@ def _limits_in(e: sp.Expr, symbol: sp.Symbol) -> Iterator[sp.Expr]:
 
 def _limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
     """Yield the limit of a step from 0 to 1 or back, and whether it goes up with the variable."""
-    told = sides(step) if tells_sides(step, {symbol}) else None
+    told = sides(step) if selects_side(step, {symbol}) else None
     if told is None or _has_sides(told[0], {symbol}):
         return
     _, limit, rises = _split(told[0], {symbol})
@@ -241,12 +241,12 @@ def _between(whole: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: in
     for part in parts_of([whole]):
         arguments = [known[a] for a in part.args]
         made = part.func(*arguments) if arguments else part
-        told = sides(made) if tells_sides(made, {symbol}) else None
+        told = sides(made) if selects_side(made, {symbol}) else None
         if told is not None:
             _, limit, rises = _split(told[0], {symbol})
             made = told[1 + (rises == (limits.index(sp.expand(limit)) < i))]
         known[part] = made
     found: sp.Expr = known[whole]
     if _has_sides(found, {symbol}):
-        raise ScatteredError("it has a condition or a floor that its pieces do not tell")
+        raise NotPiecewiseError("it has a condition or a floor that its pieces do not tell")
     return found

@@ -14,8 +14,8 @@ from weakref import WeakValueDictionary
 
 import sympy as sp
 
-__all__ = ["Shared", "name_of", "parts_of", "share", "share_repeated", "spelled_out", "substitute",
-           "symbols_of", "tree_size"]
+__all__ = ["Shared", "expand_shared", "name_of", "parts_of", "share", "share_repeated",
+           "substitute", "symbols_of", "tree_size"]
 
 
 #: SymPy prints a symbol by the way of a printer.
@@ -82,7 +82,7 @@ def share_repeated(expressions: Sequence[sp.Expr], size: int = 8) -> list[sp.Exp
     return [known[e] for e in expressions]
 
 
-def spelled_out(e: sp.Expr) -> sp.Expr:
+def expand_shared(e: sp.Expr) -> sp.Expr:
     """Return e without ``Shared``."""
     known: dict[sp.Basic, sp.Basic] = {}
     for part in parts_of([e]):

@@ -241,7 +241,7 @@ class _SymmetrySearch:
         """Return the conditions on parameters for {J, H} = 0; None if none are found."""
         if field.name in self.kept:
             return ()
-        fed = {*self.inputs}
+        has_inputs = {*self.inputs}
         part = self._moved_part(field)
         coefficients = _bracket_coefficients(part, field)
         if coefficients is None:
@@ -263,7 +263,7 @@ class _SymmetrySearch:
                 return None
         meets = replace(part, H=substitute([part.H], solved)[0],
                         constraints=tuple(substitute(list(part.constraints), solved)))
-        if any(e.free_symbols & fed for e in found):
+        if any(e.free_symbols & has_inputs for e in found):
             return None  # inputs change from step to step
         return tuple(found) if SymmetrySpace(meets, [field], {}).contains(field) else None
 

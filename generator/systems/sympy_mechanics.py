@@ -24,7 +24,7 @@ from sympy.physics import mechanics as me
 
 from ...core.arguments import as_flag, shown
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..parsing.tokens import shorten
 from ..symbolic.derivatives import derivative, slopes
 from ..symbolic.numeric_evaluation import evaluate
@@ -106,7 +106,7 @@ def from_mechanics(
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     found = reader(method)
-    _remark_on_velocities(found.motion, getattr(method, "bodies", None) or ())
+    _warn_of_velocities(found.motion, getattr(method, "bodies", None) or ())
     found.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
@@ -179,16 +179,16 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     return dict(zip(u, left, strict=True))
 
 
-def _remark_on_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
+def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
     """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:
         point, near = pair
-        remark(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
-               f"that of {near} {shown(near.vel(motion.frame))}, which is not how its place from "
-               "there changes; velocities are taken as they are. A joint of SymPy sets its point "
-               "at rest in the axes of its first body: a base that moves needs a frame of its own, "
-               f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
+        warn(f"In {motion.frame} the velocity of {point} is {shown(point.vel(motion.frame))} and "
+             f"that of {near} {shown(near.vel(motion.frame))}, which is not how its place from "
+             "there changes; velocities are taken as they are. A joint of SymPy sets its point "
+             "at rest in the axes of its first body: a base that moves needs a frame of its own, "
+             f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
 
 
 # ---------------------------------------------------------------- loads

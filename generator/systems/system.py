@@ -69,9 +69,9 @@ class System:
         True when q is a unit quaternion of a body with principal moments I1, I2, I3 (or K11, K12,
         K13, K22, K23, K33, the entries of J⁻¹): the trajectory then offers angular velocity, axis
         and rotation.
-    bodies : sequence of BodyAt
+    bodies : sequence of BodyLayout
         The same of bodies whose quaternions are a part of q, as ``Multibody`` makes them.
-    joints : sequence of JointAt
+    joints : sequence of JointLayout
         Connections of the bodies.
 
     Notes
@@ -332,9 +332,9 @@ class System:
     @cached_property
     def clock(self) -> sp.Symbol | None:
         """The time where H or a constraint depends on it."""
-        timed = any(self.time in e.free_symbols
-                    for e in (*self.defining.values(), *self.constraints))
-        return self.time if timed else None
+        time_dependent = any(self.time in e.free_symbols
+                             for e in (*self.defining.values(), *self.constraints))
+        return self.time if time_dependent else None
 
     @cached_property
     def H_t(self) -> sp.Expr:

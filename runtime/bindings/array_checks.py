@@ -1,4 +1,4 @@
-"""Checks of what a caller passes in: arrays, numbers, parameters. Converts, never reinterprets."""
+"""Checks of a caller's arrays, numbers and parameters. Converts, never reinterprets."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _are_finite(array: NDArray[Any]) -> bool:
 
 
 def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
-    """Return a copy of ``as_numbers``' array in a type of NumPy; what is beyond it is infinite."""
+    """Return a copy of ``as_numbers``' array in a type of NumPy; overflow is infinite."""
     if array.dtype == object:
         made = [as_float(x, dtype) if isinstance(x, Fraction) else x
                 for x in map(exact, array.flat)]

@@ -16,7 +16,7 @@ from ..compilation.quad_wrapper import PREFIX
 from . import binary128
 from .binding import SOLVERS, Binding, SolverName
 from .inputs import Inputs
-from .struct_memory import aligned
+from .real_numbers import aligned
 
 __all__ = ["QuadBinding"]
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ...core.real_types import REALS
 from .array_checks import as_array, as_numbers, converted_to
 from .inputs import Inputs
-from .real_numbers import rounding
-from .struct_memory import aligned
+from .real_numbers import aligned, rounding
 
 __all__ = ["SOLVERS", "Compiled", "SolverName"]
 

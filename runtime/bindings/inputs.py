@@ -51,7 +51,7 @@ class Inputs:
     def throughout(self) -> dict[str, Any]:
         """The inputs of the first run by name; those that change are nan, for no number they are.
 
-        So whoever asks the run's parameters for a step that nobody stored is not told a wrong one.
+        A quantity of a step whose inputs were not stored is then nan, not wrong.
         """
         rows = self.values[0]
         first = rows[0] if len(rows) else np.full(len(self.names), np.nan, rows.dtype)
@@ -85,6 +85,10 @@ class Inputs:
         """Return those of the first steps of the first run, a row for each; the last row stays."""
         return self.taken(np.zeros(1, int), np.zeros(1, int), count)
 
+    def refined(self, factor: int) -> Inputs:
+        """Return those of the same run with steps so many times smaller."""
+        return replace(self, hold=self.hold * factor)
+
     def at(self, step: int) -> Array:
         """Return the row of a step of the first run."""
         row: Array = self.values[0, step // self.hold if self.hold else 0]
@@ -96,14 +100,16 @@ def as_inputs(
 ) -> Inputs | None:
     """Return the inputs of a run of so many steps, or of ``runs`` of them; None for None.
 
+    Inputs that are checked already are returned as they are.
+
     Raises
     ------
     InputError
         For unknown or missing names, other shapes, what is no finite number.
     """
     held = as_positive_count("hold", hold, least=1)
-    if given is None:
-        return None
+    if given is None or isinstance(given, Inputs):
+        return given
     names = binding.input_names
     if not names:
         raise InputError("inputs are given, and this system has none; declare them by "

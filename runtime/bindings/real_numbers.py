@@ -1,4 +1,4 @@
-"""Numbers of the type that a stepper computes in: rounded to it, written as JSON, read back."""
+"""Numbers of the type that a stepper computes in: rounding, text, bytes, and memory of structs."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.exact_numbers import as_double, decimal, exact, nearest
 from ...core.real_types import REALS, RealName
 
-__all__ = ["as_float", "from_text", "rounding"]
+__all__ = ["ALIGNMENT", "WIDE_BYTES", "aligned", "as_bytes", "as_float", "from_bytes", "from_text",
+           "rounding", "without_padding"]
 
+Array = NDArray[Any]
 
 def rounding(real: RealName) -> Callable[[Fraction], Any]:
-    """Return what rounds a number to a type: to NumPy's long double, to mpf, else to double."""
+    """Return the rounding function of a type: to NumPy's long double, to mpf, else to double."""
     if REALS[real].in_mpmath:
         from .binary128 import rounded  # mpmath costs time, and only float128 needs it
 
@@ -58,3 +61,47 @@ def from_text(value: Any, real: RealName) -> Any:
     if not isinstance(found, Fraction):
         raise ValueError(f"{value!r} is no number")
     return rounding(real)(found)
+
+
+ALIGNMENT = 64
+#: Bytes of an x87 number that count.
+_X87_BYTES = 10
+
+
+def aligned(size: int) -> NDArray[Any]:
+    """Return that many zeroed bytes at a multiple of ``ALIGNMENT``."""
+    room = np.zeros(size + ALIGNMENT, dtype=np.uint8)
+    start = -room.ctypes.data % ALIGNMENT
+    return room[start : start + size]
+
+
+def without_padding(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array with equal bytes for equal numbers: itself, or a copy."""
+    if array.dtype != np.longdouble or np.finfo(np.longdouble).nmant != 63:
+        return array
+    kept = array.copy(order="C")
+    kept.reshape(-1).view(np.uint8).reshape(-1, kept.itemsize)[:, _X87_BYTES:] = 0
+    return kept
+
+
+WIDE_BYTES = 16
+
+
+def as_bytes(array: Array) -> Array:
+    """Return an array's numbers as bytes along a last axis, equal for equal numbers."""
+    if array.dtype == object:
+        from .binary128 import to_bytes  # mpmath costs time, and only float128 needs it
+
+        return to_bytes(array)
+    data = np.ascontiguousarray(without_padding(array)).view(np.uint8)
+    return data.reshape(*array.shape, array.dtype.itemsize)
+
+
+def from_bytes(data: Array, dtype: Any) -> Array:
+    """Return the numbers that ``as_bytes`` gave the bytes of."""
+    if dtype is object:
+        from .binary128 import from_bytes as quads
+
+        return quads(data)
+    values: Array = np.ascontiguousarray(data).view(dtype)
+    return values.reshape(data.shape[:-1])

@@ -3,8 +3,7 @@
     manifest          what a stepper says of itself, checked before sizes are used
     compiler          find a C compiler, make an extension module
     body_columns      columns of bodies and joints in the arrays of a run
-    object_files      objects that compile side by side, and their modules
-    gcc_permutations  objects with a vector instruction that gcc gets wrong
+    object_files      objects that compile side by side; vector instructions that gcc gets wrong
     quad_wrapper      declarations of a float128 stepper for cffi
     kernel_text       the kernels in C, read back and evaluated by NumPy or mpmath
     kernel_check      compiled kernels beside these values

@@ -1,4 +1,4 @@
-"""What is kept between runs: generated sources and compiled modules.
+"""The cache of generated sources and compiled modules.
 
 A file appears under its final name only when it is complete (``os.replace`` from a private
 folder), so a killed build leaves nothing that a later one could trip over, and any number of
@@ -33,13 +33,13 @@ import cffi
 import platformdirs
 
 from ...core.errors import GyrosparkError
-from ...core.warnings import remark
-from . import gcc_permutations, kernel_check, kernel_text, object_files, quad_wrapper
+from ...core.warnings import warn
+from . import kernel_check, kernel_text, object_files, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .object_files import Part
 
-__all__ = ["CacheError", "binary_key", "cache_folder", "distrusted", "is_trusted", "keep", "kept",
-           "publish", "workshop"]
+__all__ = ["CacheError", "binary_key", "build_folder", "cache_folder", "distrusted", "is_trusted",
+           "publish", "read_cache", "write_cache"]
 
 _STALE_SECONDS = 24 * 3600
 #: No build takes so long; ``clear`` takes it for ended.
@@ -88,8 +88,8 @@ def _usable(folder: Path) -> Path:
     made = Path(tempfile.mkdtemp(prefix="gyrospark-"))
     atexit.register(shutil.rmtree, made, ignore_errors=True)
     _IN_PLACE[folder] = made
-    remark(f"The cache folder {str(folder)!r} cannot be used: {why}. What is compiled is kept in "
-           f"{str(made)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
+    warn(f"The cache folder {str(folder)!r} cannot be used: {why}. What is compiled is kept in "
+         f"{str(made)!r} until this process ends; set GYROSPARK_CACHE to {cure}.")
     return made
 
 
@@ -106,7 +106,7 @@ def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -
             "files": files,
             "part": part,
             "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
-                        for module in (kernel_check, kernel_text, object_files, gcc_permutations,
+                        for module in (kernel_check, kernel_text, object_files,
                                        quad_wrapper)],
             "command": compiler.command,
             "version": compiler.version,
@@ -121,7 +121,7 @@ def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -
 
 @functools.cache
 def cpu_description() -> str:
-    """Return what ``-march=native`` depends on: the CPU's model and features."""
+    """Return the CPU's model and features, which ``-march=native`` depends on."""
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         wanted = ("model name", "flags", "Features", "CPU part")
@@ -130,7 +130,7 @@ def cpu_description() -> str:
 
 
 def distrusted(path: Path) -> str:
-    """Return who else could have written a file or folder, or replaced it; "" if nobody could.
+    """Return the other users who could write or replace a file or folder; "" for none.
 
     As for keys of ssh: it belongs to this user or to root, and neither group nor others may write
     to it. A sticky folder such as /tmp may be writable, since the files of one user in it cannot be
@@ -160,12 +160,12 @@ def distrusted(path: Path) -> str:
 
 
 def is_trusted(path: Path) -> bool:
-    """Whether a file of the cache, and its folder, can have been written by nobody else."""
+    """Whether no other user can have written a file of the cache, or its folder."""
     return not (distrusted(path.parent) or distrusted(path))
 
 
 @contextlib.contextmanager
-def workshop() -> Iterator[Path]:
+def build_folder() -> Iterator[Path]:
     """Yield a private folder inside the cache, removed afterwards.
 
     Raises
@@ -188,7 +188,7 @@ def workshop() -> Iterator[Path]:
 
 
 def _remove_stale(folder: Path, seconds: float) -> None:
-    """Remove what builds left that were killed so long ago; running ones are not disturbed.
+    """Remove the folders of builds that were killed long ago, not of running ones.
 
     A folder is a build's if its name, its owner and the mark in it say so: the cache may have been
     set to a folder that is used for something else.
@@ -212,16 +212,16 @@ def publish(made: Path, name: str) -> Path:
     return target
 
 
-def keep(name: str, content: Any) -> None:
-    """Keep what JSON can hold under a name, with its checksum."""
-    with workshop() as folder:
+def write_cache(name: str, content: Any) -> None:
+    """Cache a JSON value under a name, with its checksum."""
+    with build_folder() as folder:
         made = folder / "content.json"
         made.write_text(json.dumps([digest(content), content]), encoding="utf-8")
         publish(made, name)
 
 
-def kept(name: str) -> Any:
-    """Return what was kept under a name; None if it is not there, or not as it was written.
+def read_cache(name: str) -> Any:
+    """Return the cached value of a name; None if it is missing or damaged.
 
     What others could have written is as if it were not there.
     """

@@ -21,10 +21,9 @@ import numpy as np
 
 from ...core.errors import CompilerError, InputError
 from ...core.real_types import REALS, Real
-from .gcc_permutations import WITHOUT_PERMUTATIONS, has_permutation
 from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of
-from .object_files import Part, declarations_of, objects_of
+from .object_files import WITHOUT_PERMUTATIONS, Part, declarations_of, has_permutation, objects_of
 from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
@@ -68,7 +67,7 @@ _CURE = (
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: the command that starts it, what it says of its version, and for whom it works.
+    """A C compiler: its command, its version, and its target.
     """
 
     command: tuple[str, ...]
@@ -232,7 +231,7 @@ def compile_module(
 
 
 def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
-    """Compile again what may permute doubles wrongly; commands end with the name of the object."""
+    """Compile objects with suspect permutations again; commands end with the object's name."""
     for flags in WITHOUT_PERMUTATIONS:
         again = [command for command in commands
                  if has_permutation((folder / command[-1]).read_bytes())]
@@ -289,7 +288,7 @@ def module_name(name: str) -> str:
 
 
 def extension_suffix() -> str:
-    """Return what extension modules of this interpreter end with."""
+    """Return the file ending of extension modules of this interpreter."""
     return str(sysconfig.get_config_var("EXT_SUFFIX"))
 
 

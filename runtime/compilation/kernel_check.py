@@ -1,4 +1,4 @@
-"""Each compiled kernel beside the same statements evaluated by NumPy, once per compilation.
+"""Comparison of each compiled kernel with NumPy's value of its statements, once per compilation.
 
 A compiler can err: correct C, a wrong object and no warning. When a stepper is compiled, a function
 is appended to its text that evaluates each kernel, of numbers or of lanes, at given points. Its
@@ -29,7 +29,7 @@ from .kernel_text import (
     evaluate,
 )
 
-__all__ = ["CheckFunction", "Difference", "Kind", "check_functions", "differences"]
+__all__ = ["CheckFunction", "KernelMismatch", "Kind", "check_functions", "differences"]
 
 #: Kernels of numbers, or of lanes.
 Kind = Literal["numbers", "lanes"]
@@ -46,8 +46,8 @@ POSITIVE = (0.25, 1.0)
 
 
 @dataclass(frozen=True)
-class Difference:
-    """A kernel whose compiled value is not that of its statements."""
+class KernelMismatch:
+    """A kernel whose compiled value differs from its statements."""
 
     kernel: str
     place: str
@@ -152,14 +152,14 @@ def _block(number: int, lines: Iterable[str]) -> str:
 
 
 def inputs_of(kernel: KernelText) -> list[str]:
-    """Return what a kernel reads, as C writes it: parameters or constants, then arrays."""
+    """Return the arguments that a kernel reads, in C: parameters or constants, then arrays."""
     if kernel.name == "prepare":
         return [f"par->{name}" for name in kernel.inputs]
     return [f"c->{name}" for name in kernel.fields] + _places(kernel.inputs)
 
 
 def outputs_of(kernel: KernelText) -> list[str]:
-    """Return the entries that a kernel computes, as C writes them; "" is what it returns."""
+    """Return the entries that a kernel computes, in C; "" is its return value."""
     return _places(kernel.outputs)
 
 
@@ -194,8 +194,8 @@ def check_text(functions: Iterable[CheckFunction], source: str) -> str:
 
 def differences(
     module: Any, functions: Iterable[CheckFunction], real: Real, points: int = POINTS
-) -> tuple[list[Difference], dict[str, int]]:
-    """Return the kernels that differ, with the place that differs most, and what was compared.
+) -> tuple[list[KernelMismatch], dict[str, int]]:
+    """Return the kernels that differ, with the place that differs most, and the kernels compared.
 
     ``points`` is how many random points are drawn: a multiple of 16.
 
@@ -219,7 +219,7 @@ def differences(
 def _compare(
     module: Any, function: CheckFunction, number: int, working: Arithmetic, wide: Arithmetic,
     real: Real, count: int,
-) -> tuple[Difference | None, int]:
+) -> tuple[KernelMismatch | None, int]:
     """Return the output of a kernel that is off most, if any is, and how many were compared."""
     kernel = function.kernels[number]
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
@@ -250,8 +250,8 @@ def _compare(
                     2.0 ** (1 - real.bits) * _doubles(bounds[place], count)[finite].max()))
             if off[at] > excess * allowed:
                 excess = off[at] / allowed
-                worst = Difference(kernel.name, place, _doubles(values[place], count)[finite][at],
-                                   exact[finite][at], allowed)
+                found = _doubles(values[place], count)[finite][at]
+                worst = KernelMismatch(kernel.name, place, found, exact[finite][at], allowed)
         if not missing:
             break
     return worst, len(outputs_of(kernel)) - len(missing)

@@ -54,7 +54,7 @@ Expression = list[tuple[str, str, int]]
 
 
 class UnreadableError(Exception):
-    """A text is no kernel: it has a loop, a branch, or calls what is not known."""
+    """A text is no kernel: it has a loop, a branch, or an unknown call."""
 
 
 @dataclass(frozen=True)

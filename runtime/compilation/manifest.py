@@ -15,7 +15,7 @@ from ...core.errors import InputError
 from ...core.real_types import REALS
 from .body_columns import bodies_of, joints_of, placed_of
 
-__all__ = ["read_manifest", "remarks_of", "sizes_of"]
+__all__ = ["manifest_warnings", "read_manifest", "sizes_of"]
 
 _DOMAINS = ("positive", "nonzero", "real")
 _FRACTION = re.compile(r"-?\d{1,40}(/[1-9]\d{0,39})?")
@@ -51,14 +51,15 @@ def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
     return manifest
 
 
-def remarks_of(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what is to be known before a step is taken: of the tableau, and of the system."""
+def manifest_warnings(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the warnings of a manifest, about its tableau and its system, with the part of each.
+    """
     return [(part, remark) for part in ("tableau", "system")
             for remark in manifest.get(part, {}).get("remarks", ())]
 
 
 def sizes_of(content: Any) -> dict[str, Any]:
-    """Return what a manifest says that its header says too.
+    """Return the sizes in a manifest that its header declares too.
 
     Raises ``ValueError``, ``TypeError``, ``KeyError`` or ``AttributeError`` for a manifest in
     which something is missing or of another type.
@@ -113,7 +114,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
 
 
 def _is_sound_frame(frame: Mapping[str, Any], system: Mapping[str, Any]) -> bool:
-    """Whether the symmetries of a co-moving frame are said as ``Symmetry.of`` reads them."""
+    """Whether the symmetries of a co-moving frame have the form that ``Symmetry.of`` reads."""
     n, names = len(system["coordinates"]), {*system["parameters"]}
     return isinstance(frame["symmetries"], list) and all(
         symmetry["name"] in names and type(symmetry["group"]) is int
@@ -128,7 +129,7 @@ def _is_sound_frame(frame: Mapping[str, Any], system: Mapping[str, Any]) -> bool
 
 
 def _declared(name: str, header: str) -> dict[str, Any]:
-    """Return what a header says; raise if it is no header of ours."""
+    """Return the sizes that a header declares; raise if it is none of gyrospark."""
     sizes = _found(r"n = (\d+) coordinates, m = (\d+) constraints, (\d+) unknowns a step, "
                    r"order (\d+)\.", header)
     step = _found(rf"multipliers \((\d+)\n \* of them\)[^;]*\n"

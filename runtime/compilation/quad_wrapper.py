@@ -1,4 +1,4 @@
-"""What cffi is told of a float128 stepper: cffi knows neither ``_Float128`` nor its size.
+"""Declarations of a float128 stepper for cffi, which does not know ``_Float128`` or its size.
 
 The type is opaque to cffi, so numbers travel by pointer only. Fields of that type are left out of
 the structs (the C compiler tells cffi how large they are), and every function is called through

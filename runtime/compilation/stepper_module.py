@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import CompilerError
-from ...core.progress import doing
+from ...core.progress import log_task
 from .build_cache import (
     binary_key,
+    build_folder,
     cache_folder,
     cpu_description,
     digest,
     is_trusted,
     publish,
-    workshop,
 )
 from .compiler import Compiler, extension_suffix, find_compiler, is_whole
 from .object_files import Part
@@ -39,7 +39,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     Raises
     ------
     CompilerError, CacheError
-        See ``compile_module`` and ``workshop``.
+        See ``compile_module`` and ``build_folder``.
     """
     try:
         compiler = find_compiler()
@@ -53,7 +53,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         with contextlib.suppress(ImportError):  # another system's library is gone, say
             return import_module(name, path)
     what = name if part == "runs" else f"{name} for ensembles"
-    with doing(f"compiling {what}", f"compiled {what}"), workshop() as folder:
+    with log_task(f"compiling {what}", f"compiled {what}"), build_folder() as folder:
         built, record = compile_verified(name, files, compiler, folder, part)
         proof = folder / "record.json"
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")

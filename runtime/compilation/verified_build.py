@@ -13,9 +13,9 @@ from typing import Any
 
 from ...core.errors import CompilerError
 from ...core.real_types import REALS
-from ...core.warnings import remark
+from ...core.warnings import warn
 from .compiler import Compiler, compile_module, module_name
-from .kernel_check import Difference, differences
+from .kernel_check import KernelMismatch, differences
 from .object_files import Part
 
 __all__ = ["compile_verified", "import_module", "loaded"]
@@ -47,7 +47,7 @@ def compile_verified(
     """
     manifest = json.loads(files[f"{name}.json"])
     real = REALS[manifest["real"]]
-    first: list[Difference] = []
+    first: list[KernelMismatch] = []
     for number, flags in enumerate(SAFER_FLAGS):
         inside = folder / str(number)
         inside.mkdir()
@@ -55,9 +55,9 @@ def compile_verified(
         found, compared = differences(loaded(name, built, compiler), checks, real)
         if not found:
             if first:
-                remark(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
-                       f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
-                       "agrees. Another version of the compiler may need no such flags.")
+                warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
+                     f"{_listed(first)}. It was compiled again with {' '.join(flags)}, and "
+                     "agrees. Another version of the compiler may need no such flags.")
             left_out = [k for k in manifest["operations"] if not compared.get(k)]
             return built, {"flags": list(flags), "kernels": compared,
                            "left_out": left_out if part == "runs" else []}
@@ -68,7 +68,7 @@ def compile_verified(
         "another version of this one.", command=list(compiler.command))
 
 
-def _listed(found: list[Difference]) -> str:
+def _listed(found: list[KernelMismatch]) -> str:
     more = f" and {len(found) - 3} more kernels" if len(found) > 3 else ""
     return "; ".join(map(str, found[:3])) + more
 

@@ -1,7 +1,6 @@
 """Events: where a quantity of a run crosses a level. Their record is ``results.crossings``.
 
     detection         steps in which a value changes its sign
-    root_finding      zeros of many functions at once, in brackets
     location          where events happen, by short real steps
     observer          the events of a long run, located in pieces
     poincare_section  Poincaré sections of many starts

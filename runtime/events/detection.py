@@ -23,7 +23,7 @@ from ...core.event import Event
 from ..bindings.array_checks import as_real
 from ..bindings.binding import Binding
 
-__all__ = ["TAIL", "Brackets", "Levels", "Memory", "Watch"]
+__all__ = ["TAIL", "Brackets", "EventDetector", "Levels", "Memory"]
 
 Array = NDArray[Any]
 
@@ -160,8 +160,8 @@ class Memory:
     closed: Array
 
 
-class Watch:
-    """What is seen of one run's events, piece by piece; the same whatever the pieces are."""
+class EventDetector:
+    """Detects the events of one run, piece by piece; the result does not depend on the pieces."""
 
     def __init__(self, levels: Levels, parameters: Any, t0: Any, dt: Any) -> None:
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
@@ -176,7 +176,7 @@ class Watch:
         #: The step within which a terminal event happens; None as long as there is none.
         self.ends_in: int | None = None
         #: Where whoever takes the steps keeps states that are not stored.
-        self.room: Any = None
+        self.buffer: Any = None
         self.terminal = any(one.terminal for one in levels.events)
         self._wanted = np.array([one.direction for one in levels.events])
         self._ending = np.array([one.terminal for one in levels.events])
@@ -189,7 +189,7 @@ class Watch:
     def _values(self, done: int, q: Array, p: Array) -> Array:
         return self._levels.values(self._parameters, self._times(done, q), q, p)
 
-    def look(self, done: int, q: Array, p: Array) -> None:
+    def detect(self, done: int, q: Array, p: Array) -> None:
         """Look at the states after ``done``, ``done`` + 1, … steps; the first was perhaps seen."""
         if self._tail is not None and done == self._done:
             done, q, p = done + 1, q[1:], p[1:]

@@ -1,4 +1,12 @@
-"""Where events happen: short real steps from the states before, many of them side by side."""
+"""Zeros of many functions at once, each in its bracket: Chandrupatla's method, by columns.
+
+T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear
+function without using derivatives, Adv. Eng. Software 28 (1997) 145-149. It takes inverse quadratic
+interpolation where that is safe, else halves the bracket: no more than some fifty evaluations, and
+six or so where the function is smooth.
+
+Where events happen: short real steps from the states before, many of them side by side.
+"""
 
 from __future__ import annotations
 
@@ -11,24 +19,79 @@ from numpy.typing import NDArray
 
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event
-from ...core.interrupts import ctrl_c
+from ...core.interrupts import catch_ctrl_c
 from ..integration.dense_output import epsilon_of_times, partial_steps, run_together
-from ..integration.lanes import fill_course, threads_of
-from ..integration.run_arguments import Runs
-from ..integration.step_loop import Rows, Run, integrate
+from ..integration.lanes import fill_ensemble, threads_of
+from ..integration.run_arguments import EnsembleArguments, RunArguments
+from ..integration.step_loop import Rows, integrate
 from ..results.crossings import Crossings
 from ..results.run_arrays import OUTPUTS, States, value_of
 from ..results.trajectory import Trajectory
-from .detection import Brackets, Levels, Watch
-from .root_finding import zeros
+from .detection import Brackets, EventDetector, Levels
 
 if TYPE_CHECKING:
-    from ..integration.lanes import Course
+    from ..integration.lanes import EnsembleStates
     from ..steppers.stepper import Stepper
 
-__all__ = ["crossings_of", "ending", "observed", "row_of_event", "watches_of"]
+__all__ = ["crossings_of", "detectors_for", "ending", "observed", "row_of_event", "zeros"]
 
 Array = NDArray[Any]
+
+#: Evaluations, where a value jumps or is noise: as many halvings tell any two numbers apart.
+_MOST = 240
+
+
+def zeros(
+    evaluate: Callable[[Array, Array], Array], f0: Array, f1: Array, tolerance: Array,
+) -> None:
+    """Find a zero of each function in [0, 1], where it has the values f0 and f1 of two signs.
+
+    ``evaluate(x, which)`` returns the values of the functions numbered ``which`` at x, and keeps
+    what it needs of them. The last bracket of a function is at most twice its tolerance wide, or
+    one of its values is 0.
+    """
+    which = np.arange(len(f0))
+    x1, x2 = 0 * tolerance, 0 * tolerance + 1
+    y1, y2 = f0.copy(), f1.copy()
+    share = y1 / (y1 - y2)
+    least = tolerance.copy()
+    share = _within(share, least)
+    for _ in range(_MOST):
+        if not len(which):
+            break
+        x = x1 + share * (x2 - x1)
+        y = evaluate(x, which)
+        same = (y > 0) == (y1 > 0)
+        x3, y3 = np.where(same, x1, x2), np.where(same, y1, y2)
+        x2, y2 = np.where(same, x2, x1), np.where(same, y2, y1)
+        x1, y1 = x, y
+        width = abs(x2 - x1)
+        open_ = (width > 2 * least) & (y1 != 0) & (y2 != 0)
+        which, x1, x2, x3, y1, y2, y3, least, width = (
+            part[open_] for part in (which, x1, x2, x3, y1, y2, y3, least, width))
+        share = _within(_share(x1, x2, x3, y1, y2, y3), least / width)
+
+
+def _share(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) -> Array:
+    """Return how far to go from x1 to x2: by the quadratic through three points, or half."""
+    flat = (y3 == y2) | (y3 == y1) | (x3 == x2)
+    y3 = np.where(flat, y2 - (y1 - y2), y3)  # any number that divides: half is taken there
+    x3 = np.where(flat, x2 - (x1 - x2), x3)
+    xi, phi = (x1 - x2) / (x3 - x2), (y1 - y2) / (y3 - y2)
+    safe = (phi * phi < xi) & ((1 - phi) * (1 - phi) < 1 - xi) & ~flat
+    share = (y1 / (y2 - y1) * (y3 / (y2 - y3))
+             + (x3 - x1) / (x2 - x1) * (y1 / (y3 - y1)) * (y2 / (y3 - y2)))
+    half: Array = np.where(safe, share, 0 * share + 0.5)
+    return half
+
+
+def _within(share: Array, least: Array) -> Array:
+    """Return a share of a bracket that comes no nearer to its ends than is worth it."""
+    least = np.where(least < 0.5, least, 0 * least + 0.5)
+    share = np.where(share > least, share, least)
+    inside: Array = np.where(share < 1 - least, share, 1 - least)
+    return inside
+
 
 #: Steps that are solved for side by side.
 _AT_ONCE = 2**15
@@ -37,16 +100,16 @@ _LOOKS = 80
 
 
 def crossings_of(
-    stepper: Stepper, levels: Levels, runs: Runs, watches: Sequence[Watch],
-    fill: Callable[[Course], None],
+    stepper: Stepper, levels: Levels, runs: EnsembleArguments, detectors: Sequence[EventDetector],
+    fill: Callable[[EnsembleStates], None],
 ) -> list[dict[str, Crossings]]:
-    """Return the crossings of each run by the events' names, of what its watch has seen."""
+    """Return the crossings of each run by the events' names, from its detector's brackets."""
     if runs.inputs is not None:  # they are held throughout, as parameters are
-        runs = replace(Runs.of([runs[i] for i in range(len(runs))], stepper.binding.number_type),
-                       inputs=runs.inputs)
-    for watch in watches:
-        watch.close()
-    found = [watch.brackets for watch in watches]
+        each = [runs[i] for i in range(len(runs))]
+        runs = replace(EnsembleArguments.of(each, stepper.binding.number_type), inputs=runs.inputs)
+    for detector in detectors:
+        detector.close()
+    found = [detector.brackets for detector in detectors]
     seen = [(i, brackets) for i, brackets in enumerate(found) if brackets is not None]
     parts: list[_Roots] = []
     if seen:
@@ -59,37 +122,42 @@ def crossings_of(
     return _by_run(stepper, levels, parts, len(runs))
 
 
-def watches_of(stepper: Stepper, levels: Levels | None, runs: Runs) -> list[Watch]:
-    """Return what looks at each run, nothing without events."""
+def detectors_for(
+    stepper: Stepper, levels: Levels | None, runs: EnsembleArguments
+) -> list[EventDetector]:
+    """Return the event detector of each run; none without events."""
     if levels is None:
         return []
     binding, found = stepper.binding, []
     for run in map(runs.__getitem__, range(len(runs))):
-        found.append(Watch(levels, binding.parameters(run.parameters, run.t0), run.t0, run.dt))
+        parameters = binding.parameters(run.parameters, run.t0)
+        found.append(EventDetector(levels, parameters, run.t0, run.dt))
     return found
 
 
 def observed(
-    stepper: Stepper, run: Run, events: tuple[Event, ...], progress: Callable[[int], None] | None
+    stepper: Stepper, run: RunArguments, events: tuple[Event, ...],
+    progress: Callable[[int], None] | None,
 ) -> Trajectory:
     """Return the trajectory of a run with its events, up to the first terminal one."""
     if not events:
         return integrate(stepper.binding, stepper.manifest, run, progress)
     levels = Levels.of(stepper.binding, stepper.manifest, events)
-    (watch,) = watches_of(stepper, levels, Runs.of([run], stepper.binding.number_type))
+    runs = EnsembleArguments.of([run], stepper.binding.number_type)
+    (detector,) = detectors_for(stepper, levels, runs)
     trouble: StepFailed | Stopped | None = None
     try:
-        trajectory = integrate(stepper.binding, stepper.manifest, replace(run, watch=watch),
+        trajectory = integrate(stepper.binding, stepper.manifest, replace(run, detector=detector),
                                progress)
     except (StepFailed, Stopped) as error:
         if error.trajectory is None:
             raise
         trouble, trajectory = error, error.trajectory
-    found = _solved(stepper, levels, run, watch, trajectory)
+    found = _solved(stepper, levels, run, detector, trajectory)
     name = ending(events, found, run.dt)
     if name is not None:
         last = found[name].first
-        trajectory = _ended(stepper, run, trajectory, watch.brackets, last)
+        trajectory = _ended(stepper, run, trajectory, detector.brackets, last)
         found = {key: crossings.until(last, run.dt) for key, crossings in found.items()}
     trajectory = replace(trajectory, events=found)
     if trouble is None or (name is not None and isinstance(trouble, StepFailed)):
@@ -99,7 +167,8 @@ def observed(
 
 
 def _solved(
-    stepper: Stepper, levels: Levels, run: Run, watch: Watch, trajectory: Trajectory
+    stepper: Stepper, levels: Levels, run: RunArguments, detector: EventDetector,
+    trajectory: Trajectory,
 ) -> dict[str, Crossings]:
     """Return the crossings of a run that has ended.
 
@@ -108,12 +177,12 @@ def _solved(
     Stopped
         After Ctrl-C while they are solved for, with the states alone.
     """
-    runs = replace(Runs.of([run], stepper.binding.number_type), inputs=run.inputs)
-    with ctrl_c() as interrupts:
-        before = interrupts.asked  # that has ended the run, and not what is solved for now
-        found = crossings_of(stepper, levels, runs, [watch], lambda course: fill_course(
-            course, threads_of(None), lambda: interrupts.asked and not before))[0]
-    if interrupts.asked and not before:
+    runs = replace(EnsembleArguments.of([run], stepper.binding.number_type), inputs=run.inputs)
+    with catch_ctrl_c() as interrupts:
+        before = interrupts.requested  # that has ended the run, and not what is solved for now
+        found = crossings_of(stepper, levels, runs, [detector], lambda computed: fill_ensemble(
+            computed, threads_of(None), lambda: interrupts.requested and not before))[0]
+    if interrupts.requested and not before:
         raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
                       trajectory=trajectory)
@@ -121,7 +190,8 @@ def _solved(
 
 
 def _ended(
-    stepper: Stepper, run: Run, trajectory: Trajectory, brackets: Brackets | None, last: Crossings
+    stepper: Stepper, run: RunArguments, trajectory: Trajectory, brackets: Brackets | None,
+    last: Crossings,
 ) -> Trajectory:
     """Return a trajectory up to its terminal event, whose state is one row more."""
     assert brackets is not None
@@ -144,7 +214,7 @@ def _ended(
     return replace(trajectory, **outputs)
 
 
-def row_of_event(stepper: Stepper, run: Run, brackets: Brackets, event: Crossings) -> Rows:
+def row_of_event(stepper: Stepper, run: RunArguments, brackets: Brackets, event: Crossings) -> Rows:
     """Return the one row that leads from the state before an event to the event.
 
     Its work is that of the part of a step.
@@ -154,7 +224,7 @@ def row_of_event(stepper: Stepper, run: Run, brackets: Brackets, event: Crossing
     parameters = {name: np.array([value], stepper.binding.number_type)
                   for name, value in run.at_step(int(event.steps[0])).parameters.items()}
     rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, event.t - t0, parameters,
-                        lambda course: fill_course(course, 1, lambda: False), 1).rows
+                        lambda computed: fill_ensemble(computed, 1, lambda: False), 1).rows
     return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
 
 
@@ -172,10 +242,10 @@ class _Work:
 
     stepper: Stepper
     levels: Levels
-    runs: Runs
+    runs: EnsembleArguments
     brackets: Brackets
     owner: Array
-    fill: Callable[[Course], None]
+    fill: Callable[[EnsembleStates], None]
 
     def t(self, which: Array) -> Array:
         """Return the times at the start of brackets."""

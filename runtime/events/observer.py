@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from ...core.event import Event
-from ..integration.lanes import fill_course, threads_of
-from ..integration.run_arguments import Runs
-from ..integration.step_loop import Rows, Run
+from ..integration.lanes import fill_ensemble, threads_of
+from ..integration.run_arguments import EnsembleArguments, RunArguments
+from ..integration.step_loop import Rows
 from ..results.crossings import Crossings
 from .detection import Levels, Memory
-from .location import crossings_of, ending, row_of_event, watches_of
+from .location import crossings_of, detectors_for, ending, row_of_event
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["End", "Observer"]
+__all__ = ["Observer", "TerminalEvent"]
 
 Array = NDArray[Any]
 
@@ -27,7 +27,7 @@ _MOST = 2**14
 
 
 @dataclass(frozen=True)
-class End:
+class TerminalEvent:
     """Where an event ends a run: its place among the events, the state there, the row to it."""
 
     event: int
@@ -36,7 +36,7 @@ class End:
 
 
 class Observer:
-    """What looks for the events of a run while it goes.
+    """Detection and location of the events of a run while it is stored.
 
     What it finds, and where that ends the run, is what ``integrate`` finds, however the run is cut
     into pieces and wherever events are solved for.
@@ -44,16 +44,16 @@ class Observer:
     Attributes
     ----------
     events : tuple of Event
-    run : Run
+    run : RunArguments
         With the watch that looks at each state.
     """
 
-    def __init__(self, stepper: Stepper, run: Run, events: tuple[Event, ...]) -> None:
+    def __init__(self, stepper: Stepper, run: RunArguments, events: tuple[Event, ...]) -> None:
         self.events = events
         self._stepper, self._levels = stepper, Levels.of(stepper.binding, stepper.manifest, events)
-        self._runs = Runs.of([run], stepper.binding.number_type)
-        (self._watch,) = watches_of(stepper, self._levels, self._runs)
-        self.run = replace(run, watch=self._watch)
+        self._runs = EnsembleArguments.of([run], stepper.binding.number_type)
+        (self._watch,) = detectors_for(stepper, self._levels, self._runs)
+        self.run = replace(run, detector=self._watch)
 
     @property
     def terminal(self) -> bool:
@@ -81,22 +81,22 @@ class Observer:
 
     def settle(
         self, ahead: tuple[Array, Array] | None = None
-    ) -> tuple[dict[str, Crossings], End | None]:
+    ) -> tuple[dict[str, Crossings], TerminalEvent | None]:
         """Return what has happened since the last time, and where that ends the run.
 
         ``ahead`` is the state one step on, of a run that a terminal event may end: what has
         happened is then known for good, and the run need not go back behind this place.
         """
-        watch, run = self._watch, self.run
-        watch.close(ahead)
-        (found,) = crossings_of(self._stepper, self._levels, self._runs, [watch],
-                                lambda course: fill_course(course, threads_of(None),
+        detector, run = self._watch, self.run
+        detector.close(ahead)
+        (found,) = crossings_of(self._stepper, self._levels, self._runs, [detector],
+                                lambda computed: fill_ensemble(computed, threads_of(None),
                                                            lambda: False))
-        brackets, name = watch.brackets, ending(self.events, found, run.dt)
-        watch.forget()
+        brackets, name = detector.brackets, ending(self.events, found, run.dt)
+        detector.forget()
         if name is None or brackets is None:
             return found, None
         last = found[name].first
-        end = End([one.name for one in self.events].index(name), last,
+        end = TerminalEvent([one.name for one in self.events].index(name), last,
                   row_of_event(self._stepper, run, brackets, last))
         return {key: one.until(last, run.dt) for key, one in found.items()}, end

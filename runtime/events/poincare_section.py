@@ -92,9 +92,9 @@ class Section:
 
         Returns a matplotlib figure, which Jupyter shows, and writes it where a path is given.
         """
-        from ..plotting.section_plot import draw  # matplotlib is optional
+        from ..plotting.trajectory_plots import draw_section  # matplotlib is optional
 
-        return draw(self, x, y, path)
+        return draw_section(self, x, y, path)
 
 
 def section(

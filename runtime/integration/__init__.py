@@ -1,13 +1,11 @@
 """Integration: checked arguments, the step loop in chunks, states between steps, failed steps.
 
-    parameters       the parameters of a run, in their domains
     consistency      whether states are on the constraints
-    step_count       how many steps lead to a time
     step_loop        one integration, in chunks
     frame_following  a co-moving frame that is chosen anew, block by block
     newton           T1 driven from Python, open to inspection
     failure          why a step failed, and what would do
-    run_arguments    arguments of many runs, checked all at once
+    run_arguments    arguments of one run and of many, checked; the number of steps to a time
     lanes            trajectories side by side in a vector register
     dense_output     states of a run between its steps
 """

@@ -21,7 +21,7 @@ from ..bindings.binding import Binding
 from ..results.run_arrays import defect_sizes
 
 if TYPE_CHECKING:
-    from .step_loop import Run
+    from .run_arguments import RunArguments
 
 __all__ = ["Defects", "defects_of_starts", "refuse_inconsistent", "refuse_singular_mass"]
 
@@ -33,7 +33,7 @@ _DRAWS = 2
 
 @dataclass(frozen=True)
 class Defects:
-    """|g| and |f| of states, and what is allowed of each; arrays with one entry a state."""
+    """|g| and |f| of states, and their bounds; arrays with one entry a state."""
 
     g: Array
     f: Array
@@ -42,7 +42,7 @@ class Defects:
 
     @property
     def consistent(self) -> Array:
-        """Whether each state can be started from; NaN cannot be told, the steps judge it."""
+        """Whether each state is consistent; NaN counts as such, and its first step fails."""
         return ~((self.g > self.g_bound) | (self.f > self.f_bound))
 
 
@@ -65,7 +65,7 @@ def defects_of_starts(
     return found
 
 
-def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: Run) -> None:
+def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
     """Refuse a start that is off the constraints by more than round-off."""
     if not binding.m:
         return
@@ -88,7 +88,7 @@ def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: Run) ->
     )
 
 
-def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: Run) -> None:
+def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
     """Refuse a start where the M of a Lagrangian has no inverse, or not the sign it was seen with.
 
     Its columns are what momenta gain by one velocity each.
@@ -122,7 +122,7 @@ def _bounds(
     binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array, f: Array,
     changes: Callable[..., tuple[Array, Array]],
 ) -> tuple[Array, Array]:
-    """Return what is allowed of |g| and |f| in each row, by ``_changes`` or a bound below them."""
+    """Return the bounds of |g| and |f| in each row, by ``_changes`` or a bound below them."""
     sizes = [np.sqrt((x.astype(float) ** 2).sum(axis=1)) for x in (q, p)]
     nudge = 2.0**-10 * binding.epsilon**0.25
     epsilons = 64 * binding.epsilon / nudge

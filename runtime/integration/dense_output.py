@@ -16,20 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import shown
 from ...core.errors import InputError, Stopped
-from ...core.interrupts import ctrl_c
+from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import Inputs
 from ..results.run_arrays import OUTPUTS, States, value_of
 from ..results.trajectory import Trajectory
-from .lanes import Course, fill_course, threads_of
-from .run_arguments import Runs
-from .step_loop import Run
+from .lanes import EnsembleStates, fill_ensemble, threads_of
+from .run_arguments import EnsembleArguments, RunArguments
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["between", "epsilon_of_times", "marks_of", "partial_steps",
-           "run_together"]
+__all__ = ["between", "epsilon_of_times", "partial_steps", "run_together", "stored_steps_at"]
 
 Array = NDArray[Any]
 
@@ -53,17 +51,18 @@ def between(
     if not isinstance(trajectory, Trajectory):
         raise InputError(f"trajectory = {shown(trajectory)} is none; give what integrate returned.")
     threads = threads_of(workers)
-    with ctrl_c() as interrupts:
-        found = _states_at(stepper, trajectory, times,
-                           lambda course: fill_course(course, threads, lambda: interrupts.asked))
-    if interrupts.asked:
+    with catch_ctrl_c() as interrupts:
+        found = _states_at(stepper, trajectory, times, lambda computed: fill_ensemble(
+            computed, threads, lambda: interrupts.requested))
+    if interrupts.requested:
         raise Stopped("Stopped between the steps of a run that is complete; it is in .trajectory.",
                       interrupts.signal, trajectory=trajectory)
     return found
 
 
 def _states_at(
-    stepper: Stepper, trajectory: Trajectory, times: ArrayLike, fill: Callable[[Course], None]
+    stepper: Stepper, trajectory: Trajectory, times: ArrayLike,
+    fill: Callable[[EnsembleStates], None],
 ) -> Trajectory:
     _refuse_of_another(stepper, trajectory)
     _refuse_forgotten(stepper, trajectory)
@@ -90,7 +89,7 @@ def _states_at(
     return _trajectory(stepper, trajectory, t, made)
 
 
-def marks_of(stepper: Stepper, run: Run, times: ArrayLike) -> Array:
+def stored_steps_at(stepper: Stepper, run: RunArguments, times: ArrayLike) -> Array:
     """Return the steps of a run after which times are, with its last one.
 
     Raises
@@ -102,8 +101,8 @@ def marks_of(stepper: Stepper, run: Run, times: ArrayLike) -> Array:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
     ends = stepper.binding.times(run.t0, run.dt, np.array([0, run.steps]))
     at = _places(stepper, ends, run.dt, _times(stepper, times))
-    marks = np.unique(np.append(at.steps[at.rows == 0], run.steps))
-    return marks[marks > 0]
+    stored_steps = np.unique(np.append(at.steps[at.rows == 0], run.steps))
+    return stored_steps[stored_steps > 0]
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class _Made:
 
 
 def _go(
-    stepper: Stepper, trajectory: Trajectory, fill: Callable[[Course], None], made: _Made,
+    stepper: Stepper, trajectory: Trajectory, fill: Callable[[EnsembleStates], None], made: _Made,
     part: Array, t0: Array, dt: Array, *, begun: Array, steps: Array, most: int,
 ) -> None:
     """Take some states, after ``begun`` steps of the run, on by so many steps of dt each."""
@@ -126,10 +125,10 @@ def _go(
     inputs = None if held is None else held.taken(0 * begun, begun, most)
     columns = {name: np.full(len(part), value, stepper.binding.number_type)
                for name, value in trajectory.parameters.items()}
-    course = run_together(stepper, made.q[part], made.p[part], t0, dt, columns, fill, most,
+    computed = run_together(stepper, made.q[part], made.p[part], t0, dt, columns, fill, most,
                           inputs)
     row = np.arange(len(part))
-    rows = course.rows
+    rows = computed.rows
     made.q[part], made.p[part] = rows.q[row, steps], rows.p[row, steps]
     made.work[part] += rows.work[row, steps]
     made.multipliers[part] = rows.multipliers[row, steps].reshape(made.multipliers[part].shape)
@@ -138,8 +137,8 @@ def _go(
 
 def run_together(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
-    fill: Callable[[Course], None], steps: int, inputs: Inputs | None = None,
-) -> Course:
+    fill: Callable[[EnsembleStates], None], steps: int, inputs: Inputs | None = None,
+) -> EnsembleStates:
     """Return runs of so many steps, each stored, from states that are on their constraints.
 
     Raises
@@ -149,30 +148,30 @@ def run_together(
     """
     number = stepper.binding.number_type
     own = {name: column[0] for name, column in parameters.items()}
-    first = Run(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
-    course = Course.of(stepper, Runs(first, q, p, dt.astype(number), t0.astype(number), parameters,
-                                     inputs))
-    fill(course)
-    failed = np.flatnonzero(course.status)
+    first = RunArguments(q[0], p[0], dt[0], steps, 1, own, "auto", None, 50, t0[0])
+    computed = EnsembleStates.of(stepper, EnsembleArguments(
+        first, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
+    fill(computed)
+    failed = np.flatnonzero(computed.status)
     if len(failed):
         raise InputError(
             f"From t = {float(t0[failed[0]]):.6g} s no step of {float(dt[failed[0]]):.3g} s is "
             "found, though the run has found its own; take a smaller dt.")
-    return course
+    return computed
 
 
 def partial_steps(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
-    fill: Callable[[Course], None], inputs: Inputs | None = None,
+    fill: Callable[[EnsembleStates], None], inputs: Inputs | None = None,
 ) -> tuple[Array, Array]:
     """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing."""
     q, p = q.copy(), p.copy()
     moved = np.flatnonzero(dt != 0)
     if len(moved):
-        course = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
+        computed = run_together(stepper, q[moved], p[moved], t0[moved], dt[moved],
                               {name: column[moved] for name, column in parameters.items()}, fill,
                               1, None if inputs is None else inputs.taken(moved, 0 * moved))
-        q[moved], p[moved] = course.q, course.p
+        q[moved], p[moved] = computed.q, computed.p
     return q, p
 
 
@@ -224,7 +223,8 @@ def _times(stepper: Stepper, times: ArrayLike) -> Array:
 
 
 def _refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
-    """Refuse what does not say which inputs each step had: what was read, or lies between steps."""
+    """Refuse a trajectory without the inputs of each step: one read from a file, or between steps.
+    """
     changing = [name for name in stepper.binding.input_names
                 if trajectory.parameters[name] != trajectory.parameters[name]]
     if changing and trajectory._inputs is None:

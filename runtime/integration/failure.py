@@ -1,4 +1,4 @@
-"""Why a step failed, and what would do: looked for where it failed, not guessed.
+"""Diagnosis of a failed step: the reason, and a time step that succeeds.
 
 The failed step is tried once more by Newton alone, for the size of its last increment; then with
 half the time step, a quarter, and so on, until one succeeds. Where the constraints depend on each
@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bindings.binding import REASONS, Binding
-from ..bindings.compiled_constraints import CompiledConstraints
+from ..bindings.binding import REASONS, Binding, CompiledConstraints
 
 __all__ = ["Diagnosis", "diagnose"]
 
@@ -29,7 +28,7 @@ _DEPENDENT = 1e-7
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What ``StepFailed`` says."""
+    """The reason, details and cure of a ``StepFailed``."""
 
     reason: str
     detail: str
@@ -66,7 +65,7 @@ def diagnose(
 
 
 def _detail(status: int, increment: float | None, iterations: int) -> str:
-    """Return the reason with what was seen of it."""
+    """Return the reason with its measured figures."""
     reason = REASONS[status]
     if increment is None:
         return reason

@@ -1,4 +1,4 @@
-"""A frame that follows a motion which changes for good, such as that of a body with drag.
+"""A frame that follows a motion with secular change, such as a body with drag.
 
     {"frame": "follow"}        rates chosen anew every 100 steps
     {"frame": "follow 50"}     every 50 steps
@@ -14,32 +14,29 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...core.arguments import shown
-from ...core.errors import InputError, StepFailed, Stopped
-from ...core.exact_numbers import Number
-from ...core.warnings import listening
-from ..bindings.array_checks import as_positive_count
-from ..bindings.inputs import Inputs, as_inputs
+from ...core.errors import InputError, StepFailed
+from ...core.interrupts import before_start
 from ..tuning.frame_choice import asks_for_frame, start_frame, with_frame
-from ..tuning.frame_pilots import AGREES, CLEAR, SMALL
+from ..tuning.frame_search import AGREES, CLEAR, SMALL
 from ..tuning.gamma_choice import PILOT_STEPS
 from ..tuning.motion_distance import MotionError
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
-    from .step_loop import Run
+    from .run_arguments import RunArguments
 
-__all__ = ["Follow", "followed"]
+__all__ = ["Follow", "follow_frame"]
 
 Array = NDArray[Any]
 
-#: What ``parameters["frame"]`` begins with; steps of a block where nothing is said.
+#: What ``parameters["frame"]`` begins with; default number of steps of a block.
 FOLLOW, _HOLD = "follow", 100
 _FOLLOW = re.compile(rf"{FOLLOW}(?: +([1-9][0-9]{{0,17}}))?")
 #: By how much a frame that stays must be better over short runs, which see little of a change.
@@ -62,7 +59,7 @@ class Follow:
         """Return how many steps of a block are left after so many of the run."""
         return self.hold - done % self.hold
 
-    def parameters(self, run: Run, done: int, q: Array, p: Array, work: Any) -> Any:
+    def parameters(self, run: RunArguments, done: int, q: Array, p: Array, work: Any) -> Any:
         """Return what compiled code goes on with from (q, p), after so many steps of a run."""
         binding = self.stepper.binding
         made = binding.parameters(run.parameters, run.t0)
@@ -72,15 +69,12 @@ class Follow:
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
         others = {name: x for name, x in run.at_step(done).parameters.items() if name not in rates}
         found = start_frame(self.stepper, q, p, others, dt=run.dt, t0=run.t0 + done * run.dt,
-                            warn=False)
+                            quiet=True)
         return binding.parameters(run.parameters | found, run.t0)
 
 
-def followed(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: Any, parameters: Any,
-    t0: Number = 0.0, inputs: Any = None, hold: int = 1,
-) -> tuple[Any, Follow | None]:
-    """Return the parameters of a run, and how its frame follows its motion where they ask for it.
+def follow_frame(stepper: Stepper, run: RunArguments) -> RunArguments:
+    """Return a run with a frame that follows its motion, where its parameters ask for one.
 
     Where forces act, "auto" follows if short runs show that to be better than no frame by 5 %. A
     frame that stays is taken where it is better by far, or following is not; but only if the short
@@ -91,38 +85,32 @@ def followed(
     InputError
         For a block of no steps.
     """
+    parameters: Any = run.parameters
     if not isinstance(parameters, Mapping) or not asks_for_frame(stepper, parameters):
-        return parameters, None
+        return run
     given = any(symmetry.name in parameters for symmetry in stepper.symmetries)
     if parameters["frame"] == "auto" and stepper.binding.has_forces and not given:
-        parameters = _of_forced(stepper, q, p, dt, as_positive_count("steps", steps), t0,
-                                parameters, inputs, hold)
-    return parameters, _said(stepper, parameters.get("frame"))
+        run = _of_forced(stepper, run)
+    return replace(run, follow=_parsed_follow(stepper, run.parameters.get("frame")))
 
 
-def _of_forced(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: Number, steps: int, t0: Number,
-    parameters: Mapping[str, Any], inputs: Any, hold: int,
-) -> Mapping[str, Any]:
-    """Return the parameters that "auto" stands for where forces act."""
-    none = {name: x for name, x in parameters.items() if name != "frame"}
-    follows = {**parameters, "frame": FOLLOW}
+def _of_forced(stepper: Stepper, run: RunArguments) -> RunArguments:
+    """Return a run with the frame that "auto" stands for where forces act."""
+    none = {name: x for name, x in run.parameters.items() if name != "frame"}
+    follows = {**run.parameters, "frame": FOLLOW}
     choices = [none, follows]
-    if steps <= PILOT_STEPS:
-        choices.append(with_frame(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0,
-                                  inputs=inputs, hold=hold))
-    run = min(max(steps, 8), PILOT_STEPS)
-    fed = as_inputs(inputs, stepper.binding, steps, hold) if steps else None
-    with listening():  # what is chosen says it again
-        pilots = _Pilots(stepper, q, p, dt, run, t0, None if fed is None else fed.of_steps(run))
+    if run.steps <= PILOT_STEPS:
+        choices.append(with_frame(stepper, run).parameters)
+    with before_start("the frame"):
+        pilots = _Pilots(stepper, run.pilot(min(max(run.steps, 8), PILOT_STEPS)))
         errors, doubt = pilots.errors(choices)
     clear = [bool((CLEAR * (error + doubt) <= errors[0] - doubt).all()) for error in errors]
     if len(choices) > 2 and clear[2] and not (clear[1] and errors[1][0] <= _FAR * errors[2][0]):
-        return choices[2]
-    return follows if clear[1] else none
+        return replace(run, parameters=choices[2])
+    return replace(run, parameters=follows if clear[1] else none)
 
 
-def _said(stepper: Stepper, frame: Any) -> Follow | None:
+def _parsed_follow(stepper: Stepper, frame: Any) -> Follow | None:
     if not isinstance(frame, str) or not frame.startswith(FOLLOW):
         return None
     found = _FOLLOW.fullmatch(frame)
@@ -137,28 +125,17 @@ class _Pilots:
     """Short runs in frames that follow, that stay, and without any."""
 
     stepper: Stepper
-    q: ArrayLike
-    p: ArrayLike
-    dt: Number
-    steps: int
-    t0: Number
-    inputs: Inputs | None
+    arguments: RunArguments
 
     def run(self, parameters: Any, finer: int = 1) -> Array | None:
         """Return q of a run, with steps so many times finer; None where a step failed."""
         numbers = {**parameters, **{name: "m" for name, x in parameters.items()
                                     if name != "frame" and isinstance(x, str)}}
+        run = replace(self.arguments.refined(finer), parameters=numbers)
         try:
-            with listening():  # what is to be said is said of the run that is asked for
-                return np.asarray(self.stepper.integrate(
-                    self.q, self.p, dt=self.dt / finer, steps=self.steps * finer, every=finer,
-                    t0=self.t0, parameters=numbers, hold=finer,
-                    inputs=None if self.inputs is None else self.inputs.values[0]).q)
+            return np.asarray(self.stepper.run(self.stepper.resolved(run, quiet=True)).q)
         except StepFailed:
             return None
-        except Stopped as stopped:  # its trajectory is a pilot's
-            raise Stopped("Stopped before the first step, while the frame was chosen.",
-                          stopped.signal) from None
 
     def errors(self, choices: list[Any]) -> tuple[list[Array], float]:
         """Return the errors over all of the run and its second half, and that of the reference.

@@ -1,4 +1,4 @@
-"""What an ensemble's trajectories are stored in, and the code that fills it, batch by batch.
+"""The stored states of an ensemble, and their integration batch by batch.
 
 Where there is a fast path, the trajectories of a batch lie side by side in the lanes of vector
 registers; else each is integrated by itself.
@@ -20,20 +20,20 @@ from numpy.typing import NDArray
 
 from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import Binding
-from .run_arguments import Runs
-from .step_loop import Pace, Rows, fill, next_chunk, thin
+from .run_arguments import EnsembleArguments
+from .step_loop import ChunkSize, Rows, fill, next_chunk, thin
 
 if TYPE_CHECKING:
-    from ..events.detection import Watch
+    from ..events.detection import EventDetector
     from ..steppers.evaluation import Evaluation
 
-__all__ = ["Course", "fill_course", "threads_of"]
+__all__ = ["EnsembleStates", "fill_ensemble", "threads_of"]
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Course:
+class EnsembleStates:
     """The stored states of many runs, row 0 the start, their ends, records and statuses.
 
     multipliers and iterations have a row 0 too, of no meaning: compiled code takes one distance
@@ -41,7 +41,7 @@ class Course:
     """
 
     binding: Binding
-    runs: Runs
+    runs: EnsembleArguments
     #: Whether batches lie in lanes, and how many trajectories are a batch.
     in_lanes: bool
     batch: int
@@ -52,10 +52,12 @@ class Course:
     #: The running records of each batch.
     reports: list[Any]
     #: What looks at every state for events, one for each trajectory; or none.
-    watches: tuple[Watch, ...] = ()
+    detectors: tuple[EventDetector, ...] = ()
 
     @classmethod
-    def of(cls, stepper: Evaluation, runs: Runs, watches: Sequence[Watch] = ()) -> Course:
+    def of(
+        cls, stepper: Evaluation, runs: EnsembleArguments, detectors: Sequence[EventDetector] = ()
+    ) -> EnsembleStates:
         """Return room for runs, at their start."""
         count, rows, binding = len(runs), runs.first.rows + 1, stepper.binding
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
@@ -70,7 +72,7 @@ class Course:
                  binding.new(count, rows, binding.multipliers),
                  np.zeros((count, rows), dtype=np.intc), binding.new(count, rows)),
             runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc),
-            reports, tuple(watches))
+            reports, tuple(detectors))
         found.rows.q[:, 0], found.rows.p[:, 0] = runs.q, runs.p
         return found
 
@@ -105,9 +107,10 @@ class Course:
             self._fill_one(batch, stop)
 
     def _fill_one(self, i: int, stop: Callable[[], bool]) -> None:
-        watch = self.watches[i] if self.watches else None
-        self.status[i] = fill(self.binding, replace(self.runs[i], watch=watch), self.rows_of(i),
-                              self.q[i], self.p[i], self.report(i), stop)
+        detector = self.detectors[i] if self.detectors else None
+        run = replace(self.runs[i], detector=detector)
+        self.status[i] = fill(self.binding, run, self.rows_of(i), self.q[i], self.p[i],
+                              self.report(i), stop)
 
     def _fill_lanes(self, batch: int, memory: Any, stop: Callable[[], bool]) -> None:
         binding, first, reports = self.binding, self.runs.first, self.reports[batch]
@@ -119,14 +122,14 @@ class Course:
         parameters = binding.parameter_sets(self.runs.columns(part), self.runs.t0[part])
         inputs = None if self.runs.inputs is None else self.runs.inputs.between(part)
         options = binding.options(first.tolerance, first.max_iterations, first.solver)
-        iterations, done, pace = rows.iterations[part], 0, Pace()
+        iterations, done, pace = rows.iterations[part], 0, ChunkSize()
         while done < first.steps and not status.all() and not stop():
             row = done // first.every + 1
             count, every = next_chunk(first, done, pace.begin())
             most = iterations[:, row].copy()  # of the pieces before, where a row takes several
             step_on = partial(_lanes, binding, parameters, options, dt, count, reports, status,
                               memory, inputs)
-            if self.watches:
+            if self.detectors:
                 self._look(part, done, count, every, row, out, reports, step_on)
             else:
                 step_on(every, row, q, p, out)
@@ -147,11 +150,11 @@ class Course:
                     binding.new(*room))
         seen.q[:, 0], seen.p[:, 0] = q, p
         step_on(1, 1, q, p, (seen.q, seen.p, seen.multipliers, seen.iterations, seen.work))
-        for i, watch in enumerate(self.watches[part]):
+        for i, detector in enumerate(self.detectors[part]):
             steps = int(reports[i].steps) - done
             if steps <= 0:
                 continue
-            watch.look(done, seen.q[i, : steps + 1], seen.p[i, : steps + 1])
+            detector.detect(done, seen.q[i, : steps + 1], seen.p[i, : steps + 1])
             own = tuple(part[i, 1:] for part in vars(seen).values())
             thin(own, steps, every, tuple(array[i, row:] for array in out))
 
@@ -172,17 +175,17 @@ def threads_of(workers: int | None) -> int:
                                                                          least=1)
 
 
-def fill_course(course: Course, threads: int, stop: Callable[[], bool]) -> None:
+def fill_ensemble(computed: EnsembleStates, threads: int, stop: Callable[[], bool]) -> None:
     """Integrate all batches: each thread takes the next one until there is none."""
     batches, broken = SimpleQueue[int | None](), threading.Event()
-    workers = min(threads, len(course.reports))
-    for batch in (*range(len(course.reports)), *[None] * workers):
+    workers = min(threads, len(computed.reports))
+    for batch in (*range(len(computed.reports)), *[None] * workers):
         batches.put(batch)
 
     def work() -> None:
-        memory = course.memory()
+        memory = computed.memory()
         for batch in iter(batches.get, None):
-            course.fill(batch, memory, lambda: broken.is_set() or stop())
+            computed.fill(batch, memory, lambda: broken.is_set() or stop())
 
     with ThreadPoolExecutor(workers) as pool:
         futures = [pool.submit(work) for _ in range(workers)]

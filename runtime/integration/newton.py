@@ -78,13 +78,13 @@ def iterate(
             return 3, x, taken
         shrinks, ratio = ratio < 0.5, size / previous if taken > 1 else 0.0
         if size <= (tolerance or 0.0):
-            return binding.lands(dt, q, x, work), x, taken
+            return binding.check_constraints(dt, q, x, work), x, taken
         if taken == 1:
             continue
         stops = ratio >= 0.5 and is_rounding(binding, parameters, dt, q, p, dx, size, work)
         quadratic = not tolerance and shrinks and size < 1e-3 and ratio < 0.1
         if stops or (quadratic and size * ratio**2 < epsilon / 64):
-            return binding.lands(dt, q, x, work), x, taken
+            return binding.check_constraints(dt, q, x, work), x, taken
     return (1 if ratio < 0.5 else 4 if size < 1e-3 else 5), x, max_iterations
 
 

@@ -1,30 +1,44 @@
-"""The checked arguments of many integrations: one column for each that may differ.
+"""The checked arguments of an integration; of many, one column for each that may differ.
 
-What all of them pass together needs no look at each, which costs a hundred times as much. What one
-of them does not pass plainly (a number of mpmath, a start off the constraints, a γ below 0) is
-looked at one by one, by what checks a single run: that says what is wrong, and of which.
+The parameters: all that the stepper needs, in their domains, γ and α by their rules. The number of
+steps: as given, or the whole number of them that leads to a time.
+
+What all runs of an ensemble pass together is not checked one by one, which costs a hundred times as
+much. What one of them does not pass plainly (a number of mpmath, a start off the constraints, a γ
+below 0) is checked as a single run is, so that the message names the value and the run.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arguments import proposal, shown
 from ...core.errors import InputError
+from ...core.exact_numbers import as_double, exact
+from ...core.registry import AIMS
+from ...core.warnings import warn
+from ..bindings.array_checks import as_positive_count, as_real, as_step
 from ..bindings.inputs import Inputs
-from ..rigid_body.gamma_rules import AIMS, has_inertia, inertia_names, ruled
+from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names, is_inertia_parameter
+from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 from .consistency import defects_of_starts
-from .step_loop import Run
 
 if TYPE_CHECKING:
+    from ..bindings.binding import SolverName
+    from ..events.detection import EventDetector
     from ..steppers.stepper import Stepper
+    from .frame_following import Follow
 
-__all__ = ["Given", "Runs", "checked_runs"]
+__all__ = ["EnsembleArguments", "RawArguments", "RunArguments", "as_parameters", "checked_runs",
+           "refuse_auto", "refuse_choice", "step_count", "warn_of_negative"]
 
 Array = NDArray[Any]
 
@@ -33,11 +47,93 @@ _JUDGED = 2**16
 
 
 @dataclass(frozen=True)
-class Runs:
+class RunArguments:
+    """The arguments of an integration, checked, in the stepper's own type of numbers.
+
+    Each stage of a call takes this record and returns another: ``Stepper.run_arguments`` checks
+    what the caller gave, ``Stepper.resolved`` replaces rules among the parameters ("m", "auto",
+    "frame") by numbers, ``Stepper.checked_run`` checks the parameters and the start.
+    """
+
+    q: Array
+    p: Array
+    dt: Any
+    steps: int
+    every: int
+    parameters: dict[str, Any]
+    solver: SolverName
+    tolerance: Any
+    max_iterations: int
+    t0: Any = 0.0
+    inputs: Inputs | None = None
+    #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
+    stored_steps: Array | None = None
+    #: What looks at every state for events; one for each trajectory.
+    detector: EventDetector | None = None
+    #: How a co-moving frame follows the motion; the rates among the parameters are the first.
+    follow: Follow | None = None
+
+    @property
+    def rows(self) -> int:
+        """Stored states after the first; the last state is always stored."""
+        return -(-self.steps // self.every) if self.stored_steps is None else len(self.stored_steps)
+
+    def pilot(self, steps: int) -> Self:
+        """Return the arguments of a short run from the same start, with the default solver."""
+        return replace(self, steps=steps, every=1, solver="auto", tolerance=None,
+                       max_iterations=50, follow=None,
+                       inputs=None if self.inputs is None else self.inputs.of_steps(steps))
+
+    def refined(self, factor: int) -> Self:
+        """Return the same run with steps so many times smaller, stored as often as before."""
+        return replace(self, dt=self.dt / factor, steps=self.steps * factor,
+                       every=self.every * factor,
+                       inputs=None if self.inputs is None else self.inputs.refined(factor))
+
+    def with_inputs(self, inputs: Inputs | None) -> RunArguments:
+        """Return the run with inputs; its parameters have those that stay, and nan for others."""
+        if inputs is None:
+            return self
+        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
+
+    def at_step(self, step: int) -> RunArguments:
+        """Return the run whose parameters have the inputs of a step."""
+        if self.inputs is None or not self.steps:
+            return self
+        row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
+        return replace(self, parameters=self.parameters | row)
+
+    def until(self, steps: int) -> RunArguments:
+        """Return its first steps as a run."""
+        if self.stored_steps is None:
+            return replace(self, steps=steps)
+        stored = np.unique(np.minimum(self.stored_steps, steps))
+        return replace(self, steps=steps, stored_steps=stored[stored > 0])
+
+    def stored(self, done: int) -> int:
+        """Return how many of them there are after so many steps."""
+        if self.stored_steps is not None:
+            return int(np.searchsorted(self.stored_steps, done, side="right"))
+        return self.rows if done == self.steps else done // self.every
+
+    def steps_of_rows(self, done: int) -> Array:
+        """Return after how many steps the start and each stored state are, after so many done."""
+        stored = self.stored(done)
+        if self.stored_steps is not None:
+            return np.concatenate([[0], self.stored_steps[:stored]])
+        return np.minimum(np.arange(stored + 1) * self.every, done)
+
+    def most(self, done: int, most: int) -> int:
+        """Return how many of so many steps may be done with the same parameters."""
+        return most if self.follow is None else min(most, self.follow.left(done))
+
+
+@dataclass(frozen=True)
+class EnsembleArguments:
     """Runs that agree in steps, every, solver and tolerance; ``runs[i]`` is one of them."""
 
     #: The first of them, which says what all have in common.
-    first: Run
+    first: RunArguments
     q: Array
     p: Array
     dt: Array
@@ -46,7 +142,7 @@ class Runs:
     inputs: Inputs | None = None
 
     @classmethod
-    def of(cls, runs: list[Run], number: Any) -> Runs:
+    def of(cls, runs: list[RunArguments], number: Any) -> EnsembleArguments:
         """Return checked runs as columns; numbers beside the states are of the type ``number``."""
         def column(values: list[Any]) -> Array:
             return np.array(values, dtype=number)
@@ -59,14 +155,14 @@ class Runs:
     def __len__(self) -> int:
         return len(self.q)
 
-    def __getitem__(self, i: int) -> Run:
+    def __getitem__(self, i: int) -> RunArguments:
         """Return one run as it would be checked by itself."""
         (dt,), (t0,) = (column[i : i + 1].tolist() for column in (self.dt, self.t0))
         parameters = {name: column[i : i + 1].tolist()[0]
                       for name, column in self.parameters.items()}
         inputs = None if self.inputs is None else self.inputs.of(i)
         run = replace(self.first, q=self.q[i], p=self.p[i], dt=dt, t0=t0, parameters=parameters)
-        return run.fed(inputs)
+        return run.with_inputs(inputs)
 
     def columns(self, part: slice) -> dict[str, Array]:
         """Return the parameters of some of the runs."""
@@ -74,8 +170,8 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class Given:
-    """What a caller gives for each of many runs, unchecked: rows, numbers, dicts."""
+class RawArguments:
+    """The arguments of many runs as a caller passed them, unchecked: rows, numbers, dicts."""
 
     q: Array
     p: Array
@@ -83,6 +179,8 @@ class Given:
     t0: Array
     #: A dict for each run; or what is one for all, and columns.
     parameters: list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]
+    #: Steps, every, solver, tolerance and max_iterations: the same for all.
+    common: Mapping[str, Any]
 
     def parameters_of(self, i: int) -> dict[str, Any]:
         """Return the parameters of one run."""
@@ -92,12 +190,13 @@ class Given:
         return shared | {name: column[i] for name, column in columns.items()}
 
 
-def checked_runs(stepper: Stepper, given: Given, options: Mapping[str, Any]) -> Runs:
+def checked_runs(stepper: Stepper, given: RawArguments) -> EnsembleArguments:
     """Return the runs, or raise InputError for the first that is unusable, with its number."""
-    def one(i: int) -> Run:
+    def one(i: int) -> RunArguments:
         try:
-            return stepper.checked_run(given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
-                                       parameters=given.parameters_of(i), **options)
+            return stepper.checked_run(stepper.run_arguments(
+                given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
+                parameters=given.parameters_of(i), **given.common))
         except InputError as error:
             raise InputError(f"Trajectory {i}: {error}") from error
 
@@ -105,11 +204,11 @@ def checked_runs(stepper: Stepper, given: Given, options: Mapping[str, Any]) -> 
     runs = _plain(stepper, given, first) if size > 1 else None
     if runs is None or not _consistent(stepper, runs):
         number = stepper.binding.number_type
-        runs = Runs.of([first, *(one(i) for i in range(1, size))], number)
+        runs = EnsembleArguments.of([first, *(one(i) for i in range(1, size))], number)
     return runs
 
 
-def _plain(stepper: Stepper, given: Given, first: Run) -> Runs | None:
+def _plain(stepper: Stepper, given: RawArguments, first: RunArguments) -> EnsembleArguments | None:
     """Return the runs if all their numbers are plainly usable, else None."""
     binding, size = stepper.binding, len(given.q)
     if binding.number_type is object or {given.q.dtype.kind, given.p.dtype.kind} - {*"fiu"}:
@@ -121,7 +220,7 @@ def _plain(stepper: Stepper, given: Given, first: Run) -> Runs | None:
         return None
     if not (np.isfinite(q).all() and np.isfinite(p).all()):
         return None
-    return Runs(first, q, p, dt, t0, parameters)
+    return EnsembleArguments(first, q, p, dt, t0, parameters)
 
 
 def _numbers(column: Array | list[Any], number: Any) -> Array | None:
@@ -138,7 +237,9 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
     return made if np.isfinite(made).all() else None
 
 
-def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[str, Array] | None:
+def _parameters(
+    stepper: Stepper, given: RawArguments, first: RunArguments, size: int
+) -> dict[str, Array] | None:
     """Return a column for each parameter; None if one of them needs a look."""
     found: dict[str, Array] = {}
     number = stepper.binding.number_type
@@ -154,8 +255,6 @@ def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[s
         column = _numbers(_given(given, name, first, size, rates), number)
         if column is None or not _in_domain(column, domain):
             return None
-        if column.min() < 0 and has_inertia(name, first.parameters):
-            return None  # a remark is due
         found[name] = column
     if not all(symmetry.holds_plainly(found) for symmetry in stepper.symmetries):
         return None  # a look at each, in exact arithmetic
@@ -163,9 +262,9 @@ def _parameters(stepper: Stepper, given: Given, first: Run, size: int) -> dict[s
 
 
 def _given(
-    given: Given, name: str, first: Run, size: int, rates: Collection[str]
+    given: RawArguments, name: str, first: RunArguments, size: int, rates: Collection[str]
 ) -> Array | list[Any]:
-    """Return what is given for a parameter; γ and α by their rules, where they can be told.
+    """Return the column of a parameter; γ and α by their rules, where these apply.
 
     The rates of a co-moving frame are 0 where they are left out.
     """
@@ -186,12 +285,12 @@ def _given(
     try:
         return [_by_rule(name, value, given.parameters_of(i)) for i, value in enumerate(values)]
     except InputError:
-        return values  # text, which is no number: it will be said of which run
+        return values  # text that is no number: the check of single runs names the run
 
 
 def _by_rule(name: str, value: Any, parameters: Mapping[str, Any]) -> Any:
     if isinstance(value, str) and value not in AIMS:
-        return ruled(name, value, parameters)
+        return gamma_by_rule(name, value, parameters)
     return value
 
 
@@ -201,7 +300,7 @@ def _in_domain(column: Array, domain: str) -> bool:
     return bool(usable[domain].all()) if domain in usable else True
 
 
-def _consistent(stepper: Stepper, runs: Runs) -> bool:
+def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     """Whether every start is on the constraints."""
     binding = stepper.binding
     if not binding.m:
@@ -218,3 +317,134 @@ def _consistent(stepper: Stepper, runs: Runs) -> bool:
 
     with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
         return all(judge(slice(i, i + at_once)) for i in range(0, len(runs), at_once))
+
+
+def as_parameters(
+    given: Any, domains: Mapping[str, str], number: Callable[[Fraction], Any] = as_double,
+    symmetries: Sequence[Symmetry] = (),
+) -> dict[str, Any]:
+    """Return the parameters a stepper needs, each checked against its domain.
+
+    The rates of a co-moving frame, those of ``symmetries``, are 0 where they are not given.
+
+    Raises
+    ------
+    InputError
+        Naming a missing, unknown or unusable parameter.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
+    frame = {symmetry.name: 0 for symmetry in symmetries}
+    needed = [name for name in domains if name not in frame]
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise InputError(
+            f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(needed)}."
+        )
+    if frame and "frame" in given and "frame" not in domains:
+        refuse_choice(given["frame"])
+    unknown = [str(name) for name in given if name not in domains]
+    if unknown:
+        raise InputError(
+            f"Parameter {unknown[0]!r} is unknown; this stepper takes {', '.join(domains)}"
+            f"{proposal(unknown[0], domains)}."
+        )
+    whole = {**frame, **given}
+    made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
+    refuse_broken(symmetries, made)
+    return made
+
+
+def refuse_choice(value: Any) -> None:
+    """Refuse ``"frame"`` among the parameters where nothing chooses."""
+    raise InputError(f"Parameter frame = {shown(value)} is for runs, which look at their start: "
+                     "'start' or, for integrate alone, 'auto'; here give rates, those of "
+                     "choose_frame for example.")
+
+
+def refuse_auto(name: str, value: Any) -> None:
+    """Refuse the value "auto" where nothing chooses."""
+    if isinstance(value, str) and value in AIMS:
+        raise InputError(f"Parameter {name} = {value!r} is chosen by integrate alone; call "
+                         "choose_gamma once and give its number.")
+
+
+def _as_parameter(
+    name: str, domain: str, given: Mapping[str, Any], number: Callable[[Fraction], Any]
+) -> Any:
+    value = given[name]
+    refuse_auto(name, value)
+    if isinstance(value, str) and is_inertia_parameter(name):
+        value = gamma_by_rule(name, value, given)
+    made = as_real(f"Parameter {name}", value, number)
+    if domain == "positive" and made <= 0:
+        raise InputError(f"Parameter {name} = {made} is not positive, as the system declares it; "
+                         "give a number above 0. (Where 0 is meant, declare the symbol without "
+                         "positive=True.)")
+    if domain == "nonzero" and made == 0:
+        raise InputError(f"Parameter {name} = 0 divides by zero; give a number other than 0.")
+    return made
+
+
+def warn_of_negative(parameters: Mapping[str, Any]) -> None:
+    """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
+    for name, values in parameters.items():
+        least = float(np.min(values)) if has_inertia(name, parameters) else 0.0
+        if least < 0:
+            warn(f"Parameter {name} = {least:.6g} is below 0. The motion does not depend on it, "
+                 "but its error does: several times that of a value near the moments of inertia, "
+                 "such as m.")
+
+
+#: What t_end, t0 and dt may be off by, in parts of their sizes: two roundings of a double each.
+_ROUNDING = Fraction(1, 2**52)
+
+
+def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) -> int:
+    """Return the number of steps: as given, or (t_end − t0)/dt.
+
+    That is a whole number n if |t_end − t0 − n dt| ≤ 2⁻⁵² (|t_end| + |t0| + n |dt|): decimals such
+    as 0.1 are rounded before they come here. ``nearest`` takes the whole number next to any t_end.
+
+    Raises
+    ------
+    InputError
+        For both or neither of them, and for a time that no whole number of steps leads to.
+    """
+    if (steps is None) == (t_end is None):
+        raise InputError("Give either steps, their number, or t_end, the time of the last state.")
+    if nearest and t_end is None:
+        raise InputError("round is for t_end, the time of the last state; give that, or leave "
+                         "round away.")
+    if t_end is None:
+        return as_positive_count("steps", steps)
+    as_step(dt)
+    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dt", dt)))
+    span = end - begin
+    if span * step < 0:
+        raise InputError(f"t_end = {_text(end)} lies {'before' if span < 0 else 'behind'} "
+                         f"t0 = {_text(begin)}, and dt = {_text(step)} leads away from it; give "
+                         f"dt = {_text(-step)}.")
+    count = round(span / step)
+    rounding = _ROUNDING * (abs(end) + abs(begin) + count * abs(step))
+    if nearest or abs(span - count * step) <= rounding:
+        return as_positive_count("steps", count)
+    few = math.floor(span / step)
+    times = " and ".join(_text(begin + n * step) for n in (few, few + 1) if n)
+    steps_of = " or ".join(_text(span / n) for n in (few + 1, few) if n)
+    raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "
+                     f"t0 = {_text(begin)}; round=True (--round) ends at the step next to it. The "
+                     f"nearest that fit: t_end = {times}, or dt = "
+                     f"{steps_of}.")
+
+
+def _fraction(name: str, value: Any) -> Fraction:
+    """Return a number of any type as it is."""
+    as_real(name, value)
+    number = exact(value)
+    assert isinstance(number, Fraction), shown(value)
+    return number
+
+
+def _text(value: Fraction) -> str:
+    return repr(as_double(value))

@@ -1,31 +1,30 @@
-"""One integration: chunks of compiled steps, everything kept that was computed."""
+"""One integration in chunks of compiled steps; an interrupted one returns its states."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, StepFailed, Stopped
-from ...core.interrupts import Interrupts, ctrl_c
-from ..bindings.binding import Binding, SolverName
-from ..bindings.inputs import Inputs
+from ...core.interrupts import Interrupts, catch_ctrl_c
+from ..bindings.binding import Binding
 from ..results.diagnostics import Report
 from ..results.run_arrays import OUTPUTS, States, defect_sizes, value_of
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
-from .frame_following import Follow
 from .newton import newton_step
+from .run_arguments import RunArguments
 
 if TYPE_CHECKING:
-    from ..events.detection import Watch
+    from ..events.detection import EventDetector
 
-__all__ = ["FIRST_STEPS", "Pace", "Rows", "Run", "advance", "course", "defect_sizes", "ended_at",
+__all__ = ["FIRST_STEPS", "ChunkSize", "Rows", "advance", "course", "defect_sizes", "ended_at",
            "failure_of", "fill", "integrate", "next_chunk", "thin", "trajectory_of"]
 
 Array = NDArray[Any]
@@ -33,72 +32,9 @@ Array = NDArray[Any]
 #: Steps between two looks at the progress bar and at signals: at first, at most.
 FIRST_STEPS, _CHUNK = 16, 4096
 #: The same, where what is seen between is looked at: that takes a while for a piece.
-_WATCHED = 2**14
+_CHUNK_WITH_EVENTS = 2**14
 #: Seconds between two looks, where a step does not take longer.
 _LOOK = 0.1
-
-
-@dataclass(frozen=True)
-class Run:
-    """The checked arguments of an integration; its numbers are of the stepper's own type."""
-
-    q: Array
-    p: Array
-    dt: Any
-    steps: int
-    every: int
-    parameters: dict[str, Any]
-    solver: SolverName
-    tolerance: Any
-    max_iterations: int
-    t0: Any = 0.0
-    inputs: Inputs | None = None
-    #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
-    marks: Array | None = None
-    #: What looks at every state for events; one for each trajectory.
-    watch: Watch | None = None
-    #: How a co-moving frame follows the motion; the rates among the parameters are the first.
-    follow: Follow | None = None
-
-    @property
-    def rows(self) -> int:
-        """Stored states after the first; the last state is always stored."""
-        return -(-self.steps // self.every) if self.marks is None else len(self.marks)
-
-    def fed(self, inputs: Inputs | None) -> Run:
-        """Return the run with inputs; its parameters have those that stay, and nan for others."""
-        if inputs is None:
-            return self
-        return replace(self, inputs=inputs, parameters=self.parameters | inputs.throughout)
-
-    def at_step(self, step: int) -> Run:
-        """Return the run whose parameters have the inputs of a step."""
-        if self.inputs is None or not self.steps:
-            return self
-        row = dict(zip(self.inputs.names, self.inputs.at(step).tolist(), strict=True))
-        return replace(self, parameters=self.parameters | row)
-
-    def until(self, steps: int) -> Run:
-        """Return its first steps as a run."""
-        marks = None if self.marks is None else np.unique(np.minimum(self.marks, steps))
-        return replace(self, steps=steps, marks=marks if marks is None else marks[marks > 0])
-
-    def stored(self, done: int) -> int:
-        """Return how many of them there are after so many steps."""
-        if self.marks is not None:
-            return int(np.searchsorted(self.marks, done, side="right"))
-        return self.rows if done == self.steps else done // self.every
-
-    def steps_of_rows(self, done: int) -> Array:
-        """Return after how many steps the start and each stored state are, after so many done."""
-        stored = self.stored(done)
-        if self.marks is not None:
-            return np.concatenate([[0], self.marks[:stored]])
-        return np.minimum(np.arange(stored + 1) * self.every, done)
-
-    def most(self, done: int, most: int) -> int:
-        """Return how many of so many steps may be done with the same parameters."""
-        return most if self.follow is None else min(most, self.follow.left(done))
 
 
 @dataclass(frozen=True)
@@ -112,8 +48,8 @@ class Rows:
     work: Array
 
     @classmethod
-    def room(cls, binding: Binding, rows: int) -> Rows:
-        """Return empty rows, or say that there is no memory for them."""
+    def allocate(cls, binding: Binding, rows: int) -> Rows:
+        """Return empty rows, or raise InputError where there is no memory for them."""
         try:
             return cls(
                 binding.new(rows + 1, binding.n),
@@ -134,14 +70,14 @@ class Rows:
                 self.iterations[row:], self.work[row + 1 :])
 
 
-class Pace:
+class ChunkSize:
     """How many steps compiled code does between two looks at signals: some tenths of a second.
 
     Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
     """
 
-    def __init__(self, watched: bool = False) -> None:
-        self._largest = _WATCHED if watched else _CHUNK
+    def __init__(self, catch_signals: bool = False) -> None:
+        self._largest = _CHUNK_WITH_EVENTS if catch_signals else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
         self._began = time.thread_time()
 
@@ -162,7 +98,7 @@ class Pace:
 def integrate(
     binding: Binding,
     manifest: dict[str, Any],
-    run: Run,
+    run: RunArguments,
     progress: Callable[[int], None] | None = None,
 ) -> Trajectory:
     """Return the trajectory of a run.
@@ -175,15 +111,15 @@ def integrate(
         After Ctrl-C, with everything computed until then.
     """
     # One step is done or not: there is nothing to lose.
-    with ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
-        trajectory, status = course(binding, manifest, run, lambda: interrupts.asked, progress)
+    with catch_ctrl_c() if run.steps > 1 else nullcontext(Interrupts()) as interrupts:
+        trajectory, status = course(binding, manifest, run, lambda: interrupts.requested, progress)
     if status:
         last = trajectory.report
         q, p = (np.array(x, dtype=binding.dtype) for x in (last.q, last.p))
         found = diagnose(binding, manifest, run.at_step(last.steps), status, q, p,
                          run.t0 + last.steps * run.dt)
         raise failure_of(run, trajectory, found)
-    if interrupts.asked:
+    if interrupts.requested:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
                       ".trajectory.", interrupts.signal, trajectory=trajectory)
     return trajectory
@@ -197,11 +133,11 @@ def ended_at(done: int, steps: int) -> str:
 
 
 def course(
-    binding: Binding, manifest: dict[str, Any], run: Run, stop: Callable[[], bool],
+    binding: Binding, manifest: dict[str, Any], run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Trajectory, int]:
     """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
-    rows = Rows.room(binding, run.rows)
+    rows = Rows.allocate(binding, run.rows)
     rows.q[0], rows.p[0] = run.q, run.p
     q, p, report = run.q.copy(), run.p.copy(), binding.report()
     status = fill(binding, run, rows, q, p, report, stop, progress)
@@ -209,7 +145,7 @@ def course(
 
 
 def fill(
-    binding: Binding, run: Run, rows: Rows, q: Array, p: Array, report: Any,
+    binding: Binding, run: RunArguments, rows: Rows, q: Array, p: Array, report: Any,
     stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
 ) -> int:
     """Fill the rows of a run, up to its end or as ``course`` does; (q, p) goes there.
@@ -217,10 +153,10 @@ def fill(
     Returns the status.
     """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
-    pace = Pace(run.watch is not None)
+    pace = ChunkSize(run.detector is not None)
     status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
-    step_on = advance if run.watch is None else advance_watched
-    ended = run.watch is not None and run.watch.ends_in is not None
+    step_on = advance if run.detector is None else advance_with_events
+    ended = run.detector is not None and run.detector.ends_in is not None
     while report.steps < run.steps and status == 0 and not ended and not stop():
         row = run.stored(int(report.steps))
         count, every = next_chunk(run, int(report.steps), pace.begin())
@@ -229,7 +165,7 @@ def fill(
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
-        ended = run.watch is not None and run.watch.ends_in is not None
+        ended = run.detector is not None and run.detector.ends_in is not None
         rows.iterations[row] = max(most, rows.iterations[row])
         pace.end(count)
         if progress is not None:
@@ -237,7 +173,7 @@ def fill(
     return status
 
 
-def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
+def failure_of(run: RunArguments, trajectory: Trajectory, found: Diagnosis) -> StepFailed:
     """Return the error of a run whose next step has no solution."""
     done = trajectory.report.steps
     return StepFailed(step=done + 1, t=float(run.t0 + done * run.dt), trajectory=trajectory,
@@ -245,8 +181,8 @@ def failure_of(run: Run, trajectory: Trajectory, found: Diagnosis) -> StepFailed
 
 
 def advance(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     """Advance (q, p) in place by up to ``steps`` steps with the run's solver; return the status.
 
@@ -256,26 +192,26 @@ def advance(
     return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
 
 
-def advance_watched(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+def advance_with_events(
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
-    """Do what ``advance`` does, with the run's watch looking at every state.
+    """Advance as ``advance`` does, with the run's event detector on every state.
 
     Where it sees the run's end within a step, the state before that step is the last one.
     """
-    watch = run.watch
-    assert watch is not None
+    detector = run.detector
+    assert detector is not None
     begun, start = int(report.steps), (q.copy(), p.copy())
-    images = [binding.image(struct) for struct in (report, work)] if watch.terminal else []
+    images = [binding.image(struct) for struct in (report, work)] if detector.terminal else []
     before = [image.copy() for image in images]
-    seen = out if every == 1 else _room(binding, watch, steps)
+    seen = out if every == 1 else _room(binding, detector, steps)
     status = advance(binding, run, parameters, steps, 1, q, p, seen, report, work)
     done = int(report.steps) - begun
-    watch.look(begun, start[0][None], start[1][None])
-    watch.look(begun + 1, seen[0][:done], seen[1][:done])
-    if watch.ends_in is not None:
-        status, done = 0, watch.ends_in - begun
+    detector.detect(begun, start[0][None], start[1][None])
+    detector.detect(begun + 1, seen[0][:done], seen[1][:done])
+    if detector.ends_in is not None:
+        status, done = 0, detector.ends_in - begun
         q[:], p[:] = start
         for image, kept in zip(images, before, strict=True):
             image[:] = kept
@@ -286,11 +222,12 @@ def advance_watched(
     return status
 
 
-def _room(binding: Binding, watch: Watch, steps: int) -> tuple[Array, ...]:
-    """Return room for the states of so many steps: that of the piece before, if it is enough."""
-    if watch.room is None or len(watch.room.iterations) < steps:
-        watch.room = Rows.room(binding, steps)
-    room: Rows = watch.room
+def _room(binding: Binding, detector: EventDetector, steps: int) -> tuple[Array, ...]:
+    """Return arrays for the states of so many steps, those of the last piece if they are long
+    enough."""
+    if detector.buffer is None or len(detector.buffer.iterations) < steps:
+        detector.buffer = Rows.allocate(binding, steps)
+    room: Rows = detector.buffer
     return room.after(0)
 
 
@@ -304,7 +241,7 @@ def thin(seen: tuple[Array, ...], done: int, every: int, out: tuple[Array, ...])
         part[:count] = most if found is None else found[every - 1 : done : every]
 
 
-def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
+def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None) -> tuple[int, int]:
     """Return how many steps to do next, and how often to store; the very last is stored too.
 
     ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
@@ -312,8 +249,8 @@ def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple
     """
     left, most = run.steps - done, run.most(done, most)
     to_row = min(run.every - done % run.every, left)
-    if run.marks is not None:
-        piece = min(int(run.marks[run.stored(done)]) - done, most)
+    if run.stored_steps is not None:
+        piece = min(int(run.stored_steps[run.stored(done)]) - done, most)
         return piece, piece
     if to_row < run.every or run.every > most:
         piece = min(to_row, most)
@@ -323,8 +260,8 @@ def next_chunk(run: Run, done: int, most: int, rows: int | None = None) -> tuple
 
 
 def _compiled_chunk(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
     return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
@@ -332,10 +269,10 @@ def _compiled_chunk(
 
 
 def _python_chunk(
-    binding: Binding, run: Run, parameters: Any, steps: int, every: int, q: Array, p: Array,
-    out: tuple[Array, ...], report: Any, work: Any,
+    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
+    p: Array, out: tuple[Array, ...], report: Any, work: Any,
 ) -> int:
-    """Do what the compiled chunk does, with ``newton_step`` for each step."""
+    """Advance as the compiled chunk does, with ``newton_step`` for each step."""
     if report.steps == 0:  # the compiled code starts the record; no step is taken
         _compiled_chunk(binding, run, parameters, 0, 1, q, p, out, report, work)
     most = 0
@@ -378,7 +315,7 @@ def _observe(
 
 
 def trajectory_of(
-    binding: Binding, manifest: dict[str, Any], run: Run, rows: Rows, report: Any,
+    binding: Binding, manifest: dict[str, Any], run: RunArguments, rows: Rows, report: Any,
     q: Array, p: Array,
 ) -> Trajectory:
     """Return the rows that were filled."""

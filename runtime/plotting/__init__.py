@@ -1,9 +1,7 @@
 """Figures, films and pages of trajectories.
 
     figure            a figure that Jupyter shows
-    trajectory_plots  figures of a trajectory
-    section_plot      figures of Poincaré sections
-    ensemble_plot     figures of an ensemble
+    trajectory_plots  figures of trajectories, Poincaré sections and ensembles
     motion_plots      figures of a body, a joint, phase portraits
     scene             bodies and joints in space
     animation         a film

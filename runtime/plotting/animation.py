@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_path, choose, shown, why_unwritable
-from ...core.errors import GyrosparkError, InputError, MissingDependencyError
-from ...core.file_formats import FILMS, ending_of
+from ...core.arguments import as_path, choose, shown
+from ...core.errors import InputError, MissingDependencyError
+from ...core.file_formats import ending_of, format_of, result_file
 from ...core.inertia import real_array
-from .scene import SHAPES, Part, Scene, ShapeName, scene_of
+from .scene import SHAPES, Scene, ScenePart, ShapeName, scene_of
 from .trajectory_plots import figure_class, thin
 
 if TYPE_CHECKING:
@@ -65,18 +65,10 @@ def animate(
     figure = figure_class()(figsize=(6, 5.6), layout="constrained")
     stage = _Stage(figure, scene, shape)
     stage.draw_energy(trajectory)
-    part = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
-    try:
-        with writer.saving(figure, part, dpi=80):
-            for frame in range(len(scene.t)):
-                stage.show(frame)
-                writer.grab_frame()
-        part.replace(target)
-    except OSError as error:
-        raise GyrosparkError(f"The film cannot be written to {str(target)!r}: "
-                             f"{why_unwritable(target, error)}.") from error
-    finally:
-        part.unlink(missing_ok=True)
+    with result_file(target, "The film") as part, writer.saving(figure, part, dpi=80):
+        for frame in range(len(scene.t)):
+            stage.show(frame)
+            writer.grab_frame()
     return target
 
 
@@ -91,9 +83,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
         Without matplotlib, or ffmpeg.
     """
     target = as_path("path", path, "flip.gif")
-    if ending_of(target) not in FILMS:
-        raise InputError(f"A film cannot be written as {target.name!r}; end it in "
-                         f"{' or '.join(FILMS)}.")
+    format_of(target, "A film", "film")
     _writer(target, fps=20)
     return target
 
@@ -110,7 +100,7 @@ def _frames(seconds: Any, fps: Any) -> int:
 
 
 def _writer(target: Path, fps: int) -> Any:
-    """Return what writes the pictures of a film."""
+    """Return matplotlib's writer of a film."""
     figure_class()  # or says that matplotlib is missing
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
@@ -123,7 +113,7 @@ def _writer(target: Path, fps: int) -> Any:
 
 
 class _Stage:
-    """What stands still of a film, and how it comes to show a frame."""
+    """The axes and artists of a film, which are updated for each frame."""
 
     def __init__(self, figure: Any, scene: Scene, shape: ShapeName) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -192,7 +182,7 @@ def _upright(up: Array) -> Array:
     return np.stack([first, np.cross(up, first), up])
 
 
-def _faces(part: Part, shape: ShapeName) -> Array:
+def _faces(part: ScenePart, shape: ShapeName) -> Array:
     """Return the faces of a body in body axes, shape (number, 4, 3)."""
     if shape == "box":
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.arguments import as_path, choose, why_unwritable
-from ...core.errors import GyrosparkError, InputError
-from ...core.file_formats import PAGES, ending_of
+from ...core.arguments import as_path, choose
+from ...core.file_formats import format_of, result_file
 from .scene import SHAPES, Scene, ShapeName, scene_of
 
 if TYPE_CHECKING:
@@ -83,11 +82,8 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     scene = scene_of(trajectory, count)
     page = _page(scene, shape)
     if target is not None:
-        try:
-            target.write_text(page, encoding="utf-8")
-        except OSError as error:
-            raise GyrosparkError(f"The page cannot be written to {str(target)!r}: "
-                                 f"{why_unwritable(target, error)}.") from error
+        with result_file(target, "The page") as part:
+            part.write_text(page, encoding="utf-8")
     return View(scene.title, page, target)
 
 
@@ -100,9 +96,7 @@ def check_page(path: str | os.PathLike[str]) -> Path:
         For another ending than .html.
     """
     target = as_path("path", path, "top.html")
-    if ending_of(target) not in PAGES:
-        raise InputError(f"A page cannot be written as {target.name!r}; end it in "
-                         f"{', '.join(PAGES)}.")
+    format_of(target, "A page", "page")
     return target
 
 

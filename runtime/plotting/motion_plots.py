@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
-from .trajectory_plots import check_target, figure_class, save, thin
+from .trajectory_plots import check_picture_path, figure_class, save, thin
 
 if TYPE_CHECKING:
     from ..results.body_motion import BodyMotion
@@ -62,7 +62,7 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
     InputError
         For a name that no coordinate has.
     """
-    target = None if path is None else check_target(path)
+    target = None if path is None else check_picture_path(path)
     for name in names:
         if name not in run.coordinates:
             raise InputError(f"System {run.manifest['system']['name']!r} has no coordinate "
@@ -94,7 +94,7 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
 def _panels(title: str, run: Trajectory, panels: Sequence[Panel],
             path: str | os.PathLike[str] | None) -> Any:
     """Draw panels above each other, a line for each column."""
-    target = None if path is None else check_target(path)
+    target = None if path is None else check_picture_path(path)
     figure = figure_class()(figsize=(8, 0.6 + 1.9 * len(panels)), layout="constrained")
     some = thin(run)
     t, first = run.t[some].astype(float), None

@@ -1,4 +1,4 @@
-"""What moving pictures show of a trajectory: bodies as boxes or ellipsoids, joints, places.
+"""The scene of a film or page: bodies as boxes or ellipsoids, joints, places.
 
 A uniform ellipsoid of mass m has semi-axes a_i with I_j + I_k − I_i = 2 m a_i²/5, a uniform box
 half edges with I_j + I_k − I_i = 2 m a_i²/3, the moments being those about the centre of mass. So a
@@ -21,7 +21,7 @@ from ..rigid_body.quaternion import rotation_matrix
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["SHAPES", "Part", "Scene", "ShapeName", "Tie", "check_bodies", "scene_of"]
+__all__ = ["SHAPES", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies", "scene_of"]
 
 Array = NDArray[np.float64]
 ShapeName = Literal["box", "ellipsoid"]
@@ -34,7 +34,7 @@ _THIN = 0.03
 
 
 @dataclass(frozen=True)
-class Part:
+class ScenePart:
     """One body of a scene.
 
     Attributes
@@ -104,7 +104,7 @@ class Scene:
     title: str
     t: Array
     energy_error: Array
-    parts: list[Part]
+    parts: list[ScenePart]
     ties: list[Tie]
     up: Array
     remarks: list[str]
@@ -145,7 +145,7 @@ def check_bodies(manifest: Mapping[str, Any]) -> None:
                          "draws its coordinates.")
 
 
-def _part(trajectory: Trajectory, name: str, some: Any) -> Part:
+def _part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
     body, at = trajectory.body(name), bodies_of(trajectory.manifest)[name]
     mass = at.mass_of(trajectory.parameters)
     centre = body.centre if at.centre else np.zeros(3)
@@ -168,21 +168,21 @@ def _part(trajectory: Trajectory, name: str, some: Any) -> Part:
         tip = centre
     else:  # its centre stands still: the end of the third axis
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
-    return Part(name, trajectory.q[some][:, at.q].astype(float), x, centre, axes, sizes, tip,
+    return ScenePart(name, trajectory.q[some][:, at.q].astype(float), x, centre, axes, sizes, tip,
                 mass is not None)
 
 
-def _placed_part(trajectory: Trajectory, name: str, some: Any) -> Part:
+def _placed_part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
     """Return a cube for a body of which place and attitude are known: a twentieth of the way."""
     body = trajectory.body(name)
     far = max(float(np.abs(trajectory.body(other).position()[some]).max())
               for other in placed_of(trajectory.manifest))
     size = np.full(3, far / 20 or 1.0)
-    return Part(name, body.attitude[some], body.position()[some], np.zeros(3), np.eye(3),
+    return ScenePart(name, body.attitude[some], body.position()[some], np.zeros(3), np.eye(3),
                 dict.fromkeys(_FACTORS, size), np.zeros(3), to_scale=False)
 
 
-def _ties(trajectory: Trajectory, parts: list[Part]) -> list[Tie]:
+def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
     """Return the joints, rods and springs that have a place."""
     numbered = {part.name: i for i, part in enumerate(parts)} | {"": -1}
     found = []
@@ -210,7 +210,7 @@ def _up(trajectory: Trajectory) -> Array:
     return -gravity / size if size else np.array([0.0, 0.0, 1.0])
 
 
-def _remarks(trajectory: Trajectory, parts: list[Part], some: Any) -> Any:
+def _remarks(trajectory: Trajectory, parts: list[ScenePart], some: Any) -> Any:
     if not all(part.to_scale for part in parts):
         yield "The mass is not known: the shape has the proportions of the inertia, not its size."
     t = trajectory.t[some].astype(float)

@@ -1,24 +1,29 @@
-"""Pictures of a trajectory; needs matplotlib."""
+"""Figures of trajectories, Poincaré sections and ensembles; needs matplotlib."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...core.arguments import as_path, why_unwritable
-from ...core.errors import GyrosparkError, InputError, MissingDependencyError
+from ...core.arguments import as_items, as_path, choose
+from ...core.errors import MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import PICTURES, ending_of
+from ...core.file_formats import format_of, result_file
 from ...core.real_types import REALS
 from ..compilation.body_columns import bodies_of
 
 if TYPE_CHECKING:
+    from ..events.poincare_section import Section
     from ..results.trajectory import Trajectory
+    from ..steppers.ensemble import Ensemble
 
-__all__ = ["check_target", "draw", "figure_class", "save", "thin"]
+__all__ = ["check_picture_path", "draw_ensemble", "draw_section", "draw_trajectory", "figure_class",
+           "save", "thin"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
@@ -27,7 +32,7 @@ _FEW = 300  # states that a line joins: between more of them it would be noise
 _NAMED = 16  # lines that a legend names
 
 
-def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> Any:
+def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> Any:
     """Draw the axis trace on the sphere, the energy error and the constraint errors.
 
     Of several bodies the places of their centres of mass stand where the sphere is, of systems
@@ -50,7 +55,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     MissingDependencyError
         Without matplotlib.
     """
-    target = None if path is None else check_target(path)
+    target = None if path is None else check_picture_path(path)
     more = trajectory.panels()
     rows = 2 + len(more)
     figure = figure_class()(figsize=(11, 2.3 * rows), layout="constrained")
@@ -72,7 +77,7 @@ def draw(trajectory: Trajectory, path: str | os.PathLike[str] | None = None) -> 
     return figure
 
 
-def check_target(path: str | os.PathLike[str]) -> Path:
+def check_picture_path(path: str | os.PathLike[str]) -> Path:
     """Return the path if a picture can be written as such a file, and drawn at all.
 
     Raises
@@ -83,9 +88,7 @@ def check_target(path: str | os.PathLike[str]) -> Path:
         Without matplotlib.
     """
     target = as_path("path", path, "top.png")
-    if ending_of(target) not in PICTURES:
-        raise InputError(f"A picture cannot be written as {target.name!r}; end it in "
-                         f"{', '.join(PICTURES)}.")
+    format_of(target, "A picture", "picture")
     figure_class()
     return target
 
@@ -98,12 +101,8 @@ def save(figure: Any, target: Path) -> None:
     GyrosparkError
         If it cannot be written.
     """
-    try:
-        figure.savefig(target, dpi=150)
-    except OSError as error:
-        raise GyrosparkError(
-            f"The picture cannot be written to {str(target)!r}: {why_unwritable(target, error)}."
-        ) from error
+    with result_file(target, "The picture") as part:
+        figure.savefig(part, dpi=150)
 
 
 def figure_class() -> Any:
@@ -124,7 +123,7 @@ def figure_class() -> Any:
 
 
 def thin(trajectory: Trajectory) -> slice:
-    """Return the states that a picture shows: more of them cannot be told apart."""
+    """Return the states that a picture shows, fewer than its resolution."""
     return slice(None, None, max(1, len(trajectory) // _POINTS))
 
 
@@ -213,3 +212,74 @@ def _constraints(axes: Any, trajectory: Trajectory) -> None:
     axes.legend(fontsize=8, ncols=2, loc="upper right")
     axes.margins(y=0.25)
     axes.grid(alpha=0.3)
+
+
+#: Points beyond which each is drawn as one dot.
+_MANY = 20_000
+
+
+def draw_section(section: Section, x: str, y: str, path: str | os.PathLike[str] | None) -> Any:
+    """Draw the points of a section by two of their values; see ``Section.plot``."""
+    target = None if path is None else check_picture_path(path)
+    across, up = section.values(x).astype(float), section.values(y).astype(float)
+    figure = figure_class()(figsize=(7, 6), layout="constrained")
+    axes = figure.add_subplot()
+    many = len(section) > _MANY
+    axes.scatter(across, up, c=section.trajectory, s=0.2 if many else 2, cmap="viridis",
+                 linewidths=0, rasterized=many)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    way = {-1: ", falling", 0: "", 1: ", rising"}[section.event.direction]
+    axes.set_title(f"{section.event.quantity} = {float(section.event.level):g}{way}: "
+                   f"{len(section):,} points", fontsize=11)
+    if target is not None:
+        save(figure, target)
+    return figure
+
+
+#: Trajectories that are drawn, spread over all of them; panels where no values are named.
+_LINES, _PANELS = 200, 6
+
+
+def draw_ensemble(
+    ensemble: Ensemble, values: Sequence[str], path: str | os.PathLike[str] | None
+) -> Any:
+    """Draw values against time, a line for each trajectory; see ``Ensemble.plot``."""
+    target = None if path is None else check_picture_path(path)
+    first = ensemble.members[0]
+    known = [*first.quantities, *first.coordinates, *first.momenta]
+    wanted = as_items("values", values, "names of quantities, coordinates or momenta")
+    names = [choose("value of an ensemble", name, known) for name in wanted] or [
+        *(first.quantities or first.coordinates)][:_PANELS]
+    figure = figure_class()(figsize=(9, 2 + 1.8 * len(names)), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(len(names) + 1, 1, sharex=True))
+    shown = np.unique(np.linspace(0, len(ensemble) - 1, min(len(ensemble), _LINES)).astype(int))
+    for i in shown:
+        one = ensemble.members[i]
+        some = thin(one)
+        colour = (0.27 + 0.5 * i / len(ensemble), 0.2 + 0.5 * (1 - i / len(ensemble)), 0.5)
+        rows = [_values(one, name) for name in names] + [one.energy_error()]
+        for axes, row in zip(panels, rows, strict=True):
+            axes.plot(one.t[some].astype(float), row[some].astype(float), color=colour,
+                      linewidth=0.7)
+    less = " − W" if "forces" in first.manifest["system"] else ""
+    for axes, title in zip(panels, [*names, f"energy error H − H₀{less}"], strict=True):
+        axes.set_title(title, fontsize=10)
+        axes.grid(alpha=0.3)
+    panels[-1].set_xlabel("t [s]")
+    some_of = f", {len(shown)} of them drawn" if len(shown) < len(ensemble) else ""
+    figure.suptitle(f"{first.manifest['name']}: {len(ensemble):,} trajectories{some_of}, "
+                    f"{len(ensemble.failures):,} failed", fontsize=11)
+    if target is not None:
+        save(figure, target)
+    return figure
+
+
+def _values(run: Trajectory, name: str) -> NDArray[Any]:
+    """Return a quantity, a coordinate or a momentum of each state."""
+    if name in run.quantities:
+        return run.quantity(name)
+    names, rows = ((run.coordinates, run.q) if name in run.coordinates else
+                   (run.momenta, run.p))
+    found: NDArray[Any] = rows[:, names.index(name)]
+    return found

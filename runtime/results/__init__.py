@@ -6,7 +6,6 @@
     trajectory          what an integration returns
     trajectory_file     its .npz
     body_motion         one body of it: attitude, angles, velocities, momenta
-    placed_motion       motion of a body whose position and attitude are quantities
     joint_motion        one joint of it: angle, force, torque
     rotation_rate       how far the fastest body turns in a step, and how far is sound
     trajectory_display  tables, figures, pages, films and notebook output of a trajectory

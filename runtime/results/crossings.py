@@ -1,4 +1,4 @@
-"""What was found of an event: where it happened, in one run and in many."""
+"""Crossings of an event: their states and times, in one run and in many."""
 
 from __future__ import annotations
 

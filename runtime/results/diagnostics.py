@@ -21,8 +21,8 @@ class Report:
     where forces do the work W_k (``work`` at the end of the run); constraint
     errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
     constraint on the momenta); means run over k = 0..N as in (87)-(91). ``iterations`` counts
-    sweeps and Newton iterations together; ``newton_steps`` the steps of solver ``auto`` whose
-    sweeps did not converge.
+    fixed-point and Newton iterations together; ``newton_steps`` the steps of solver ``auto`` whose
+    fixed-point iteration did not converge.
     """
 
     steps: int
@@ -70,7 +70,7 @@ class Report:
 
     @property
     def iterations_mean(self) -> float:
-        """Iterations (sweeps, Newton) a step; 0 without steps."""
+        """Iterations (fixed-point, Newton) a step; 0 without steps."""
         return self.iterations / self.steps if self.steps else 0.0
 
 

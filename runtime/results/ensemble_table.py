@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from ..._version import __version__
 from ...core.arguments import as_path
-from ...core.errors import GyrosparkError, InputError, MissingDependencyError
+from ...core.errors import MissingDependencyError
 from ...core.event import Event, refuse_unusable_names
 from ...core.extras import install
-from ...core.file_formats import ENDINGS, ending_of
+from ...core.file_formats import format_of, result_file, with_ending
 from .run_arrays import OUTPUTS, about, labels_of, parts
-from .state_columns import beside, event_headings, finished, headings, states_of, write_csv
+from .state_columns import event_headings, events_path, headings, states_of, write_csv
 from .trajectory_file import storable
 
 if TYPE_CHECKING:
@@ -52,26 +52,19 @@ def to_xarray(ensemble: Ensemble) -> xarray.Dataset:
 
 def save(ensemble: Ensemble, path: Any) -> Path:
     """Write an ensemble to a file; see ``Ensemble.save``."""
-    target = as_path("path", path, "ensemble.npz")
-    if ending_of(target) == "":
-        target = target.with_name(target.name + ".npz")
-    write = {".npz": _write_npz, ".csv": _write_csv, ".nc": _write_netcdf}.get(ending_of(target))
-    if write is None:
-        raise InputError(f"An ensemble cannot be written as {target.name!r}; end it in "
-                         f"{', '.join(ENDINGS)}.")
-    try:
-        if ensemble.events and write is _write_csv:
-            with finished(beside(target)) as part:
-                _write_events(ensemble, part)
-        with finished(target) as part:
-            write(ensemble, part)
-    except OSError as error:
-        raise GyrosparkError(f"The ensemble cannot be written to {str(target)!r}: "
-                             f"{error.strerror or error}.") from error
+    target = with_ending(as_path("path", path, "ensemble.npz"), ".npz")
+    form = format_of(target, "An ensemble", "states")
+    write = form.writer("ensemble")
+    form.require_packages()
+    if ensemble.events and form.tabular:
+        with result_file(events_path(target), "The ensemble") as part:
+            _write_events(ensemble, part)
+    with result_file(target, "The ensemble") as part:
+        write(ensemble, part)
     return target
 
 
-def _write_npz(ensemble: Ensemble, part: Path) -> None:
+def write_npz(ensemble: Ensemble, part: Path) -> None:
     """Write all arrays with all their digits under the names of the Dataset's variables."""
     arrays = {name: storable(values) for name, (_, values, _) in
               (_variables(ensemble) | _of_trajectories(ensemble)).items()}
@@ -80,7 +73,7 @@ def _write_npz(ensemble: Ensemble, part: Path) -> None:
         np.savez_compressed(file, allow_pickle=False, about=np.array(told), **arrays)
 
 
-def _write_csv(ensemble: Ensemble, part: Path) -> None:
+def write_csv_rows(ensemble: Ensemble, part: Path) -> None:
     """Write a row for each state, those of a trajectory one behind the other."""
     first = states_of(ensemble.members[0])
     titles = headings(ensemble.members[0].manifest["system"],
@@ -90,7 +83,7 @@ def _write_csv(ensemble: Ensemble, part: Path) -> None:
 
 
 def _write_events(ensemble: Ensemble, part: Path) -> None:
-    """Write the events beside, with the number of the trajectory of each."""
+    """Write the events to a second file, with the number of the trajectory of each."""
     write_csv(part, ["trajectory", *event_headings(ensemble.members[0].manifest["system"])], (
         [np.full(len(found), i), np.full(len(found), name), found.t, found.q, found.p,
          found.steps, found.rising.astype(int)]
@@ -98,21 +91,14 @@ def _write_events(ensemble: Ensemble, part: Path) -> None:
         for i, found in enumerate(map(events.__getitem__, range(len(events))))))
 
 
-def _write_netcdf(ensemble: Ensemble, part: Path) -> None:
+def write_netcdf(ensemble: Ensemble, part: Path) -> None:
     """Write the Dataset, in doubles where numbers are wider."""
     refuse_unusable_names([Event(name) for name in ensemble.events], "arrays of the file")
     dataset = to_xarray(ensemble)
     for name, values in dataset.variables.items():
         if values.dtype in (np.dtype(object), np.dtype(np.longdouble)):
             dataset[name] = values.astype(float)
-    try:
-        dataset.to_netcdf(part, engine="h5netcdf")
-    except (ImportError, ValueError) as error:
-        if "h5netcdf" not in str(error):
-            raise
-        raise MissingDependencyError(
-            f"Files of NetCDF need h5netcdf; {install('netcdf')} brings it."
-        ) from error
+    dataset.to_netcdf(part, engine="h5netcdf")
 
 
 def _attributes(ensemble: Ensemble) -> dict[str, Any]:
@@ -155,7 +141,7 @@ def _together(rows: list[Array], length: int) -> Array:
 
 
 def _of_trajectories(ensemble: Ensemble) -> Variables:
-    """Return what each trajectory has one of: its step, its parameters, how it ended."""
+    """Return the variables with one value a trajectory: dt, parameters, status."""
     members = ensemble.members
     number = members[0].t.dtype
     found: Variables = {

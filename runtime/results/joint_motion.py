@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import as_flag, choose
 from ...core.errors import InputError
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..compilation.body_columns import JointAt, Pull, numbers
 from ..rigid_body.quaternion import left_matrix
 from .body_motion import turned
@@ -94,10 +94,10 @@ class JointMotion:
         t, rate = self._run.t.astype(float), self._rate(e)
         made = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
         turn = np.unwrap(turn - made) + made
-        self._remark_on_turns(np.diff(t), rate, np.diff(turn - made))
+        self._warn_of_turns(np.diff(t), rate, np.diff(turn - made))
         return turn * (np.degrees(1.0) if as_flag("degrees", degrees) else 1.0)
 
-    def _remark_on_turns(self, spans: Array, rate: Array, off: Array) -> None:
+    def _warn_of_turns(self, spans: Array, rate: Array, off: Array) -> None:
         """Say where states are too far apart for their rates to tell whole turns.
 
         ``off`` is by how much more b has turned in each span than the mean of its rates makes.
@@ -108,11 +108,11 @@ class JointMotion:
         steady = (np.abs(spans * np.diff(rate)) < _STEADY) & (np.abs(off) < _STEADY)
         if (far & ~steady).any():
             between, most = np.abs(spans[far & ~steady]).max(), np.pi / 2 / np.abs(rate).max()
-            remark(f"joint({self.name!r}).angle() counts whole turns by the rates of the stored "
-                   f"states, and these are up to {between:.3g} s apart where it turns by up to "
-                   f"{np.abs(rate).max():.3g} rad/s: it may be off by multiples of 2π. Store a "
-                   f"state every {most:.2g} s or less, by a smaller every, or ask for the angle of "
-                   "run.at(times).")
+            warn(f"joint({self.name!r}).angle() counts whole turns by the rates of the stored "
+                 f"states, and these are up to {between:.3g} s apart where it turns by up to "
+                 f"{np.abs(rate).max():.3g} rad/s: it may be off by multiples of 2π. Store a "
+                 f"state every {most:.2g} s or less, by a smaller every, or ask for the angle of "
+                 "run.at(times).")
 
     def rate(self) -> Array:
         """Return the angular velocity of b against a about their axis, shape (N+1,), in rad/s.

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.warnings import remark
+from ...core.warnings import warn
 from ..compilation.body_columns import bodies_of
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["Rotations", "Turning", "fastest_turning"]
+__all__ = ["FastestRotation", "Rotations", "fastest_rotation"]
 
 Array = NDArray[Any]
 
@@ -28,7 +28,7 @@ Array = NDArray[Any]
 #: within three turns. Order 4 is there at 2.5 rad, with 0.5 to 2 %. Higher orders are right to
 #: 5e-4 or better up to 3 rad; beyond it steps of every order find no solution for one motion or
 #: another, and states half a turn apart do not tell which way a body turns.
-_BORNE = {3: 1.5, 5: 2.5}
+_LIMITS = {3: 1.5, 5: 2.5}
 _MOST = 3.0
 #: Stored states of a run that are looked at for a warning: all of a long run would cost as much as
 #: the steps of a small system.
@@ -36,7 +36,7 @@ _LOOKED_AT = 64
 
 
 @dataclass(frozen=True)
-class Turning:
+class FastestRotation:
     """The fastest rotation among some states.
 
     Attributes
@@ -54,18 +54,18 @@ class Turning:
 
     body: str
     radians: float
-    borne: float
+    limit: float
     dt: float
     order: int
 
     def warn(self) -> bool:
         """Warn where it is more than the method can bear, and return whether it is."""
-        if self.radians <= self.borne:
+        if self.radians <= self.limit:
             return False
-        remark(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
-               f"method of order {self.order} bears {self.borne:g} at the most: the motion is "
-               "lost within some turns. Take a dt well below "
-               f"{abs(self.dt) * self.borne / self.radians:.2g}.")
+        warn(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
+             f"method of order {self.order} bears {self.limit:g} at the most: the motion is "
+             "lost within some turns. Take a dt well below "
+             f"{abs(self.dt) * self.limit / self.radians:.2g}.")
         return True
 
 
@@ -79,12 +79,12 @@ class Rotations:
         self._bodies = bodies_of(manifest)
         self._rates = [one["name"] for one in manifest.get("frame", {}).get("symmetries", ())]
         self._order = manifest["scheme"]["order"]
-        self._borne = next((radians for most, radians in _BORNE.items() if self._order <= most),
+        self._limit = next((radians for most, radians in _LIMITS.items() if self._order <= most),
                            _MOST)
 
     def fastest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
-    ) -> Turning | None:
+    ) -> FastestRotation | None:
         """Return |Ω Δt| of the body that turns fastest in rows of q and p; None where none does.
 
         ``dt`` and each parameter are one number, or one for each row.
@@ -117,7 +117,7 @@ class Rotations:
                     step = float(np.broadcast_to(dt, len(q))[row]) if np.ndim(dt) else float(dt)
         if not fastest:
             return None
-        return Turning(fastest, largest, self._borne, step, self._order)
+        return FastestRotation(fastest, largest, self._limit, step, self._order)
 
     def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
         """Warn where a body turns by more than the method can bear, and return whether it does."""
@@ -133,7 +133,7 @@ class Rotations:
         self.warn(trajectory.parameters, trajectory.dt, trajectory.q[rows], trajectory.p[rows])
 
 
-def fastest_turning(trajectory: Trajectory) -> Turning | None:
+def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
     """Return |Ω Δt| of the body that turns fastest in the stored states of a run, if one does."""
     return Rotations(trajectory.manifest).fastest(
         trajectory.parameters, trajectory.dt, trajectory.q, trajectory.p)

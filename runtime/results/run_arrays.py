@@ -220,19 +220,19 @@ def together(one: Output, arrays: Iterable[Array], rows: int, dtype: Any) -> Arr
 
 
 def absent(one: Output, rows: int, dtype: Any) -> Array:
-    """Return what a trajectory has for an output that its system has not."""
+    """Return the empty array of an output that the system does not have."""
     return np.zeros((rows - one.of_steps, *((0,) if one.split else one.absent)), dtype=dtype)
 
 
 def about(one: Output, manifest: Manifest, name: str) -> dict[str, str]:
-    """Return what readers are told of the array of this name: what it is, and its units."""
+    """Return the attributes of the array of this name: long name and units."""
     units = one.units or (one.body_units if manifest["system"]["rigid_body"] else "")
     long_name = one.long_name.format(name.removeprefix(QUANTITY))
     return {"long_name": long_name, **({"units": units} if units else {})}
 
 
 def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
-    """Return the names along each dimension that has some, and what they are.
+    """Return the labels of each dimension that has some, and their meaning.
 
     A momentum stands where the coordinate does to which it belongs.
     """

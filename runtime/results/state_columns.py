@@ -5,11 +5,9 @@ They stand in the order of ``OUTPUTS``, here as in a stored run.
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import math
-import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from itertools import groupby
 from pathlib import Path
@@ -21,13 +19,22 @@ from numpy.typing import NDArray
 from ...core.arguments import as_items, as_text, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
+from ...core.file_formats import result_file
 from .run_arrays import OUTPUTS, QUANTITY, pieces
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["beside", "event_headings", "finished", "headings", "places_of", "save_events",
-           "spreadsheet_text", "states_of", "write_csv"]
+__all__ = [
+    "event_headings",
+    "events_path",
+    "headings",
+    "places_of",
+    "save_events",
+    "spreadsheet_text",
+    "states_of",
+    "write_csv",
+]
 
 Array = NDArray[Any]
 
@@ -134,8 +141,8 @@ def _written(numbers: Array) -> list[list[Any]]:
     return [[digits_of(number) for number in row] for row in rows] if wide else rows
 
 
-def beside(path: Path) -> Path:
-    """Return the name of the file with the events of a run whose states are in a .csv file."""
+def events_path(path: Path) -> Path:
+    """Return the path of the events of a run whose states are in a .csv file."""
     return path.with_name(f"{path.stem}.events{path.suffix}")
 
 
@@ -155,23 +162,10 @@ def spreadsheet_text(name: str) -> str:
 
 
 def save_events(trajectory: Trajectory, path: Path) -> None:
-    """Write the events of a trajectory, if it has any, beside the .csv file of its states."""
+    """Write the events of a trajectory, if it has any, to a second .csv file."""
     if trajectory.events:
-        with finished(beside(path)) as part:
+        with result_file(events_path(path), "The table") as part:
             write_csv(part, event_headings(trajectory.manifest["system"]), [
                 [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p,
                  found.steps, found.rising.astype(int)]
                 for name, found in trajectory.events.items()])
-
-
-@contextlib.contextmanager
-def finished(path: Path) -> Iterator[Path]:
-    """Yield the name of a file to write, which then becomes ``path``; removed if that fails."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield part
-        part.replace(path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            part.unlink()
-        raise

@@ -1,4 +1,4 @@
-"""A trajectory: what an integration returns, what can be asked of it, and its file."""
+"""A trajectory: the result of an integration, its quantities, and its file."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_path, choose, shown, why_unwritable
-from ...core.errors import GyrosparkError, InputError
-from ...core.file_formats import ENDINGS, ending_of
+from ...core.arguments import as_path, choose, shown
+from ...core.errors import InputError
+from ...core.file_formats import format_of, with_ending
 from ..compilation.body_columns import bodies_of, joints_of, placed_of
-from .body_motion import BodyMotion
+from .body_motion import BodyMotion, PlacedMotion
 from .crossings import Crossings
 from .diagnostics import Report
 from .joint_motion import JointMotion
-from .placed_motion import PlacedMotion
 from .run_arrays import place_of_quantity
 from .trajectory_display import Shown
-from .trajectory_file import read_npz, write_npz
+from .trajectory_file import read_npz
 
 __all__ = ["Trajectory"]
 
@@ -49,7 +48,7 @@ class Trajectory(Shown):
     multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
         Λ_0..Λ_p of the step that ends at each stored state (λ for IMS and EMS).
     iterations : array, shape (N,)
-        Iterations of that step (sweeps or Newton's), the most of the ``every`` steps since the
+        Iterations of that step (fixed-point or Newton), the most of the ``every`` steps since the
         last state.
     energies : array, shape (N+1,)
         H of each state.
@@ -290,31 +289,14 @@ class Trajectory(Shown):
         GyrosparkError
             If the file cannot be written.
         """
-        target = as_path("path", path, "run.npz")
-        if ending_of(target) == "":
-            target = target.with_name(target.name + ".npz")
-        if ending_of(target) not in ENDINGS:
-            raise InputError(f"A trajectory cannot be written as {target.name!r}; end it in "
-                             f"{', '.join(ENDINGS)}.")
-        if ending_of(target) == ".csv":
-            return self.to_csv(target, columns=columns)
-        if columns is not None:
+        target = with_ending(as_path("path", path, "run.npz"), ".npz")
+        form = format_of(target, "A trajectory", "states")
+        if columns is not None and not form.tabular:
             raise InputError(f"columns are those of a .csv file, and {target.name!r} is none; end "
                              "its name in .csv, or leave them out.")
-        if ending_of(target) == ".nc":
-            from ...storage.table_files import (
-                save_table,  # costs time, and Zarr may not be installed
-            )
-
-            return save_table(self, target)
-        try:
-            write_npz(self, target)
-        except OSError as error:
-            raise GyrosparkError(
-                f"The trajectory cannot be written to {str(target)!r}: "
-                f"{why_unwritable(target, error)}."
-            ) from error
-        return target
+        found: Path = form.writer("trajectory")(
+            self, target, **({"columns": columns} if form.tabular else {}))
+        return found
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:

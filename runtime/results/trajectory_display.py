@@ -1,4 +1,4 @@
-"""What a trajectory shows of itself: tables, pictures, pages, films, and itself in a notebook."""
+"""Tables, pictures, pages, films of a trajectory, and its display in a notebook."""
 
 from __future__ import annotations
 
@@ -90,11 +90,11 @@ class Shown:
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw axis trace, energy error and constraint errors; write them where a path is given.
 
-        Returns a matplotlib figure, which Jupyter shows; see ``trajectory_plots.draw``.
+        Returns a matplotlib figure, which Jupyter shows; see ``trajectory_plots.draw_trajectory``.
         """
-        from ..plotting.trajectory_plots import draw  # matplotlib is optional
+        from ..plotting.trajectory_plots import draw_trajectory  # matplotlib is optional
 
-        return draw(self._run, path)
+        return draw_trajectory(self._run, path)
 
     def plot_phase(self, *coordinates: str, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw phase portraits: each of these coordinates, or the first six, against its momentum.

@@ -14,19 +14,18 @@ from ..._version import __version__
 from ...core.arguments import listed
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
+from ...core.file_formats import result_file
 from ...core.real_types import REALS
-from ..bindings.real_numbers import from_text
-from ..bindings.struct_memory import without_padding
+from ..bindings.real_numbers import from_text, without_padding
 from ..compilation.manifest import sizes_of
 from .crossings import Crossings
 from .diagnostics import Report, known_fields
 from .run_arrays import OUTPUTS, Output, absent, parts
-from .state_columns import finished
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["read_npz", "storable", "write_npz"]
+__all__ = ["read_npz", "save_npz", "storable"]
 
 Array = NDArray[Any]
 _FORMAT = 2
@@ -36,8 +35,8 @@ _CROSSING = ("t", "q", "p", "steps", "rising")
 _LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
 
 
-def write_npz(trajectory: Trajectory, target: Path) -> None:
-    """Write all of a trajectory; float128 as bytes, a last axis of 16."""
+def save_npz(trajectory: Trajectory, target: Path) -> Path:
+    """Write all of a trajectory; float128 as bytes, a last axis of 16; return the path."""
     about = {
         "format": _FORMAT,
         "dt": digits_of(trajectory.dt),
@@ -49,12 +48,13 @@ def write_npz(trajectory: Trajectory, target: Path) -> None:
     }
     crossings = {f"event{i}_{name}": getattr(found, name)
                  for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
-    with finished(target) as part, part.open("wb") as file:
+    with result_file(target, "The trajectory") as part, part.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
             **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
             **{one.attribute: storable(getattr(trajectory, one.attribute)) for one in OUTPUTS},
             **{name: storable(array) for name, array in crossings.items()})
+    return target
 
 
 def read_npz(path: Path) -> dict[str, Any]:

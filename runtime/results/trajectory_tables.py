@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_flag, as_path, why_unwritable
-from ...core.errors import GyrosparkError, InputError, MissingDependencyError
+from ...core.arguments import as_flag, as_path
+from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import ending_of
+from ...core.file_formats import ending_of, result_file
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName
 from .run_arrays import OUTPUTS, about, labels_of, parts
-from .state_columns import finished, headings, places_of, save_events, states_of, write_csv
+from .state_columns import headings, places_of, save_events, states_of, write_csv
 
 if TYPE_CHECKING:
     import pandas
@@ -51,13 +51,9 @@ def to_csv(
     if ending_of(target) != ".csv":
         raise InputError(f"{target.name!r} is no name of a CSV file; end it in .csv.")
     found = _columns(trajectory, euler, degrees, angular_velocity, columns)
-    try:
-        save_events(trajectory, target)
-        with finished(target) as part:
-            write_csv(part, list(found), [list(found.values())])
-    except OSError as error:
-        raise GyrosparkError(f"The table cannot be written to {str(target)!r}: "
-                             f"{why_unwritable(target, error)}.") from error
+    save_events(trajectory, target)
+    with result_file(target, "The table") as part:
+        write_csv(part, list(found), [list(found.values())])
     return target
 
 

@@ -4,6 +4,5 @@
     euler_angles   Euler angles in any sequence of axes
     gamma_rules    γ_m, γ_h and the others (47), (48), (50)
     closed_forms   regular precession and the free body, exactly
-    exact_motions  the same, as ``gyrospark.exact`` has them
     problems       the problems of section 5, as ``gyrospark.problems``
 """

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +26,11 @@ from ...core.inertia import (
     real_array,
     tensor_of_inverse,
 )
+from ...core.registry import GAMMA_RULES, RULES
 
-__all__ = [
-    "AIMS", "MEANS", "MEANS_BY_SYMBOL", "Aim", "gamma_fast", "gamma_h", "gamma_h_tilde", "gamma_m",
-    "gamma_m_tilde", "has_inertia", "is_weight", "known_inertia", "principal_moments", "ruled",
-]
+__all__ = ["MEANS", "MEANS_BY_SYMBOL", "gamma_by_rule", "gamma_fast", "gamma_h", "gamma_h_tilde",
+           "gamma_m", "gamma_m_tilde", "has_inertia", "is_inertia_parameter", "known_inertia",
+           "principal_moments"]
 
 
 def gamma_m(inertia: InertiaLike) -> float:
@@ -83,23 +83,19 @@ def gamma_h_tilde(inertia: InertiaLike) -> float:
     return _mean(inertia, _two_or_three(inertia), _harmonic, largest=2)
 
 
-#: The four by the names that options and files give them, and by the paper's symbols.
+#: The means of the registry by their names, and by the paper's symbols.
 MEANS: dict[str, Callable[[InertiaLike], float]] = {
-    "m": gamma_m, "h": gamma_h, "mt": gamma_m_tilde, "ht": gamma_h_tilde}
-MEANS_BY_SYMBOL = dict(zip(("γ_m", "γ_h", "γ̃_m", "γ̃_h"), MEANS.values(), strict=True))
-
-#: What a chosen value is to make small, by the names that stand for "choose it".
-Aim = Literal["motion", "energy"]
-AIMS: dict[str, Aim] = {"auto": "motion", "auto-energy": "energy"}
+    rule.name: globals()[rule.function] for rule in GAMMA_RULES.values() if rule.is_mean}
+MEANS_BY_SYMBOL = {GAMMA_RULES[name].symbol: mean for name, mean in MEANS.items()}
 
 
 def gamma_fast(inertia: InertiaLike, omega: Sequence[float]) -> float:
-    """Return the γ with which sweeps converge fastest: 1.1 times the moment about a fast axis.
+    """Return the γ of fastest fixed-point convergence: 1.1 times the moment about a fast axis.
 
     For a body that is symmetric about the axis it spins about (Ω in body axes, rad/s); for any
     other, γ_m, which is best there already. From 6 stages on the solution no longer depends on γ,
-    only the number of sweeps does, and it is safe; with fewer stages γ changes the accuracy, and
-    γ_m or γ_h is the choice.
+    only the number of iterations does, and it is safe; with fewer stages γ changes the accuracy,
+    and γ_m or γ_h is the choice.
 
     Raises
     ------
@@ -135,7 +131,7 @@ def principal_moments(inertia: InertiaLike) -> Moments:
     return moments_of(as_moments_or_tensor(inertia))
 
 
-def is_weight(name: str) -> bool:
+def is_inertia_parameter(name: str) -> bool:
     """Whether a parameter has the name of a body's γ or α: gamma, a_gamma, …"""
     return name.rpartition("_")[2] in ("gamma", "alpha")
 
@@ -143,18 +139,20 @@ def is_weight(name: str) -> bool:
 def has_inertia(name: str, parameters: Mapping[str, Any]) -> bool:
     """Whether a parameter is γ or α of a body whose inertia is among the parameters too."""
     prefix = name.removesuffix("gamma").removesuffix("alpha")
-    return is_weight(name) and not parameters.keys().isdisjoint((f"{prefix}I1", f"{prefix}K11"))
+    return is_inertia_parameter(name) and not parameters.keys().isdisjoint(
+        (f"{prefix}I1", f"{prefix}K11"))
 
 
 def inertia_names(name: str) -> tuple[list[str], list[str]]:
-    """Return what the moments beside an inertia parameter are called, and the entries of J⁻¹."""
+    """Return the names of the moments that belong to an inertia parameter, and of the entries of
+    J⁻¹."""
     prefix = name.removesuffix("gamma").removesuffix("alpha")
     return ([f"{prefix}I{axis}" for axis in (1, 2, 3)],
             [f"{prefix}K{pair}" for pair in ("11", "12", "13", "22", "23", "33")])
 
 
-def ruled(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
-    """Return γ or α by one of the rules m, h, mt and ht, from the inertia beside it.
+def gamma_by_rule(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
+    """Return γ or α by the name of a mean, from the inertia among the parameters.
 
     Raises
     ------
@@ -163,12 +161,12 @@ def ruled(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
     """
     if rule not in MEANS:
         raise InputError(f"Parameter {name} = {shown(rule)} is neither a number nor one of the "
-                         f"rules {listed([*MEANS, *AIMS])}.")
+                         f"rules {listed(RULES)}.")
     return MEANS[rule](known_inertia(name, parameters))
 
 
 def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
-    """Return the moments beside an inertia parameter: I1.. for gamma, a_I1.. for a_gamma.
+    """Return the moments that belong to an inertia parameter: I1.. for gamma, a_I1.. for a_gamma.
 
     Of a body with a tensor, a_K11.. tell them.
 

@@ -17,15 +17,20 @@ from ...core.errors import InputError, StepFailed, Stopped
 from ...core.event import as_events
 from ...core.exact_numbers import Number
 from ...core.html import card, table
-from ...core.interrupts import ctrl_c
+from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_positive_count
 from ..bindings.inputs import Inputs, as_inputs
 from ..events.detection import Levels
-from ..events.location import crossings_of, watches_of
+from ..events.location import crossings_of, detectors_for
 from ..integration.failure import Diagnosis
-from ..integration.lanes import Course, fill_course, threads_of
-from ..integration.parameters import refuse_auto, refuse_choice
-from ..integration.run_arguments import Given, checked_runs
+from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
+from ..integration.run_arguments import (
+    RawArguments,
+    checked_runs,
+    refuse_auto,
+    refuse_choice,
+    warn_of_negative,
+)
 from ..integration.step_loop import failure_of, trajectory_of
 from ..results import ensemble_table
 from ..results.crossings import Crossings, CrossingsOfMany
@@ -150,9 +155,9 @@ class Ensemble:
         matplotlib.figure.Figure
             Of 200 trajectories at most, spread over all.
         """
-        from ..plotting.ensemble_plot import draw  # matplotlib is optional
+        from ..plotting.trajectory_plots import draw_ensemble  # matplotlib is optional
 
-        return draw(self, values, path)
+        return draw_ensemble(self, values, path)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""
@@ -179,27 +184,29 @@ def integrate_members(
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
                          f"(trajectories, {stepper.n}) for both.")
     size = len(starts)
-    given = Given(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
+    given = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
-                  _each_parameters(stepper.fed(parameters, inputs), size))
+                  _each_parameters(stepper.parameters_with_inputs(parameters, inputs), size),
+                  options)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]), hold,
                     size)
     given = _with_frames(stepper, given, fed)
-    runs = replace(checked_runs(stepper, given, options), inputs=fed)
+    runs = replace(checked_runs(stepper, given), inputs=fed)
+    warn_of_negative(runs.parameters)
     levels = _levels(stepper, events)
     if runs.first.steps:
         stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
-    course = Course.of(stepper, runs, watches_of(stepper, levels, runs))
-    with ctrl_c() as interrupts:
-        def fill(some: Course) -> None:
-            fill_course(some, threads_of(workers), lambda: interrupts.asked)
+    computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
+    with catch_ctrl_c() as interrupts:
+        def fill(some: EnsembleStates) -> None:
+            fill_ensemble(some, threads_of(workers), lambda: interrupts.requested)
 
-        fill(course)
+        fill(computed)
         crossings = [] if levels is None else crossings_of(stepper, levels, runs,
-                                                           course.watches, fill)
-    found = _ensemble(stepper, course, crossings)
-    if interrupts.asked:
-        raise Stopped(f"Stopped with {sum(course.stored):,} of {found.t.size:,} states; they are "
+                                                           computed.detectors, fill)
+    found = _ensemble(stepper, computed, crossings)
+    if interrupts.requested:
+        raise Stopped(f"Stopped with {sum(computed.stored):,} of {found.t.size:,} states; they are "
                       "in .ensemble.", interrupts.signal, ensemble=found)
     return found
 
@@ -216,16 +223,16 @@ def _levels(stepper: Stepper, events: Any) -> Levels | None:
 
 
 def _ensemble(
-    stepper: Stepper, course: Course, crossings: list[dict[str, Crossings]]
+    stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]]
 ) -> Ensemble:
-    """Return what was stored as arrays, NaN where nothing was, the failures beside them."""
-    binding, runs, rows = stepper.binding, course.runs, course.rows
+    """Return the stored states as arrays, NaN behind a failed step, and the failures."""
+    binding, runs, rows = stepper.binding, computed.runs, computed.rows
     states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
     at = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
     t = binding.times(runs.t0[:, None], runs.dt[:, None], at)
     q, p, multipliers = rows.q.copy(), rows.p.copy(), rows.multipliers[:, 1:].copy()
     iterations = rows.iterations[:, 1:].copy()
-    for i, stored in enumerate(course.stored):
+    for i, stored in enumerate(computed.stored):
         if stored < states:
             t[i, stored:] = no_number if t.dtype == object else np.nan
             q[i, stored:] = p[i, stored:] = multipliers[i, stored - 1 :] = no_number
@@ -234,19 +241,19 @@ def _ensemble(
         multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
 
     def member(i: int) -> Trajectory:
-        made = trajectory_of(binding, stepper.manifest, runs[i], course.rows_of(i),
-                             course.report(i), course.q[i], course.p[i])
+        made = trajectory_of(binding, stepper.manifest, runs[i], computed.rows_of(i),
+                             computed.report(i), computed.q[i], computed.p[i])
         return replace(made, events=crossings[i]) if crossings else made
 
-    failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(course.status[i])))
-                for i in np.flatnonzero(course.status).tolist()}
+    failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(computed.status[i])))
+                for i in np.flatnonzero(computed.status).tolist()}
     events = {name: CrossingsOfMany([one[name] for one in crossings])
               for name in (crossings[0] if crossings else ())}
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
 
 
-def _with_frames(stepper: Stepper, given: Given, inputs: Inputs | None) -> Given:
-    """Return what is given with each start's own least squares where a frame is asked for."""
+def _with_frames(stepper: Stepper, given: RawArguments, inputs: Inputs | None) -> RawArguments:
+    """Return the arguments with the least-squares frame of each start, where one is asked for."""
     def rates(i: int) -> dict[str, float]:
         own = given.parameters_of(i)
         if own["frame"] != "start":

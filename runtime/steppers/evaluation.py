@@ -1,4 +1,4 @@
-"""What a compiled stepper says of a state, and of what a step solves; no step is taken."""
+"""Energy, constraints, residual and Jacobian of a compiled stepper at a state; no step is taken."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
 from ...engine.amalgamate import complete
 from ..bindings.array_checks import as_real, as_step
-from ..bindings.binding import REASONS, Binding
-from ..bindings.compiled_constraints import CompiledConstraints
+from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
-from ..integration.parameters import as_parameters
+from ..integration.run_arguments import as_parameters, warn_of_negative
 from ..tuning.manifest_symmetries import symmetries_of
 
 __all__ = ["Evaluation"]
@@ -247,6 +246,7 @@ class Evaluation:
     def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
         number = self.binding.number
         values = as_parameters(given, self.parameter_domains, number, self.symmetries)
+        warn_of_negative(values)
         return self.binding.parameters(values, as_real("t", t, number))
 
     def _at(

@@ -1,4 +1,4 @@
-"""What a run needs to know of a model beside its stepper: numbers, no formulas."""
+"""Default parameters and start of a model: numbers, no formulas."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
     Array = NDArray[Any]
 
-__all__ = ["Start"]
+__all__ = ["RunDefaults"]
 
 #: The fields of a start with numbers in them.
 _NUMBERS = ("parameters", "q0", "p0", "bodies", "dt")
 
 
 @dataclass(frozen=True)
-class Start:
-    """Parameters and the state at t = 0, in doubles that know what was typed in a file.
+class RunDefaults:
+    """Parameters and the state at t = 0, in doubles that carry the digits of a file.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Start:
         Parameters that another value may be given for and nothing else changes.
     events : tuple of Event
         What its runs look for.
-    remarks : list of str
-        What is to be said of the file that the model came from.
+    warnings : list of str
+        Warnings about the file that the model came from.
     """
 
     name: str
@@ -60,22 +60,22 @@ class Start:
     steps: int | None
     rules: Mapping[str, str] = field(default_factory=dict)
     free: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     events: tuple[Event, ...] = ()
 
     def __repr__(self) -> str:
-        return (f"<Start of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
+        return (f"<RunDefaults of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
                 "parameters>")
 
     @classmethod
-    def of_problem(cls, problem: Problem) -> Start:
+    def of_problem(cls, problem: Problem) -> RunDefaults:
         """Return the numbers of a built-in problem, one rigid body."""
         inertia = list(problem.inertia)
         return cls(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
                    problem.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
 
     @classmethod
-    def of(cls, model: Any) -> Start:
+    def of(cls, model: Any) -> RunDefaults:
         """Return the numbers of a model, a ``gyrospark.Model`` or what has its attributes."""
         return cls(
             model.name, model.description, {k: knowing(x) for k, x in model.parameters.items()},
@@ -102,7 +102,7 @@ class Start:
             "events": events}
 
     @classmethod
-    def from_json(cls, content: dict[str, Any]) -> Start:
+    def from_json(cls, content: dict[str, Any]) -> RunDefaults:
         """Return what ``as_json`` was made of."""
         events = tuple(Event(**one | {"level": Fraction(one["level"])})
                        for one in content["events"])

@@ -1,10 +1,11 @@
-"""One trajectory held in compiled memory between calls: its predictor, its rounding errors.
+"""Trajectories whose solver memory (predictor, compensation terms) persists between calls.
 
-``Held`` is what both users of it share: ``Simulation``, which its caller advances by any number of
-steps, and a loop of ``Stepper.step``, which gives each call the end of the one before. As long as
-it does, with the same time step, parameters and solver, compiled code goes on in the memory of that
-call: a call then takes the sweeps, and gives the bits, of a step inside ``integrate``. Any other
-call starts anew, as ``integrate`` does. ``Recorded`` keeps every state of a simulation as well.
+``AdvancingRun`` is what both users of it share: ``Simulation``, which its caller advances by any
+number of steps, and a loop of ``Stepper.step``, which gives each call the end of the one before. As
+long as it does, with the same time step, parameters and solver, compiled code goes on in the memory
+of that call: a step then has the iterations and the bits of a step inside ``integrate``. Any
+other call starts anew, as ``integrate`` does. ``RecordingRun`` keeps every state of a simulation as
+well.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from numpy.typing import NDArray
 from ...core.arguments import proposal
 from ...core.errors import InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
-from ...core.interrupts import ctrl_c
+from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import Binding
 from ..bindings.inputs import Inputs
 from ..integration.consistency import refuse_inconsistent
 from ..integration.failure import diagnose
-from ..integration.parameters import as_parameters
-from ..integration.step_loop import FIRST_STEPS, Pace, Rows, Run, advance, ended_at, trajectory_of
+from ..integration.run_arguments import RunArguments, as_parameters, warn_of_negative
+from ..integration.step_loop import FIRST_STEPS, ChunkSize, Rows, advance, ended_at, trajectory_of
 from ..results.diagnostics import Report
 from ..results.run_arrays import place_of_quantity
 from ..results.trajectory import Trajectory
@@ -36,15 +37,15 @@ from ..results.trajectory import Trajectory
 if TYPE_CHECKING:
     from .stepper import Stepper
 
-__all__ = ["Held", "Simulation"]
+__all__ = ["AdvancingRun", "Simulation"]
 
 Array = NDArray[Any]
 
 
-class Held:
-    """A run in its own memory: ``steps``, ``q`` and ``p`` are what compiled code makes of them."""
+class AdvancingRun:
+    """A run with its own solver memory; compiled code advances ``steps``, ``q`` and ``p``."""
 
-    def __init__(self, binding: Binding, run: Run) -> None:
+    def __init__(self, binding: Binding, run: RunArguments) -> None:
         self.run, self.binding = run, binding
         self.q, self.p = run.q.copy(), run.p.copy()
         self.work = binding.work()
@@ -101,21 +102,21 @@ class Held:
         t = self.run.t0 + self.steps * self.run.dt
         run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
                       every=self.steps + 2)
-        rows = Rows.room(self.binding, 0)
+        rows = Rows.allocate(self.binding, 0)
         rows.q[0], rows.p[0] = self.q, self.p
         return replace(trajectory_of(self.binding, manifest, run, rows, self.record, self.q,
                                      self.p), every=1)
 
 
-class LastStep(Held):
-    """A trajectory that is taken one step at a time by a caller who gives all anew each time."""
+class ContinuedStep(AdvancingRun):
+    """A trajectory of ``Stepper.step``: the caller passes all arguments again at each step."""
 
-    def __init__(self, binding: Binding, run: Run, given: tuple[Any, ...]) -> None:
+    def __init__(self, binding: Binding, run: RunArguments, given: tuple[Any, ...]) -> None:
         super().__init__(binding, run)
         #: What the caller gave beside the state, as given: a call that gives the same goes on.
         *self._given, self._given_parameters = *given[:-1], dict(given[-1])
 
-    def goes_on(self, q: Any, p: Any, t0: Any, given: tuple[Any, ...]) -> bool:
+    def continues(self, q: Any, p: Any, t0: Any, given: tuple[Any, ...]) -> bool:
         """Whether these are the end of the step before, and all else is as it was."""
         run = self.run
         return (
@@ -127,18 +128,18 @@ class LastStep(Held):
             and _same_numbers(given[-1], self._given_parameters)
         )
 
-    def run_from(self, q: Any, p: Any, t0: Any) -> Run:
+    def run_from(self, q: Any, p: Any, t0: Any) -> RunArguments:
         """Return a run of one step from these, which the caller gave and were checked."""
         return replace(self.run, q=np.array(q, self.q.dtype), p=np.array(p, self.p.dtype), t0=t0)
 
 
-class Recorded(Held):
-    """A run that keeps each of its states: the steps of ``integrate``, a piece at a time."""
+class RecordingRun(AdvancingRun):
+    """A run that stores each of its states, as ``integrate`` does, in several calls."""
 
-    def __init__(self, binding: Binding, run: Run) -> None:
+    def __init__(self, binding: Binding, run: RunArguments) -> None:
         super().__init__(binding, run)
         self._report, self._failed = binding.report(), False
-        self._rows = Rows.room(binding, FIRST_STEPS)
+        self._rows = Rows.allocate(binding, FIRST_STEPS)
         self._rows.q[0], self._rows.p[0], self._rows.work[0] = run.q, run.p, 0
         #: The inputs of each step, and whether any were given.
         self._inputs, self._fed = binding.new(FIRST_STEPS, len(binding.input_names)), False
@@ -172,7 +173,7 @@ class Recorded(Held):
         done, before = self.steps, self._rows
         if steps <= len(before.iterations):
             return
-        self._rows = Rows.room(self.binding, max(steps, 2 * len(before.iterations)))
+        self._rows = Rows.allocate(self.binding, max(steps, 2 * len(before.iterations)))
         self._put(done, vars(before), self._inputs)
 
     def _put(self, done: int, rows: Mapping[str, Array], inputs: Array) -> None:
@@ -203,10 +204,10 @@ class Recorded(Held):
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:
-        Held.image.__set__(self, image[:3])  # type: ignore[attr-defined]
+        AdvancingRun.image.__set__(self, image[:3])  # type: ignore[attr-defined]
         report, rows, inputs, self._fed, self._failed = image[3:]
         self.binding.image(self._report)[:] = np.frombuffer(report, dtype=np.uint8)
-        self._rows = Rows.room(self.binding, max(self.steps, FIRST_STEPS))
+        self._rows = Rows.allocate(self.binding, max(self.steps, FIRST_STEPS))
         self._put(self.steps, rows, inputs)
 
     def trajectory(self, manifest: dict[str, Any]) -> Trajectory:
@@ -215,12 +216,12 @@ class Recorded(Held):
         rows = Rows(**{name: array[: done + (name in ("q", "p", "work"))].copy()
                        for name, array in vars(self._rows).items()})
         inputs = Inputs(self.binding.input_names, self._inputs[None, :done].copy(), 1)
-        run = replace(self.run, steps=done).fed(inputs if self._fed else None)
+        run = replace(self.run, steps=done).with_inputs(inputs if self._fed else None)
         return trajectory_of(self.binding, manifest, run, rows, self._report, self.q, self.p)
 
 
 class Simulation:
-    """A trajectory to hold in the hand: ``Stepper.start`` makes it, ``advance`` takes it on.
+    """A trajectory that its caller advances: ``Stepper.start`` makes it, ``advance`` takes steps.
 
     However the steps are shared out among calls, their bits are those of one ``integrate``. One
     thread at a time may use it; ``copy`` gives another its own.
@@ -231,9 +232,9 @@ class Simulation:
         The time step, in the stepper's own type.
     """
 
-    def __init__(self, stepper: Stepper, run: Run, record: bool = False) -> None:
+    def __init__(self, stepper: Stepper, run: RunArguments, record: bool = False) -> None:
         self._stepper = stepper
-        self._held = (Recorded if record else Held)(stepper.binding, run)
+        self._held = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
         self._in_use = threading.Lock()
         self.dt = run.dt
 
@@ -287,14 +288,14 @@ class Simulation:
 
     def _long(self, steps: int) -> int:
         """Take many steps, with a look at Ctrl-C now and then."""
-        pace, status, done = Pace(), 0, 0
-        with ctrl_c() as interrupts:
-            while done < steps and not status and not interrupts.asked:
+        pace, status, done = ChunkSize(), 0, 0
+        with catch_ctrl_c() as interrupts:
+            while done < steps and not status and not interrupts.requested:
                 count = min(pace.begin(), steps - done)
                 status = self._held.advance(count)
                 pace.end(count)
                 done += count
-        if interrupts.asked and not status:
+        if interrupts.requested and not status:
             raise Stopped(f"{ended_at(done, steps)} The simulation is there.", interrupts.signal)
         return status
 
@@ -391,6 +392,7 @@ class Simulation:
         held, stepper = self._held, self._stepper
         made = as_parameters(parameters, stepper.parameter_domains, held.binding.number,
                              stepper.symmetries)
+        warn_of_negative(made)
         deciding = stepper.manifest["system"]["start_parameters"]
         if any(made[name] != held.run.parameters[name] for name in deciding):
             refuse_inconsistent(held.binding, stepper.manifest,
@@ -420,7 +422,7 @@ class Simulation:
 
     @property
     def _records(self) -> bool:
-        return isinstance(self._held, Recorded)
+        return isinstance(self._held, RecordingRun)
 
     def _image(self) -> tuple[Any, ...]:
         self._take()
@@ -441,16 +443,16 @@ class Simulation:
 
 
 def _simulation(
-    stepper: Stepper, run: Run, image: tuple[Any, ...], record: bool
+    stepper: Stepper, run: RunArguments, image: tuple[Any, ...], record: bool
 ) -> Simulation:
-    """Return a simulation that goes on from an image of another one."""
+    """Return a simulation with a copy of another one's memory."""
     made = Simulation(stepper, run, record)
     made._held.image = image
     return made
 
 
 def _unpickled(
-    stepper: Stepper, provenance: dict[str, str], run: Run, image: tuple[Any, ...],
+    stepper: Stepper, provenance: dict[str, str], run: RunArguments, image: tuple[Any, ...],
     record: bool = False,
 ) -> Simulation:
     """Return a simulation in another process; the memory means the same to the same code alone."""

@@ -1,9 +1,10 @@
-"""A compiled stepper: steps, trajectories, ensembles, and what a step solves, from Python."""
+"""A compiled stepper: steps, trajectories and ensembles from Python."""
 
 from __future__ import annotations
 
 import textwrap
 import threading
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -20,22 +21,21 @@ from ...core.html import card, table
 from ..bindings.array_checks import as_callback, as_positive_count, as_real
 from ..bindings.binding import SOLVERS, SolverName
 from ..bindings.inputs import Inputs, as_inputs
-from ..compilation.manifest import remarks_of
+from ..compilation.manifest import manifest_warnings
 from ..compilation.stepper_module import provenance
 from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
-from ..integration.dense_output import between, marks_of
-from ..integration.frame_following import followed
-from ..integration.parameters import as_parameters
-from ..integration.step_count import step_count
-from ..integration.step_loop import Run, integrate
+from ..integration.dense_output import between, stored_steps_at
+from ..integration.frame_following import follow_frame
+from ..integration.run_arguments import RunArguments, as_parameters, step_count, warn_of_negative
+from ..integration.step_loop import integrate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
-from ..tuning.frame_choice import chosen
-from ..tuning.step_choice import with_step
+from ..tuning.frame_choice import choose_parameters
+from ..tuning.step_choice import step_choice
 from .ensemble import Ensemble, integrate_members
 from .evaluation import Evaluation
-from .simulation import LastStep, Simulation
+from .simulation import ContinuedStep, Simulation
 
 __all__ = ["SOLVERS", "Stepper"]
 
@@ -66,16 +66,16 @@ class Stepper(Evaluation):
         All that the generator says of the stepper.
     symmetries : tuple of Symmetry, with name, A, J and condition
         What a co-moving frame may move along.
-    remarks : list of str
-        What a tableau of your own lacks: symplecticity, symmetry, sweeps, the order its weights
-        would allow; and where H or forces switch, as |x| does at 0. Empty for what lacks nothing.
+    warnings : list of str
+        Properties that a tableau of your own lacks: symplecticity, symmetry, fixed-point iteration,
+        the order that its weights allow; and where H or forces switch, as |x| does at 0.
     """
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
         super().__init__(name, files)
         self.order = int(self.manifest["scheme"]["order"])
-        self.remarks = [remark for _, remark in remarks_of(self.manifest)]
-        #: How far bodies turn in a step, which integrations warn of.
+        self.warnings = [text for _, text in manifest_warnings(self.manifest)]
+        #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
 
@@ -96,12 +96,19 @@ class Stepper(Evaluation):
                     ("joints", system.get("joints", ())),
                     ("quantities", system.get("quantities", ())),
                     ("frame", [s.name for s in self.symmetries])) if names),
-                ("numbers", self.manifest["real"]), *(("note", text) for text in self.remarks)]
+                ("numbers", self.manifest["real"]), *(("note", text) for text in self.warnings)]
         return card(f"Stepper {self.name}", table(rows))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by sources: another process, or another machine, compiles them or has them."""
         return _stepper_of, (self.name, tuple(sorted(self.files.items())))
+
+    @property
+    def remarks(self) -> list[str]:
+        """Former name of ``warnings``."""
+        warnings.warn("Stepper.remarks is Stepper.warnings now; the old name goes in the next "
+                      "version.", DeprecationWarning, stacklevel=2)
+        return self.warnings
 
     @property
     def provenance(self) -> dict[str, str]:
@@ -129,7 +136,7 @@ class Stepper(Evaluation):
 
         A call that is given what the last one in this thread returned, and the rest as before
         (``t0`` one ``dt`` on, where the system depends on time), goes on where that ended: a loop
-        of calls gives the bits of ``integrate``, and costs as few sweeps.
+        of calls gives the bits of ``integrate``, and costs as few iterations.
         """
         fed = as_inputs(inputs, self.binding, 1)
         if fed is not None:
@@ -137,18 +144,18 @@ class Stepper(Evaluation):
                 "parameters", parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names}
         given = (dt, solver, tolerance, max_iterations, parameters)
-        held: LastStep | None = getattr(self._local, "held", None)
+        held: ContinuedStep | None = getattr(self._local, "held", None)
         self._local.held = None
-        if held is None or not held.goes_on(q, p, t0, given):
-            run = self.checked_run(q, p, dt=dt, steps=1, every=1, t0=t0,
-                                   parameters=self.fed(parameters, inputs), solver=solver,
-                                   tolerance=tolerance, max_iterations=max_iterations)
+        if held is None or not held.continues(q, p, t0, given):
+            run = self.checked_run(self.run_arguments(
+                q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver,
+                tolerance=tolerance, max_iterations=max_iterations))
             self.warned(run)
-            held = LastStep(self.binding, run, given) if solver != "python" else None
+            held = ContinuedStep(self.binding, run, given) if solver != "python" else None
         if held is not None and fed is not None:
             held.feed(fed.at(0))
         if held is None or held.advance(1):
-            run = run.fed(fed) if held is None else held.run_from(q, p, t0).fed(fed)
+            run = run if held is None else held.run_from(q, p, t0).with_inputs(fed)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
         self._local.held = held
@@ -167,7 +174,7 @@ class Stepper(Evaluation):
         max_iterations: int = 50,
         record: bool = False,
     ) -> Simulation:
-        """Return a simulation that stands at (q0, p0) and is advanced by its caller.
+        """Return a simulation that starts at (q0, p0) and is advanced by its caller.
 
         The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
         ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
@@ -182,9 +189,10 @@ class Stepper(Evaluation):
             As ``integrate`` does.
         """
         held = [name for name in SOLVERS if name != "python"]
-        run = self.checked_run(q0, p0, dt=dt, steps=0, every=1, parameters=parameters, t0=t0,
-                               solver=choose("solver of a simulation", solver, held),
-                               tolerance=tolerance, max_iterations=max_iterations)
+        run = self.checked_run(self.run_arguments(
+            q0, p0, dt=dt, steps=0, parameters=parameters, t0=t0,
+            solver=choose("solver of a simulation", solver, held), tolerance=tolerance,
+            max_iterations=max_iterations))
         self.warned(run)
         return Simulation(self, run, as_flag("record", record))
 
@@ -253,10 +261,10 @@ class Stepper(Evaluation):
         every : int
             Store every so many steps, and the last.
         solver : {"auto", "newton", "fixed-point", "python"}
-            ``auto`` sweeps (fixed point with a Schur correction of the multipliers) from values
-            predicted out of the past steps, and takes a step with Newton where sweeps do not
-            converge; ``fixed-point`` sweeps only; ``newton`` is full Newton in C from a constant
-            guess, ``python`` the same driven from Python.
+            ``auto`` is the fixed-point iteration with a Schur correction of the multipliers, from
+            values predicted from past steps, with Newton's method for steps where it does not
+            converge; ``fixed-point`` has no fallback; ``newton`` is full Newton in C from a
+            constant guess, ``python`` the same method driven from Python.
         tolerance : float, optional
             Bound on the last increment relative to the state; by default down to round-off.
         max_iterations : int
@@ -281,23 +289,19 @@ class Stepper(Evaluation):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        how: dict[str, Any] = {"solver": solver, "tolerance": tolerance,
-                               "max_iterations": max_iterations}
-        dt_, steps, t_end = with_step(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
-                                      t0=t0, inputs=inputs, parameters=parameters, **how)
-        steps = step_count(steps, t_end, t0, dt_, as_flag("round", round) and dt != "auto")
-        fed = as_inputs(inputs, self.binding, as_positive_count("steps", steps), hold)
-        parameters, follow = followed(self, q, p, dt=dt_, steps=steps, t0=t0, inputs=inputs,
-                                      hold=hold, parameters=self.fed(parameters, fed))
-        parameters = chosen(self, q, p, dt=dt_, steps=steps, parameters=parameters, t0=t0,
-                            inputs=inputs, hold=hold)
-        run = self.checked_run(q, p, dt=dt_, steps=steps, every=every, parameters=parameters,
-                               t0=t0, **how)
-        run = replace(run, follow=follow).fed(fed)
+        given: dict[str, Any] = {"parameters": parameters, "t0": t0, "solver": solver,
+                                 "tolerance": tolerance, "max_iterations": max_iterations}
+        choice = step_choice(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
+                             inputs=inputs, **given)
+        nearest = as_flag("round", round)
+        size: Any = dt if choice is None else choice.dt
+        count = step_count(steps, t_end, t0, dt, nearest) if choice is None else choice.steps
+        run = self.resolved(self.run_arguments(q, p, dt=size, steps=count, every=every,
+                                               inputs=inputs, hold=hold, **given))
         if t_eval is not None:
-            run = replace(run, marks=marks_of(self, run, t_eval))
-        # Of a step that pilots have found the error of the motion is known.
-        warned = not run.steps or dt is not dt_ or self.warned(run)
+            run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
+        # Pilots have measured the error of a step that they have found.
+        warned = not run.steps or choice is not None or self.warned(run)
         found = observed(self, run, as_events(events, self.manifest["system"]),
                          as_callback("progress", progress)).made_by(self)
         if not warned:
@@ -385,7 +389,7 @@ class Stepper(Evaluation):
 
     # ------------------------------------------------------------ inside
 
-    def fed(self, parameters: Any, inputs: Any) -> Any:
+    def parameters_with_inputs(self, parameters: Any, inputs: Any) -> Any:
         """Return parameters with a number for each input, where those of the steps are given."""
         some = inputs.first if isinstance(inputs, Inputs) else dict.fromkeys(
             self.binding.input_names if inputs is not None else (), 1.0)
@@ -395,27 +399,19 @@ class Stepper(Evaluation):
             return parameters
         return [{**one, **some} if isinstance(one, Mapping) else one for one in parameters]
 
-    def checked_run(
-        self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int, every: int,
-        parameters: Mapping[str, Any], solver: SolverName, tolerance: Number | None,
-        max_iterations: int, t0: Number = 0.0,
-    ) -> Run:
-        """Return the arguments of ``integrate`` as a run, or raise InputError."""
-        run = self._run(q, p, dt, steps, every, parameters, solver, tolerance, max_iterations, t0)
-        with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
-            refuse_singular_mass(self.binding, self.manifest, run)
-            refuse_inconsistent(self.binding, self.manifest, run)
-        return run
+    def run_arguments(
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+        parameters: Mapping[str, Any], t0: Number = 0.0, every: int = 1,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
+        solver: SolverName = "auto", tolerance: Number | None = None, max_iterations: int = 50,
+    ) -> RunArguments:
+        """Return the arguments of ``integrate`` as a record; its parameters are as given.
 
-    def warned(self, run: Run) -> bool:
-        """Warn where a body turns too far in a step at a run's start, and return whether."""
-        return self.rotations.warn(run.parameters, run.dt, run.q[None], run.p[None])
-
-    def _run(
-        self, q: ArrayLike, p: ArrayLike, dt: Number, steps: int, every: int,
-        parameters: Mapping[str, Any], solver: SolverName, tolerance: Number | None,
-        max_iterations: int, t0: Number,
-    ) -> Run:
+        Raises
+        ------
+        InputError
+            For any that is unusable, but for the parameters.
+        """
         choose("solver", solver, SOLVERS)
         if solver == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
@@ -424,20 +420,42 @@ class Stepper(Evaluation):
         bound = None if tolerance is None else as_real("tolerance", tolerance, number)
         if bound is not None and bound <= 0:
             raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
-        return Run(
-            *self._state(q, p),
-            self._step(dt),
-            as_positive_count("steps", steps),
-            as_positive_count("every", every, least=1),
-            as_parameters(parameters, self.parameter_domains, number, self.symmetries),
-            solver,
-            bound,
+        count = as_positive_count("steps", steps)
+        fed = as_inputs(inputs, self.binding, count, hold)
+        return RunArguments(
+            *self._state(q, p), self._step(dt), count, as_positive_count("every", every, least=1),
+            self.parameters_with_inputs(parameters, fed), solver, bound,
             as_positive_count("max_iterations", max_iterations, least=1),
-            as_real("t0", t0, number),
-        )
+            as_real("t0", t0, number), fed)
+
+    def resolved(self, run: RunArguments, *, quiet: bool = False) -> RunArguments:
+        """Return a run with numbers for all parameters that it leaves to be chosen, checked.
+
+        A frame is chosen first, γ then. ``quiet`` leaves the warnings of ``start_frame`` away.
+        """
+        return self.checked_run(choose_parameters(self, follow_frame(self, run), quiet=quiet))
+
+    def checked_run(self, run: RunArguments) -> RunArguments:
+        """Return a run with its parameters as numbers, or raise InputError; it is consistent."""
+        parameters = as_parameters(run.parameters, self.parameter_domains, self.binding.number,
+                                   self.symmetries)
+        run = replace(run, parameters=parameters)
+        with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
+            refuse_singular_mass(self.binding, self.manifest, run)
+            refuse_inconsistent(self.binding, self.manifest, run)
+        return run.with_inputs(run.inputs)
+
+    def run(self, run: RunArguments) -> Trajectory:
+        """Return the trajectory of a checked run, without warnings and events: for pilot runs."""
+        return integrate(self.binding, self.manifest, run)
+
+    def warned(self, run: RunArguments) -> bool:
+        """Warn of γ below 0, and where a body turns too far in a step; return whether one does."""
+        warn_of_negative(run.parameters)
+        return self.rotations.warn(run.parameters, run.dt, run.q[None], run.p[None])
 
 
 @lru_cache(maxsize=64)
 def _stepper_of(name: str, files: tuple[tuple[str, str], ...]) -> Stepper:
-    """Return the stepper of these sources: the same one to all that ask in a process."""
+    """Return the stepper of these sources, the same object for equal sources in a process."""
     return Stepper(name, dict(files))

@@ -1,38 +1,38 @@
 """The rates of a co-moving frame, and γ with them, chosen by measurement.
 
 ``parameters["frame"]`` may be "start", the least squares of the start, "auto", a search, or
-"follow", the least squares of each block of steps (``steps/follow.py``).
+"follow", the least squares of each block of steps (``integration/frame_following.py``).
 
     frame_start     least squares
-    frame_lines     from the spectrum
-    frame_pilots    the runs and their errors
-    frame_search    what is tried, and what is chosen
+    frame_search    the runs, their errors, lines of the spectrum, and what is chosen
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
 from ...core.arguments import as_mapping, choose, shown
-from ...core.errors import InputError, Stopped
+from ...core.errors import InputError
 from ...core.exact_numbers import Number
-from ...core.warnings import remark
-from ..bindings.array_checks import as_positive_count, as_step
-from ..bindings.inputs import as_inputs
-from ..rigid_body.gamma_rules import AIMS, gamma_m, known_inertia, principal_moments, ruled
-from .frame_pilots import FramePilots
-from .frame_search import FrameChoice, Search
+from ...core.interrupts import before_start
+from ...core.registry import AIMS
+from ...core.warnings import warn
+from ..bindings.array_checks import as_positive_count
+from ..rigid_body.gamma_rules import gamma_by_rule, gamma_m, known_inertia, principal_moments
+from .frame_search import FrameChoice, FramePilots, FrameSearch
 from .frame_start import Velocities, directions_of, start_rates
-from .gamma_choice import PILOT_STEPS, with_choice
+from .gamma_choice import PILOT_STEPS, with_gamma
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..steppers.stepper import Stepper
 
-__all__ = ["FRAME_CHOICES", "asks_for_frame", "choose_frame", "chosen",
-           "start_frame", "with_frame"]
+__all__ = ["FRAME_CHOICES", "asks_for_frame", "choose_frame", "choose_parameters",
+           "search_frame", "start_frame", "with_frame"]
 
 #: What ``parameters["frame"]`` may say.
 FRAME_CHOICES = ("start", "auto", "follow")
@@ -89,12 +89,19 @@ def choose_frame(
     >>> choice = gs.choose_frame(step, top.q0, top.p0, dt=1e-3, parameters=parameters)
     >>> parameters = parameters | choice.values
     """
-    known = _usable(stepper, parameters)
+    _usable(stepper, parameters)
     count = as_positive_count("steps", steps, least=8)
-    fed = as_inputs(inputs, stepper.binding, count, hold)
-    known |= fed.first if fed is not None else {}
+    return search_frame(stepper, stepper.run_arguments(
+        q, p, dt=dt, steps=count, parameters=parameters, t0=t0, inputs=inputs, hold=hold), bodies)
+
+
+def search_frame(
+    stepper: Stepper, run: RunArguments, bodies: Mapping[str, Sequence[float]] | None = None
+) -> FrameChoice:
+    """Return the choice for a run by pilots as long as it is; see ``choose_frame``."""
     rates = {symmetry.name for symmetry in stepper.symmetries}
-    known = {name: value for name, value in known.items() if name not in rates}
+    known = {name: value for name, value in _usable(stepper, run.parameters).items()
+             if name not in rates}
     if bodies is None:
         bodies = {name: known_inertia(name, known) for name, value in known.items()
                   if isinstance(value, str) and value in AIMS}
@@ -105,18 +112,17 @@ def choose_frame(
                              f"{', '.join(stepper.parameter_domains)}.")
     numbers = {**known, **{name: "m" if name in known and known[name] in AIMS else
                            _mean_of(name, inertia) for name, inertia in bodies.items()}}
-    stepper.checked_run(q, p, dt=dt, steps=0, every=1, parameters=numbers, solver="auto",
-                        tolerance=None, max_iterations=50, t0=t0)
-    numbers = _ruled(numbers)
-    pilots = FramePilots(stepper, q, p, as_step(dt, stepper.binding.number),
-                         count, numbers, directions_of(stepper, q, p, numbers), bodies, t0,
-                         fed if fed is None else fed.of_steps(count))
-    return Search(pilots, Velocities(stepper, numbers, t0)).choice()
+    run = replace(run.pilot(run.steps), parameters=numbers)
+    stepper.checked_run(run)
+    numbers = _without_rules(numbers)
+    pilots = FramePilots(stepper, replace(run, parameters=numbers),
+                         directions_of(stepper, run.q, run.p, numbers), bodies)
+    return FrameSearch(pilots, Velocities(stepper, numbers, run.t0)).choice()
 
 
 def start_frame(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any], *, dt: Number,
-    t0: Number = 0.0, warn: bool = True,
+    t0: Number = 0.0, quiet: bool = False,
 ) -> dict[str, float]:
     """Return the rates of the least squares of a start, without a run.
 
@@ -127,7 +133,7 @@ def start_frame(
     InputError
         For a stepper without symmetries.
     """
-    known = _ruled(_usable(stepper, parameters))
+    known = _without_rules(_usable(stepper, parameters))
     found = {symmetry.name: 0.0 for symmetry in stepper.symmetries}
     directions = directions_of(stepper, q, p, known)
     if not directions:
@@ -136,51 +142,41 @@ def start_frame(
     for rate, direction in zip(rates.tolist(), directions, strict=True):
         for name, weight in direction.weights.items():
             found[name] += rate * weight
-    if left_out and warn:
+    if left_out and not quiet:
         names = ", ".join(name for i in left_out for name in directions[i].weights)
-        remark(f"The state is so near an axis of symmetry that a frame along {names} would turn "
-               "faster than the motion and enlarge its error: the rate is 0. frame = 'auto' "
-               "chooses rates by measured errors; a rate that is given is used as it is.")
+        warn(f"The state is so near an axis of symmetry that a frame along {names} would turn "
+             "faster than the motion and enlarge its error: the rate is 0. frame = 'auto' "
+             "chooses rates by measured errors; a rate that is given is used as it is.")
     return found
 
 
-def with_frame(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Any, t0: Number = 0.0, inputs: Any = None, hold: int = 1,
-) -> Any:
-    """Return the parameters of a run with ``"frame"`` replaced by the rates it stands for."""
+def with_frame(stepper: Stepper, run: RunArguments, *, quiet: bool = False) -> RunArguments:
+    """Return a run with ``"frame"`` among its parameters replaced by the rates it stands for."""
+    parameters: Any = run.parameters
     if not isinstance(parameters, Mapping) or not asks_for_frame(stepper, parameters):
-        return parameters
-    said = parameters["frame"]
-    follows = isinstance(said, str) and said.startswith("follow ")  # so many steps each
-    mode = choose("frame among the parameters:", "follow" if follows else said, FRAME_CHOICES)
+        return run
+    asked = parameters["frame"]
+    follows = isinstance(asked, str) and asked.startswith("follow ")  # so many steps each
+    mode = choose("frame among the parameters:", "follow" if follows else asked, FRAME_CHOICES)
     others = {name: value for name, value in parameters.items() if name != "frame"}
     given = [symmetry.name for symmetry in stepper.symmetries if symmetry.name in others]
     if given:
         raise InputError(f"Parameter {given[0]} is given besides frame = {mode!r}, which chooses "
                          "it; give one.")
     if mode in ("start", "follow"):
-        return others | start_frame(stepper, q, p, others, dt=dt, t0=t0)
-    run = as_positive_count("steps", steps)
-    pilot = min(max(run, 8), PILOT_STEPS)
-    fed = as_inputs(inputs, stepper.binding, run, hold) if run else None
-    try:
-        choice = choose_frame(stepper, q, p, dt=dt, parameters=others, t0=t0, steps=pilot,
-                              inputs=fed if fed is None else fed.of_steps(pilot).values[0])
-    except Stopped as stopped:  # its trajectory is a pilot's
-        raise Stopped("Stopped before the first step, while the frame was chosen.", stopped.signal
-                      ) from None
-    return others | choice.values
+        rates = start_frame(stepper, run.q, run.p, others, dt=run.dt, t0=run.t0, quiet=quiet)
+    else:
+        pilot = run.pilot(min(max(run.steps, 8), PILOT_STEPS))
+        with before_start("the frame"):
+            rates = search_frame(stepper, replace(pilot, parameters=others)).values
+    return replace(run, parameters=others | rates)
 
 
-def chosen(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Any, t0: Number = 0.0, inputs: Any = None, hold: int = 1,
-) -> Any:
-    """Return the parameters of a run with all that they leave to be chosen: frame, then γ."""
-    moving = with_frame(stepper, q, p, dt=dt, steps=steps, parameters=parameters, t0=t0,
-                        inputs=inputs, hold=hold)
-    return with_choice(stepper, q, p, dt=dt, steps=steps, parameters=moving, t0=t0)
+def choose_parameters(
+    stepper: Stepper, run: RunArguments, *, quiet: bool = False
+) -> RunArguments:
+    """Return a run with all parameters that it leaves to be chosen: frame, then γ."""
+    return with_gamma(stepper, with_frame(stepper, run, quiet=quiet))
 
 
 def asks_for_frame(stepper: Stepper, parameters: Mapping[str, Any]) -> bool:
@@ -202,9 +198,9 @@ def _usable(stepper: Stepper, parameters: Any) -> dict[str, Any]:
     return dict(as_mapping("parameters", parameters, "{'mgl': 0.4}"))
 
 
-def _ruled(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with rules as numbers; "auto" stands for γ_m as yet."""
-    return {name: ruled(name, "m" if value in AIMS else value, parameters)
+def _without_rules(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with numbers for rules, and γ_m for "auto"."""
+    return {name: gamma_by_rule(name, "m" if value in AIMS else value, parameters)
             if isinstance(value, str) else value for name, value in parameters.items()}
 
 

@@ -1,4 +1,20 @@
-"""What is tried of the rates of a co-moving frame, and of γ, and what is chosen.
+"""Short runs in different co-moving frames, and their errors.
+
+The error is that of the motion, q_k − q(t_k), attitudes as angles and points in units of their
+reach (``motion_distance``), with q(t) extrapolated from the same method at Δt/4 and Δt/8: without a
+frame, or in the frame of the start, if that agrees with it as far as it can tell and is more exact.
+The search for rates uses the first half of the runs, the choice all of them.
+
+Rates of a frame from the lines in the spectrum of one motion, without further runs.
+
+In the joint eigenvectors of the A_i a frame shifts frequencies and changes nothing else,
+c_j(ν) → c_j(ν − α_j·ω). So what a method of some order sees of the motion,
+
+    M_k(ω) = Σ_j Σ_ν |c_j(ν)|² (ν − α_j·ω)^2k,
+
+is a convex polynomial of ω, and Newton's steps find where it is least.
+
+What is tried of the rates of a co-moving frame, and of γ, and what is chosen.
 
 Tried are no frame, the least squares of the start and of the whole motion, what the lines of its
 spectrum ask for, and parts of these; from the best of them Levenberg and Marquardt's steps go on,
@@ -11,23 +27,263 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from .frame_pilots import FramePilot, FramePilots
-from .frame_spectrum import Lines
-from .frame_start import Velocities, least_squares, start_rates
+from ...core.errors import InputError, StepFailed
+from ..rigid_body.gamma_rules import gamma_m
+from .frame_start import Direction, Velocities, least_squares, start_rates
+from .motion_distance import MotionError
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..results.trajectory import Trajectory
+    from ..steppers.stepper import Stepper
 
-__all__ = ["FrameChoice", "Search"]
+__all__ = ["AGREES", "CLEAR", "SMALL", "FrameChoice", "FramePilot", "FramePilots", "FrameSearch",
+           "SpectralLines"]
 
 Array = NDArray[Any]
+
+#: Rows of a run that errors are taken of, at most.
+_ROWS = 250
+#: How far two references may be apart, in parts of what the worse one changed by when refined.
+AGREES = 4.0
+#: How far apart at least, in parts of the measured error, where that is larger.
+SMALL = 0.01
+#: By how much a frame must be better than none.
+CLEAR = 1.05
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """A motion by extrapolation; ``change``: from the one before, ``doubt``: its own error."""
+
+    motion: Array
+    error: MotionError
+    scale: Array
+    change: float
+    doubt: float
+    finest: Trajectory
+
+
+@dataclass(frozen=True)
+class FramePilot:
+    """One short run: why it was made, its rates and γ, and its errors.
+
+    Attributes
+    ----------
+    label : str
+    values : dict
+        Rates in rad/s, and γ in kg m² where it is chosen too.
+    half, whole : float
+        Root mean square error of the motion over the first half and over all of the run, in rad
+        or in parts of a point's reach; infinite where a step did not converge.
+    """
+
+    label: str
+    values: dict[str, float]
+    half: float
+    whole: float
+
+
+class FramePilots:
+    """Makes short runs and remembers them; a choice is an array: rates, then γ_m/γ of each body."""
+
+    def __init__(
+        self, stepper: Stepper, arguments: RunArguments, directions: list[Direction],
+        bodies: Mapping[str, Any],
+    ) -> None:
+        self.stepper, self.arguments, self.steps = stepper, arguments, arguments.steps
+        self.directions, self._bodies = directions, bodies
+        self.means = {name: float(gamma_m(inertia)) for name, inertia in bodies.items()}
+        self.done: list[FramePilot] = []
+        self._known: dict[bytes, tuple[int, Array | None]] = {}
+        self._halves: list[float] = []
+
+    @property
+    def rates(self) -> int:
+        """How many rates there are."""
+        return len(self.directions)
+
+    def values(self, x: Array) -> dict[str, float]:
+        """Return the parameters of a choice."""
+        found: dict[str, float] = {symmetry.name: 0.0 for symmetry in self.stepper.symmetries}
+        for rate, direction in zip(x, self.directions, strict=False):
+            for name, weight in direction.weights.items():
+                found[name] += float(rate) * weight
+        inverse = x[self.rates :]
+        return found | {name: mean / float(u)
+                        for (name, mean), u in zip(self.means.items(), inverse, strict=True)}
+
+    def run(self, x: Array, finer: int = 1) -> Trajectory | None:
+        """Return a run, with steps so many times finer; None where one did not converge."""
+        try:
+            return self.stepper.run(self.stepper.checked_run(replace(
+                self.arguments.refined(finer), every=finer * self.every,
+                parameters=self.arguments.parameters | self.values(x))))
+        except StepFailed:
+            return None
+
+    def coarser(self) -> FramePilots:
+        """Return runs over the same time by steps twice as long."""
+        run = self.arguments
+        inputs = run.inputs and replace(run.inputs, values=run.inputs.values[:, ::2].copy())
+        return FramePilots(self.stepper, replace(run, dt=2 * run.dt, steps=-(-run.steps // 2),
+                                                 inputs=inputs), self.directions, self._bodies)
+
+    @property
+    def every(self) -> int:
+        """Steps between two rows that errors are taken of."""
+        return max(1, self.steps // _ROWS)
+
+    def set_reference(self, none: Array, start: Array) -> Trajectory | None:
+        """Extrapolate the motion, without a frame and in the start's frame; None if both fail.
+
+        The frame's is taken where it is more exact, and no further from the other than that may be
+        wrong: near an axis every run in one frame may err alike. Returns the finest run.
+        """
+        plain = self._reference(none)
+        found, doubt = plain, math.inf if plain is None else plain.doubt
+        moved = None if np.array_equal(start, none) else self._reference(start)
+        if moved is not None and moved.doubt < doubt and (
+                plain is None or self._agrees(plain, moved, self.run(none))):
+            found = moved
+        if found is None:
+            return None
+        epsilon = self.stepper.binding.epsilon
+        self._motion, self._scale = found.error, found.scale
+        self.doubt = found.doubt + epsilon * (2 + math.sqrt(self.steps) / 4)
+        return found.finest
+
+    def _agrees(self, plain: _Reference, moved: _Reference, run: Trajectory | None) -> bool:
+        """Whether two references agree to within their own errors, or a part of a run's error."""
+        apart, error = (0.0 if q is None else _size(plain.error(np.asarray(q))[1:] / plain.scale)
+                        for q in (moved.motion, None if run is None else run.q))
+        return apart <= max(AGREES * plain.change, SMALL * error)
+
+    def _reference(self, x: Array) -> _Reference | None:
+        """Return the motion in a frame, extrapolated; None where a run did not converge."""
+        runs = [self.run(x, finer) for finer in (2, 4, 8)]
+        second, fourth, eighth = (None if run is None else np.asarray(run.q) for run in runs)
+        if second is None or fourth is None or eighth is None or runs[-1] is None:
+            return None
+        factor = 2**self.stepper.order - 1
+        motion = eighth + (eighth - fourth) / factor
+        coarser = fourth + (fourth - second) / factor
+        error = MotionError(motion, np.asarray(eighth, dtype=float))
+        units = _units(error)
+        change = _size(error(coarser)[1:] / units)
+        return _Reference(motion, error, units, change, change / 2 ** (self.stepper.order + 2),
+                          runs[-1])
+
+    def measure(self, label: str, x: Array) -> int:
+        """Run and return the number of the run; what is known is not run again."""
+        key = np.asarray(x, dtype=float).tobytes()
+        if key not in self._known:
+            run = self.run(x)
+            errors = None
+            if run is not None:
+                errors = self._motion(np.asarray(run.q))[1:] / self._scale
+            half, whole = (math.inf, math.inf) if errors is None else (
+                _size(errors[: (len(errors) + 1) // 2]), _size(errors))
+            self._known[key] = len(self.done), errors
+            self._halves.append(math.inf if errors is None else _size(errors[len(errors) // 2 :]))
+            self.done.append(FramePilot(label, self.values(x), half, whole))
+        return self._known[key][0]
+
+    def is_clear(self, number: int, plain: int = 0) -> bool:
+        """Whether a run's error is below another's by more than can be wrong with either.
+
+        By 5 % and the doubt of both, over all of the run and over its second half.
+        """
+        pairs = ((self.done[number].whole, self.done[plain].whole),
+                 (self._halves[number], self._halves[plain]))
+        return all(CLEAR * (moved + self.doubt) <= still - self.doubt for moved, still in pairs)
+
+    def errors(self, x: Array) -> Array | None:
+        """Return the errors of the first half as one array, of a choice that was measured."""
+        errors = self._known[np.asarray(x, dtype=float).tobytes()][1]
+        return None if errors is None else errors[: (len(errors) + 1) // 2].ravel()
+
+
+def _units(error: MotionError) -> Array:
+    """Return the unit of each column of an error: 1 rad, or the reach of a point."""
+    units = np.ones(max(max(path) for path in error.paths) + 1)
+    for path, unit in zip(error.paths, error.units, strict=True):
+        units[path] = unit or 1.0
+    return units
+
+
+def _size(errors: Array) -> float:
+    """Return the root mean square over time of the distance."""
+    size = float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else 0.0
+    return size if math.isfinite(size) else math.inf
+
+
+#: Of the window: what leaks from a line is below round-off.
+_KAISER = 38.0
+#: Lines below this part of the strongest are left out: round-off, and what the window leaks.
+_FAINT = 1e-13
+#: The part of the power in the last eighth of the band above which lines may be folded into it.
+_FOLDED = 1e-10
+
+
+class SpectralLines:
+    """The lines of q and p of a motion, sampled evenly.
+
+    Parameters
+    ----------
+    q, p : ndarray, shape (rows, n)
+    dt : float
+        Between two rows.
+    generators : list of ndarray
+        The A_i, which commute.
+    """
+
+    def __init__(self, q: Array, p: Array, dt: float, generators: list[Array]) -> None:
+        mixed = sum((A / np.sqrt(i + 2) for i, A in enumerate(generators)),
+                    np.zeros_like(generators[0]))
+        _, vectors = np.linalg.eig(mixed)
+        back = np.linalg.inv(vectors)
+        shifts = np.array([np.einsum("ji,ik,kj->j", back, A, vectors).imag for A in generators]).T
+        frequencies = 2 * np.pi * np.fft.fftfreq(len(q), dt)
+        window = np.kaiser(len(q), _KAISER)[:, None]
+        turning = np.abs(shifts).max(axis=1) > 1e-9
+        power, nu, alpha = [], [], []
+        for x in (q, p) if all(np.array_equal(A, -A.T) for A in generators) else (q,):
+            modes = (x @ back.T)[:, turning]
+            found = np.abs(np.fft.fft(window * modes, axis=0)) ** 2
+            found /= found.sum() or 1.0
+            power.append(found.ravel())
+            nu.append(np.broadcast_to(frequencies[:, None], found.shape).ravel())
+            alpha.append(np.broadcast_to(shifts[turning], (*found.shape, shifts.shape[1])).reshape(
+                -1, shifts.shape[1]))
+        self._power, self._nu, self._alpha = (np.concatenate(x) for x in (power, nu, alpha))
+        self._band = float(np.abs(frequencies).max())
+        outer = np.abs(self._nu) > 0.875 * self._band
+        self.resolved = bool(self._power[outer].sum() <= _FOLDED * self._power.sum())
+        kept = self._power > _FAINT * self._power.max(initial=0)
+        self._power, self._nu, self._alpha = (x[kept] for x in (self._power, self._nu,
+                                                                self._alpha))
+
+    def least(self, k: int, start: Array) -> Array:
+        """Return the ω of least M_k, from a start."""
+        omega = np.array(start, dtype=float)
+        for _ in range(60):
+            rest = (self._nu - self._alpha @ omega) / self._band
+            slope = self._alpha.T @ (self._power * rest ** (2 * k - 1))
+            weighted = self._alpha * (self._power * rest ** (2 * k - 2))[:, None]
+            bend = (2 * k - 1) * self._alpha.T @ weighted / self._band
+            step = np.linalg.lstsq(bend, slope, rcond=1e-12)[0]
+            omega = omega + step
+            if np.abs(step).max() <= 1e-9 * max(np.abs(omega).max(), 1e-9 * self._band):
+                break
+        return omega
+
 
 #: By how much what was searched for must beat least squares: it may be right for the pilots alone.
 _CLEARLY = 1.5
@@ -37,7 +293,7 @@ _SEARCHES, _STEPS = 3, 8
 _FEW = 32
 #: Of what is chosen by steps twice as long.
 _COARSER = "chosen at twice the step"
-#: Runs for derivatives, of which nobody need be told.
+#: Label of runs for derivatives, which are not reported.
 _SLOPE = "slope"
 #: Searches start from choices that differ by this part at least.
 _APART = 0.04
@@ -45,7 +301,7 @@ _APART = 0.04
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """A choice of rates, and of γ where it was asked for, with what it was chosen by.
+    """A choice of rates, and of γ where it was asked for, and the pilot runs behind it.
 
     Attributes
     ----------
@@ -105,8 +361,8 @@ class FrameChoice:
         return "\n".join(rows)
 
 
-class Search:
-    """What is tried, and what of it is chosen."""
+class FrameSearch:
+    """The search over rates and γ."""
 
     def __init__(self, pilots: FramePilots, velocities: Velocities) -> None:
         self.pilots, self.velocities = pilots, velocities
@@ -114,8 +370,9 @@ class Search:
         self.none = np.concatenate([np.zeros(pilots.rates), self.ones])
         self.start = self.none
         if pilots.rates:
-            self.start = self._with(start_rates(velocities, pilots.directions, pilots.q, pilots.p,
-                                                pilots.dt)[0])
+            run = pilots.arguments
+            self.start = self._with(start_rates(velocities, pilots.directions, run.q, run.p,
+                                                run.dt)[0])
 
     def _with(self, rates: Array) -> Array:
         return np.concatenate([rates, self.ones])
@@ -125,8 +382,7 @@ class Search:
         pilots = self.pilots
         finest = pilots.set_reference(self.none, self.start)
         if finest is None:
-            pilots.stepper.integrate(pilots.q, pilots.p, dt=pilots.dt / 8, steps=8 * pilots.steps,
-                                     parameters=pilots.parameters, t0=pilots.t0)  # says why
+            pilots.stepper.run(pilots.stepper.checked_run(pilots.arguments.refined(8)))  # says why
             raise AssertionError("a step that failed has not failed again")
         best, reason, _ = self._best(finest)
         return self._chosen(0, best, reason)
@@ -173,7 +429,7 @@ class Search:
         """Return the choice of longer steps: of the same polynomial of ω, clear of rounding."""
         if self.pilots.steps < _FEW:
             return None
-        search = Search(self.pilots.coarser(), self.velocities)
+        search = FrameSearch(self.pilots.coarser(), self.velocities)
         finest = search.pilots.set_reference(search.none, search.start)
         return None if finest is None else search._best(finest)[2]
 
@@ -196,7 +452,7 @@ class Search:
             q, p = (np.asarray(x, dtype=float) for x in (finest.q, finest.p))
             mean = least_squares(self.velocities, pilots.directions, q[rows], p[rows])
             found.append(("least squares of the motion", self._with(mean)))
-            lines = Lines(q, p, float(pilots.dt) * pilots.every,
+            lines = SpectralLines(q, p, float(pilots.arguments.dt) * pilots.every,
                           [direction.A for direction in pilots.directions])
             order = pilots.stepper.order
             for k in {order // 2 + 1, order + 1} if lines.resolved else ():
@@ -225,7 +481,7 @@ class Search:
         label, damping = "searched for", 1e-3
         scale = np.ones_like(x)
         scale[: pilots.rates] = max(np.abs([x, self.start])[:, : pilots.rates].max(initial=0),
-                                    1 / (float(abs(pilots.dt)) * pilots.steps))
+                                    1 / (float(abs(pilots.arguments.dt)) * pilots.steps))
         errors = pilots.errors(x)
         for _ in range(_STEPS):
             slopes = self._slopes(x, scale)
@@ -268,7 +524,7 @@ class Search:
 
 
 def _gain(plain: float, chosen: float, doubt: float) -> float:
-    """Return how many times smaller an error is, no more than can be told."""
+    """Return how many times smaller an error is, bounded by its uncertainty."""
     if plain == chosen:
         return 1.0
     return plain / max(chosen, doubt)

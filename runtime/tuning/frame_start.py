@@ -64,7 +64,7 @@ class Direction:
 def directions_of(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Any]
 ) -> list[Direction]:
-    """Return the rates that may be chosen for a start: of what are symmetries there."""
+    """Return the rates that may be chosen for a start: those of symmetries that hold there."""
     place, momenta = (np.array(x, dtype=float) for x in (q, p))
     found = []
     for _, group in groupby(stepper.symmetries, key=lambda symmetry: symmetry.group):

@@ -1,37 +1,38 @@
-"""γ chosen by measurement: short pilot runs, the law of the error, its minimum, and a verdict.
+"""γ chosen by measurement: short pilot runs, the law of the error, its minimum, and the choice.
 
 What is aimed at is the motion or the energy, and one is not the other: on a symmetric top the γ
 that cancels the energy error of 2-stage LIIIA-B triples the error of the axis. By default it is
 the motion, and γ_m is left only where every path (each body's three axes in space, every point)
 was measured to be nearer to the true one by 5 % or more. Where pilots cannot tell, γ_m stays.
 
-    gamma_pilots    the runs and what they are measured by
-    gamma_law       the law in 1/γ and its minimum
-    gamma_choice    the call and the verdict
+    gamma_search    the runs, their errors, the law in 1/γ and its minimum
+    gamma_choice    the call, and which γ is chosen
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.arguments import as_mapping, choose, shown
-from ...core.errors import InputError, Stopped
+from ...core.errors import InputError
 from ...core.exact_numbers import Number
-from ..bindings.array_checks import as_positive_count, as_step
-from ..rigid_body.gamma_rules import AIMS, Aim, known_inertia, principal_moments
-from .gamma_error_law import REACH, Search
-from .gamma_pilots import WORTHWHILE, Pilot, Pilots
+from ...core.interrupts import before_start
+from ...core.registry import AIMS, Aim
+from ..bindings.array_checks import as_positive_count
+from ..rigid_body.gamma_rules import known_inertia, principal_moments
+from .gamma_search import REACH, WORTHWHILE, GammaSearch, Pilot, Pilots
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..steppers.stepper import Stepper
 
-__all__ = ["PILOT_STEPS", "GammaChoice", "choose_gamma", "with_choice"]
+__all__ = ["PILOT_STEPS", "GammaChoice", "choose_gamma", "with_gamma"]
 
 #: Steps of a pilot run, unless the run itself is shorter.
 PILOT_STEPS = 1000
@@ -40,7 +41,7 @@ _ERRORS: dict[Aim, str] = {"motion": "error of the motion", "energy": "energy er
 
 @dataclass(frozen=True)
 class GammaChoice:
-    """A choice of γ (or α) with what it was chosen by.
+    """A choice of γ (or α), and the pilot runs behind it.
 
     Attributes
     ----------
@@ -178,52 +179,54 @@ def choose_gamma(
         raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
                          "gyrospark.stepper.")
     parameters = as_mapping("parameters", parameters, "{'mgl': 0.4}")
-    known = _checked_bodies(stepper, parameters, bodies)
     count = as_positive_count("steps", steps, least=2)
-    pilots = Pilots(
-        stepper, q, p, as_step(dt, stepper.binding.number), count,
-        {name: value for name, value in parameters.items() if name not in known},
-        known, aim or _aim_said(parameters), t0,
-        longer=run_steps is None or as_positive_count("run_steps", run_steps) > count,
-    )
-    searches = [Search(pilots, f"1/{pilots.letter}")]
-    if pilots.silence is None:
+    longer = run_steps is None or as_positive_count("run_steps", run_steps) > count
+    return _search(stepper, stepper.run_arguments(q, p, dt=dt, steps=count, parameters=parameters,
+                                                  t0=t0), bodies, aim, longer=longer)
+
+
+def with_gamma(stepper: Stepper, run: RunArguments) -> RunArguments:
+    """Return a run with every ``"auto"`` among its parameters replaced by its choice."""
+    parameters: Any = run.parameters
+    if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):
+        return run
+    pilot = run.pilot(min(max(run.steps, 2), PILOT_STEPS))
+    with before_start("γ"):
+        choice = _search(stepper, replace(pilot, inputs=None), None, None,
+                         longer=run.steps > pilot.steps)
+    return replace(run, parameters={**parameters, **choice.values})
+
+
+def _search(
+    stepper: Stepper, run: RunArguments, bodies: Mapping[str, Sequence[float]] | None,
+    aim: Aim | None, *, longer: bool,
+) -> GammaChoice:
+    """Return the choice by pilots with these arguments, for a run that may be longer."""
+    known = _checked_bodies(stepper, run.parameters, bodies)
+    others = {name: value for name, value in run.parameters.items() if name not in known}
+    pilots = Pilots(stepper, replace(run, parameters=others), known,
+                    aim or _aim_of(run.parameters), longer=longer)
+    searches = [GammaSearch(pilots, f"1/{pilots.letter}")]
+    if pilots.inconclusive is None:
         searches[0].run()
         unsettled = pilots.best() < pilots.rules and not searches[0].right
         if searches[0].clipped is not None or unsettled:
-            searches.append(Search(pilots, pilots.letter))
+            searches.append(GammaSearch(pilots, pilots.letter))
             searches[1].run()
-    choice = _judged(pilots, searches)
+    choice = _choice_of(pilots, searches)
     if any(name.endswith("alpha") for name in known):
         _refuse_idle_alpha(stepper, pilots)
     return choice
 
 
-def with_choice(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Mapping[str, Any], t0: Number = 0.0,
-) -> Mapping[str, Any]:
-    """Return the parameters of a run with every ``"auto"`` replaced by its choice."""
-    if not isinstance(parameters, Mapping) or not any(map(_is_auto, parameters.values())):
-        return parameters
-    run = as_positive_count("steps", steps)
-    try:
-        choice = choose_gamma(stepper, q, p, dt=dt, parameters=parameters,
-                              steps=min(max(run, 2), PILOT_STEPS), run_steps=run, t0=t0)
-    except Stopped as stopped:  # its trajectory is a pilot's
-        raise Stopped("Stopped before the first step, while γ was chosen.", stopped.signal
-                      ) from None
-    return {**parameters, **choice.values}
+# ---------------------------------------------------------------- the choice
 
 
-# ---------------------------------------------------------------- the verdict
-
-
-def _judged(pilots: Pilots, searches: list[Search]) -> GammaChoice:
+def _choice_of(pilots: Pilots, searches: list[GammaSearch]) -> GammaChoice:
     """Return the best run as the choice; a recommendation nearly as good is preferred."""
-    best = pilots.base if pilots.silence else pilots.best()
+    best = pilots.base if pilots.inconclusive else pilots.best()
     least_rule = min(range(pilots.rules), key=pilots.score)
-    if not pilots.silence and WORTHWHILE * pilots.score(least_rule) <= pilots.score(best):
+    if not pilots.inconclusive and WORTHWHILE * pilots.score(least_rule) <= pilots.score(best):
         best = least_rule
     used = next((s for s in searches if best in s.runs), searches[0])
     promised = [pilots.done[n].expected for n in used.runs[:1]]
@@ -243,10 +246,10 @@ def _ratio(start: float, end: float) -> float:
     return math.inf if end == 0 else start / end
 
 
-def _reason(pilots: Pilots, best: int, used: Search) -> str:
+def _reason(pilots: Pilots, best: int, used: GammaSearch) -> str:
     what, chosen = _ERRORS[pilots.aim], pilots.done[best]
-    if pilots.silence is not None:
-        return f"{chosen.label}: {pilots.silence}"
+    if pilots.inconclusive is not None:
+        return f"{chosen.label}: {pilots.inconclusive}"
     if best < pilots.rules:
         return f"{chosen.label}{_reason_of_rule(pilots, best, used)}"
     name = chosen.label if chosen.expected is not None else \
@@ -254,10 +257,10 @@ def _reason(pilots: Pilots, best: int, used: Search) -> str:
     return f"{name} of the {what}{_price(pilots, chosen)}{_limits(used)}"
 
 
-def _reason_of_rule(pilots: Pilots, best: int, used: Search) -> str:
+def _reason_of_rule(pilots: Pilots, best: int, used: GammaSearch) -> str:
     """Return why a recommendation is chosen: what the law's minimum lacks."""
     what = _ERRORS[pilots.aim]
-    ratios = [pilots.yardstick.ratios(e) for e in map(pilots.aimed, range(len(pilots.done)))
+    ratios = [pilots.error_scale.ratios(e) for e in map(pilots.aimed, range(len(pilots.done)))
               if e is not None]
     if np.max(ratios) < 1 / WORTHWHILE * np.min(ratios):
         return f": the {what} hardly depends on it"
@@ -271,13 +274,13 @@ def _reason_of_rule(pilots: Pilots, best: int, used: Search) -> str:
 
 
 def _price(pilots: Pilots, chosen: Pilot) -> str:
-    """Return what the motion pays for the energy, if it does."""
+    """Return by how much the motion's error grows for a smaller energy error, if it does."""
     if pilots.aim == "motion" or not chosen.worst > 1 / WORTHWHILE:
         return ""
     return f"; the error of the motion grows up to {chosen.worst:.3g} times"
 
 
-def _limits(used: Search) -> str:
+def _limits(used: GammaSearch) -> str:
     if used.clipped is None:
         return ""
     asked = ", ".join(f"{x:.3g}" for x in used.clipped)
@@ -305,7 +308,7 @@ def _is_auto(value: Any) -> bool:
     return isinstance(value, str) and value in AIMS
 
 
-def _aim_said(parameters: Mapping[str, Any]) -> Aim:
+def _aim_of(parameters: Mapping[str, Any]) -> Aim:
     """Return the aim that "auto" or "auto-energy" among the parameters names."""
     said = {value for value in parameters.values() if _is_auto(value)}
     if len(said) > 1:

@@ -104,7 +104,7 @@ def symmetries_of(manifest: Mapping[str, Any]) -> tuple[Symmetry, ...]:
 
 
 def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any]) -> None:
-    """Refuse a frame that moves along what is no symmetry for these parameters.
+    """Refuse a frame along a generator that is no symmetry for these parameters.
 
     Raises
     ------

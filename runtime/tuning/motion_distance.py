@@ -65,7 +65,8 @@ def sizes(errors: Array, paths: list[list[int]]) -> Array:
 
 
 def _blocks(q: Array) -> tuple[list[slice], list[list[int]]]:
-    """Return where unit quaternions are, known by their norm in every row, and what is between."""
+    """Return the columns of unit quaternions, detected by their norm in every row, and the others.
+    """
     quaternions: list[slice] = []
     points: list[list[int]] = []
     i, n, new = 0, q.shape[1], True

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -19,17 +19,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import shown
-from ...core.errors import InputError, StepFailed, Stopped
+from ...core.errors import InputError, StepFailed
 from ...core.exact_numbers import Number, as_double, exact
-from ...core.warnings import listening
+from ...core.interrupts import before_start
+from ...core.registry import AIMS
 from ..bindings.array_checks import as_real
-from ..rigid_body.gamma_rules import AIMS
 from .motion_distance import MotionError
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..steppers.stepper import Stepper
 
-__all__ = ["StepChoice", "StepPilot", "choose_dt", "with_step"]
+__all__ = ["StepChoice", "StepPilot", "choose_dt", "step_choice"]
 
 Array = NDArray[Any]
 
@@ -58,7 +59,7 @@ class StepPilot:
 
 @dataclass(frozen=True)
 class StepChoice:
-    """A time step with what it was chosen by.
+    """A time step, and the pilot runs that it was chosen by.
 
     Attributes
     ----------
@@ -77,22 +78,21 @@ class StepChoice:
     pilots: tuple[StepPilot, ...]
 
 
-def with_step(
+def step_choice(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Any, steps: Any, t_end: Any, error: Any,
-    t0: Any, inputs: Any, **options: Any,
-) -> tuple[Any, Any, Any]:
-    """Return dt, steps and t_end of a run, with dt = "auto" replaced by what is chosen."""
+    inputs: Any, **options: Any,
+) -> StepChoice | None:
+    """Return the choice that dt = "auto" stands for; None for any other dt."""
     if not (isinstance(dt, str) and dt == "auto"):
         if error is not None:
             raise InputError(f"error = {shown(error)} is for dt = 'auto', not for dt = "
                              f"{shown(dt)}; leave one of them away.")
-        return dt, steps, t_end
+        return None
     for name, value in (("steps", steps), ("inputs", inputs)):
         if value is not None:
             raise InputError(f"dt = 'auto' chooses how many steps there are, and {name} counts "
                              "them; leave it away, and give t_end.")
-    choice = choose_dt(stepper, q, p, error=error, t_end=t_end, t0=t0, **options)
-    return choice.dt, choice.steps, None
+    return choose_dt(stepper, q, p, error=error, t_end=t_end, **options)
 
 
 def choose_dt(
@@ -101,7 +101,7 @@ def choose_dt(
 ) -> StepChoice:
     """Return the time step with which the motion from t0 to t_end has the error that is wanted.
 
-    ``options`` are other arguments of ``Stepper.integrate``, which makes the runs.
+    ``options`` are other arguments of ``Stepper.run_arguments``.
 
     Raises
     ------
@@ -124,20 +124,17 @@ def choose_dt(
     begin, end = _fraction("t0", t0), _fraction("t_end", t_end)
     if begin == end:
         raise InputError(f"t_end = {as_double(end):g} is t0: there is no step to choose.")
-    search = _Search(stepper, end - begin, wanted, {
-        "q": q, "p": p, "t0": t0, "parameters": parameters, **options})
-    try:
-        return search.choice()
-    except Stopped as stopped:  # its trajectory is a pilot's
-        raise Stopped("Stopped before the first step, while dt was chosen.", stopped.signal
-                      ) from None
+    span = end - begin
+    run = stepper.run_arguments(q, p, dt=span, steps=1, t0=t0, parameters=parameters, **options)
+    with before_start("dt"):
+        return StepSearch(stepper, span, wanted, run).choice()
 
 
-class _Search:
+class StepSearch:
     """Makes the runs and remembers their errors."""
 
     def __init__(
-        self, stepper: Stepper, span: Fraction, wanted: float, arguments: dict[str, Any]
+        self, stepper: Stepper, span: Fraction, wanted: float, arguments: RunArguments
     ) -> None:
         self.stepper, self.span, self.wanted, self.arguments = stepper, span, wanted, arguments
         self.order, self.epsilon = stepper.order, stepper.binding.epsilon
@@ -182,9 +179,9 @@ class _Search:
     def _run(self, n: int) -> tuple[Array | None, StepFailed | None]:
         """Return q of a run at _ROWS times, None where a step fails."""
         try:
-            with listening():  # what is to be said is said of the run that is asked for
-                run = self.stepper.integrate(dt=self.span / n, steps=n, every=n // _ROWS,
-                                             **self.arguments)
+            run = self.stepper.run(self.stepper.resolved(replace(
+                self.arguments, dt=self.stepper.binding.number(self.span / n), steps=n,
+                every=n // _ROWS), quiet=True))
         except StepFailed as failure:
             return None, failure
         return np.asarray(run.q), None

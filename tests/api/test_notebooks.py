@@ -136,7 +136,7 @@ def test_a_certificate_is_a_row_a_promise():
     made = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
     found = shown(made)
     assert found.tags.count("tr") == 1 + len(made.lines)
-    assert "every promise" in made._repr_html_()
+    assert "every guarantee" in made._repr_html_()
     assert found.cells[3::4] == [line.verdict for line in made.lines]
 
 

@@ -12,7 +12,7 @@ import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP
 from gyrospark.certificates.verification import verify_stepper
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.steppers.run_defaults import Start
+from gyrospark.runtime.steppers.run_defaults import RunDefaults
 
 
 def built():
@@ -48,7 +48,8 @@ def shown(gl3, tmp_path_factory):
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
         framed, frame, *framed.symmetries,
-        gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, Start.of_problem(TOP), run, run.report, many,
+        gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, RunDefaults.of_problem(TOP), run, run.report,
+        many,
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
         choice, *choice.pilots,
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,

@@ -31,7 +31,8 @@ from gyrospark.benchmarks import (
 from gyrospark.benchmarks.contest import ContestRow, Limits, compete, judged, with_ratios
 from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
 from gyrospark.benchmarks.peers.entry import PeerEntry
-from gyrospark.commands import bench_tables, main
+from gyrospark.commands import main
+from gyrospark.commands.bench import PRINT, _print_accuracies
 from gyrospark.core.extras import install
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from gyrospark.sweeps.run_sweep import run_study
@@ -381,7 +382,7 @@ def test_batches_of_bodies_are_compared_with_one_alone(capsys):
     q, _ = batches.starts(linkage, step, 2)
     np.testing.assert_allclose(q[0], linkage.model.q0, atol=1e-15)
     assert np.abs(q[1] - q[0]).max() > 1e-3
-    bench_tables.PRINT["batches"]([row])
+    PRINT["batches"]([row])
     assert "chain of 2" in capsys.readouterr().out
 
 
@@ -519,7 +520,7 @@ def test_each_program_of_bodies_has_a_column(capsys):
     rows = [joined_bodies.BodyRow("chain", peer, "1", "x", 1e-3, seconds=seconds, error=error)
             for peer, seconds, error in (("gyrospark", 0.002, 1e-7), ("mujoco", 0.006, 1e-5),
                                          ("mujoco", 0.5, 1e-5), ("pydy", None, None))]
-    bench_tables._print_accuracies(rows)
+    _print_accuracies(rows)
     lines = [[cell.strip() for cell in line.split("│")[1:-1]]
              for line in capsys.readouterr().out.splitlines() if "│" in line]
     first = next(line for line in lines if "1e-05" in line)

@@ -17,13 +17,12 @@ from gyrospark.commands.verify import spec_of_name
 from gyrospark.core import arguments
 from gyrospark.core.inertia import REPS, RepName
 from gyrospark.core.real_types import REALS, RealName
-from gyrospark.core.registry import MODELS, PROBLEMS, SYSTEMS, entry_named
+from gyrospark.core.registry import AIMS, MODELS, PROBLEMS, SYSTEMS, Aim, entry_named
 from gyrospark.generator.models.formulas import parse_formula
 from gyrospark.generator.pipeline import generate, tableau_of
 from gyrospark.generator.schemes.named_schemes import SCHEMES, SchemeName
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.bindings.binding import SOLVERS, SolverName
-from gyrospark.runtime.rigid_body.gamma_rules import AIMS, Aim
 
 TOP = gs.problems.fast_top()
 

@@ -11,7 +11,7 @@ import pytest
 
 import gyrospark as gs
 from calls import TOP
-from gyrospark.core.warnings import listening, remark
+from gyrospark.core.warnings import capture_warnings, warn
 from gyrospark.generator.models.model_file import parse_model
 from processes import ROOT
 
@@ -167,8 +167,8 @@ def test_remarks_are_heard_by_the_thread_that_listens():
     heard = {}
 
     def work(name):
-        with listening() as said:
-            remark(name)
+        with capture_warnings() as said:
+            warn(name)
             heard[name] = list(said)
 
     threads = [threading.Thread(target=work, args=(str(i),)) for i in range(8)]
@@ -178,7 +178,7 @@ def test_remarks_are_heard_by_the_thread_that_listens():
         thread.join()
     assert heard == {str(i): [str(i)] for i in range(8)}
     with pytest.warns(gs.InputWarning, match="now"):
-        remark("now")
+        warn("now")
 
 
 # ---------------------------------------------------------------- the command line

@@ -79,6 +79,37 @@ def test_short_and_standalone_files_have_the_same_object_code(name, tmp_path):
         tmp_path, name, amalgamate(short))
 
 
+FULL = ["newton/step", "run/batch", "run/ensemble", "run/begin_advance"]
+RUN = ["newton/step", "profiles/run", "run/begin_advance"]
+
+
+@pytest.mark.parametrize(("features", "headers"), [
+    ("", FULL), ("TIME_DEPENDENT FORCES", FULL), ("INPUTS", FULL), ("FRAME", FULL),
+    ("FRAME FRAME_WORK FORCES TIME_DEPENDENT", FULL), ("LAGRANGIAN TIME_DEPENDENT", FULL),
+    ("ELEMENTS", FULL), ("PROFILE_RUN", RUN), ("PROFILE_RUN FORCES", RUN),
+    ("PROFILE_CONTROL", ["profiles/control"])])
+@pytest.mark.parametrize("spark", ["SPARK", ""])
+def test_amalgamation_does_what_the_preprocessor_does(features, headers, spark, tmp_path):
+    """Also where macros of features expand to nothing: the same tokens."""
+    fixed_point = "" if "PROFILE" in features else "FIXED_POINT"
+    names = ["ENGINE", "CONSTRAINED", "FACTORS", *f"{spark} {fixed_point} {features}".split()]
+    lines = [f"#define GS_{name} 1" for name in names]
+    lines += ["#define NAME(f) toy_##f", "#define MATH(f) f", "#define LIMIT(f) DBL_##f",
+              "#define KERNEL(f) KERNEL_##f", "#define KERNEL_constraint constraint",
+              "#define KERNEL_constraint_jacobian G", "#define KERNEL_constraint_increment dg",
+              "#define KERNEL_hidden_constraint f", "#define KERNEL_hidden_matrix W",
+              "#define KERNEL_mean_constraint mean_constraint",
+              *(f'#include "gyrospark/{name}.h"' for name in ("engine", *headers)), ""]
+    tokens = []
+    for text in ("\n".join(lines), amalgamate("\n".join(lines))):
+        (tmp_path / "x.c").write_text(text, encoding="ascii")
+        done = call([*compiler(MAIN), "-E", "-P", f"-I{FOLDER}", "x.c"], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        tokens.append("".join(done.stdout.split()))
+    assert len(tokens[0]) > 5000
+    assert tokens[0] == tokens[1]
+
+
 @pytest.mark.parametrize("path", SHORT, ids=lambda path: path.stem)
 def test_standalone_files_contain_what_they_need(path):
     whole = amalgamate(path.read_text(encoding="utf-8"))

@@ -56,15 +56,15 @@ class Case:
                           "parameters": parameters, "events": self.events}
         self.path = scratch() / f"{stepper.name}-{len(self.events)}.zarr"
         self._record()
-        self.run = stepper.checked_run(q, p, dt=1e-3, steps=120, every=3, parameters=parameters,
-                                       t0=0.0, solver="auto", tolerance=None, max_iterations=50)
+        self.run = stepper.checked_run(stepper.run_arguments(
+            q, p, dt=1e-3, steps=120, every=3, parameters=parameters))
         group = array_layout.open_group(self.path)
         self.sound = np.asarray(array_layout.array_of(group, array_layout.CHECKPOINT)[:])
         state = unpack(self.binding, self.sound, len(self.events))
         assert state is not None
         assert pack(self.binding, state).tobytes() == self.sound.tobytes()
         report, work = (self.binding.image(part).size for part in (state.report, state.work))
-        numbers = 2 * len(gs.runtime.bindings.wide_numbers.as_bytes(state.q).reshape(-1))
+        numbers = 2 * len(gs.runtime.bindings.real_numbers.as_bytes(state.q).reshape(-1))
         with tempfile.TemporaryDirectory() as folder:
             found = integers_of(stepper.name, stepper.files, Path(folder))
         at = {"report": 48 + numbers, "work": 48 + numbers + report}
@@ -133,7 +133,7 @@ def forged_checkpoint(choices: Choices, one: Case) -> str:
         return "refused"
     if state is None or state.status or state.steps > 2**40:
         return "accepted"
-    rows = Rows.room(one.binding, STEPS)
+    rows = Rows.allocate(one.binding, STEPS)
     status = advance(one.binding, one.run, one.binding.parameters(one.run.parameters, 0.0), STEPS,
                      1, state.q, state.p, rows.after(0), state.report, state.work)
     return "went on" if status == 0 else "step failed"

@@ -22,7 +22,7 @@ import gyrospark as gs
 from gyrospark import api
 from gyrospark.core.errors import GyrosparkError, InputError
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.compilation.build_cache import keep, kept
+from gyrospark.runtime.compilation.build_cache import read_cache, write_cache
 from gyrospark.runtime.steppers import evaluation
 from gyrospark.runtime.steppers.stepper import Stepper
 
@@ -164,10 +164,10 @@ def check_source(data: bytes) -> str:
     before = os.environ.get("GYROSPARK_CACHE", "")
     os.environ["GYROSPARK_CACHE"] = str(scratch() / "cache")
     try:
-        keep(name, content)
+        write_cache(name, content)
         path = scratch() / "cache" / name
         path.write_bytes(damaged(path.read_bytes(), choices))
-        found = kept(name)
+        found = read_cache(name)
     finally:
         os.environ["GYROSPARK_CACHE"] = before
     assert found is None or found == content

@@ -49,18 +49,18 @@ UNRELATED = re.compile(
 
 # ---------------------------------------------------------------- as a plugin of pytest
 
-COMPILE, CONFTEST = "the compiler", "import of conftest"
-LIMITS, SEEN = "GYROSPARK_MUTATION_LIMITS", "GYROSPARK_MUTATION_SEEN"
+MEMORY = 1 << 21  # pages, of 4 KiB, that a mutant may take
+COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
+LIMIT, SEEN = "GYROSPARK_MUTATION_LIMIT", "GYROSPARK_MUTATION_SEEN"
 _seen: dict[str, Any] = {"tests": {}, "failed": []}
 
 
 def pytest_configure() -> None:
-    """Limit time and memory; in ``map``, begin to measure."""
+    """Limit the time; in ``map``, begin to measure."""
     import resource
 
-    cpu, memory = json.loads(os.environ[LIMITS])
+    cpu = int(os.environ[LIMIT])
     resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu))
-    resource.setrlimit(resource.RLIMIT_AS, (memory << 30, memory << 30))
     if SEEN in os.environ:
         import coverage
 
@@ -103,7 +103,7 @@ def pytest_runtest_logfinish(nodeid: str) -> None:
 
 def pytest_runtest_teardown(item: Any) -> None:
     """End a file whose budget is used."""
-    if SEEN in os.environ and sum(os.times()[:4]) > json.loads(os.environ[LIMITS])[0] / 2:
+    if SEEN in os.environ and sum(os.times()[:4]) > int(os.environ[LIMIT]) / 2:
         item.session.shouldstop = "The budget of this file is used."
 
 
@@ -156,7 +156,7 @@ class Copy:
             cache.chmod(0o700)
         here = os.pathsep.join([str(self.folder.parent), str(Path(__file__).resolve().parent)])
         environment = {"PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0", "GYROSPARK_CACHE": str(cache),
-                       LIMITS: json.dumps([int(seconds), 12])} | ({SEEN: str(seen)} if seen else {})
+                       LIMIT: str(int(seconds))} | ({SEEN: str(seen)} if seen else {})
         command = ["-p", Path(__file__).stem, "-q", "-n", "0", "-p", "no:cacheprovider",
                    "--basetemp", str(self.scratch), *([] if seen else ["-x"]),
                    *(f"--deselect={name}" for name in skipped), *tests]
@@ -180,7 +180,8 @@ class Copy:
             os._exit(ended)
         while not (done := os.waitpid(child, os.WNOHANG))[0]:
             time.sleep(0.05)
-            if time.monotonic() > until:
+            pages = Path(f"/proc/{child}/statm").read_text().split()[1]
+            if time.monotonic() > until or int(pages) > MEMORY:
                 os.killpg(child, 9)
         code = os.waitstatus_to_exitcode(done[1])
         return None if code in (-9, -24) else code, said.read_text(errors="replace")
@@ -236,8 +237,10 @@ def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) ->
     if code == 4 and (gone := set(re.findall(r"not found: \S*?(tests/.*)", said))):
         tests = [name for name in tests if name not in gone]  # renamed since the map was made
         return failing(copy, tests, cost, failed) if tests else ""
-    if code in (None, 0, 5):  # 5: no test was left
+    if code is None or code in (0, 5):  # 5: no test was left
         return None if code is None else ""
+    if code < 0:
+        return CRASH
     if found := re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said, re.MULTILINE):
         return COMPILE if re.search(r"\.[ch]:\d+:\d+: .*error:", said) else found[1]
     if "while loading conftest" in said:
@@ -321,17 +324,18 @@ def pick(count: int, least: int, packages: list[str], seed: int,
     return chosen
 
 
-def run(work: Path, mutants: list[Mutant], tests: list[str], *, changed: bool,
+def run(work: Path, mutants: list[Mutant], tests: list[str], seconds: float, *, changed: bool,
         whole: bool) -> None:
     """Try mutants out and log each."""
     known, copy = Map(work / "map"), Copy(work, os.getpid())
-    sound = {COMPILE, CONFTEST}  # tests that pass without a change
+    sound = {COMPILE, CONFTEST, CRASH}  # tests that pass without a change
     for name in HEAVY:
         importlib.import_module(name)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
                             capture_output=True, check=False).stdout.strip()
     for mutant in mutants:
-        parts = [[(60.0, name) for name in tests]] if tests else known.choose(mutant, whole=whole)
+        parts = [[(seconds, name) for name in tests]] if tests else (
+            known.choose(mutant, whole=whole))
         found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -377,7 +381,8 @@ def main() -> None:
     parser.add_argument("--least", type=int, default=40, help="how many of each package at least")
     parser.add_argument("--packages", nargs="+", choices=PACKAGES, default=list(PACKAGES))
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=int, default=20, help="of CPU for a file of tests in map")
+    parser.add_argument("--seconds", type=int, default=20,
+                        help="of CPU for a file of tests in map, for one of --tests in run")
     parser.add_argument("--tests", nargs="+", default=[], help="names of the files that map "
                         "measures, or the tests that run runs in place of the map's")
     parser.add_argument("--again", action="store_true",
@@ -405,7 +410,8 @@ def main() -> None:
             mutants = pick(given.mutants, given.least, given.packages, given.seed,
                            {} if given.unchanged else done)
         mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-        run(work, mutants, given.tests, changed=not given.unchanged, whole=given.again)
+        run(work, mutants, given.tests, given.seconds, changed=not given.unchanged,
+            whole=given.again)
 
 
 if __name__ == "__main__":

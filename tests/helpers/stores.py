@@ -10,7 +10,7 @@ import numpy as np
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
-from gyrospark.runtime.bindings.wide_numbers import as_bytes
+from gyrospark.runtime.bindings.real_numbers import as_bytes
 from gyrospark.storage import array_layout, recorder
 from interruption import differences
 

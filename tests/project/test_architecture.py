@@ -10,16 +10,13 @@ from package_graph import API, OUTER, imports, packages, reachable, reduced
 from processes import ROOT
 
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
-#: The one arrow that goes up: a trajectory saves itself as .csv or .nc by what stores use for it.
-UPWARDS = {"runtime.results.trajectory -> storage.table_files"}
 #: Lists of what is printed, and what is computed for one table of the paper: told by their index.
 UNLISTED = {"studies", "benchmarks"}
 
 
 def graph() -> dict[str, set[str]]:
-    """Return which package imports from which, without the arrow that goes up."""
-    return {name: {other for other, pairs in others.items() if pairs - UPWARDS}
-            for name, others in imports().items()}
+    """Return which package imports from which."""
+    return {name: set(others) for name, others in imports().items()}
 
 
 def test_no_circle():
@@ -27,8 +24,6 @@ def test_no_circle():
     below = {name: reachable(graph(), name) for name in graph()}
     circles = {name: sorted(imports()[name]) for name, others in below.items() if name in others}
     assert not circles
-    pairs = {pair for others in imports().values() for some in others.values() for pair in some}
-    assert pairs >= UPWARDS  # or it is not needed any more
 
 
 @pytest.mark.parametrize("name", sorted(set(packages()) - UNLISTED))

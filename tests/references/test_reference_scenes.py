@@ -14,7 +14,7 @@ from gyrospark.benchmarks import reference_bodies, scenes
 from gyrospark.benchmarks.peers.mujoco_scenes import _tree
 from gyrospark.benchmarks.peers.optional import Unavailable
 from gyrospark.benchmarks.reference_bodies import measure_bodies
-from gyrospark.benchmarks.reference_scenes import andrews, at_start, told
+from gyrospark.benchmarks.reference_scenes import andrews, at_start, scene_reference
 from gyrospark.references.problem import largest_error
 from gyrospark.references.problem_registry import REFERENCES
 
@@ -28,7 +28,7 @@ def test_a_scene_starts_where_the_model_does(name):
     """Masses, moments and places, read off the record, give back the state and its numbers."""
     problem = REFERENCES[name]
     model = problem.make().in_type(float)
-    scene = told(problem)
+    scene = scene_reference(problem)
     end = scene.scene.end(at_start(scene.scene))
     assert end.q[0] == pytest.approx(model.q0.astype(float), rel=0, abs=1e-15)
     assert end.p[0] == pytest.approx(model.p0.astype(float), rel=1e-14, abs=1e-15)
@@ -41,7 +41,7 @@ def test_andrews_and_the_governor_start_as_their_lagrangians_do():
     for name in ("andrews", "flyball-governor-stiff"):
         problem = REFERENCES[name]
         model = problem.make().in_type(float)
-        scene = told(problem)
+        scene = scene_reference(problem)
         found = scene.read(at_start(scene.scene))
         off = np.subtract(found["positions"], model.q0.astype(float))
         assert off - 2 * np.pi * np.round(off / (2 * np.pi)) == pytest.approx(0, abs=1e-13)
@@ -51,7 +51,7 @@ def test_andrews_and_the_governor_start_as_their_lagrangians_do():
 
 def test_a_top_has_a_weight_with_the_moment_of_its_potential():
     """147.15 R₃₂ about the point, and the moments about it."""
-    scene = told(REFERENCES["heavy-top"]).scene
+    scene = scene_reference(REFERENCES["heavy-top"]).scene
     (top,) = scene.bodies.values()
     moment = -top.mass * scene.gravity[2] * top.centre
     assert moment == pytest.approx([0, 147.15, 0], rel=1e-14, abs=1e-13)
@@ -88,7 +88,7 @@ def test_a_package_that_is_missing_is_said(monkeypatch):
 
 def test_steps_that_fail_are_said_and_more_are_tried(monkeypatch):
     """And a method ends where its runs cost too much."""
-    scene = told(REFERENCES["kovalevskaya"])
+    scene = scene_reference(REFERENCES["kovalevskaya"])
     tried, said, clock = [], [], [0.0]
 
     def prepare(steps, seconds):
@@ -111,11 +111,11 @@ def test_steps_that_fail_are_said_and_more_are_tried(monkeypatch):
 
 
 def test_loops_are_closed_by_balls_where_there_are():
-    tree, loops = _tree(told(REFERENCES["slider-crank"]).scene)
+    tree, loops = _tree(scene_reference(REFERENCES["slider-crank"]).scene)
     assert [joint.kind for joint in loops] == ["ball"]
     assert [(parent, body) for parent, body, _ in tree] == [
         ("", "slider"), ("", "crank"), ("slider", "conrod")]
-    tree, loops = _tree(told(REFERENCES["four-bar"]).scene)
+    tree, loops = _tree(scene_reference(REFERENCES["four-bar"]).scene)
     assert len(tree) == 5
     assert [(joint.a, joint.b) for joint in loops] == [("c1", "v1"), ("c2", "v2")]
 
@@ -124,7 +124,7 @@ def test_loops_are_closed_by_balls_where_there_are():
 def test_andrews_of_bodies_moves_as_its_lagrangian_does():
     """49 coordinates on hinges by our own steps, against the digits of seven angles."""
     problem = REFERENCES["andrews"]
-    start, scene = problem.make().in_type(float), told(problem)
+    start, scene = problem.make().in_type(float), scene_reference(problem)
     build = andrews(start.parameters, start.q0.tolist())
     build.torque("K1", (0, 0, start.parameters["mom"]))
     model = build.model(redundant="leave out")

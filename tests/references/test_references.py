@@ -232,9 +232,9 @@ def test_the_command(gyrospark, tmp_path):
     assert answer.code == 0, answer.stderr
     assert {"name", "scheme", "steps", "error", "cpu_seconds"} <= set(answer.document[0])
     assert answer.document[-1]["steps"] == 4000
-    told = (tmp_path / "page.md").read_text(encoding="utf-8")
+    scene_reference = (tmp_path / "page.md").read_text(encoding="utf-8")
     kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
-    assert told.partition("\n|")[0] == kept.partition("\n|")[0]
+    assert scene_reference.partition("\n|")[0] == kept.partition("\n|")[0]
     said = gyrospark("reference", "list").stdout
     assert all(name in said for name in REFERENCES)
     rows = gyrospark("reference", "list", "--json").document
@@ -244,16 +244,16 @@ def test_the_command(gyrospark, tmp_path):
 
 def test_peers_reach_the_digits_by_themselves():
     """Equations without multipliers in SciPy; what is not installed is left out and told."""
-    told = []
-    runs = list(measure_peers(REFERENCES["neumann"], rounds=1, watch=told.append))
+    scene_reference = []
+    runs = list(measure_peers(REFERENCES["neumann"], rounds=1, watch=scene_reference.append))
     scipy = [run for run in runs if run.peer == "SciPy"]
     assert [run.error < 10 * 10.0**power
             for run, power in zip(scipy, (-6, -9, -12, -13), strict=True)] == [True] * 4
     assert not reached(scipy)  # they do not count as ours
     if not any(run.peer == "heyoka" for run in runs):
-        assert any("pip install heyoka)" in line for line in told)
-    assert list(measure_peers(REFERENCES["car-axis"], watch=told.append)) == []
-    assert "car-axis: " in told[-1]
+        assert any("pip install heyoka)" in line for line in scene_reference)
+    assert list(measure_peers(REFERENCES["car-axis"], watch=scene_reference.append)) == []
+    assert "car-axis: " in scene_reference[-1]
 
 
 def test_the_picture(gyrospark, tmp_path):

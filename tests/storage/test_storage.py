@@ -202,3 +202,13 @@ def test_rows_of_a_block():
         assert rows & (rows - 1) == 0
         assert rows * row <= 32 * 2**20 < 4 * rows * row
         assert block_rows(fields, 5) == 5
+
+
+def test_what_a_killed_run_left_unfinished_is_removed(gl3, tmp_path):
+    store = tmp_path / "run.zarr"
+    gs.record(gl3, **START, steps=20, out=store)
+    left = [store / ".zarr.json.1234.part", store / "q" / ".0.part"]
+    for path in left:
+        path.write_bytes(b"half")
+    gs.record(gl3, **START, steps=30, out=store, resume=True)
+    assert not any(path.exists() for path in left)

@@ -46,13 +46,13 @@ def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypa
     small_blocks(monkeypatch, 64, seconds=5.0)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 50)
     monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: 1e6))
-    commits, commit = [], recorder.Course._commit
+    commits, commit = [], recorder.Recorder._commit
 
     def counted(course, writer):
         commits.append(course.state.steps)
         commit(course, writer)
 
-    monkeypatch.setattr(recorder.Course, "_commit", counted)
+    monkeypatch.setattr(recorder.Recorder, "_commit", counted)
     recorded(gl3, tmp_path / "run.zarr", **START, steps=3000, every=3)
     assert len(commits) == 16
     assert commits[-1] == 3000

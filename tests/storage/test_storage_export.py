@@ -299,7 +299,7 @@ def test_stopped_export_goes_on(gl3, gyrospark, monkeypatch, tmp_path):
     long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
             "20000", "--every", "10", "--out", "x.csv"]
     with monkeypatch.context() as patch:
-        patch.setattr(Interrupts, "asked", True)
+        patch.setattr(Interrupts, "requested", True)
         patch.setattr(Interrupts, "__init__", lambda self: setattr(self, "signal", 15))
         answer = gyrospark(*long)
     assert answer.code == 143

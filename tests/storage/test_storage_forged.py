@@ -34,7 +34,7 @@ def state_of(one, data=None):
 
 def gone_on(one, state):
     """Return the bytes of a state after some more steps."""
-    rows = Rows.room(one.binding, STEPS)
+    rows = Rows.allocate(one.binding, STEPS)
     status = advance(one.binding, one.run, one.binding.parameters(one.run.parameters, 0.0), STEPS,
                      1, state.q, state.p, rows.after(0), state.report, state.work)
     return status, state.q.tobytes(), state.p.tobytes(), rows.iterations.tobytes()

@@ -15,7 +15,7 @@ import pytest
 import gyrospark as gs
 from forced_systems import PARAMETERS as FORCED
 from forced_systems import pendulum
-from gyrospark.runtime.bindings.struct_memory import without_padding
+from gyrospark.runtime.bindings.real_numbers import without_padding
 from gyrospark.runtime.compilation.compiler import find_compiler
 from stores import assert_same_bytes, recorded
 

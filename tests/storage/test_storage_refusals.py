@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
@@ -374,6 +375,19 @@ def test_arrays_of_another_form(name, old_and_new, store, gl3):
             everything(store, gl3)
         with pytest.raises(gs.InputError):
             gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+
+
+def test_blocks_of_other_lengths(store):
+    """Each array is sound by itself; together they are of no run."""
+    array = zarr.open_group(store)["q"]
+    values, attributes = array[:], dict(array.attrs)
+    rows, columns = values.shape
+    made = zarr.open_group(store).create_array(
+        "q", shape=values.shape, dtype=values.dtype, chunks=(rows // 2, columns), overwrite=True)
+    made[:] = values
+    made.attrs.update(attributes)
+    with pytest.raises(gs.InputError, match="blocks"):
+        gs.open_recording(store)
 
 
 @pytest.mark.parametrize("name", ["q", "time", "energy", "iterations", "multipliers"])

@@ -46,7 +46,7 @@ def arguments(real="double", **others):
 
 def small(patch, chunk, rows, seconds=0.0):
     """Let pieces, blocks of states and blocks of events be small."""
-    patch.setattr("gyrospark.runtime.integration.step_loop._WATCHED", chunk)
+    patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK_WITH_EVENTS", chunk)
     small_blocks(patch, rows, seconds)
     patch.setattr(array_layout, "_MOST_EVENTS", 2)
 

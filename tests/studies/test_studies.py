@@ -37,7 +37,7 @@ from gyrospark.studies.summary import (
     unexplained,
     write_summary,
 )
-from gyrospark.studies.verdict import compare_value, same_digits, units_apart
+from gyrospark.studies.verdict import compare_value, same_digits, units_between
 from processes import ROOT
 
 #: Results that take well under a second each once their steppers are compiled.
@@ -112,8 +112,8 @@ def test_a_difference_says_by_how_much_and_why():
 
 def test_digits_are_compared_at_the_printed_place():
     assert same_digits(0.00999999, "1.00E-02")
-    assert units_apart(0.0995, "1.00E-01") in (0, 1)
-    assert units_apart(-1.23, "1.25") == 248
+    assert units_between(0.0995, "1.00E-01") in (0, 1)
+    assert units_between(-1.23, "1.25") == 248
     assert not same_digits(math.nan, "1.0")
 
 

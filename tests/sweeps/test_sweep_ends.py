@@ -93,7 +93,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path, monkeypat
 
 
 def test_no_scheduler_answers(monkeypatch):
-    monkeypatch.setattr(cluster, "_DOOR", 0.5)
+    monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 0.5)
     with pytest.raises(gs.InputError, match="Dask scheduler"):
         cluster.client_of("tcp://127.0.0.1:1")
 

@@ -5,8 +5,6 @@
 #include "gyrospark/linear_algebra/norms.h"
 
 #if GS_ELEMENTS
-/* ------------------------------------------------------------------ constraints: G cell by cell */
-
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 1024, SLACK_OF_MOMENTUM = 1024 };
 
@@ -31,8 +29,6 @@ static int solve_place(const constants *c, const real q[N], real g[M])
 }
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
-
-/* ---------------------------------------------------------------- constraints: G as m rows of n */
 
 /* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
 enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
@@ -83,8 +79,6 @@ static int solve_place(const constants *c, const real q[N], real g[M])
     return solve(M, &W[0][0], g, exponents, pivots);
 }
 #endif
-
-/* ------------------------------------------------------------------------- onto the constraints */
 
 /*
  * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is

@@ -2,76 +2,85 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 #include "gyrospark/simd/vector.h"
+#include "gyrospark/tuning.h"
 
-/* ------------------------------------------------------------------- when a sweep has converged */
+/* ----------------------------------------------------------------------------- convergence test */
 
-/* What is known of the sweeps of one step, in numbers alone. Changes and defects are squares. */
+/* Progress of the iteration in one step. Changes and defects are squares; `floor` is not. */
 typedef struct {
     NUMBER iterations;
-    NUMBER cycle;   /* the same modulo 8 */
-    NUMBER stagnation;   /* sweeps near round-off that brought nothing more */
-    NUMBER constraint_stagnation;   /* sweeps that brought the constraints no nearer */
-    NUMBER estimated; /* 1 where the floor is what rounding was seen to be worth */
-    NUMBER floor;  /* changes below it may be rounding: a size, no square */
-    NUMBER change; /* of the last sweep: the sum of its squared increments relative to the state */
-    NUMBER previous; /* of the sweep before it */
-    NUMBER first;  /* of the first */
-    NUMBER smallest;  /* of all sweeps */
-    NUMBER remaining;   /* expected of the next sweep, were it not for rounding; far from that huge */
-    NUMBER defect; /* of the constraints in the last sweep, relative to the state */
-    NUMBER least_defect;
+    NUMBER cycle;         /* iterations modulo 8 */
+    NUMBER stagnation;    /* iterations near round-off whose change did not decrease */
+    NUMBER constraint_stagnation; /* iterations whose constraint defect did not decrease */
+    NUMBER estimated;     /* 1 where the floor is an estimate of the round-off */
+    NUMBER floor;         /* changes below it may be round-off */
+    NUMBER change;        /* last iteration: squared norm of the increment, relative to the state */
+    NUMBER previous;      /* change of the iteration before it */
+    NUMBER first;         /* change of the first iteration */
+    NUMBER smallest;      /* smallest change of all iterations */
+    NUMBER remaining;     /* expected change of the next iteration in exact arithmetic; huge above
+                             the floor */
+    NUMBER defect;        /* constraint defect of the last iteration, relative to the state */
+    NUMBER least_defect;  /* smallest defect of all iterations */
 } TYPED(progress_t);
 
-/* Where the sweeps have ended, and where they did without success. */
+/* Result of the convergence test: the iteration has ended; it has ended without convergence. */
 typedef struct {
     TYPED(mask) ended, failed;
 } TYPED(convergence_t);
 
 static TYPED(progress_t) TYPED(initial_progress)(void)
 {
-    const NUMBER none = TYPED(broadcast)(0), huge = TYPED(broadcast)((real)HUGE_VAL), floor = TYPED(broadcast)(16*epsilon);
-    const TYPED(progress_t) start = { none, none, none, none, none, floor, none, none, none, huge,
+    const NUMBER zero = TYPED(broadcast)(0), huge = TYPED(broadcast)((real)HUGE_VAL),
+        floor = TYPED(broadcast)(FLOOR_UNITS*epsilon);
+    const TYPED(progress_t) start = { zero, zero, zero, zero, zero, floor, zero, zero, zero, huge,
         huge, huge, huge };
     return start;
 }
 
 /*
- * Where a change that hardly shrank, above the floor, calls for a look at what rounding is worth:
- * a stiff spring k rounds its force by epsilon k |q|, whatever the momentum.
+ * Mask of the lanes that need an estimate of the round-off: the change hardly decreases above the
+ * floor. Example: the force of a stiff spring k has the round-off epsilon k |q|, which is large
+ * relative to a small momentum.
  */
 INLINE TYPED(mask) TYPED(needs_round_off_estimate)(const TYPED(progress_t) *s, NUMBER change)
 {
-    return (s->estimated < 1) & (s->iterations > 2) & (change > s->change/4)
+    return (s->estimated < 1) & (s->iterations > 2) & (change > s->change/STALLED_RATIO)
         & TYPED(mask_not)(change < s->floor*s->floor);
 }
 
-/* `noise` is what stages some units in the last place away change in a sweep, squared. */
-static void TYPED(set_round_off_floor)(TYPED(progress_t) *s, TYPED(mask) looks, NUMBER round_off)
+/* `round_off`: squared change of an iteration when its stages are perturbed by 2 ulp. */
+static void TYPED(set_round_off_floor)(TYPED(progress_t) *s, TYPED(mask) stalled, NUMBER round_off)
 {
-    s->estimated = TYPED(select_value)(looks, TYPED(broadcast)(1), s->estimated);
-    s->floor = TYPED(select_value)(looks, TYPED(larger)(s->floor, 16*TYPED(square_root)(round_off)), s->floor);
+    s->estimated = TYPED(select_value)(stalled, TYPED(broadcast)(1), s->estimated);
+    s->floor = TYPED(select_value)(stalled,
+        TYPED(larger)(s->floor, FLOOR_FACTOR*TYPED(square_root)(round_off)), s->floor);
 }
 
-/* What constraints have come to. */
+/* Updates the constraint defect and its stagnation count. */
 INLINE void TYPED(update_defect)(TYPED(progress_t) *s, NUMBER defect)
 {
-    s->constraint_stagnation = TYPED(select_value)(defect < (real)0.8*s->least_defect, TYPED(broadcast)(0), s->constraint_stagnation + 1);
+    s->constraint_stagnation = TYPED(select_value)(defect < DEFECT_PROGRESS*s->least_defect,
+        TYPED(broadcast)(0), s->constraint_stagnation + 1);
     s->defect = defect;
     s->least_defect = TYPED(select_value)(defect < s->least_defect, defect, s->least_defect);
 }
 
 /*
- * A sweep far from rounding that shrank what it changes goes on whatever else is true of it, and
- * little is noted of it. Not so every eighth, nor one that calls for a look.
+ * Mask of the lanes that need no full test: the change decreased and is far above round-off, so the
+ * iteration continues in any case. Every eighth iteration and each one that needs an estimate of
+ * the round-off is tested in full.
  */
-INLINE TYPED(mask) TYPED(is_contracting)(const TYPED(progress_t) *s, NUMBER change, real tolerance, int max_iterations)
+INLINE TYPED(mask) TYPED(is_contracting)(const TYPED(progress_t) *s, NUMBER change, real tolerance,
+    int max_iterations)
 {
-    return (change < s->change) & (s->iterations > 0) & (s->cycle < 7) & (s->iterations < (real)max_iterations - 2)
-        & (change < 9) & (change > tolerance*tolerance) & TYPED(mask_not)(change < s->floor*s->floor)
+    return (change < s->change) & (s->iterations > 0) & (s->cycle < CYCLE_END)
+        & (s->iterations < (real)max_iterations - 2) & (change < MAX_CHANGE)
+        & (change > tolerance*tolerance) & TYPED(mask_not)(change < s->floor*s->floor)
         & TYPED(mask_not)(TYPED(needs_round_off_estimate)(s, change));
 }
 
-/* All that a verdict would note of it. */
+/* The same update of the progress as in test_convergence, for a contracting iteration. */
 INLINE void TYPED(update_contracting)(TYPED(progress_t) *s, NUMBER change, NUMBER defect)
 {
     s->previous = s->change;
@@ -84,54 +93,61 @@ INLINE void TYPED(update_contracting)(TYPED(progress_t) *s, NUMBER change, NUMBE
     TYPED(update_defect)(s, defect);
 }
 
-/* Whether the next sweep would leave no more of the constraints than rounding does, or cannot. */
+/* Mask: the constraint defect is at round-off now, is so after one iteration, or stagnates. */
 INLINE TYPED(mask) TYPED(constraints_met)(TYPED(progress_t) *s, NUMBER defect)
 {
-    const real floor = 4*epsilon*epsilon;
-    const real low = 4096*epsilon; /* above that, constraints that idle are not met */
-    const TYPED(mask) next = (defect*defect <= floor*s->defect) & ((real)0.0001*defect <= floor);
+    const real floor = DEFECT_FLOOR*epsilon*epsilon;
+    const real low = DEFECT_UNITS*epsilon; /* a defect that stagnates above it is not round-off */
+    const TYPED(mask) next = (defect*defect <= floor*s->defect) & (MIN_RATE*defect <= floor);
     TYPED(update_defect)(s, defect);
-    return (defect <= floor) | next | ((s->constraint_stagnation > 2) & (defect < low*low));
+    return (defect <= floor) | next
+        | ((s->constraint_stagnation > MAX_DEFECT_STAGNATION) & (defect < low*low));
 }
 
-/* A rate that was never seen is that of the sweep before it, below 0; 1 where there is none. */
+/* A negative entry is the rate of the iteration before, as no rate was measured; 1: no rate. */
 INLINE NUMBER TYPED(rate_magnitude)(NUMBER rate)
 {
     return TYPED(larger)(rate, -rate);
 }
 
 /*
- * By how much this sweep shrinks a change, rates[0], is noted wherever a change that does so would
- * still be clear of rounding, whatever it then is: if large ones alone were, the mean would be too
- * large. Each sweep has its own: the first ones shrink less than those that follow.
+ * rates[0] <- running mean of the contraction rate of this iteration. The rate is measured wherever
+ * the expected change previous*rates[0], and not the actual one, is above round-off: a condition on
+ * the actual change would select large rates and bias the mean. Each iteration has its own rate, as
+ * the first ones contract less than later ones.
  */
-INLINE void TYPED(update_rates)(const TYPED(progress_t) *s, NUMBER change, NUMBER rate, NUMBER *rates)
+INLINE void TYPED(update_rates)(const TYPED(progress_t) *s, NUMBER change, NUMBER rate,
+    NUMBER *rates)
 {
     const NUMBER known = TYPED(rate_magnitude)(rates[0]);
     const TYPED(mask) old = (rates[0] > 0) & (rates[0] < 1), next = (rates[1] > 0) & (rates[1] < 1);
-    const TYPED(mask) clear = (known >= 1) | (16*s->previous*known > s->floor*s->floor);
-    const TYPED(mask) seen = (s->iterations > 1) & (rate < 1) & (change < 9) & clear;
-    const NUMBER mean = TYPED(select_value)(old, rates[0] + (rate - rates[0])/8, rate);
+    const TYPED(mask) clear = (known >= 1)
+        | (ROUND_OFF_MARGIN*s->previous*known > s->floor*s->floor);
+    const TYPED(mask) seen = (s->iterations > 1) & (rate < 1) & (change < MAX_CHANGE) & clear;
+    const NUMBER mean = TYPED(select_value)(old, rates[0] + (rate - rates[0])/RATE_MEMORY,
+        rate);
     rates[0] = TYPED(select_value)(seen, mean, rates[0]);
     rates[1] = TYPED(select_value)(next, rates[1], -TYPED(rate_magnitude)(rates[0]));
 }
 
 /*
- * What is left after a sweep near rounding, where changes tell nothing any more: it goes on
- * shrinking as it is known to do, or as it did in this step where nothing is known.
+ * remaining <- remaining*rate: the expected change of the next iteration. Near round-off, observed
+ * changes carry no information; the rate is the mean of previous steps, or the rate of this step
+ * where no mean is known.
  */
-INLINE NUMBER TYPED(predict_remaining)(const TYPED(progress_t) *s, TYPED(mask) near, NUMBER change, NUMBER ratio,
-    NUMBER rate, const NUMBER *rates)
+INLINE NUMBER TYPED(predict_remaining)(const TYPED(progress_t) *s, TYPED(mask) near, NUMBER change,
+    NUMBER ratio, NUMBER rate, const NUMBER *rates)
 {
-    /* Few sweeps do not tell the slow modes: count on no less than a hundredth of the change. */
-    const NUMBER slow = TYPED(broadcast)((real)0.0001);
+    /* Few iterations do not show the slow modes: a lower bound on the rate. */
+    const NUMBER slow = TYPED(broadcast)(MIN_RATE);
     const NUMBER next = TYPED(larger)(ratio, TYPED(select_value)(s->iterations < 3, slow, rate));
     const NUMBER known = TYPED(rate_magnitude)(rates[1]);
     const NUMBER usual = TYPED(larger)(slow, TYPED(select_value)(known < 1, known, next));
-    return TYPED(select_value)(near, TYPED(smaller)(s->remaining, change)*usual, TYPED(broadcast)((real)HUGE_VAL));
+    return TYPED(select_value)(near, TYPED(smaller)(s->remaining, change)*usual,
+        TYPED(broadcast)((real)HUGE_VAL));
 }
 
-/* Where changes at the rate of all sweeps so far would not come to the floor in time. */
+/* Mask: at the mean rate so far, the change stays above the floor until max_iterations. */
 NOINLINE TYPED(mask) TYPED(is_too_slow)(const TYPED(progress_t) *s, int max_iterations)
 {
     const NUMBER remaining = ((real)max_iterations - s->iterations)/(s->iterations - 1);
@@ -140,26 +156,30 @@ NOINLINE TYPED(mask) TYPED(is_too_slow)(const TYPED(progress_t) *s, int max_iter
 }
 
 /*
- * Ends the sweeps when what is left is far below what rounding is worth in a step that has `moved`
- * the state (squared and relative): it adds up from step to step, as it is not random. Or when
- * changes near round-off have stopped shrinking. Not while the constraints are still coming nearer.
- * They fail when changes grow, or would not get there in time. Each lane by itself: what it comes
- * to depends on no other.
+ * The convergence test. The iteration has converged when the expected remainder is far below the
+ * round-off of the step; far below, because the remainder is systematic and accumulates over steps.
+ * `step_squared` is the squared increment of the state in the step, relative to the state. The
+ * iteration has also converged when changes near round-off stagnate. In both cases the constraints
+ * must be met. The iteration fails when changes grow, or decrease too slowly for max_iterations.
+ * The test of a lane does not depend on other lanes.
  */
-static TYPED(convergence_t) TYPED(test_convergence)(TYPED(progress_t) *s, NUMBER change, NUMBER defect, NUMBER step_squared,
-    real tolerance, int max_iterations, int updates, NUMBER *rates)
+static TYPED(convergence_t) TYPED(test_convergence)(TYPED(progress_t) *s, NUMBER change,
+    NUMBER defect, NUMBER step_squared, real tolerance, int max_iterations, int updates,
+    NUMBER *rates)
 {
     const NUMBER floor = s->floor*s->floor, least = epsilon*epsilon*step_squared;
-    const NUMBER round_off = TYPED(select_value)(s->estimated > 0, TYPED(larger)(least, floor/256), least);
+    const NUMBER round_off = TYPED(select_value)(s->estimated > 0,
+        TYPED(larger)(least, floor/FLOOR_OVERESTIMATE), least);
     const NUMBER ratio = change/s->change, two_ago = s->previous, of_two = change/two_ago;
     const NUMBER rate = TYPED(square_root)(of_two);
-    const TYPED(mask) near = change < floor, far = TYPED(mask_not)(near), met = TYPED(constraints_met)(s, defect);
+    const TYPED(mask) near = change < floor, far = TYPED(mask_not)(near),
+        met = TYPED(constraints_met)(s, defect);
     const TYPED(mask) stalls = near & TYPED(mask_not)(change < s->smallest);
     s->previous = s->change;
     s->change = change;
     s->smallest = TYPED(smaller)(change, s->smallest);
     s->iterations += 1;
-    s->cycle = TYPED(select_value)(s->cycle < 7, s->cycle + 1, TYPED(broadcast)(0));
+    s->cycle = TYPED(select_value)(s->cycle < CYCLE_END, s->cycle + 1, TYPED(broadcast)(0));
     const TYPED(mask) one = s->iterations < 2, over = s->iterations > (real)max_iterations;
     s->first = TYPED(select_value)(one, change, s->first);
     if (updates)
@@ -167,14 +187,17 @@ static TYPED(convergence_t) TYPED(test_convergence)(TYPED(progress_t) *s, NUMBER
     s->remaining = TYPED(predict_remaining)(s, near, change, ratio, rate, rates);
     s->stagnation = TYPED(select_value)(stalls, s->stagnation + 1, TYPED(broadcast)(0));
     const TYPED(mask) small = (change <= tolerance*tolerance)
-        | (met & ((65536*s->remaining < round_off) | (s->stagnation > 3)));
-    const TYPED(mask) bounded = change < 9, grows = (ratio > 1) & (of_two > 1);
+        | (met & ((REMAINDER_MARGIN*s->remaining < round_off)
+            | (s->stagnation > MAX_STAGNATION)));
+    const TYPED(mask) bounded = change < MAX_CHANGE, grows = (ratio > 1) & (of_two > 1);
     const TYPED(mask) too_slow = far & TYPED(mask_not)(one) & (s->cycle < 1);
     const TYPED(mask) done = TYPED(select_mask)(one, change <= 0, bounded & small);
-    TYPED(mask) failed = TYPED(select_mask)(one, TYPED(mask_not)(change >= 0), TYPED(mask_not)(bounded)
+    TYPED(mask) failed = TYPED(select_mask)(one, TYPED(mask_not)(change >= 0),
+        TYPED(mask_not)(bounded)
         | (s->iterations > (real)max_iterations - 1) | (grows & far & (s->iterations > 3)));
     if (TYPED(any)(too_slow & TYPED(mask_not)(failed)))
         failed |= too_slow & TYPED(is_too_slow)(s, max_iterations);
-    const TYPED(convergence_t) verdict = { done | failed | over, over | (failed & TYPED(mask_not)(done)) };
-    return verdict;
+    const TYPED(convergence_t) result = { done | failed | over,
+        over | (failed & TYPED(mask_not)(done)) };
+    return result;
 }

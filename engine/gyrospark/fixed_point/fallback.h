@@ -204,9 +204,9 @@ static void observe_fixed_point(work_t *w, report_t *report)
 {
     SINGLE(t) *s = &fixed_point_of(w)->solver;
     const lanes H = lanes_hamiltonian(&s->constants, s->q, s->p);
-    set_work(report, lane_get(&s->work, 0), lane_get(&s->work_low, 0));
+    IF_FORCES(set_work(report, lane_get(&s->work, 0), lane_get(&s->work_low, 0));)
     const real gain = lane_get(&H, 0) - report->energy_start;
-    const real error = MATH(fabs)(gain - total_work(report));
+    const real error = MATH(fabs)(gain IF_FORCES(- report->work));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
     SINGLE(observe_constraint_errors)(s, report);

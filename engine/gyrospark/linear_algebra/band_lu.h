@@ -4,8 +4,6 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* ------------------------------------------------------------------------------- linear algebra */
-
 /*
  * The Jacobian in an order of the unknowns (and of their equations) in which what interacts stands
  * close together: row r has the columns r - BAND .. r + BAND, and as many again for the fill that

@@ -4,8 +4,6 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* ------------------------------------------------------------------------------- linear algebra */
-
 /*
  * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
  * powers of two, which is exact, so that the choice of pivots does not depend on units. Products

@@ -4,8 +4,6 @@
 
 #include "gyrospark/engine.h"
 
-/* --------------------------------------------------------------------------- sizes and rounding */
-
 static real larger(real a, real b)
 {
     return a > b ? a : b;

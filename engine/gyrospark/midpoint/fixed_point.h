@@ -10,8 +10,6 @@
 
 #define SOLVER(f) SINGLE(f)
 
-/* ---------------------------------------------------------------- sweeps: one mean value a step */
-
 /* Where the unknowns stand: the increments dq and dp, and the impulses h lambda. */
 enum { SOLVER(S) = 1, SOLVER(P) = 1 };
 enum { SOLVER(HAT) = N, SOLVER(IMPULSE) = 2*N, SOLVER(X) = 2*N + M, SOLVER(RESULT) = SOLVER(X) };

@@ -74,8 +74,6 @@ static void step_multipliers(const real x[U], real multipliers[ROOM])
 }
 #endif
 
-/* ------------------------------------------------------------------------ one mean value a step */
-
 /* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
 enum { DP = N, LAMBDA = 2*N };
 

@@ -78,8 +78,6 @@ static int satisfies_constraints(work_t *w, real dt, const real q[N], const real
 }
 #endif
 
-/* ------------------------------------------------------------------------------ T1: full Newton */
-
 /*
  * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
  * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small

@@ -19,7 +19,7 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
         status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
     if (status != OK)
         return status;
-    store_work(w, dt, q, p, w->x);
+    IF_FORCES(store_work(w, dt, q, p, w->x);)
     for (int a = 0; a < N; ++a) {
         q1[a] = q_end[a];
         p1[a] = p_end[a];
@@ -29,8 +29,6 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
 
 #if !GS_PROFILE_RUN
 #if GS_FRAME
-/* --------------------------------------------------------------------------- one step by Newton */
-
 int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
     const real p[N], real x[U], int *iterations, work_t *work)
 {
@@ -53,8 +51,6 @@ int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const rea
     return status;
 }
 #else
-/* --------------------------------------------------------------------------- one step by Newton */
-
 int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, const real q[N],
     const real p[N], real x[U], int *iterations, work_t *work)
 {

@@ -3,46 +3,48 @@
 #define GS_PREDICTOR_LEAST_SQUARES_H
 
 #include "gyrospark/predictor/recurrence.h"
+#include "gyrospark/tuning.h"
 
-/* Keeps the compiler from holding more values in registers than there are, and spilling them. */
+/* Reloads through the pointer: a compiler that keeps all values would spill registers. */
 #if defined(__GNUC__)
 #define LOAD_AGAIN(pointer) __asm__("" : "+r"(pointer))
 #else
 #define LOAD_AGAIN(pointer) (void)(pointer)
 #endif
 
-/* -------------------------------------------------------- what the past of a motion says of it */
+/* ---------------------------------------------------------------------- least-squares predictor */
 
 /*
- * The stages of a step are values of one motion at different times. Those of the next step are a
- * linear function of stages of the last one and of the first of each step before it, the same
- * function for all coordinates. L and L^ of a coordinate swing with the same frequencies: each
- * regards both, and learns of a motion in half as many steps. It is fitted to the steps in memory
- * by least squares; the ridge is their round-off, which keeps the coefficients small. One lesson
- * serves one trajectory.
+ * Linear prediction of the stages. The stages of the next step are a linear function of stages of
+ * the last step and of the first stage of each step before it. All coordinates have the same
+ * function, as they have the same frequencies; so have L and L^ of a coordinate, and therefore both
+ * are regressors of each, which halves the steps that a fit needs. The coefficients are fitted to
+ * the history by least squares, separately for each trajectory. The Tikhonov parameter (ridge) is
+ * the round-off level of the data, which keeps the coefficients small.
  */
-enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* each SKIP-th stage, to the last */
+enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* every SKIP-th stage, up to the last */
 enum { LAGS = 13, REGRESSORS = 2*(LAST + LAGS) };
-enum { EQUATION_ROWS = 16 };
-_Static_assert((int)REGRESSORS >= (int)ORDER, "the multipliers have lessons of their own");
-enum { FIRST_FIT = HISTORY/4, SECOND_FIT = 3*HISTORY/4 }; /* after so many steps */
-/* Columns stand in blocks, those of the right sides in blocks of their own. */
-enum { RIGHT_BLOCKS = (2*S + LANES - 1)/LANES, BLOCKS = (REGRESSORS + LANES - 1)/LANES + RIGHT_BLOCKS };
+enum { EQUATION_ROWS = 16 }; /* eliminated together, by Householder reflections */
+_Static_assert((int)REGRESSORS >= (int)ORDER, "the workspace is too small for the multipliers");
+enum { FIRST_FIT = HISTORY/4, SECOND_FIT = 3*HISTORY/4 }; /* numbers of steps */
+/* Columns are stored in blocks of LANES; the right-hand sides begin a new block. */
+enum { RIGHT_BLOCKS = (2*S + LANES - 1)/LANES,
+    BLOCKS = (REGRESSORS + LANES - 1)/LANES + RIGHT_BLOCKS };
 
 typedef struct {
-    int unknowns, rights, blocks; /* unknown coefficients; the first block of right sides, and all */
-    int count;                 /* equations that wait in A */
-    lanes R[REGRESSORS][BLOCKS]; /* triangular, and right sides */
+    int unknowns, rights, blocks; /* coefficients; first block of right-hand sides; all blocks */
+    int count; /* equations in A, not yet eliminated */
+    lanes R[REGRESSORS][BLOCKS]; /* triangular factor, right-hand sides */
     lanes A[EQUATION_ROWS][BLOCKS];
 } least_squares_t;
 
-/* The stage of the last step that is number j of those regarded. */
+/* Stage of the last step that is regressor j. */
 INLINE int regressor_stage(int j)
 {
     return S - 1 - (LAST - 1 - j)*SKIP;
 }
 
-/* How many steps before the last there are equations for, after `steps` steps; -1: for none. */
+/* Largest number of lags with enough equations after `steps` steps; -1 if there are too few. */
 static int max_lags(long steps)
 {
     int lags = LAGS;
@@ -51,10 +53,11 @@ static int max_lags(long steps)
     return lags;
 }
 
-/* Of `available` equations, how many places from one that is taken to the next. */
+/* Stride through the `available` equations: OVERDETERMINATION equations per coefficient. */
 static int stride_of(int available, int unknowns)
 {
-    return available > 3*unknowns ? (available - 1)/(3*unknowns) + 1 : 1;
+    return available > OVERDETERMINATION*unknowns
+        ? (available - 1)/(OVERDETERMINATION*unknowns) + 1 : 1;
 }
 
 INLINE real *scalars_of(lanes *row)
@@ -62,7 +65,7 @@ INLINE real *scalars_of(lanes *row)
     return (real *)row;
 }
 
-/* `sides` are right sides; ridge[k % 2] is that of coefficient k. */
+/* R = ridge, with ridge[k % 2] for coefficient k; `sides` right-hand sides. */
 static void begin_least_squares(least_squares_t *l, int unknowns, int sides, const real ridge[2])
 {
     l->unknowns = unknowns;
@@ -77,8 +80,8 @@ static void begin_least_squares(least_squares_t *l, int unknowns, int sides, con
 }
 
 /*
- * Reflections put the equations in A into R, column by column. Columns before the one in turn, in
- * the same block, are void from then on.
+ * R <- triangular factor of (R; A), by Householder reflections. Column k overwrites the columns
+ * before it in its block, which are not read again.
  */
 static void eliminate_equations(least_squares_t *l)
 {
@@ -105,22 +108,22 @@ static void eliminate_equations(least_squares_t *l)
                 even += value[i]*l->A[i][block];
                 odd += value[i + 1]*l->A[i + 1][block];
             }
-            const lanes share = factor*(even + odd);
-            l->R[k][block] -= first*share;
+            const lanes projection = factor*(even + odd);
+            l->R[k][block] -= first*projection;
             for (int i = 0; i < EQUATION_ROWS; ++i)
-                l->A[i][block] -= value[i]*share;
+                l->A[i][block] -= value[i]*projection;
         }
     }
     l->count = 0;
 }
 
-/* The next equation, to be filled in; its right sides come from right_sides on. */
+/* Row of the next equation; its right-hand sides begin at right_side_start. */
 static real *next_equation(least_squares_t *l)
 {
     if (l->count == EQUATION_ROWS)
         eliminate_equations(l);
     lanes *row = l->A[l->count++];
-    row[l->rights - 1] = splat(0); /* there may be columns of no use */
+    row[l->rights - 1] = splat(0); /* the block may have padding columns */
     for (int block = l->rights; block < l->blocks; ++block)
         row[block] = splat(0);
     return scalars_of(row);
@@ -131,7 +134,7 @@ INLINE int right_side_start(const least_squares_t *l)
     return l->rights*LANES;
 }
 
-/* Coefficients in place of the right sides. */
+/* Back substitution: the coefficients replace the right-hand sides. */
 static void solve_least_squares(least_squares_t *l)
 {
     eliminate_equations(l);
@@ -151,7 +154,7 @@ static void solve_least_squares(least_squares_t *l)
     }
 }
 
-/* Coefficient k for right side j. */
+/* Coefficient k of right-hand side j. */
 INLINE real coefficient_value(least_squares_t *l, int k, int j)
 {
     return k < l->unknowns ? scalars_of(l->R[k])[right_side_start(l) + j] : 0;

@@ -4,46 +4,48 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 #include "gyrospark/simd/vector.h"
+#include "gyrospark/tuning.h"
 
-/* ---------------------------------------------------------------- starting values from the past */
+/* ------------------------------------------------------- linear prediction of starting values */
 
 /*
- * Each unknown is predicted from its own values in the last steps, x_n = sum_m c_m x_(n-m). Stages
- * of a spinning body are sums of a few exponentials, and one set of c_m serves them all: such a
- * sum obeys a linear recurrence. At first the c_m are those of polynomial extrapolation, of the
- * order that would have done best at the last step, unless the polynomial through the stages of
- * the last step would have done better; then they are fitted by least squares to the steps just
- * done (Givens rotations; the ridge is the round-off of the past values, which keeps the c_m
- * small). They change the starting values only, never what the sweeps converge to.
+ * x_n = sum_m c_m x_(n-m): each unknown is predicted from its own values in the last steps. Stages
+ * of a spinning body are sums of a few exponentials; such a sum obeys a linear recurrence, and all
+ * unknowns of a group have the same c_m. Before the first fit, the c_m are the coefficients of
+ * polynomial extrapolation with the order that was most accurate at the last step, unless the
+ * collocation polynomial of the last step was more accurate. Afterwards the c_m are fitted to the
+ * history by least squares (Givens rotations). The Tikhonov parameter (ridge) is the round-off
+ * level of the history, which keeps the c_m small. The predictor changes the starting values only,
+ * never the limit of the iteration.
  */
 enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2, RATES = 24 };
-enum { EQUATIONS = 16 }; /* that a group gives to a fit at one step */
-enum { RESELECT = 8, RESELECT_ORDER = 12 }; /* steps between looks at a fit, polynomials in its place */
-/* Rates of q, of p, and multipliers have each their own recurrence. */
+enum { EQUATIONS = 16 }; /* at most, per group and step of a fit */
+enum { RESELECT = 8, RESELECT_ORDER = 12 }; /* interval of the test; highest polynomial order */
+/* One recurrence each for the rates of q, the rates of p, and the multipliers. */
 enum { GROUPS = 3 };
 
 typedef struct {
     long count;    /* steps recorded */
-    long fit_start; /* the step from which the next fit takes its samples */
-    int order;     /* c_m in use */
-    int fitted;    /* whether by least squares */
-    lanes rate[RATES]; /* by how much sweeps shrink changes, sweep by sweep: squares, means */
-    real first[LANES]; /* what the first sweep changed of the last prediction, squared */
-    int extrapolates_stages[LANES]; /* lanes that are better off with the polynomial through the last stages */
+    long fit_start; /* first step of the samples of the next fit */
+    int order;     /* number of c_m in use */
+    int fitted;    /* 1 after the first least-squares fit */
+    lanes rate[RATES]; /* squared contraction rate of each iteration, running means */
+    real first[LANES]; /* squared change of the first iteration: the error of the prediction */
+    int extrapolates_stages[LANES]; /* 1 where the collocation polynomial is most accurate */
     lanes coefficient[GROUPS][ORDER];
-    lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right side last */
+    lanes R[GROUPS][ORDER + 1][ORDER + 1]; /* triangular factor of the fit, right-hand side last */
 } predictor_t;
 
-/* Which rate is that of a sweep; behind it is that of the next. */
-INLINE int rate_index(int sweep)
+/* Index into rate[] of an iteration; the next entry is the rate of the next iteration. */
+INLINE int rate_index(int iteration)
 {
-    return sweep < RATES - 1 ? sweep - 1 : RATES - 2;
+    return iteration < RATES - 1 ? iteration - 1 : RATES - 2;
 }
 
-/* Whether this step is one that watches them: the first ones do, and some of the others. */
+/* 1 if this step updates the contraction rates. */
 INLINE int updates_rates(const predictor_t *s)
 {
-    return s->count < 64 || s->count % 8 == 0;
+    return s->count < INITIAL_RATE_STEPS || s->count % RATE_STRIDE == 0;
 }
 
 static void reset_predictor(predictor_t *s)
@@ -59,39 +61,39 @@ static void reset_predictor(predictor_t *s)
         s->rate[i] = splat(1);
 }
 
-/* The values of m steps ago; m = 0 is the place of the newest. */
+/* x_(n-1-m); store_values has counted the new step already, and m = 0 is then its entry. */
 INLINE lanes *history_entry(const predictor_t *s, lanes *history, int length, int m)
 {
     return history + ((s->count - m) & (HISTORY - 1))*length;
 }
 
 /* x = sum_m c_m x_(n-m), m = 1..order, group by group */
-INLINE void evaluate_recurrence(const predictor_t *s, int order, lanes *history, int length, const int *ends,
-    lanes *x)
+INLINE void evaluate_recurrence(const predictor_t *s, int order, lanes *history, int length,
+    const int *ends, lanes *x)
 {
-    const lanes *before[ORDER];
+    const lanes *past[ORDER];
     for (int m = 0; m < order; ++m)
-        before[m] = history_entry(s, history, length, m);
+        past[m] = history_entry(s, history, length, m);
     for (int group = 0, i = 0; group < GROUPS; ++group) {
         const lanes *c = s->coefficient[group];
         for (; i + 2 <= ends[group]; i += 2) {
-            lanes first = c[0]*before[0][i], second = c[0]*before[0][i + 1];
+            lanes first = c[0]*past[0][i], second = c[0]*past[0][i + 1];
             for (int m = 1; m < order; ++m) {
-                first += c[m]*before[m][i];
-                second += c[m]*before[m][i + 1];
+                first += c[m]*past[m][i];
+                second += c[m]*past[m][i + 1];
             }
             x[i] = first;
             x[i + 1] = second;
         }
         for (; i < ends[group]; ++i) {
-            x[i] = c[0]*before[0][i];
+            x[i] = c[0]*past[0][i];
             for (int m = 1; m < order; ++m)
-                x[i] += c[m]*before[m][i];
+                x[i] += c[m]*past[m][i];
         }
     }
 }
 
-/* Starting values x; `through` are those of the polynomial through the last stages. */
+/* Starting values x; `extrapolated` are the values of the last collocation polynomial. */
 INLINE void predict(const predictor_t *s, lanes *history, int length, const int *ends,
     const lanes *extrapolated, lanes *x)
 {
@@ -106,11 +108,11 @@ INLINE void predict(const predictor_t *s, lanes *history, int length, const int 
 }
 
 /*
- * What polynomials through the last k values, k = 1 to `most`, would have missed x by, squared: the
- * differences of x with its past.
+ * Squared errors at x of the polynomials through the last k values, k = 1..most: the error of order
+ * k is the k-th backward difference.
  */
-INLINE void extrapolation_errors(const predictor_t *s, lanes *history, int length, int rows, int most,
-    const lanes *x, lanes *error)
+INLINE void extrapolation_errors(const predictor_t *s, lanes *history, int length, int rows,
+    int most, const lanes *x, lanes *error)
 {
     const lanes *value[RESELECT_ORDER + 1];
     value[0] = x;
@@ -139,7 +141,7 @@ INLINE int best_order(const lanes *error, int most, int lane)
     return best;
 }
 
-/* The polynomial through the last k values as a recurrence of a lane. */
+/* c_m = (-1)^(m+1) binomial(k, m): the polynomial through the last k values, as a recurrence. */
 INLINE void set_polynomial(predictor_t *s, int lane, int k)
 {
     real binomial = (real)k;
@@ -150,7 +152,7 @@ INLINE void set_polynomial(predictor_t *s, int lane, int k)
     }
 }
 
-/* Chooses, lane by lane, the extrapolation that comes closest to x. */
+/* Selects, lane by lane, the extrapolation with the smallest error at x. */
 INLINE void select_polynomial(predictor_t *s, lanes *history, int length, int rows,
     const lanes *extrapolated, const lanes *x)
 {
@@ -168,51 +170,53 @@ INLINE void select_polynomial(predictor_t *s, lanes *history, int length, int ro
 }
 
 /*
- * A motion that does not stay what it was outlives its fit. Where predictions are far from x, and a
- * polynomial would have been clearly closer, it takes the place of the recurrence, or of another
- * one, until the next fit.
+ * A fit loses its accuracy when the frequencies of the motion drift. If the prediction is poor and
+ * a polynomial is clearly more accurate, the polynomial replaces the recurrence until the next fit.
  */
 NOINLINE void reselect_polynomial(predictor_t *s, lanes *history, int length, const int *rows,
     const lanes *x)
 {
-    const real far = 16777216*epsilon;
-    lanes error[RESELECT_ORDER + 1], found = splat(0);
-    int rough = 0;
+    const real poor = POOR_UNITS*epsilon;
+    lanes error[RESELECT_ORDER + 1], recurrence_error = splat(0);
+    int any_poor = 0;
     for (int i = 0; i < LANES; ++i)
-        rough |= s->first[i] > far*far;
-    if (!rough)
+        any_poor |= s->first[i] > poor*poor;
+    if (!any_poor)
         return;
     for (int i = 0; i < rows[0]; ++i) {
         lanes defect = x[i];
         for (int m = 0; m < ORDER; ++m)
             defect -= s->coefficient[0][m]*history_entry(s, history, length, m)[i];
-        found += defect*defect;
+        recurrence_error += defect*defect;
     }
     extrapolation_errors(s, history, length, rows[0], RESELECT_ORDER, x, error);
     for (int i = 0; i < LANES; ++i) {
         const int best = best_order(error, RESELECT_ORDER, i);
-        if (s->first[i] > far*far && 4*lane_get(&error[best], i) < lane_get(&found, i))
+        if (s->first[i] > poor*poor && POLYNOMIAL_GAIN*lane_get(&error[best], i)
+            < lane_get(&recurrence_error, i))
             set_polynomial(s, i, best);
     }
 }
 
-/* Empty least-squares problems: R = the ridge. */
+/* R = ridge: least-squares problems without equations. */
 INLINE void begin_fit(predictor_t *s, const int *ends, const lanes *x)
 {
-    const real tiny = MATH(sqrt)(LIMIT(MIN))*1024;
+    const real tiny = MATH(sqrt)(LIMIT(MIN))*UNDERFLOW_MARGIN;
     for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
         for (int k = 0; k <= ORDER; ++k)
             for (int l = 0; l <= ORDER; ++l)
                 for (int i = 0; i < LANES; ++i) {
                     real size = tiny;
                     for (int e = start; k == l && e < ends[group]; ++e)
-                        size = larger(size, 8*epsilon*MATH(fabs)(lane_get(&x[e], i)));
+                        size = larger(size,
+                            RIDGE_UNITS*epsilon*MATH(fabs)(lane_get(&x[e], i)));
                     lane_set(&s->R[group][k][l], i, k == l && k < ORDER ? size : 0);
                 }
 }
 
-/* One more equation, sum_m c_m x_(n-m) = x_n, for the value at place e. */
-INLINE void add_equation(predictor_t *s, lanes *history, int length, int group, int e, const lanes *x)
+/* Adds the equation sum_m c_m x_(n-m) = x_n of entry e, by Givens rotations. */
+INLINE void add_equation(predictor_t *s, lanes *history, int length, int group, int e,
+    const lanes *x)
 {
     lanes row[ORDER + 1], (*R)[ORDER + 1] = s->R[group];
     for (int m = 0; m < ORDER; ++m)
@@ -233,7 +237,10 @@ INLINE void add_equation(predictor_t *s, lanes *history, int length, int group, 
     R[ORDER][ORDER] += row[ORDER]*row[ORDER];
 }
 
-/* The c_m of the fit: the shortest recurrence that fits within a factor of the longest. */
+/*
+ * The c_m of the fit. The order is the smallest one whose squared defect is at most
+ * DEFECT_ALLOWANCE times the defect of the full order: more coefficients would fit round-off.
+ */
 static void solve_fit(predictor_t *s)
 {
     s->order = ORDER;
@@ -242,13 +249,13 @@ static void solve_fit(predictor_t *s)
         lanes (*R)[ORDER + 1] = s->R[group];
         for (int i = 0; i < LANES; ++i) {
             real defect = lane_get(&R[ORDER][ORDER], i), c[ORDER];
-            const real allowed = 16*defect;
+            const real allowed = DEFECT_ALLOWANCE*defect;
             int order = ORDER;
             while (order > 1) {
-                const real more = lane_get(&R[order - 1][ORDER], i);
-                if (!(defect + more*more <= allowed))
+                const real removed = lane_get(&R[order - 1][ORDER], i);
+                if (!(defect + removed*removed <= allowed))
                     break;
-                defect += more*more;
+                defect += removed*removed;
                 --order;
             }
             for (int k = ORDER - 1; k >= 0; --k) {
@@ -262,7 +269,7 @@ static void solve_fit(predictor_t *s)
     }
 }
 
-/* The values x of the step just done become the past. */
+/* Appends the values x of the completed step to the history. */
 INLINE void store_values(predictor_t *s, lanes *history, int length, const lanes *x)
 {
     ++s->count;
@@ -277,27 +284,29 @@ INLINE void store_values(predictor_t *s, lanes *history, int length, const lanes
 }
 
 /*
- * Records them, for a recurrence too. Equations for a fit come from the first `rows` of each group:
- * its other values obey the same recurrence.
+ * Appends x to the history and updates the recurrence. A fit takes its equations from the first
+ * `rows` entries of each group, as all entries of a group obey the same recurrence.
  */
-INLINE void record_values(predictor_t *s, lanes *history, int length, const int *ends, const int *rows,
-    const lanes *extrapolated, const lanes *x)
+INLINE void record_values(predictor_t *s, lanes *history, int length, const int *ends,
+    const int *rows, const lanes *extrapolated, const lanes *x)
 {
-    const long frame_start = s->count - s->fit_start;
-    if (s->count > 0 && !s->fitted && frame_start <= 0)
+    const long elapsed = s->count - s->fit_start;
+    if (s->count > 0 && !s->fitted && elapsed <= 0)
         select_polynomial(s, history, length, rows[0], extrapolated, x);
     if (s->fitted && s->count % RESELECT == 0)
         reselect_polynomial(s, history, length, rows, x);
-    if (frame_start == 0)
+    if (elapsed == 0)
         begin_fit(s, ends, x);
-    if (frame_start >= 0 && frame_start % STRIDE == 0)
+    if (elapsed >= 0 && elapsed % STRIDE == 0)
         for (int group = 0, start = 0; group < GROUPS; start = ends[group++])
-            for (int apart = 1 + (rows[group] - 1)/EQUATIONS,
-                     e = start + (int)(frame_start/STRIDE) % apart; e < start + rows[group]; e += apart)
+            for (int spacing = 1 + (rows[group] - 1)/EQUATIONS,
+                     e = start + (int)(elapsed/STRIDE) % spacing;
+                 e < start + rows[group]; e += spacing)
                 add_equation(s, history, length, group, e, x);
-    if (frame_start == STRIDE*(SAMPLES - 1)) {
+    if (elapsed == STRIDE*(SAMPLES - 1)) {
         solve_fit(s);
-        s->fit_start = s->count + (s->count < 4096 ? 16*s->count : 65536);
+        s->fit_start = s->count + (s->count < REFIT_GROWTH_END ? REFIT_FACTOR*s->count
+            : REFIT_INTERVAL);
     }
     store_values(s, history, length, x);
 }

@@ -1,6 +1,8 @@
 /* The least-squares predictor, and its selection. */
 
-/* How many trajectories differ. */
+#include "gyrospark/tuning.h"
+
+/* Number of distinct trajectories; the other lanes are padding. */
 INLINE int SOLVER(trajectories)(const SOLVER(t) *w)
 {
     return SOLVER(PER) == 1 ? w->constants._used : 1;
@@ -11,19 +13,19 @@ INLINE int SOLVER(history_length)(const SOLVER(t) *w)
     return w->predictor.count < HISTORY ? (int)w->predictor.count : HISTORY;
 }
 
-/* The values of m steps ago, m = 0 for the next. */
+/* The history entry of m steps ago; m = 1 is the last step, m = 0 the entry of the next. */
 INLINE const lanes *SOLVER(history_values)(const SOLVER(t) *w, int m)
 {
     return w->history + ((w->predictor.count + 1 - m) & (HISTORY - 1))*SOLVER(X);
 }
 
-/* Number a of stage j of a trajectory; of a node where `width` is M. */
+/* Entry a of stage j of a trajectory, or of node j if `width` is M. */
 INLINE real SOLVER(value_at)(const lanes *x, int trajectory, int j, int width, int a)
 {
     return lane_get(&x[j/SOLVER(PER)*width + a], trajectory + j % SOLVER(PER));
 }
 
-/* The same number in all lanes of a trajectory. */
+/* Sets all lanes of a trajectory to one value. */
 INLINE void SOLVER(set_trajectory)(lanes *x, int trajectory, real value)
 {
     for (int i = 0; i < SOLVER(PER); ++i)
@@ -38,17 +40,18 @@ INLINE real SOLVER(sum_over_trajectory)(const lanes *x, int trajectory)
     return sum;
 }
 
-/* The ridge: round-off of the `count` items at x, of one trajectory. */
+/* Tikhonov parameter: round-off level of the `count` entries at x, for one trajectory. */
 static real SOLVER(ridge)(const lanes *x, int count, int trajectory)
 {
     lanes square = splat(0);
     for (int e = 0; e < count; ++e)
         square += x[e]*x[e];
-    return 4*epsilon*MATH(sqrt)(SOLVER(sum_over_trajectory)(&square, trajectory)) + MATH(sqrt)(LIMIT(MIN))*1024;
+    return STAGE_RIDGE_UNITS*epsilon*MATH(sqrt)(SOLVER(sum_over_trajectory)(&square, trajectory))
+        + MATH(sqrt)(LIMIT(MIN))*UNDERFLOW_MARGIN;
 }
 
 #if GS_CONSTRAINED
-/* The order of a recurrence of all multipliers that there are equations for. */
+/* Largest order for which the history has two equations per coefficient. */
 static int SOLVER(max_order)(long steps)
 {
     int order = ORDER;
@@ -57,46 +60,50 @@ static int SOLVER(max_order)(long steps)
     return order;
 }
 
-/* The recurrence of the multipliers of one trajectory, from equations of all nodes. */
+/* Fits one recurrence to the multipliers of a trajectory; each node gives an equation. */
 static void SOLVER(fit_multipliers)(SOLVER(t) *w, least_squares_t *l, int trajectory)
 {
     const int steps = SOLVER(history_length)(w), order = SOLVER(max_order)(steps);
     const int available = (steps - order)*P*M, stride = stride_of(available, order);
-    const real ridge = SOLVER(ridge)(SOLVER(history_values)(w, 1) + SOLVER(IMPULSE), SOLVER(X) - SOLVER(IMPULSE), trajectory);
+    const real ridge = SOLVER(ridge)(SOLVER(history_values)(w, 1) + SOLVER(IMPULSE),
+        SOLVER(X) - SOLVER(IMPULSE), trajectory);
     begin_least_squares(l, order, 1, (const real[2]){ ridge, ridge });
     for (int e = 0; e < available; e += stride) {
-        const int ago = 1 + e/(P*M), j = e/M % P, mu = e % M;
+        const int lag = 1 + e/(P*M), j = e/M % P, mu = e % M;
         real *row = next_equation(l);
         for (int k = 0; k < order; ++k)
-            row[k] = SOLVER(value_at)(SOLVER(history_values)(w, ago + 1 + k) + SOLVER(IMPULSE), trajectory, j, M, mu);
-        row[right_side_start(l)] = SOLVER(value_at)(SOLVER(history_values)(w, ago) + SOLVER(IMPULSE), trajectory, j, M, mu);
+            row[k] = SOLVER(value_at)(SOLVER(history_values)(w, lag + 1 + k) + SOLVER(IMPULSE),
+                trajectory, j, M, mu);
+        row[right_side_start(l)] = SOLVER(value_at)(SOLVER(history_values)(w, lag)
+            + SOLVER(IMPULSE), trajectory, j, M, mu);
     }
     solve_least_squares(l);
     for (int k = 0; k < ORDER; ++k)
-        SOLVER(set_trajectory)(&w->least_squares.multiplier_coefficients[k], trajectory, coefficient_value(l, k, 0));
+        SOLVER(set_trajectory)(&w->least_squares.multiplier_coefficients[k], trajectory,
+            coefficient_value(l, k, 0));
     w->least_squares.order = order;
 }
 
-/* The multipliers of the next step by it. */
+/* Evaluates the recurrence: the multipliers of the next step. */
 INLINE void SOLVER(predict_multipliers)(const SOLVER(t) *w, lanes *x)
 {
     const SOLVER(least_squares) *s = &w->least_squares;
-    const lanes *before[ORDER];
+    const lanes *past[ORDER];
     for (int m = 0; m < s->order; ++m)
-        before[m] = SOLVER(history_values)(w, 1 + m) + SOLVER(IMPULSE);
+        past[m] = SOLVER(history_values)(w, 1 + m) + SOLVER(IMPULSE);
     for (int e = 0; e < SOLVER(X) - SOLVER(IMPULSE); ++e) {
         lanes even = splat(0), odd = splat(0);
         for (int m = 0; m + 1 < s->order; m += 2) {
-            even += s->multiplier_coefficients[m]*before[m][e];
-            odd += s->multiplier_coefficients[m + 1]*before[m + 1][e];
+            even += s->multiplier_coefficients[m]*past[m][e];
+            odd += s->multiplier_coefficients[m + 1]*past[m + 1][e];
         }
         if (s->order % 2 == 1)
-            even += s->multiplier_coefficients[s->order - 1]*before[s->order - 1][e];
+            even += s->multiplier_coefficients[s->order - 1]*past[s->order - 1][e];
         x[e] = even + odd;
     }
 }
 #else
-/* Without constraints there are no multipliers to learn of. */
+/* No constraints: there are no multipliers. */
 static void SOLVER(fit_multipliers)(const SOLVER(t) *w, const least_squares_t *l, int trajectory)
 {
     (void)w, (void)l, (void)trajectory;
@@ -109,31 +116,31 @@ INLINE void SOLVER(predict_multipliers)(const SOLVER(t) *w, const lanes *x)
 #endif
 
 #if GS_STAGES_IN_LANES
-/* Where the coefficient of regressor k for an item of L (group 0) or L^ (1) stands. */
+/* Index of the coefficient of regressor k, for an item of L (group 0) or L^ (group 1). */
 INLINE int SOLVER(coefficient_index)(int k, int group, int item)
 {
     return (2*k + group)*SOLVER(S) + item;
 }
 
-/* Numbers start..start + count - 1 of the stages of the next step, `count` of each. */
-INLINE void SOLVER(predict_four)(const lanes *coefficients, const lanes *const *before, int lags, int start,
-    int count, lanes *y)
+/* Coordinates start..start + count - 1 of all stages of the next step. */
+INLINE void SOLVER(predict_four)(const lanes *coefficients, const lanes *const *past, int lags,
+    int start, int count, lanes *y)
 {
-    lanes sum[2][4][2*SOLVER(S)]; /* of L and of L^ as regressors */
+    lanes sum[2][4][2*SOLVER(S)]; /* separate sums for the regressors L and L^ */
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < 2*SOLVER(S); ++i)
             sum[0][a][i] = sum[1][a][i] = splat(0);
     for (int k = 0; k < 2*LAST; ++k, coefficients += 2*SOLVER(S))
         for (int a = 0; a < count; ++a) {
             const int j = regressor_stage(k/2), item = k % 2*SOLVER(HAT) + j/LANES*N;
-            const lanes value = splat(lane_get(&before[0][item + start + a], j % LANES));
+            const lanes value = splat(lane_get(&past[0][item + start + a], j % LANES));
             for (int i = 0; i < 2*SOLVER(S); ++i)
                 sum[k % 2][a][i] += coefficients[i]*value;
         }
     for (int m = 1; m <= lags; ++m)
         for (int group = 0; group < 2; ++group, coefficients += 2*SOLVER(S))
             for (int a = 0; a < count; ++a) {
-                const lanes value = splat(lane_get(&before[m][group*SOLVER(HAT) + start + a], 0));
+                const lanes value = splat(lane_get(&past[m][group*SOLVER(HAT) + start + a], 0));
                 for (int i = 0; i < 2*SOLVER(S); ++i)
                     sum[group][a][i] += coefficients[i]*value;
             }
@@ -142,19 +149,20 @@ INLINE void SOLVER(predict_four)(const lanes *coefficients, const lanes *const *
             y[i*N + start + a] = sum[0][a][i] + sum[1][a][i];
 }
 
-INLINE void SOLVER(predict_stages)(const lanes *coefficients, const lanes *const *before, int lags, lanes *y)
+INLINE void SOLVER(predict_stages)(const lanes *coefficients, const lanes *const *past, int lags,
+    lanes *y)
 {
     int start = 0;
     for (; start + 4 <= N; start += 4)
-        SOLVER(predict_four)(coefficients, before, lags, start, 4, y);
+        SOLVER(predict_four)(coefficients, past, lags, start, 4, y);
     if (N % 4 > 0)
-        SOLVER(predict_four)(coefficients, before, lags, start, N % 4, y);
+        SOLVER(predict_four)(coefficients, past, lags, start, N % 4, y);
 }
 #else
-/* Coefficients of four rows stand together; rows are the stages of L, then those of L^. */
+/* Coefficients are stored in blocks of four rows; rows are the stages of L, then of L^. */
 enum { SOLVER(ROWS) = 2*SOLVER(S), SOLVER(BLOCK) = 4 };
 
-/* Where the coefficient of regressor k for a stage of L (group 0) or L^ (1) stands. */
+/* Index of the coefficient of regressor k, for a stage of L (group 0) or L^ (group 1). */
 INLINE int SOLVER(coefficient_index)(int k, int group, int item)
 {
     const int row = group*SOLVER(S) + item, first = row - row % SOLVER(BLOCK);
@@ -163,11 +171,11 @@ INLINE int SOLVER(coefficient_index)(int k, int group, int item)
 }
 
 /*
- * Numbers start..start + count - 1 of the rows row..row + rows - 1 of the next step: sums in
- * registers, each coefficient read once.
+ * Coordinates start..start + count - 1 of the rows row..row + rows - 1 of the next step. The sums
+ * stay in registers, and each coefficient is read once.
  */
-INLINE void SOLVER(predict_block)(const lanes *coefficients, const lanes *const *before, int lags, int row,
-    int rows, int start, int count, lanes *y)
+INLINE void SOLVER(predict_block)(const lanes *coefficients, const lanes *const *past, int lags,
+    int row, int rows, int start, int count, lanes *y)
 {
     lanes sum[SOLVER(BLOCK)][4];
     LOAD_AGAIN(coefficients);
@@ -175,14 +183,14 @@ INLINE void SOLVER(predict_block)(const lanes *coefficients, const lanes *const 
         for (int a = 0; a < count; ++a)
             sum[i][a] = splat(0);
     for (int k = 0; k < 2*LAST; ++k, coefficients += rows) {
-        const lanes *x = before[0] + k % 2*SOLVER(HAT) + regressor_stage(k/2)*N + start;
+        const lanes *x = past[0] + k % 2*SOLVER(HAT) + regressor_stage(k/2)*N + start;
         for (int i = 0; i < rows; ++i)
             for (int a = 0; a < count; ++a)
                 sum[i][a] += coefficients[i]*x[a];
     }
     for (int m = 1; m <= lags; ++m)
         for (int group = 0; group < 2; ++group, coefficients += rows) {
-            const lanes *x = before[m] + group*SOLVER(HAT) + start;
+            const lanes *x = past[m] + group*SOLVER(HAT) + start;
             for (int i = 0; i < rows; ++i)
                 for (int a = 0; a < count; ++a)
                     sum[i][a] += coefficients[i]*x[a];
@@ -192,59 +200,62 @@ INLINE void SOLVER(predict_block)(const lanes *coefficients, const lanes *const 
             y[(row + i)*N + start + a] = sum[i][a];
 }
 
-INLINE void SOLVER(predict_rows)(const lanes *coefficients, const lanes *const *before, int lags, int row,
-    int rows, lanes *y)
+INLINE void SOLVER(predict_rows)(const lanes *coefficients, const lanes *const *past, int lags,
+    int row, int rows, lanes *y)
 {
     int start = 0;
     coefficients += row*REGRESSORS;
     for (; start + 4 <= N; start += 4)
-        SOLVER(predict_block)(coefficients, before, lags, row, rows, start, 4, y);
+        SOLVER(predict_block)(coefficients, past, lags, row, rows, start, 4, y);
     if (N % 4 > 0)
-        SOLVER(predict_block)(coefficients, before, lags, row, rows, start, N % 4, y);
+        SOLVER(predict_block)(coefficients, past, lags, row, rows, start, N % 4, y);
 }
 
-INLINE void SOLVER(predict_stages)(const lanes *coefficients, const lanes *const *before, int lags, lanes *y)
+INLINE void SOLVER(predict_stages)(const lanes *coefficients, const lanes *const *past, int lags,
+    lanes *y)
 {
     int row = 0;
     for (; row + SOLVER(BLOCK) <= SOLVER(ROWS); row += SOLVER(BLOCK))
-        SOLVER(predict_rows)(coefficients, before, lags, row, SOLVER(BLOCK), y);
+        SOLVER(predict_rows)(coefficients, past, lags, row, SOLVER(BLOCK), y);
     if (SOLVER(ROWS) % SOLVER(BLOCK) > 0)
-        SOLVER(predict_rows)(coefficients, before, lags, row, SOLVER(ROWS) % SOLVER(BLOCK), y);
+        SOLVER(predict_rows)(coefficients, past, lags, row, SOLVER(ROWS) % SOLVER(BLOCK), y);
 }
 #endif
 
-/* The function for L and L^ of one trajectory, from equations of all coordinates. */
+/* Fits the coefficients of L and L^ of one trajectory; each coordinate gives an equation. */
 static void SOLVER(fit_stages)(SOLVER(t) *w, least_squares_t *l, int trajectory, int lags)
 {
     SOLVER(least_squares) *s = &w->least_squares;
     const int steps = SOLVER(history_length)(w), unknowns = 2*(LAST + lags);
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, unknowns);
     const lanes *newest = SOLVER(history_values)(w, 1);
-    begin_least_squares(l, unknowns, 2*S, (const real[2]){ SOLVER(ridge)(newest, SOLVER(HAT), trajectory),
+    begin_least_squares(l, unknowns, 2*S, (const real[2]){
+        SOLVER(ridge)(newest, SOLVER(HAT), trajectory),
         SOLVER(ridge)(newest + SOLVER(HAT), SOLVER(HAT), trajectory) });
     for (int e = 0; e < available; e += stride) {
-        const int ago = 1 + e/N, a = e % N;
+        const int lag = 1 + e/N, a = e % N;
         real *row = next_equation(l), *right = row + right_side_start(l);
         for (int group = 0; group < 2; ++group) {
             const int at = group*SOLVER(HAT);
-            const lanes *x = SOLVER(history_values)(w, ago) + at, *last = SOLVER(history_values)(w, ago + 1) + at;
+            const lanes *x = SOLVER(history_values)(w, lag) + at,
+                *last = SOLVER(history_values)(w, lag + 1) + at;
             for (int j = 0; j < S; ++j)
                 right[group*S + j] = SOLVER(value_at)(x, trajectory, j, N, a);
             for (int j = 0; j < LAST; ++j)
                 row[2*j + group] = SOLVER(value_at)(last, trajectory, regressor_stage(j), N, a);
             for (int m = 0; m < lags; ++m)
-                row[2*(LAST + m) + group] = SOLVER(value_at)(SOLVER(history_values)(w, ago + 2 + m) + at, trajectory,
-                    0, N, a);
+                row[2*(LAST + m) + group] = SOLVER(value_at)(
+                    SOLVER(history_values)(w, lag + 2 + m) + at, trajectory, 0, N, a);
         }
     }
     solve_least_squares(l);
     for (int k = 0; k < REGRESSORS; ++k)
         for (int j = 0; j < 2*S; ++j)
-            lane_set(&s->coefficients[SOLVER(coefficient_index)(k, j/S, j % S/SOLVER(PER))], trajectory + j % S % SOLVER(PER),
-                coefficient_value(l, k, j));
+            lane_set(&s->coefficients[SOLVER(coefficient_index)(k, j/S, j % S/SOLVER(PER))],
+                trajectory + j % S % SOLVER(PER), coefficient_value(l, k, j));
 }
 
-/* A lesson of one trajectory, and from then on a trial. */
+/* Fits one trajectory. The fit is a candidate until the next step is complete. */
 NOINLINE void SOLVER(fit)(SOLVER(t) *w, int trajectory)
 {
     SOLVER(least_squares) *s = &w->least_squares;
@@ -259,30 +270,33 @@ NOINLINE void SOLVER(fit)(SOLVER(t) *w, int trajectory)
     s->pending[trajectory] = 1;
 }
 
-/* What was learnt, one step on. */
+/* The least-squares prediction of the next step. */
 NOINLINE void SOLVER(evaluate_least_squares)(const SOLVER(t) *w, lanes *x)
 {
     const SOLVER(least_squares) *s = &w->least_squares;
-    const lanes *before[LAGS + 1];
+    const lanes *past[LAGS + 1];
     for (int m = 0; m <= s->lags; ++m)
-        before[m] = SOLVER(history_values)(w, 1 + m);
-    SOLVER(predict_stages)(s->coefficients, before, s->lags, x);
+        past[m] = SOLVER(history_values)(w, 1 + m);
+    SOLVER(predict_stages)(s->coefficients, past, s->lags, x);
     SOLVER(predict_multipliers)(w, x + SOLVER(IMPULSE));
 }
 
-/* Starting values by polynomials or a recurrence. */
+/* The baseline prediction: polynomials or a recurrence. */
 INLINE void SOLVER(extrapolate)(SOLVER(t) *w)
 {
     if (!w->predictor.fitted) {
         const lanes *x = SOLVER(history_values)(w, 1);
         SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x, w->extrapolated);
-        SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x + SOLVER(HAT), w->extrapolated + SOLVER(HAT));
-        SOLVER(extrapolate_multipliers)(w, x + SOLVER(IMPULSE), w->extrapolated + SOLVER(IMPULSE));
+        SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x + SOLVER(HAT),
+            w->extrapolated + SOLVER(HAT));
+        SOLVER(extrapolate_multipliers)(w, x + SOLVER(IMPULSE),
+            w->extrapolated + SOLVER(IMPULSE));
     }
-    predict(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), w->extrapolated, w->now.x);
+    predict(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), w->extrapolated,
+        w->now.x);
 }
 
-/* Whether all trajectories go by their functions for good: no recurrence is asked for any more. */
+/* 1 if all trajectories have selected least squares permanently: no recurrence is needed. */
 INLINE int SOLVER(all_permanent)(const SOLVER(t) *w)
 {
     int permanent = 1;
@@ -291,7 +305,7 @@ INLINE int SOLVER(all_permanent)(const SOLVER(t) *w)
     return permanent;
 }
 
-/* Starting values from the past, of each trajectory by what is better for it. */
+/* Starting values from the history, with the predictor that each trajectory has selected. */
 INLINE void SOLVER(predict_unknowns)(SOLVER(t) *w)
 {
     SOLVER(least_squares) *s = &w->least_squares;
@@ -301,7 +315,8 @@ INLINE void SOLVER(predict_unknowns)(SOLVER(t) *w)
         selected += s->selected[i];
         pending += s->pending[i];
     }
-    if (SOLVER(all_permanent)(w) || (pending == 0 && selected == trajectories && w->predictor.fitted)) {
+    if (SOLVER(all_permanent)(w)
+        || (pending == 0 && selected == trajectories && w->predictor.fitted)) {
         SOLVER(evaluate_least_squares)(w, w->now.x);
         for (int e = 0; e < SOLVER(IMPULSE) && pending > 0; ++e)
             s->candidate[e] = w->now.x[e];
@@ -320,18 +335,19 @@ INLINE void SOLVER(predict_unknowns)(SOLVER(t) *w)
 }
 
 /*
- * The trials that the step just done decides: what was learnt must be clearly better. That of the
- * second lesson decides for good, while nobody has trained a recurrence: a trajectory that goes by
- * what it learns does so whatever its mates do.
+ * Compares pending candidates with the baseline at the completed step. A candidate is selected if
+ * it is clearly more accurate. The result of the second fit is permanent. No recurrence is fitted
+ * before it, so that the selection of a trajectory does not depend on neighbouring lanes.
  */
 static void SOLVER(compare_candidates)(SOLVER(t) *w)
 {
     SOLVER(least_squares) *s = &w->least_squares;
-    const real rough = 256*epsilon;
+    const real accurate = ACCURATE_UNITS*epsilon;
     lanes candidate = splat(0), baseline = splat(0);
     for (int e = 0; e < SOLVER(IMPULSE); ++e) {
         const lanes size = e < SOLVER(HAT) ? w->q_weight : w->p_weight;
-        const lanes by_candidate = s->candidate[e] - w->now.x[e], by_baseline = s->baseline[e] - w->now.x[e];
+        const lanes by_candidate = s->candidate[e] - w->now.x[e],
+            by_baseline = s->baseline[e] - w->now.x[e];
         candidate += size*by_candidate*by_candidate;
         baseline += size*by_baseline*by_baseline;
     }
@@ -341,7 +357,7 @@ static void SOLVER(compare_candidates)(SOLVER(t) *w)
         const real error = SOLVER(sum_over_trajectory)(&baseline, i);
         s->error[i] = SOLVER(sum_over_trajectory)(&candidate, i);
         if (!s->permanent[i])
-            s->selected[i] = 64*s->error[i] < error && error > rough*rough;
+            s->selected[i] = CANDIDATE_GAIN*s->error[i] < error && error > accurate*accurate;
         if (s->last_fit[i] == SECOND_FIT && w->predictor.count == SECOND_FIT)
             s->permanent[i] = s->selected[i];
         s->pending[i] = 0;
@@ -349,13 +365,14 @@ static void SOLVER(compare_candidates)(SOLVER(t) *w)
 }
 
 /*
- * Records the step just done; for a recurrence only while somebody may ask for it. Lessons are few:
- * a motion that stays what it was needs no other, and none is given early where predictions are
- * close without. Where predictions have become much worse than they were there is one more.
+ * Appends the completed step to the history and fits the predictors. The recurrence is updated only
+ * while a trajectory may need it. Least-squares fits are expensive and rare: the early ones are
+ * omitted where the baseline is accurate, and later ones follow only where the prediction error has
+ * grown.
  */
 NOINLINE void SOLVER(record_step)(SOLVER(t) *w)
 {
-    const real low = 64*epsilon, far = 16777216*epsilon;
+    const real low = ERROR_FLOOR_UNITS*epsilon, poor = POOR_UNITS*epsilon;
     SOLVER(least_squares) *s = &w->least_squares;
     predictor_t *predictor = &w->predictor;
     const int fitted = predictor->fitted, trajectories = SOLVER(trajectories)(w);
@@ -367,27 +384,28 @@ NOINLINE void SOLVER(record_step)(SOLVER(t) *w)
     if (SOLVER(all_permanent)(w))
         store_values(predictor, w->history, SOLVER(X), w->now.x);
     else
-        record_values(predictor, w->history, SOLVER(X), SOLVER(group_ends), SOLVER(group_rows), w->extrapolated, w->now.x);
+        record_values(predictor, w->history, SOLVER(X), SOLVER(group_ends), SOLVER(group_rows),
+            w->extrapolated, w->now.x);
     const long count = predictor->count;
     const int early = count == FIRST_FIT || count == SECOND_FIT;
     for (int i = 0; i < trajectories; ++i) {
         const int worse = s->selected[i] && count >= s->last_fit[i] + HISTORY
-            && !(predictor->first[i] < 4096*larger(s->error[i], low*low));
-        const int rough = s->last_fit[i] > 0 || !(predictor->first[i] < far*far);
-        if ((early && rough) || count == 24*HISTORY || worse)
+            && !(predictor->first[i] < DEGRADATION*larger(s->error[i], low*low));
+        const int inaccurate = s->last_fit[i] > 0 || !(predictor->first[i] < poor*poor);
+        if ((early && inaccurate) || count == LATE_FIT*HISTORY || worse)
             SOLVER(fit)(w, i);
         else if (s->last_fit[i] > 0 && fitted != predictor->fitted)
             s->pending[i] = 1;
     }
 }
 
-/* What is known of the past. */
+/* Clears the history, the fits and the selection. */
 static void SOLVER(reset_history)(SOLVER(t) *w)
 {
     SOLVER(least_squares) *s = &w->least_squares;
     reset_predictor(&w->predictor);
     s->lags = s->order = 0;
-    w->predictor.fit_start = SECOND_FIT + 3; /* when it is known who needs a recurrence */
+    w->predictor.fit_start = SECOND_FIT + 3; /* after the permanent selection */
     for (int i = 0; i < SOLVER(TRAJECTORIES); ++i) {
         s->selected[i] = s->permanent[i] = s->pending[i] = 0;
         s->last_fit[i] = 0;

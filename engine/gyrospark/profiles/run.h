@@ -45,11 +45,6 @@ static void store_iteration_work(work_t *w, const real q[N], const real p[N])
     get_unknowns(&w->state, w->x);
     store_work(w, w->state.h, q, p, w->x);
 }
-#else
-static void store_iteration_work(work_t *w, const real q[N], const real p[N])
-{
-    (void)w, (void)q, (void)p;
-}
 #endif
 
 /* Takes the state of the caller; a component that changed loses its round-off. */
@@ -103,7 +98,7 @@ static int advance_by_fixed_point(work_t *w, real q[N], real p[N])
     end_of_step(s, q_end, p_end, q_low, p_low);
     if (!isfinite(norm(N, q_end) + norm(N, p_end)))
         return NOT_FINITE;
-    store_iteration_work(w, q, p);
+    IF_FORCES(store_iteration_work(w, q, p);)
     record_unknowns(s);
     for (int a = 0; a < N; ++a) {
         q[a] = s->q[a] = q_end[a];
@@ -140,7 +135,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
             reset_iteration(w);
         }
     }
-    add_step_work(w, report);
+    IF_FORCES(add_step_work(w, report);)
     observe(&w->constants, q, p, report);
     return OK;
 }

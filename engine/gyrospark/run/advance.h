@@ -11,8 +11,6 @@
 #endif
 
 #if GS_FIXED_POINT
-/* -------------------------------------------------------- a run: sweeps, or Newton if asked for */
-
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
@@ -28,7 +26,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
         const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
         if (status != OK)
             return status;
-        add_step_work(w, report);
+        IF_FORCES(add_step_work(w, report);)
         observe(AT(&w->constants, w->t + w->step), q, p, report);
         return OK;
     }
@@ -63,8 +61,6 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 #else
-/* ------------------------------------------------------------------ a run: Newton at every step */
-
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
@@ -78,7 +74,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
     const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
     if (status != OK)
         return status;
-    add_step_work(w, report);
+    IF_FORCES(add_step_work(w, report);)
     observe(AT(&w->constants, w->t + w->step), q, p, report);
     return OK;
 }

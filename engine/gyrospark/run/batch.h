@@ -6,8 +6,6 @@
 #include "gyrospark/fixed_point/fallback.h"
 #include "gyrospark/run/integrate.h"
 
-/* --------------------------------------------------------------- several trajectories at a time */
-
 /* What a caller's batch memory holds. */
 typedef struct {
     BATCH(t) solver;
@@ -196,7 +194,8 @@ static void observe_lanes(ensemble_t *b)
 /* The record of a lane, between memory and report. */
 static void write_report(const ensemble_t *b, int lane, report_t *report)
 {
-    set_work(report, lane_get(&b->solver.work, lane), lane_get(&b->solver.work_low, lane));
+    IF_FORCES(set_work(report, lane_get(&b->solver.work, lane),
+        lane_get(&b->solver.work_low, lane));)
     report->energy_error_max = lane_get(&b->energy_error_max, lane);
     report->energy_error_sum = lane_get(&b->energy_error_sum, lane);
     report->constraint_max = lane_get(&b->g_max, lane);
@@ -300,7 +299,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             q_before[a] = solver->q[a];
             p_before[a] = solver->p[a];
         }
-        const lanes work_before = solver->work;
+        IF_FORCES(const lanes work_before = solver->work;)
         BATCH(record_step)(solver);
         BATCH(finish)(solver);
         for (int i = 0; i < count; ++i)
@@ -309,7 +308,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
                 alive[i] = 0;
                 --alive_count;
                 write_state(b, i, q_before, p_before, q, p, &reports[i]);
-                restore_work(&reports[i], lane_get(&work_before, i));
+                IF_FORCES(reports[i].work = lane_get(&work_before, i);)
             }
         observe_lanes(b);
         for (int i = 0; i < count; ++i) {

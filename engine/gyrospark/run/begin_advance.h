@@ -33,7 +33,8 @@ static void reset_iteration(work_t *w)
 {
     SINGLE(t) *s = &fixed_point_of(w)->solver;
     SINGLE(reset_history)(s);
-    s->work = splat(total_work(&w->simulation.report));
+    s->work = splat(0);
+    IF_FORCES(s->work = splat(w->simulation.report.work);)
     s->work_low = splat(0);
 }
 #else

@@ -9,8 +9,6 @@
 #endif
 
 #if GS_FIXED_POINT
-/* ------------------------------------------------------- any number of trajectories, whole runs */
-
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
     IF_INPUTS(const real *inputs, long hold, long input_rows,)
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
@@ -35,8 +33,6 @@ void NAME(integrate_many)(long count, const parameters_t *parameters, const opti
     IF_FRAME(rotate_runs(count, parameters, dt, rows, every, q, p, q_out, p_out, reports);)
 }
 #else
-/* ------------------------------------------------------- any number of trajectories, whole runs */
-
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
     IF_INPUTS(const real *inputs, long hold, long input_rows,)
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,

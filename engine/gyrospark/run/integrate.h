@@ -26,15 +26,15 @@ typedef struct {
 static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
     const options_t *options, real forces[ROOM], int most, const report_t *report)
 {
-    (void)w, (void)options, (void)forces;
+    (void)w, (void)options, (void)forces, (void)report;
     for (int a = 0; a < N && out.q != NULL; ++a)
         out.q[row*N + a] = q[a];
     for (int a = 0; a < N && out.p != NULL; ++a)
         out.p[row*N + a] = p[a];
     if (out.iterations != NULL)
         out.iterations[row] = most;
-    if (out.work != NULL)
-        out.work[row] = total_work(report);
+    IF_FORCES(if (out.work != NULL))
+        IF_FORCES(out.work[row] = report->work;)
 }
 #else
 /* Where a run stores its rows; NULL where they are not wanted. */
@@ -48,6 +48,7 @@ typedef struct {
 static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
     const options_t *options, real forces[ROOM], int most, const report_t *report)
 {
+    (void)report; /* without forces */
     if (out.multipliers != NULL)
         multipliers_of_run(w, options, forces);
     for (int a = 0; a < N && out.q != NULL; ++a)
@@ -58,15 +59,13 @@ static void store(rows_t out, long row, const real q[N], const real p[N], work_t
         out.multipliers[row*MULTIPLIERS + l] = forces[l];
     if (out.iterations != NULL)
         out.iterations[row] = most;
-    if (out.work != NULL)
-        out.work[row] = total_work(report);
+    IF_FORCES(if (out.work != NULL))
+        IF_FORCES(out.work[row] = report->work;)
 }
 #endif
 
 #if !GS_PROFILE_RUN
 #if GS_FRAME
-/* ------------------------------------------------------------------------- the public functions */
-
 int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
     int *iterations, work_t *work)
@@ -80,8 +79,6 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
     return status;
 }
 #else
-/* ------------------------------------------------------------------------- the public functions */
-
 int NAME(step)(const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N], real q1[N], real p1[N], real multipliers[ROOM],
     int *iterations, work_t *work)

@@ -4,8 +4,6 @@
 
 #include "gyrospark/engine.h"
 
-/* ------------------------------------------------------------------------------- long kernels */
-
 /*
  * Long kernels are compiled once. In a build of several objects (below) those of numbers are in
  * object 1, those of lanes in object 4, or in 3; what else calls them sees a declaration.

@@ -5,8 +5,6 @@
 #include "gyrospark/newton/simplified.h"
 #include "gyrospark/newton/step.h"
 
-/* ----------------------------------------------------------------- one object file, or several */
-
 /*
  * A build may compile this file several times at once and link the objects: GYROSPARK_OBJECT 1 is
  * that of what stands above, which is Newton and all that is evaluated once; 2, of runs of one

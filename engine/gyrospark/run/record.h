@@ -10,9 +10,7 @@
 #else
 #include "gyrospark/midpoint/step_end.h"
 #endif
-#endif
 
-#if GS_FORCES
 /* Adds the work of a step to the record, in a compensated sum. */
 static void add_work(report_t *report, real done)
 {
@@ -33,24 +31,12 @@ static void add_step_work(const work_t *w, report_t *report)
     add_work(report, w->work_done);
 }
 
-/* What the forces have done since the start. */
-static inline real total_work(const report_t *report)
-{
-    return report->work;
-}
-
 #if GS_FIXED_POINT
 /* The record's work is what lanes have summed up. */
 static inline void set_work(report_t *report, real work, real low)
 {
     report->work = work;
     report->work_low = low;
-}
-
-/* Takes back the work of a step that came to nothing. */
-static inline void restore_work(report_t *report, real work)
-{
-    report->work = work;
 }
 #endif
 
@@ -64,43 +50,13 @@ void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], c
     *work_done = step_work(work, dt, q, p, x);
 }
 #endif
-#else
-/* Without forces no work is done. */
-static inline void store_work(work_t *w, real dt, const real q[N], const real p[N],
-    const real x[U])
-{
-    (void)w, (void)dt, (void)q, (void)p, (void)x;
-}
-
-static inline void add_step_work(const work_t *w, report_t *report)
-{
-    (void)w, (void)report;
-}
-
-static inline real total_work(const report_t *report)
-{
-    (void)report;
-    return 0;
-}
-
-#if GS_FIXED_POINT
-static inline void set_work(report_t *report, real work, real low)
-{
-    (void)report, (void)work, (void)low;
-}
-
-static inline void restore_work(report_t *report, real work)
-{
-    (void)report, (void)work;
-}
-#endif
 #endif
 
 /* Adds the energy of the state (q, p) to the record. */
 static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
 {
     const real gain = hamiltonian(c, q, p) - report->energy_start;
-    const real error = MATH(fabs)(gain - total_work(report));
+    const real error = MATH(fabs)(gain IF_FORCES(- report->work));
     report->energy_error_max = larger(error, report->energy_error_max);
     report->energy_error_sum += error;
 }

@@ -182,8 +182,8 @@ def test_manifest_is_the_contract():
 
 def test_real_types_differ_in_literals_and_functions():
     texts = {real: generate(Spec("G-L", 2, real=real)).source.source for real in REALS}
-    assert "fabsf(" in texts["float"]
-    assert "fabsl(" in texts["long-double"]
+    assert "#define MATH(function) function##f\n" in texts["float"]
+    assert "#define MATH(function) function##l\n" in texts["long-double"]
     for real, suffix in (("float", "f"), ("long-double", "L")):
         table = texts[real][texts[real].index("_tableau tableau = {"):]
         table = table[: table.index("};")]

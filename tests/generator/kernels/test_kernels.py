@@ -207,7 +207,7 @@ def expected_of(kernel, constants, at):
                 found |= {f"{array}[{i}][{j}]": e for j, e in enumerate(row)}
             else:
                 found[f"{array}[{i}]"] = row
-    return {name: constants.spelled_out(sp.sympify(e)).xreplace(at) for name, e in found.items()}
+    return {name: constants.expand_shared(sp.sympify(e)).xreplace(at) for name, e in found.items()}
 
 
 def draw_rational(draw):
@@ -608,7 +608,7 @@ def test_system_whose_symbols_are_called_like_the_generators_own_has_right_kerne
     assert not set(d) & {a, b, c0, *momenta}
     moved = {s: s + t for s, t in zip((a, b), d, strict=True)}
     g = system.constraints[0]
-    assert sp.expand(constants.spelled_out(step.outputs["dg"][0]) - g.xreplace(moved) + g) == 0
+    assert sp.expand(constants.expand_shared(step.outputs["dg"][0]) - g.xreplace(moved) + g) == 0
 
 
 def test_long_statements_are_wrapped_without_changing_them():

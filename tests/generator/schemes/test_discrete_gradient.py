@@ -32,7 +32,7 @@ from gyrospark.generator.schemes.discrete_gradient import (
 )
 from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.schemes.system_differences import constraint_increment, vector
-from gyrospark.generator.symbolic.shared_subexpressions import spelled_out
+from gyrospark.generator.symbolic.shared_subexpressions import expand_shared
 
 EPS = 2.0**-52
 x = sp.symbols("x0:3", real=True)
@@ -79,7 +79,7 @@ def prove_zero(e):
 
 
 def gradient_of(e):
-    return [spelled_out(D) for D in discrete_gradient(e, x, xm, dx)]
+    return [expand_shared(D) for D in discrete_gradient(e, x, xm, dx)]
 
 
 def residual(e):
@@ -151,7 +151,7 @@ def test_mean_is_the_mean_of_the_end_values_exactly(e):
     leaves = {s: DiscreteDifference(mean, {i: sp.Integer(1)}, dx)
               for i, (s, mean) in enumerate(zip(x, xm, strict=True))}
     found = differentiate(e, leaves, dx)
-    assert is_zero(spelled_out(found.mean) - (e.xreplace(STARTS) + e.xreplace(ENDS)) / 2)
+    assert is_zero(expand_shared(found.mean) - (e.xreplace(STARTS) + e.xreplace(ENDS)) / 2)
 
 
 def test_symbols_that_do_not_occur_have_slope_zero_and_constants_have_none():
@@ -309,7 +309,7 @@ def exact(value):
 
 def errors(e, symbols, means, differences, at, step):
     """Return |ΔH − D·Δ|, D·Δ in doubles and ΔH in 60 digits, and the largest term |D_i Δ_i|."""
-    D = [spelled_out(d) for d in discrete_gradient(e, symbols, means, differences)]
+    D = [expand_shared(d) for d in discrete_gradient(e, symbols, means, differences)]
     with mpmath.workdps(60):
         low = {s: exact(m) - exact(d) / 2 for s, m, d in zip(symbols, at, step, strict=True)}
         high = {s: exact(m) + exact(d) / 2 for s, m, d in zip(symbols, at, step, strict=True)}

@@ -24,7 +24,7 @@ from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
 from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.symbolic.identities import evaluate
-from gyrospark.generator.symbolic.piecewise import ScatteredError, pieces_of
+from gyrospark.generator.symbolic.piecewise import NotPiecewiseError, piecewise_form_of
 from gyrospark.generator.symbolic.switching_functions import as_switches
 from random_expressions import in_doubles
 from strategies import EPS
@@ -183,7 +183,7 @@ def test_at_rest_it_is_the_gradient(name):
     (P((0, x < a), ((x - a) ** 2, x < r), ((r - a) * (2 * x - a - r), True)), x, [a, r]),
 ])
 def test_pieces_are_found(e, variable, limits):
-    found = pieces_of(as_switches(e), set(X))
+    found = piecewise_form_of(as_switches(e), set(X))
     assert found.variable == variable
     assert found.limits == limits
     assert len(found.parts) == len(limits) + 1
@@ -213,8 +213,8 @@ def test_what_has_no_pieces_is_refused_in_one_sentence(e, reason):
 
 
 def test_pieces_that_meet_for_no_reason_that_algebra_sees_are_no_pieces():
-    with pytest.raises(ScatteredError, match="jumps"):
-        pieces_of(as_switches(P((k * x**2 / 2, x < a), (b * x - c, True))), set(X))
+    with pytest.raises(NotPiecewiseError, match="jumps"):
+        piecewise_form_of(as_switches(P((k * x**2 / 2, x < a), (b * x - c, True))), set(X))
 
 
 # ---------------------------------------------------------------- EMS

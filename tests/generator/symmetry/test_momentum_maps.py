@@ -14,7 +14,7 @@ import gyrospark as gs
 from generic_systems import EXAMPLES
 from gyrospark.generator.multibody.rigid_body import body_system, heavy_top, mgl, rotation_matrix
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
-from gyrospark.generator.symmetry.momentum_maps import MAX_COORDINATES, momentum_maps
+from gyrospark.generator.symmetry.momentum_maps import MAX_COORDINATES, _echelon, momentum_maps
 from gyrospark.runtime.rigid_body.quaternion import left_matrix
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix as attitude
 
@@ -351,3 +351,13 @@ def test_brackets_vanish_numerically():
         bracket = by_J[:6] @ H[6:] - by_J[6:] @ H[:6]
         assert abs(bracket) < 1e-8 * np.linalg.norm(by_J) * np.linalg.norm(H)
 
+
+def test_a_space_of_symmetries_has_the_simplest_basis():
+    """Two translations that come mixed are told apart."""
+    x, y, u, v = sp.symbols("x y u v", real=True)
+    plane = gs.System([x, y], [u, v], [], u**2 / 2 + v**2 / 2)
+    along_x, along_y = np.zeros((2, 2, 3))
+    along_x[0, 2] = along_y[1, 2] = 1
+    space = np.array([along_x + along_y, along_x - along_y]).reshape(2, 6).T / np.sqrt(2)
+    found = _echelon(space, plane)
+    assert [dict(field.weights) for field in found] == [{(0, 2): 1}, {(1, 2): 1}]

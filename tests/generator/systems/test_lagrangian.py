@@ -243,6 +243,12 @@ def test_zeros_of_the_mass_matrix_are_not_touched():
     assert system.elimination.products == 1
 
 
+def test_a_momentum_takes_a_name_that_is_free():
+    x, v, stiffness = sp.symbols("x v p_x", real=True)
+    system = gs.System.from_lagrangian(v**2 / 2 - stiffness * x**2, [x], [v], [stiffness])
+    assert [str(p) for p in system.p] == ["p_x_"]
+
+
 # ---------------------------------------------------------------- bad input
 
 X, Y, VX, VY, M = sp.symbols("x y vx vy m", real=True)
@@ -326,7 +332,7 @@ def test_what_needs_h_written_out_says_so():
     system, parameters, q, v = case(double)
     p = gs.stepper("G-L", 3, system=system).momenta(q, v, parameters=parameters)
     model = gs.Model(system, parameters, q, p, dt=0.01, steps=5)
-    with refused("Lagrangian.*promises"):
+    with refused("Lagrangian"):
         gs.certify(model, "G-L", 3)
 
 

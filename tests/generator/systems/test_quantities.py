@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from compilers import COMPILERS
-from gyrospark.commands.run.outputs import Done
+from gyrospark.commands.run.outputs import RunOutcome
 from gyrospark.commands.run.report import as_text, result_of
 from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
@@ -134,7 +134,8 @@ def test_reported_by_run():
     run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.125, steps=5, every=2,
                          parameters=PARAMETERS)
     problem: Any = SimpleNamespace(name="watched")
-    result = json.loads(json.dumps(result_of(problem, step, Done(run, run, 1.0, 5, None, None))))
+    outcome = RunOutcome(run, run, 1.0, 5, None, None)
+    result = json.loads(json.dumps(result_of(problem, step, outcome)))
     assert result["work"] == run.report.work
     assert result["quantities"] == {name: run.quantity(name)[-1] for name in QUANTITIES}
     assert result["quantities"]["height"] == result["q"][1]

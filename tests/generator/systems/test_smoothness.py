@@ -97,10 +97,10 @@ def test_a_stepper_says_where_its_order_does_not_hold():
     """In the manifest and by ``remarks``; nothing is said of smooth systems."""
     step = gs.stepper("G-L", 2, system=gs.System((x,), (u,), (), u**2 / 2 + sp.Max(0, x) ** 2,
                                                  name="half"))
-    assert step.remarks == step.manifest["system"]["remarks"]
-    assert len(step.remarks) == 1
-    assert re.search(r"order 4 .*x = 0", step.remarks[0])
-    assert gs.stepper("G-L", 3).remarks == []
+    assert step.warnings == step.manifest["system"]["remarks"]
+    assert len(step.warnings) == 1
+    assert re.search(r"order 4 .*x = 0", step.warnings[0])
+    assert gs.stepper("G-L", 3).warnings == []
 
 
 def rubbing(friction, name):
@@ -129,7 +129,7 @@ def test_what_it_says_to_write_works():
     run = step.integrate([3.0], [0.0], dt=0.01, steps=1000, parameters={})
     assert run.q[-1, 0] == pytest.approx(-0.99, abs=0.02)  # at rest, creeping
     assert abs(run.p[-1, 0]) < 1e-2
-    assert step.remarks == []
+    assert step.warnings == []
 
 
 def test_IMS_may_have_no_step_across_a_kink_of_H_and_EMS_has():

@@ -246,8 +246,8 @@ def test_a_weight_of_zero_takes_newton(written: Any) -> None:
     """There is no fast path; the remark says so, and the steps keep the constraints."""
     step = gs.stepper(tableau=written(zero_weight()))
     assert step.order == 1
-    assert any("b_i is zero" in remark for remark in step.remarks)
-    assert any(remark.startswith("not symplectic") for remark in step.remarks)
+    assert any("b_i is zero" in remark for remark in step.warnings)
+    assert any(remark.startswith("not symplectic") for remark in step.warnings)
     run = step.integrate(TOP.q0, TOP.p0, dt=1e-4, steps=50, parameters=PARAMETERS)
     assert run.report.constraint_max < 4 * 2.0**-52
 
@@ -312,10 +312,10 @@ def test_remarks_name_what_limits_the_order() -> None:
 def test_remarks_are_in_the_manifest_of_given_tableaux_only() -> None:
     step = stepper_of("radau_plain_2")
     about = step.manifest["tableau"]
-    assert about["remarks"] == step.remarks == remarks(read_tableau(FOLDER / "radau_plain_2.json"))
+    assert about["remarks"] == step.warnings == remarks(read_tableau(FOLDER / "radau_plain_2.json"))
     assert about["conditions"]["symplectic, constraints"]["found"] == "yes"
     family = gs.stepper("G-L", 2)
-    assert family.remarks == []
+    assert family.warnings == []
     assert "tableau" not in family.manifest
 
 

@@ -19,7 +19,7 @@ import sympy as sp
 import gyrospark as gs
 from calls import equal
 from gyrospark.core.exact_numbers import digits_of, exact
-from gyrospark.core.warnings import listening
+from gyrospark.core.warnings import capture_warnings
 from gyrospark.runtime.bindings.real_numbers import from_text, rounding
 from processes import cli
 from stores import assert_same
@@ -355,7 +355,7 @@ def test_the_start_of_a_body(kind, tmp_path):
     text = BODY.replace('euler = [0.3, "2*lean", "1/3"]', "quaternion = [1, -2, 3, 4]") if (
         kind == "quaternion") else BODY
     (tmp_path / "leaning.toml").write_text(text, encoding="utf-8")
-    with listening():  # to what is said of a quaternion of length √30
+    with capture_warnings():  # to what is said of a quaternion of length √30
         model = gs.load_model(tmp_path / "leaning.toml", real="float128")
         doubles = gs.load_model(tmp_path / "leaning.toml")
     assert_near(model.q0, [exact(x) for x in q], "float128", 1)

@@ -203,8 +203,8 @@ def test_a_temporary_folder_replaces_one_that_cannot_be_used(
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
     assert folder in str(said[0].message)
     assert len(build_cache.entries()) == 2
-    build_cache.keep("x", [1])  # with no further warning
-    assert build_cache.kept("x") == [1]
+    build_cache.write_cache("x", [1])  # with no further warning
+    assert build_cache.read_cache("x") == [1]
     place = build_cache.cache_folder()
     assert place.stat().st_mode & 0o77 == 0
     for (function, *arguments), options in ended:
@@ -425,16 +425,16 @@ def test_damaged_source_is_derived_anew(content, own_cache):
 def test_kept_text_is_given_back_as_it_was_written_or_not_at_all(own_cache):
     """A bit that flips in the C of a kept source does not become another stepper."""
     content = {"a.c": "x = 0.25;", "a.json": "{}"}
-    assert build_cache.kept("a.source.json") is None
-    build_cache.keep("a.source.json", content)
-    assert build_cache.kept("a.source.json") == content
+    assert build_cache.read_cache("a.source.json") is None
+    build_cache.write_cache("a.source.json", content)
+    assert build_cache.read_cache("a.source.json") == content
     path = own_cache / "a.source.json"
     sound = path.read_bytes()
     for place in range(len(sound)):
         damaged = bytearray(sound)
         damaged[place] ^= 1
         path.write_bytes(damaged)
-        assert build_cache.kept("a.source.json") in (None, content), place
+        assert build_cache.read_cache("a.source.json") in (None, content), place
 
 
 # ---------------------------------------------------------------- manifests
@@ -584,7 +584,7 @@ def test_folders_of_others_are_never_removed(own_cache, tmp_path):
         os.chown(own_cache / "gyrospark-build-foreigns", 12345, 12345)
         theirs |= {*own_cache.rglob("gyrospark-build-foreigns/*")}
     left(own_cache / "gyrospark-build-reallyus", 1000)
-    with build_cache.workshop() as folder:
+    with build_cache.build_folder() as folder:
         assert build_cache._BUILD_NAME.fullmatch(folder.name)
         assert [p.name for p in folder.iterdir()] == [build_cache._MARK]
     build_cache.clear()
@@ -599,7 +599,7 @@ def publish_both(own_cache, quick, monkeypatch):
     """Build a module and keep a text; return their files."""
     monkeypatch.setenv("CC", quick)
     stepper_module.load_module("heavy_top_ims_gamma", files_of())
-    build_cache.keep("text.source.json", ["text"])
+    build_cache.write_cache("text.source.json", ["text"])
     (built,) = kept(own_cache)
     return built, own_cache / "text.source.json"
 
@@ -615,7 +615,7 @@ def test_what_is_published_is_written_by_nobody_else(own_cache, quick, monkeypat
         assert not path.stat().st_mode & 0o022
         assert build_cache.distrusted(path) == ""
     assert stepper_module._is_whole(built)
-    assert build_cache.kept(text.name) == ["text"]
+    assert build_cache.read_cache(text.name) == ["text"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
@@ -634,7 +634,7 @@ def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_
             path.chmod(0o764 if planted == "group writes" else 0o746)
         assert build_cache.distrusted(path) != ""
         assert not stepper_module._is_whole(path)
-    assert build_cache.kept("text.source.json") is None
+    assert build_cache.read_cache("text.source.json") is None
     monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("built anew"))
     with pytest.raises(pytest.fail.Exception, match="built anew"):
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
@@ -656,9 +656,9 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
     if owner is not None:
         os.chown(own_cache, owner, owner)
     assert stepper_module._is_whole(built) is trusted
-    assert (build_cache.kept(text.name) == ["text"]) is trusted
+    assert (build_cache.read_cache(text.name) == ["text"]) is trusted
     if trusted:
-        with build_cache.workshop():
+        with build_cache.build_folder():
             return
     monkeypatch.setattr(build_cache, "_IN_PLACE", {})
     with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE"):
@@ -682,7 +682,7 @@ def test_cache_folder_is_the_users(monkeypatch, tmp_path):
         assert build_cache.cache_folder() == tmp_path / "xdg" / "gyrospark"
     monkeypatch.setenv("GYROSPARK_CACHE", "")
     assert build_cache.cache_folder().name == "gyrospark"
-    with build_cache.workshop() as private:
+    with build_cache.build_folder() as private:
         assert stat.S_IMODE(private.stat().st_mode) == 0o700
         assert Path(private).parent == build_cache.cache_folder()
     assert not private.exists()

@@ -12,7 +12,7 @@ import gyrospark as gs
 from compilers import compiler
 from gyrospark.generator.systems.numeric_system import numeric
 from gyrospark.runtime.compilation import compiler as build
-from gyrospark.runtime.compilation.gcc_permutations import WITHOUT_PERMUTATIONS, has_permutation
+from gyrospark.runtime.compilation.object_files import WITHOUT_PERMUTATIONS, has_permutation
 
 #: A link on a hinge: 21 constants of its last constraint are gathered eight at a time.
 HINGE = """<robot name="hinge"><link name="base"/>

@@ -17,7 +17,7 @@ import gyrospark as gs
 from event_runs import pendulum, period, start
 from gyrospark.commands import gyrospark
 from gyrospark.core.event import event_of_text
-from gyrospark.runtime.events.root_finding import zeros
+from gyrospark.runtime.events.location import zeros
 
 EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
 

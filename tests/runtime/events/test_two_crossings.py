@@ -126,7 +126,7 @@ def test_a_stored_run_has_them(terminal: bool, tmp_path, monkeypatch) -> None:
                "parameters": {"e": depth}, "events": events}
         whole = step.integrate(**run)
         with monkeypatch.context() as patch:
-            patch.setattr("gyrospark.runtime.integration.step_loop._WATCHED", 5)
+            patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK_WITH_EVENTS", 5)
             small_blocks(patch, 4, 0.0)
             once = recorded(step, tmp_path / f"{phase}.zarr", **run)
             again = in_pieces(step, tmp_path / f"{phase} again.zarr", [1, 2, 1], **run)

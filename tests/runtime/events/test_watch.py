@@ -14,37 +14,37 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from event_runs import pendulum, period, start
 from gyrospark.runtime.events import location
-from gyrospark.runtime.events.detection import Watch
+from gyrospark.runtime.events.detection import EventDetector
 
 #: Values beside their level, of two events.
 ROWS = st.lists(st.tuples(*[st.integers(-6, 6)] * 2), min_size=1, max_size=24)
 
 
-def watch_of(terminal: bool) -> Watch:
+def watch_of(terminal: bool) -> EventDetector:
     """A watch at coordinates: the first goes either way, the second falls, and may end the run."""
     levels = SimpleNamespace(
         binding=SimpleNamespace(times=lambda t0, dt, steps: t0 + steps * dt),
         events=(gs.Event("x"), gs.Event("y", direction=-1, terminal=terminal)),
         values=lambda parameters, t, q, p: q, timed=False, no_past=None,
         near=lambda parameters, t, q, p, last: (0, len(q) - 1))
-    return Watch(levels, None, 0.0, 1.0)
+    return EventDetector(levels, None, 0.0, 1.0)
 
 
 def seen(rows: np.ndarray, cuts: list[int], terminal: bool, peeks: set[int]) -> list:
     """What is seen of rows that are cut after so many steps; some cuts look a row ahead, or not."""
-    watch = watch_of(terminal)
+    detector = watch_of(terminal)
     ends = sorted({min(cut, len(rows) - 1) for cut in cuts} | {len(rows) - 1})
     for begin, end in zip([0, *ends], ends, strict=False):
-        watch.look(begin, rows[begin : end + 1], rows[begin : end + 1])
-        if watch.ends_in is not None:
+        detector.detect(begin, rows[begin : end + 1], rows[begin : end + 1])
+        if detector.ends_in is not None:
             break
         if end in peeks and end < len(rows) - 1:
-            watch.close((rows[end + 1 : end + 2],) * 2)
+            detector.close((rows[end + 1 : end + 2],) * 2)
         elif -end in peeks:
-            watch.close()
-    watch.close()
-    watch.close()  # sees nothing twice
-    found = watch.brackets
+            detector.close()
+    detector.close()
+    detector.close()  # sees nothing twice
+    found = detector.brackets
     return [] if found is None else sorted(zip(
         found.step.tolist(), found.event.tolist(), found.turning.tolist(), found.before.tolist(),
         found.after.tolist(), found.q.tolist(), strict=True))
@@ -83,9 +83,9 @@ def come_near(parameters, t, q, p, last):
 def sparse_of(make):
     """Return a maker of watches that look only where something is near."""
     def sparse(terminal):
-        watch = make(terminal)
-        watch._levels.near, watch._last = come_near, np.full((2, 2), np.nan)
-        return watch
+        detector = make(terminal)
+        detector._levels.near, detector._last = come_near, np.full((2, 2), np.nan)
+        return detector
     return sparse
 
 
@@ -130,7 +130,7 @@ def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
 
     def failing(binding, manifest, run, progress=None):
         found = real(binding, manifest, run, progress)
-        if run.watch is None:
+        if run.detector is None:
             return found
         raise gs.StepFailed(step=101, t=5.05, reason="was made to fail", trajectory=found)
 

@@ -16,7 +16,7 @@ import pytest
 import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP
 from command_line import RUN as COMMAND
-from gyrospark.core.interrupts import ctrl_c, watched
+from gyrospark.core.interrupts import catch_ctrl_c, catch_signals
 from gyrospark.runtime.integration import step_loop
 from gyrospark.sweeps.results import NOT_COMPUTED
 from processes import PATIENCE, catches, environment, gyrospark_command, wait_for
@@ -82,16 +82,16 @@ def test_own_handler_is_left_alone(gl3):
 
 def test_watch_within_a_watch_is_the_same():
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    with watched() as outer:
-        with ctrl_c() as inner:
+    with catch_signals() as outer:
+        with catch_ctrl_c() as inner:
             assert inner is outer
             interrupt(signal.SIGTERM)
             assert inner.signal == signal.SIGTERM
         with pytest.raises(KeyboardInterrupt):
             interrupt()
     assert {number: signal.getsignal(number) for number in before} == before
-    with ctrl_c() as other:
-        assert not other.asked
+    with catch_ctrl_c() as other:
+        assert not other.requested
 
 
 def test_threads_hear_nothing(gl3):
@@ -155,7 +155,7 @@ def test_pace_follows_what_steps_cost(monkeypatch):
     monkeypatch.setattr(step_loop.time, "thread_time", lambda: now[0])
 
     def paces(cost, pieces=12):
-        pace, found = step_loop.Pace(), []
+        pace, found = step_loop.ChunkSize(), []
         for _ in range(pieces):
             count = pace.begin()
             now[0] += cost * count

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from calls import RUN, TOP, refused
 from command_line import refused as refused_by_command
-from gyrospark.runtime.integration.step_count import step_count
+from gyrospark.runtime.integration.run_arguments import step_count
 
 COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--json"]
 plain = st.floats(1e-6, 1e3)
@@ -54,7 +54,7 @@ def test_what_is_named_fits(t_end, dt, t0):
         said = str(error)
     else:
         return
-    times, steps = re.search(r".*t_end = (.*), or dt = (.*)\.$", said).groups()
+    times, steps = re.search(r".* t_end = (.*), or dt = (.*)\.$", said).groups()
     counts = [step_count(None, float(t), t0, dt) for t in times.split(" and ")]
     assert counts in ([1], [counts[0], counts[0] + 1])
     exact = (Fraction(t_end) - Fraction(t0)) / Fraction(dt)

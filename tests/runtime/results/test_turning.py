@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gyrospark as gs
-from gyrospark.runtime.results.rotation_rate import fastest_turning
+from gyrospark.runtime.results.rotation_rate import fastest_rotation
 
 RUN = ("run", "fast-top", "--json", "--steps", "20")
 SCHEMES = [("IMS",), ("EMS",), ("G-L", "--stages", "3")]
@@ -158,7 +158,7 @@ def test_rates_are_those_of_the_bodies(pair, seed, rows):
     states = replace(pair, q=rng.standard_normal((rows, 14)), p=rng.standard_normal((rows, 14)))
     rates = {name: np.linalg.norm(states.angular_velocity(name), axis=1).max()
              for name in states.bodies}
-    found = fastest_turning(states)
+    found = fastest_rotation(states)
     assert found.body == max(rates, key=rates.__getitem__)
     assert found.radians == pytest.approx(0.1 * rates[found.body], rel=1e-12)
 
@@ -170,4 +170,4 @@ def test_every_type_has_radians():
         parameters = top.parameters | {"gamma": 0.0016}
         run = step.integrate(*step.project(top.q0, top.p0, parameters=parameters), dt=0.01,
                              steps=2, parameters=parameters)
-        assert fastest_turning(run).radians == pytest.approx(0.4 * pi, rel=1e-3)
+        assert fastest_rotation(run).radians == pytest.approx(0.4 * pi, rel=1e-3)

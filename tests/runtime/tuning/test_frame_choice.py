@@ -15,7 +15,7 @@ from numpy.testing import assert_array_equal
 
 import gyrospark as gs
 from gyrospark.benchmarks.reference_states import distance
-from gyrospark.runtime.tuning.frame_spectrum import Lines
+from gyrospark.runtime.tuning.frame_search import SpectralLines
 
 TOP = gs.problems.fast_top()
 CONE = gs.problems.regular_precession()
@@ -227,12 +227,12 @@ def test_lines_are_centred():
     t = np.arange(4096) * 0.01
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     q = np.stack([3 * wave(20 * t) + wave(26 * t) for wave in (np.cos, np.sin)], axis=1)
-    lines = Lines(q, q, 0.01, [turn])
+    lines = SpectralLines(q, q, 0.01, [turn])
     assert lines.resolved
     assert lines.least(1, np.zeros(1)) == pytest.approx([(9 * 20 + 26) / 10], rel=1e-6)
     middle = 20 + 6 / (1 + 9 ** (1 / 11))  # 9 x^11 = (6 - x)^11
     assert lines.least(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)  # a window has a width
-    coarse = Lines(q[::32], q[::32], 0.32, [turn])  # lines are folded: 26 rad/s above π/0.32
+    coarse = SpectralLines(q[::32], q[::32], 0.32, [turn])  # folded: 26 rad/s > π/0.32
     assert not coarse.resolved or abs(coarse.least(1, np.zeros(1))[0]) < 10
 
 

@@ -18,8 +18,7 @@ from gyrospark.generator.multibody.rigid_body import gamma, gravity_potential, k
 from gyrospark.runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, known_inertia
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from gyrospark.runtime.tuning.gamma_choice import PILOT_STEPS
-from gyrospark.runtime.tuning.gamma_error_law import least
-from gyrospark.runtime.tuning.gamma_pilots import WORTHWHILE
+from gyrospark.runtime.tuning.gamma_search import WORTHWHILE, least
 from gyrospark.studies.gamma_auto import ALLOWED, LONGER
 from gyrospark.studies.gamma_trials import BODIES, METHODS, TIMES, Trial, TrialBody, asymmetric_top
 

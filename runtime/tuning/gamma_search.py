@@ -1,4 +1,4 @@
-"""Short runs with different γ, and what they are measured by.
+"""Pilot runs with different γ, their errors, and the law of the error in 1/γ.
 
 Every run has two errors. That of the energy is H_k − H_0 − W_k. That of the motion is q_k − q(t_k),
 path by path (``motion_distance``), with q(t) extrapolated from the same method at Δt/2 and Δt/4:
@@ -6,33 +6,48 @@ path by path (``motion_distance``), with q(t) extrapolated from the same method 
 of the first run that converges, the base, by rule that of γ_m: the ratio of errors that grow like t
 stays what it is however long a run becomes.
 
-What these runs cannot tell is said (``Pilots.silence``): an error that is round-off counts for
+What these runs cannot tell is said (``Pilots.inconclusive``): an error that is round-off counts for
 nothing; where the base is turned by more than 0.3 rad no law is linear, and rows are left out;
 where the error does not grow like t (a motion slower than the pilots, or a chaotic one) nothing
 follows for a run that is longer than they.
+
+The linear law of the error in 1/γ, or in γ, and where it is smallest.
+
+To leading order in the step the error of a run is linear in 1/γ of each body b (paper, (34)):
+
+    e_k(γ) = d_k + Σ_b K_kb / γ_b,    k = 1..N
+
+for the energy as for every component of the motion, for both come of one truncation error, and
+that is linear in 1/γ. Odd-stage LIIIA-B has the same law in γ (its slope in 1/γ is of higher
+order). One run to start from, and one more a body with that body's γ changed alone, give d and K;
+the slope of a body does not depend on the γ of another. The mean square of each path's error is
+then a quadratic form in 1/γ, and ``least`` finds where all of them together are smallest.
+
+The law is straight to leading order only. Its minimum is therefore measured, and where the error is
+not what the law had said the slope is corrected (Broyden; for one body the secant through the last
+two runs) and the minimum sought again, as long as that helps.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...core.errors import StepFailed
-from ...core.exact_numbers import Number
-from ...core.warnings import listening
-from ..rigid_body.gamma_rules import MEANS_BY_SYMBOL, Aim
+from ...core.registry import Aim
+from ..rigid_body.gamma_rules import MEANS_BY_SYMBOL, gamma_m
 from .motion_distance import MotionError, sizes
 
 if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
-__all__ = ["WORTHWHILE", "Pilot", "Pilots"]
+__all__ = ["REACH", "WORTHWHILE", "GammaSearch", "Pilot", "Pilots", "least"]
 
 Array = NDArray[Any]
 
@@ -80,7 +95,7 @@ class Pilot:
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class ErrorScale:
     """How errors are measured: columns of each path, their size in the base, its doubt.
 
     ``doubt`` is the part of each size that may be the reference's error, or round-off; ``quarters``
@@ -127,18 +142,17 @@ class Pilots:
     """Makes short runs and remembers them; γ of all bodies as an array in kg m²."""
 
     def __init__(
-        self, stepper: Stepper, q: ArrayLike, p: ArrayLike, dt: float, steps: int,
-        parameters: Mapping[str, Any], bodies: dict[str, tuple[float, float, float]], aim: Aim,
-        t0: Number, *, longer: bool,
+        self, stepper: Stepper, arguments: RunArguments,
+        bodies: dict[str, tuple[float, float, float]], aim: Aim, *, longer: bool,
     ) -> None:
         """``longer``: the choice is for a run that goes on where these end."""
-        self.stepper, self.q, self.p, self.dt, self.steps = stepper, q, p, dt, steps
-        self.parameters, self.bodies, self.aim, self.t0 = parameters, bodies, aim, t0
+        self.stepper, self.arguments, self.steps = stepper, arguments, arguments.steps
+        self.bodies, self.aim = bodies, aim
         self.longer = longer
         self.letter = "α" if all(name.endswith("alpha") for name in bodies) else "γ"
         self.done: list[Pilot] = []
         self.errors: list[dict[Aim, Array] | None] = []
-        self.silence: str | None = None
+        self.inconclusive: str | None = None
         self._measure_rules()
 
     # ------------------------------------------------------------ runs
@@ -172,7 +186,7 @@ class Pilots:
             assert failure is not None
             raise failure
         self.base = next(i for i, (v, _) in enumerate(runs.values()) if v == base[0])
-        self._set_yardsticks(*base)
+        self._set_error_scales(*base)
         for label, (values, run) in runs.items():
             self._add(label, values, run)
         self.rules = len(self.done)
@@ -181,10 +195,9 @@ class Pilots:
         return {name: float(x) for name, x in zip(self.bodies, gammas, strict=True)}
 
     def _run(self, values: dict[str, float], finer: int = 1) -> Trajectory:
-        with listening():  # what is to be said is said of the run that is asked for
-            return self.stepper.integrate(
-                self.q, self.p, dt=self.dt / finer, steps=self.steps * finer, every=finer,
-                t0=self.t0, parameters={**self.parameters, **values})
+        run = self.arguments.refined(finer)
+        return self.stepper.run(self.stepper.checked_run(
+            replace(run, parameters={**run.parameters, **values})))
 
     def _add(
         self, label: str, values: dict[str, float], run: Trajectory | None,
@@ -194,7 +207,7 @@ class Pilots:
         self.errors.append(errors)
         numbers = (math.inf,) * 3
         if errors is not None:
-            ratios = self.yardsticks["motion"].ratios(errors["motion"])
+            ratios = self.error_scales["motion"].ratios(errors["motion"])
             numbers = (mean_of(ratios), float(ratios.max()) if len(ratios) else math.nan,
                        float(sizes(errors["energy"], [[0]])[0]))
         self.done.append(Pilot(label, values, *numbers, expected))
@@ -206,7 +219,7 @@ class Pilots:
         energy = np.asarray(run.energy_error()[1:], dtype=float)[:, None]
         return {"motion": self._motion(run.q)[1 : self.rows + 1], "energy": energy}
 
-    def _set_yardsticks(self, values: dict[str, float], base: Trajectory) -> None:
+    def _set_error_scales(self, values: dict[str, float], base: Trajectory) -> None:
         """Make the reference of the motion, and what both errors are held against."""
         order = self.stepper.order
         half, quarter = (self._run(values, finer).q for finer in (2, 4))
@@ -223,27 +236,28 @@ class Pilots:
         lacks = sizes(lower, self._motion.paths) / 2 ** (order + 2)
         H = np.abs(np.asarray(base.energies, dtype=float)).max(keepdims=True)
         whole = self.rows == self.steps and not self.longer
-        self.yardsticks: dict[Aim, Yardstick] = {
-            "motion": _yardstick(errors["motion"], self._motion.paths, rounding, rounding + lacks,
+        self.error_scales: dict[Aim, ErrorScale] = {
+            "motion": _error_scale(errors["motion"], self._motion.paths, rounding, rounding + lacks,
                                  quarters=self.longer and self.rows >= _FEWEST),
-            "energy": _yardstick(errors["energy"], [[0]], epsilon * H, 0 * H),
+            "energy": _error_scale(errors["energy"], [[0]], epsilon * H, 0 * H),
         }
         if self.aim == "motion" and self.rows < _FEWEST and not whole:
-            self.silence = (f"pilots of {self.steps} steps say nothing of a run that is longer"
+            self.inconclusive = (f"pilots of {self.steps} steps say nothing of a run that is longer"
                             if self.rows == self.steps else
                             f"with it the motion is lost within {self.rows + 1} steps")
-        elif not self.yardstick.paths:
-            self.silence = "the error is round-off"
-        elif not self.yardstick.steady:
-            self.silence = ("the error of the motion does not grow like t, and pilots say nothing "
-                            "of a run that is longer; give steps that see its slowest period")
+        elif not self.error_scale.paths:
+            self.inconclusive = "the error is round-off"
+        elif not self.error_scale.steady:
+            self.inconclusive = (
+                "the error of the motion does not grow like t, and pilots say nothing of a run "
+                "that is longer; give steps that see its slowest period")
 
     # ------------------------------------------------------------ judging
 
     @property
-    def yardstick(self) -> Yardstick:
+    def error_scale(self) -> ErrorScale:
         """What the aimed error is measured by."""
-        return self.yardsticks[self.aim]
+        return self.error_scales[self.aim]
 
     def aimed(self, number: int) -> Array | None:
         """Return the aimed error of a run, rows over time; None if it failed."""
@@ -259,7 +273,7 @@ class Pilots:
         errors = self.aimed(number)
         if number == self.base:
             return 1.0
-        return math.inf if errors is None else self.yardstick.score(errors)
+        return math.inf if errors is None else self.error_scale.score(errors)
 
     def best(self) -> int:
         """Return the number of the best run."""
@@ -272,12 +286,147 @@ def _extrapolated(coarse: Array, fine: Array, order: int) -> Array:
     return extrapolated
 
 
-def _yardstick(
+def _error_scale(
     base: Array, paths: list[list[int]], rounding: Array, doubt: Array, *, quarters: bool = False
-) -> Yardstick:
+) -> ErrorScale:
     """Return the yardstick of a base run; paths whose error is round-off are left out."""
     size = sizes(base, paths)
     at = [i for i in range(len(paths)) if size[i] > rounding[i]]
     kept = [paths[i] for i in at]
-    return Yardstick(kept, size[at], doubt[at] / size[at],
+    return ErrorScale(kept, size[at], doubt[at] / size[at],
                      quarters_of(base, kept) if quarters else None)
+
+
+#: A minimum farther than this from the body's moments is an extrapolation no pilot supports.
+REACH = 10.0
+#: By how much a pilot changes 1/γ: large against round-off, small against the law's curvature.
+_CHANGE = 0.2
+#: Corrections of the slope; at small steps the first minimum stands.
+_ROUNDS = 4
+#: What the law must promise, a little more than what is then asked of the measurement.
+_PROMISE = 0.98 * WORTHWHILE
+
+
+class GammaSearch:
+    """The law in one variable: u_b = γ_m/γ_b or γ_b/γ_m, near 1 for every body."""
+
+    def __init__(self, pilots: Pilots, law: str) -> None:
+        self.pilots, self.law, self.inverse = pilots, law, law.startswith("1/")
+        self.scale = np.array([gamma_m(moments) for moments in pilots.bodies.values()])
+        bounds = [(min(moments) / REACH, max(moments) * REACH)
+                  for moments in pilots.bodies.values()]
+        ends = self.variable(np.array(bounds).T)
+        self.low, self.high = ends.min(axis=0), ends.max(axis=0)
+        self.runs: list[int] = []
+        self.clipped: Array | None = None  # the γ the law asked for beyond the bounds
+        self.stayed: int | None = None  # the run that is the law's minimum already
+        self.right = False  # whether the last run was as the law had said
+
+    def variable(self, gammas: Array) -> Array:
+        """Return u of these γ."""
+        return self.scale / gammas if self.inverse else gammas / self.scale
+
+    def gammas(self, u: Array) -> Array:
+        """Return γ of this u."""
+        return self.scale / u if self.inverse else u * self.scale
+
+    def run(self) -> None:
+        """Fit the law, measure its minimum; where it errs correct the slope and seek again."""
+        pilots = self.pilots
+        at = pilots.best()
+        slopes, missed = self._slopes(at), False
+        for _ in range(_ROUNDS):
+            errors = pilots.aimed(at)
+            assert errors is not None
+            u = self.variable(pilots.gammas(at))
+            wanted = u + least(self._forms(errors, slopes))
+            new = np.clip(wanted, self.low, self.high)
+            if not self.runs and np.any(new != wanted):
+                self.clipped = self.gammas(wanted)
+            change = new - u
+            if np.abs(change).max() < 1e-6 * np.abs(u).max():
+                self.stayed = at
+                return
+            predicted = errors + slopes @ change
+            before, expected = pilots.score(pilots.best()), self._size(predicted)
+            number = pilots.measure(f"minimum of the law in {self.law}", self.gammas(new),
+                                    expected)
+            self.runs.append(number)
+            found, score = pilots.aimed(number), pilots.score(number)
+            if found is None:
+                return
+            self.right = abs(pilots.done[number].error(pilots.aim) - expected) <= 0.05 * expected
+            worse = score >= before
+            if self.right or (missed and worse) or 0.9 * before < score < before:
+                return
+            missed = worse
+            slopes = slopes + (found - predicted)[..., None] * change / (change @ change)
+            at = number
+
+    def _size(self, errors: Array) -> float:
+        """Return the size of errors as a pilot has it."""
+        scale = self.pilots.error_scale
+        unit = float(scale.size[0]) if self.pilots.aim == "energy" else 1.0
+        return mean_of(scale.ratios(errors)) * unit
+
+    def _forms(self, errors: Array, slopes: Array) -> Array:
+        """Return the quadratic form in (1, x) of each path's error, in units of the base."""
+        base, forms = self.pilots.aimed(self.pilots.base), []
+        assert base is not None
+        joined = np.concatenate([errors[..., None], slopes], axis=-1)
+        for path in self.pilots.error_scale.paths:
+            columns = joined[:, path].reshape(-1, joined.shape[-1])
+            forms.append(columns.T @ columns / (base[:, path] ** 2).sum())
+        return np.array(forms)
+
+    def _slopes(self, at: int) -> Array:
+        """Return K from one more run a body; zeros where these do not converge."""
+        pilots, base = self.pilots, self.pilots.aimed(at)
+        assert base is not None
+        columns = []
+        for body, name in enumerate(pilots.bodies):
+            column = np.zeros_like(base)
+            for factor in (1 + _CHANGE, 1 / (1 + _CHANGE)):
+                gammas = pilots.gammas(at)
+                gammas[body] /= factor
+                errors = pilots.aimed(pilots.measure(f"pilot for {name}", gammas))
+                if errors is not None:
+                    change = self.variable(gammas)[body] - self.variable(pilots.gammas(at))[body]
+                    column = (errors - base) / change
+                    break
+            columns.append(column)
+        return np.stack(columns, axis=-1)
+
+
+def least(forms: Array) -> Array:
+    """Return the x with the smallest Σ_j r_j^p, r_j² = (1, x) F_j (1, x)ᵀ; F is (J, B+1, B+1).
+
+    p is 2, the mean square, if all r_j are then below 1/1.05, else the smallest of 4, 8, ... 64
+    for which they are: the sum turns by degrees into the largest r_j, and where even that stays
+    above, nothing is to be had. Each sum is convex, and Newton's steps go from one to the next.
+    """
+    A, b = forms[:, 1:, 1:], forms[:, 1:, 0]
+
+    def squares(x: Array) -> Array:
+        r2: Array = np.maximum(forms[:, 0, 0] + 2 * b @ x + (A @ x) @ x, 0.0)
+        return r2
+
+    def power_sum(x: Array) -> float:
+        r2 = squares(x)
+        return float(r2.max() * ((r2 / (r2.max() or 1.0)) ** (p / 2)).sum() ** (2 / p))
+
+    x: Array = -np.linalg.lstsq(A.sum(axis=0), b.sum(axis=0), rcond=None)[0]
+    for p in (4, 8, 16, 32, 64):
+        if squares(x).max() <= _PROMISE**2:
+            break
+        for _ in range(20):
+            r2, slopes = squares(x), b + A @ x
+            weights = (r2 / r2.max()) ** (p / 2 - 1)
+            bend = np.tensordot(weights, A, 1) + (slopes.T * (weights * (p - 2) / r2)) @ slopes
+            step = -np.linalg.lstsq(bend, weights @ slopes, rcond=None)[0]
+            while power_sum(x + step) > power_sum(x) and np.abs(step).max() > 1e-9:
+                step = step / 2
+            x = x + step
+            if np.abs(step).max() <= 1e-6 * np.abs(x).max():
+                break
+    return x

@@ -1,0 +1,49 @@
+"""Sizes that keep the project readable: generated files, the engine, the root."""
+
+from __future__ import annotations
+
+import pytest
+
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from processes import ROOT, call
+from toy import HEADERS
+
+#: Files of the root that tools ask for by name.
+TOOLING = {"CITATION.cff", "LICENSE", "MANIFEST.in", "Makefile", "__main__.py", "_version.py",
+           "py.typed", "pyproject.toml", "setup.py"}
+
+
+def lines(path):
+    return path.read_text(encoding="utf-8").count("\n")
+
+
+def test_generated_files_hold_what_was_derived():
+    files = sorted((ROOT / "generated").glob("*.c"))
+    assert len(files) >= 20
+    assert lines(ROOT / "generated" / "heavy_top_gl3_gamma.c") <= 750
+    assert sum(map(lines, files)) <= 16_000
+
+
+@pytest.mark.parametrize(("spec", "profile", "most"), [
+    (Spec("G-L", 2, real="float"), "control", 600), (Spec("G-L", 3), "run", 1700)],
+    ids=["control", "run"])
+def test_profiles_are_short_enough_to_be_read_whole(spec, profile, most):
+    source = generate(spec.with_profile(profile)).source
+    assert "gyrospark/" not in source.source.replace("gyrospark 0", "")
+    assert source.source.count("\n") <= most
+
+
+def test_the_engine_has_few_headers_none_of_them_long():
+    """That each compiles alone is tested with the engine."""
+    assert 40 <= len(HEADERS) <= 60
+    assert max(map(lines, HEADERS)) <= 600
+
+
+def test_the_root_has_few_files():
+    if not (ROOT / ".git").exists():
+        pytest.skip("this is no git checkout")
+    listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
+    files = {name for name in listed if name and "/" not in name and not name.startswith(".")}
+    assert files >= TOOLING
+    assert len(files - TOOLING) <= 8, sorted(files - TOOLING)
