@@ -1,9 +1,31 @@
 /*
- * The engine of gyrospark: what every stepper includes first.
+ * The engine of gyrospark: features, types and macros that all other headers need.
  *
  * A generated file defines its features, NAME(f), MATH(f), LIMIT(f) and its sizes, includes this
  * header and, between its kernels, the headers of the algorithms. engine/README.md lists what the
  * headers expect of the generated file. A feature is 1 where a generated file defines it, else 0.
+ *
+ * Macros take the place of templates and of namespaces, which C does not have:
+ *
+ *   NAME(f)            public function f of this stepper: NAME(step) is heavy_top_gl3_gamma_step
+ *   MATH(f), LIMIT(f)  f of <math.h> and <float.h> for the type real: MATH(sqrt) is sqrtf of float
+ *   IF_TIME(...)       the arguments if the feature is 1, else nothing: one feature often adds one
+ *                      statement to a function, and #if would take three lines. So IF_FORCES,
+ *                      IF_INPUTS, IF_FRAME, IF_FRAME_WORK
+ *   AT(c, t)           the constants c with the time t set in them; c if nothing depends on t
+ *   BETWEEN(c, t, step)  c with the time of a mean value over t..t + step set in them
+ *   LANES_AT, LANES_BETWEEN  AT and BETWEEN for constants of all lanes
+ *   SINGLE(f)          function or type f of the fixed-point iteration of one trajectory
+ *   BATCH(f)           the same of several trajectories, one in each lane (a lane is one number of
+ *                      a vector register). IMS and EMS have one iteration for both purposes
+ *   SOLVER(f)          in headers that are included for both: SINGLE(f), then BATCH(f)
+ *   TABLE(x)           in these headers, table x of the tableau: in lanes for SINGLE, numbers for
+ *                      BATCH
+ *   NUMBER, TYPED(f)   in headers that are included for numbers and for lanes (simd/numbers.h,
+ *                      simd/lanes.h): real and f, then lanes and lanes_f
+ *   SEPARATE(f)        SINGLE(f), which another object file contains if the build makes several
+ *   KERNEL(f)          profiles: kernel f of the fixed-point iteration, where Newton's differs
+ *   INLINE, NOINLINE   storage class with the attribute that keeps vectors in registers
  */
 #ifndef GS_ENGINE_H
 #define GS_ENGINE_H
@@ -69,7 +91,7 @@
 #ifndef GS_SEPARABLE /* H_pq = 0: Gauss-Seidel ordering */
 #define GS_SEPARABLE 0
 #endif
-#ifndef GS_EVEN_ODD /* the tableau is symmetric in time: products with it are split in even and odd parts */
+#ifndef GS_EVEN_ODD /* symmetric tableau: products with it are split in even and odd parts */
 #define GS_EVEN_ODD 0
 #endif
 #ifndef GS_WIDE_REAL /* no machine has vector registers for the type */
@@ -86,19 +108,19 @@
 #endif
 
 #if !GS_PROFILE_CONTROL
-/* Statements and arguments of one feature. */
+/* Statements and arguments of one feature; AT and BETWEEN set the time among the constants. */
 #if GS_TIME_DEPENDENT
 #define IF_TIME(...) __VA_ARGS__
 #define AT(c, t) at_time(c, t)
-#define BETWEEN(c, t, late) between(c, t, late)
+#define BETWEEN(c, t, step) between(c, t, step)
 #define LANES_AT(c, t) lanes_at_time(c, t)
-#define LANES_BETWEEN(c, t, late) lanes_between(c, t, late)
+#define LANES_BETWEEN(c, t, step) lanes_between(c, t, step)
 #else
 #define IF_TIME(...)
 #define AT(c, t) c
-#define BETWEEN(c, t, late) c
+#define BETWEEN(c, t, step) c
 #define LANES_AT(c, t) c
-#define LANES_BETWEEN(c, t, late) c
+#define LANES_BETWEEN(c, t, step) c
 #endif
 #if GS_FORCES
 #define IF_FORCES(...) __VA_ARGS__
