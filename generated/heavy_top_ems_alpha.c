@@ -7,7 +7,7 @@
  * dq/dt = D_p, dp/dt = -D_q - G^T lambda, g(q + dq) = 0, where D is the
  * discrete gradient of H and G that of g.
  *
- * Operations of one call of each kernel (additions, multiplications, ...):
+ * Operation counts of the kernels, per call:
  *   hamiltonian            19 add, 33 mul
  *   constraint             5 product
  *   constraint_increment   7 add, 8 mul
@@ -19,15 +19,15 @@
  *   mean_constraint        4 mul
  *   mean_curvature         no operations
  *
- * Letters, each with one meaning:
+ * Notation:
  *   N, M, U      coordinates, constraints, unknowns of T1
- *   q, p, t      coordinates, momenta, time; dt or h is a step, which ends at q1, p1
- *   H, g, G      Hamiltonian, constraints, their derivative dg/dq; f = 0 on the momenta
- *   lambda       multipliers of the constraints; impulses are h lambda, with the weight of a node
- *   x, r, J      unknowns of T1, their residual, its derivative dr/dx
- *   W            G H_pp G^T, through which the multipliers are corrected
- *   c, w         constants of a run; its memory
- *   LANES        reals in a vector register: stages, or trajectories, that move together
+ *   q, p, t      coordinates, momenta, time; dt or h is the time step, q1, p1 its end
+ *   H, g, G      Hamiltonian, constraints, Jacobian dg/dq; f = 0 are the hidden constraints
+ *   lambda       multipliers of the constraints; impulses are h lambda times the weight of a node
+ *   x, r, J      unknowns, residual and Jacobian dr/dx of T1
+ *   W            Schur complement G H_pp G^T, for the correction of the multipliers
+ *   c, w         constants of a run; work memory
+ *   LANES        number of reals in a vector register: one lane per stage or trajectory
  */
 #define HEAVY_TOP_EMS_ALPHA_WORK
 #include "heavy_top_ems_alpha.h"
@@ -55,7 +55,9 @@ typedef double real;
 
 enum { N = 4, M = 1, S = 1, P = 1, U = 9, MULTIPLIERS = 1, ROOM = 1 };
 
-/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
+/*
+ * Cost estimates for Newton's method in additions, without the elimination, which counts its own.
+ */
 enum {
     RESIDUAL_COST = 168*S + 79*P + U*U,
     JACOBIAN_COST = 1128*S + 4*P
@@ -63,9 +65,9 @@ enum {
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* ------------------------------------------------------------------- kernels: expressions only */
+/* ---------------------------------------------------------- kernels: straight-line expressions */
 
-/* Constants of a run from its parameters. */
+/* Evaluates the constants of a run from its parameters. */
 static void prepare(const parameters_t *par, constants *c)
 {
     c->mgl = par->mgl;
@@ -75,11 +77,11 @@ static void prepare(const parameters_t *par, constants *c)
     c->k3 = 1.0/par->I3;
 }
 
-/* The time at the start: of a run, or of a step. */
+/* Start time of a run or of a single step. */
 static inline real start_time(const parameters_t *parameters)
 {
     (void)parameters;
-    return 0; /* this system does not ask for it */
+    return 0; /* autonomous system */
 }
 
 #include "gyrospark/linear_algebra/product_sums.h"
@@ -666,7 +668,7 @@ enum {
 #include "gyrospark/run/batch.h"
 #include "gyrospark/run/ensemble.h"
 
-/* ------------------------------------------------------------- calls with what this system has */
+/* ------------------------------------------- public functions with system-dependent arguments */
 
 int heavy_top_ems_alpha_integrate(const parameters_t *parameters, const options_t *options, real dt,
     long steps, long every, real q[N], real p[N], real *q_out, real *p_out, real *multipliers,
@@ -695,19 +697,17 @@ int heavy_top_ems_alpha_near(const parameters_t *parameters, long count,
     rows[0] = rows[1] = -1;
     (void)parameters;
     for (long i = 0; i < count; i += TOGETHER) {
-        const long some = count - i < TOGETHER ? count - i : TOGETHER;
+        const long rows_now = count - i < TOGETHER ? count - i : TOGETHER;
         for (long e = 0; e < events; ++e) {
             const real *value = values[e] < N ? q + i*N + values[e] : p + i*N + values[e] - N;
             long stride = N;
-            flag_near_crossing(i, some, value, stride, levels[e], last + 2*e, rows);
+            flag_near_crossing(i, rows_now, value, stride, levels[e], last + 2*e, rows);
         }
     }
     return rows[0] >= 0;
 }
 
-/*
- * ------------------------------------------------------------------ memory that was kept on a disk
- */
+/* -------------------------------------------------------- validation of memory read from a file */
 
 static int within(long number, long least, long most)
 {
@@ -722,7 +722,7 @@ static int are_flags(int count, const int *flags)
     return sound;
 }
 
-/* `permanent`: nobody trains a recurrence any more, however long ago that was to begin. */
+/* `permanent`: no trajectory fits a recurrence any more, so that fit_start is no longer bounded. */
 static int is_valid_predictor(const predictor_t *s, long steps, int permanent)
 {
     return within(s->count, 0, steps) && s->fit_start >= 0 && s->fit_start - 65536 <= s->count

@@ -10,10 +10,10 @@
  * g = q0^2 + q1^2 + q2^2 + q3^2 - 1
  *
  * n = 4 coordinates, m = 1 constraints, 9 unknowns a step, order 2.
- * Units are the caller's, as long as they are consistent (SI: kg m^2, J, s).
+ * Any consistent system of units may be used (SI: kg m^2, J, s).
  *
- * No allocation, no static state, no globals: every function is re-entrant, the caller owns the
- * parameters and the work memory. See examples/plain_c/main.c for a complete program.
+ * All functions are re-entrant: they allocate no memory and have no static state. The caller owns
+ * the parameters and the work memory. See examples/plain_c/main.c for a complete program.
  */
 #ifndef HEAVY_TOP_IMS_GAMMA_H
 #define HEAVY_TOP_IMS_GAMMA_H
@@ -26,16 +26,14 @@ extern "C" {
 
 /* [begin declarations] */
 
-/* What a call returns. */
+/* Status codes. */
 enum heavy_top_ims_gamma_status {
     HEAVY_TOP_IMS_GAMMA_OK = 0,
-    HEAVY_TOP_IMS_GAMMA_NOT_CONVERGED = 1,
-        /* max_iterations were too few: increments still shrank */
+    HEAVY_TOP_IMS_GAMMA_NOT_CONVERGED = 1, /* max_iterations reached; increments still shrank */
     HEAVY_TOP_IMS_GAMMA_SINGULAR = 2,
     HEAVY_TOP_IMS_GAMMA_NOT_FINITE = 3,
-    HEAVY_TOP_IMS_GAMMA_STAGNATED = 4,
-        /* increments stopped shrinking above what rounding explains */
-    HEAVY_TOP_IMS_GAMMA_DIVERGED = 5   /* they never became small */
+    HEAVY_TOP_IMS_GAMMA_STAGNATED = 4, /* increments stagnated above the level of round-off */
+    HEAVY_TOP_IMS_GAMMA_DIVERGED = 5   /* increments never became small */
 };
 
 typedef struct {
@@ -46,36 +44,36 @@ typedef struct {
     double gamma;
 } heavy_top_ims_gamma_parameters;
 
-/* How T1 is solved. */
+/* Solver of the nonlinear system T1. */
 enum heavy_top_ims_gamma_solver {
-    HEAVY_TOP_IMS_GAMMA_AUTO = 0,       /* sweeps,
-        and Newton for a step where they do not converge */
-    HEAVY_TOP_IMS_GAMMA_NEWTON = 1,     /* full Newton */
-    HEAVY_TOP_IMS_GAMMA_FIXED_POINT = 2 /* sweeps alone */
+    HEAVY_TOP_IMS_GAMMA_AUTO = 0,       /* fixed-point iteration; Newton's method if it fails */
+    HEAVY_TOP_IMS_GAMMA_NEWTON = 1,     /* full Newton method */
+    HEAVY_TOP_IMS_GAMMA_FIXED_POINT = 2 /* fixed-point iteration only */
 };
 
 typedef struct {
-    double tolerance;   /* of the scaled increment of the unknowns; 0: down to round-off */
-    int max_iterations; /* iterations of one step, of each kind */
-    int solver;         /* of enum heavy_top_ims_gamma_solver */
+    double tolerance;   /* for the scaled increment of the unknowns; 0: iterate to round-off */
+    int max_iterations; /* per step, for the fixed-point iteration and Newton's method each */
+    int solver;         /* a value of enum heavy_top_ims_gamma_solver */
 } heavy_top_ims_gamma_options;
 
-/* Running record of an integration; all zero before its first call. */
+/* Report of an integration; all zero before the first call. */
 typedef struct {
-    long steps;              /* steps done */
-    long iterations;         /* sweeps and Newton iterations, all steps together */
-    int iterations_max;      /* most of one step */
-    long newton_steps;       /* steps done by Newton (solver AUTO): sweeps failed, or cost more */
+    long steps;              /* successful steps */
+    long iterations;         /* fixed-point and Newton iterations, sum over all steps */
+    int iterations_max;      /* largest number of iterations of one step */
+    long newton_steps;       /* steps by Newton's method (solver AUTO): more reliable or cheaper */
     double energy_start;     /* H_0 */
-    double energy_error_max; /* max |H_k - H_0| over all steps, and the sum */
+    double energy_error_max; /* max and sum over all steps of |H_k - H_0| */
     double energy_error_sum;
-    double constraint_max;   /* max |g(q_k)| and the sum of the largest component */
+    double constraint_max;   /* max and sum over all steps of max_mu |g_mu(q_k)| */
     double constraint_sum;
-    double hidden_max;       /* max |f(q_k, p_k)|, f = p0*q0 + p1*q1 + p2*q2 + p3*q3 */
+    double hidden_max;       /* max and sum of max_mu |f_mu(q_k, p_k)|,
+        f = p0*q0 + p1*q1 + p2*q2 + p3*q3 */
     double hidden_sum;
 } heavy_top_ims_gamma_report;
 
-/* Constants of a run: the parameters and what depends on them alone. */
+/* Constants of a run: the parameters and the expressions that depend on them only. */
 typedef struct {
     double mgl;
     double k0; /* 1/gamma */
@@ -85,43 +83,44 @@ typedef struct {
 } heavy_top_ims_gamma_constants;
 
 /*
- * The memory of one caller, as many bytes as the function says; contents need no preparation. For
- * memory that is not allocated
+ * Work memory of heavy_top_ims_gamma_work_size() bytes; it needs no initialisation.
+ * To declare it as a variable,
  *     #define HEAVY_TOP_IMS_GAMMA_WORK
- * before this header is included: the struct is then known, but it belongs to the functions below.
+ * before including this header. Its members are private to the functions below.
  */
 typedef struct heavy_top_ims_gamma_work heavy_top_ims_gamma_work;
 size_t heavy_top_ims_gamma_work_size(void);
 
 /*
- * One trajectory, held in that memory from call to call: it begins at (q, p) with a time step dt,
- * which may be negative. No other function but these four is to be given the memory meanwhile.
+ * Starts a trajectory at (q, p) with the time step dt, which may be negative. The work memory holds
+ * the trajectory between calls; until its end, pass this memory only to the functions
+ * heavy_top_ims_gamma_advance, _set_parameters, and _report_of.
  */
 void heavy_top_ims_gamma_begin(heavy_top_ims_gamma_work *work,
     const heavy_top_ims_gamma_parameters *parameters,
     const heavy_top_ims_gamma_options *options, double dt, const double q[4], const double p[4]);
 
 /*
- * Up to `steps` steps; (q, p) becomes their end. It is the end of the steps before, or what the
- * caller made of that: an impulse, say, is added to p. However the steps are shared out among
- * calls, their bits are those of one call of heavy_top_ims_gamma_integrate. A failed step ends the call with
- * its status and leaves the state before it.
+ * Advances the trajectory by `steps` steps and returns its state in (q, p). On entry (q, p) is the
+ * state of the previous call, which the caller may modify, for example by an impulse on p. The
+ * result is bit-identical to one call of heavy_top_ims_gamma_integrate for all steps.
+ * On failure, the call returns the status of the failed step, and (q, p) is the state before it.
  */
 int heavy_top_ims_gamma_advance(heavy_top_ims_gamma_work *work, long steps, double q[4],
     double p[4]);
 
-/* Other values of the parameters from the next step on, from an actuator say; time runs on. */
+/* Changes the parameters from the next step on; the time continues. */
 void heavy_top_ims_gamma_set_parameters(heavy_top_ims_gamma_work *work,
     const heavy_top_ims_gamma_parameters *parameters);
 
 /*
- * The record of the steps so far. What a caller does to the state or the parameters changes H, and
- * is no error: energy_start changes with it.
+ * Report of the trajectory. If the caller changes the state or the parameters, energy_start changes
+ * by the jump of H, so that the jump does not count as an energy error.
  */
 const heavy_top_ims_gamma_report *heavy_top_ims_gamma_report_of(const heavy_top_ims_gamma_work *work);
 
 /*
- * One step from (q, p) to (q1, p1); the arrays may be the same. multipliers (1
+ * Advances (q, p) by one step to (q1, p1), which may be the same arrays. multipliers (1
  * of them) and iterations are results too.
  */
 int heavy_top_ims_gamma_step(const heavy_top_ims_gamma_parameters *parameters,
@@ -130,11 +129,14 @@ int heavy_top_ims_gamma_step(const heavy_top_ims_gamma_parameters *parameters,
     double multipliers[1], int *iterations, heavy_top_ims_gamma_work *work);
 
 /*
- * Up to `steps` steps; (q, p) is the start and becomes the end. Every `every`-th state is stored
- * in q_out, p_out (rows of 4), the multipliers of that step in a row of 1, and in
- * iterations the most that one of the `every` steps took. Any of the four may be NULL. A failed
- * step ends the call with its status; report->steps says how many succeeded. A call with the
- * report, the work and the options of an earlier one goes on where that ended, to the bit.
+ * Integrates (q, p) in place by `steps` steps. The output arrays have one row per `every` steps and
+ * may be NULL:
+ *   q_out, p_out  the state, 4 values each
+ *   multipliers   the 1 multipliers of the last step
+ *   iterations    the largest number of iterations of the `every` steps
+ * On failure, the call returns the status of the failed step; report->steps is the number of
+ * successful steps. A call with the report, work memory and options of an earlier call continues
+ * that run, with bit-identical results.
  */
 int heavy_top_ims_gamma_integrate(const heavy_top_ims_gamma_parameters *parameters,
     const heavy_top_ims_gamma_options *options,
@@ -143,32 +145,29 @@ int heavy_top_ims_gamma_integrate(const heavy_top_ims_gamma_parameters *paramete
         heavy_top_ims_gamma_work *work);
 
 /*
- * Whether a record and work memory that were kept on a disk have whole numbers as steps leave them:
- * heavy_top_ims_gamma_integrate counts and chooses by these, and does not look at them again.
+ * Returns 1 if all integers of a report and work memory are in their valid ranges, else 0. Call it
+ * for data read from a file:
+ * heavy_top_ims_gamma_integrate uses them as indices and does not check them.
  */
 int heavy_top_ims_gamma_is_valid(const heavy_top_ims_gamma_report *report,
     heavy_top_ims_gamma_work *work);
 
-/*
- * Memory of heavy_top_ims_gamma_integrate_lanes, for one batch at a time. Contents need no
- * preparation.
- */
+/* Memory of one batch of heavy_top_ims_gamma_integrate_lanes; it needs no initialisation. */
 typedef struct {
     unsigned char memory[79424];
 } heavy_top_ims_gamma_batch;
 
-/*
- * How many trajectories heavy_top_ims_gamma_integrate_lanes takes at a time: the lanes of a vector
- * register.
- */
+/* Largest number of trajectories in a batch: the number of lanes of a vector register. */
 int heavy_top_ims_gamma_lanes(void);
 
 /*
- * As heavy_top_ims_gamma_integrate for `count` trajectories
- * (at most heavy_top_ims_gamma_lanes() of them), each with its own parameters, dt, state, report and status: all arrays have one entry, or one row, a trajectory.
- * Trajectory i stores from row i*rows on. A trajectory that fails keeps its last state and does
- * not disturb the others; statuses are 0 at the first call. Sweeps, and Newton for a trajectory
- * and step where they do not converge.
+ * Integrates a batch of `count` trajectories, at most heavy_top_ims_gamma_lanes(), like
+ * heavy_top_ims_gamma_integrate.
+ * Every input array has one entry or row per trajectory; trajectory i writes its output from row
+ * i*rows on.
+ * The caller sets all statuses to 0 before the first call. A trajectory that fails keeps its last
+ * state and its status; the others are not affected. The solver is the fixed-point iteration, with
+ * Newton's method for single trajectories and steps where it fails.
  */
 void heavy_top_ims_gamma_integrate_lanes(int count,
     const heavy_top_ims_gamma_parameters *parameters,
@@ -178,10 +177,9 @@ void heavy_top_ims_gamma_integrate_lanes(int count,
         heavy_top_ims_gamma_work *work);
 
 /*
- * Whole runs of any number of trajectories, each with its own parameters, dt, state, report and
- * status, which are 0 before. (q, p) become the ends; every `every`-th state goes to q_out, p_out
- * (either may be NULL), steps/every rows a trajectory. A trajectory that fails keeps its last
- * state.
+ * Integrates an ensemble of `count` trajectories in place. Every input array has one entry or row
+ * per trajectory; reports and statuses must be zero on entry. q_out and p_out have steps/every rows
+ * per trajectory and may be NULL. A trajectory that fails keeps its last state.
  */
 void heavy_top_ims_gamma_integrate_many(long count,
     const heavy_top_ims_gamma_parameters *parameters,
@@ -190,7 +188,7 @@ void heavy_top_ims_gamma_integrate_many(long count,
     double *q_out, double *p_out, heavy_top_ims_gamma_report *reports, int *status,
         heavy_top_ims_gamma_batch *batch, heavy_top_ims_gamma_work *work);
 
-/* The two halves of a step: T1 solves for the 9 unknowns x, T2 finishes the step from them. */
+/* The two phases of a step: T1 solves for the 9 unknowns x; T2 computes the end of the step. */
 int heavy_top_ims_gamma_T1(const heavy_top_ims_gamma_parameters *parameters,
     const heavy_top_ims_gamma_options *options, double dt,
     const double q[4], const double p[4], double x[9], int *iterations,
@@ -200,7 +198,7 @@ int heavy_top_ims_gamma_T2(const heavy_top_ims_gamma_parameters *parameters, dou
     const double x[9], double q1[4], double p1[4], double multipliers[1],
     heavy_top_ims_gamma_work *work);
 
-/* What T1 solves: residual r(x), its Jacobian (row by row), the starting guess. */
+/* The system of T1: starting guess, residual r(x), and Jacobian dr/dx in row-major order. */
 /* x = (dq, dp, lambda): the increments q_k - q_(k-1), p_k - p_(k-1) and the multiplier */
 void heavy_top_ims_gamma_guess(const heavy_top_ims_gamma_parameters *parameters, double dt,
     const double q[4],
@@ -211,14 +209,14 @@ void heavy_top_ims_gamma_residual(const heavy_top_ims_gamma_parameters *paramete
 void heavy_top_ims_gamma_jacobian(const heavy_top_ims_gamma_parameters *parameters, double dt,
     const double q[4],
     const double p[4], const double x[9], double J[81], heavy_top_ims_gamma_work *work);
-/* The size by which the iteration judges an increment dx; work is that of the last residual. */
+/* Norm of an increment dx in the convergence test; work as left by the last residual. */
 double heavy_top_ims_gamma_increment_size(double dt, const double q[4], const double p[4],
     const double x[9],
     const double dx[9], const heavy_top_ims_gamma_work *work);
-/* Whether the unknowns x end the step on the constraints; work is that of the last residual. */
+/* Returns 0 if the unknowns x satisfy the constraints; work as left by the last residual. */
 int heavy_top_ims_gamma_satisfies_constraints(double dt, const double q[4], const double x[9],
     heavy_top_ims_gamma_work *work);
-/* The size of the last increment that full Newton made with this work memory. */
+/* Norm of the last increment of full Newton with this work memory. */
 double heavy_top_ims_gamma_last_increment(const heavy_top_ims_gamma_work *work);
 
 /* H of `count` states. */
@@ -227,21 +225,22 @@ void heavy_top_ims_gamma_hamiltonian(const heavy_top_ims_gamma_parameters *param
     const double *p, double *H);
 
 /*
- * Whether a value comes no further from its level than it moves in the steps on either side of a
- * state: in no other steps does it change its sign. Of `count` states rows[0] and rows[1] are the
- * first and the last behind such a state. Values are coordinates, momenta and quantities, numbered
- * in this order; `last` has two numbers for each, of the states before, NaN at first.
+ * Finds steps in which a value may cross its level. A state is near the level if its distance does
+ * not exceed the changes of the value in the two adjacent steps; no crossing occurs elsewhere.
+ * Returns 1 if there are such states; rows[0] and rows[1] are the first and the last row that
+ * follows one. Values are indices into coordinates, momenta and quantities, in this order. `last`
+ * carries two numbers per value from call to call, NaN at first.
  */
 int heavy_top_ims_gamma_near(const heavy_top_ims_gamma_parameters *parameters, long count,
     const double *q, const double *p, long events, const int *values, const double *levels,
     double *last, long rows[2]);
 
-/* Defects of `count` states: g(q), and f(q, p) with f = p0*q0 + p1*q1 + p2*q2 + p3*q3. */
+/* Constraint errors of `count` states: g(q), and f(q, p) with f = p0*q0 + p1*q1 + p2*q2 + p3*q3. */
 void heavy_top_ims_gamma_defects(const heavy_top_ims_gamma_parameters *parameters, long count,
     const double *q,
     const double *p, double *g, double *f);
 
-/* Moves (q, p) onto g(q) = 0, f(q, p) = 0 by Newton steps along g_q^T. */
+/* Projects (q, p) onto g(q) = 0, f(q, p) = 0 along g_q^T by Newton's method. */
 int heavy_top_ims_gamma_project(const heavy_top_ims_gamma_parameters *parameters, double q[4],
     double p[4]);
 
@@ -252,23 +251,23 @@ struct heavy_top_ims_gamma_work {
     heavy_top_ims_gamma_constants constants;
     double x[9];
     double r[9];
-    double x_near[9], r_near[9]; /* moved by rounding, to see what it is worth */
-    double increment; /* the last one of Newton, relative to the state */
-    long products; /* of the last factorisation of J */
-    long effort;   /* of Newton, in additions: counted up */
+    double x_near[9], r_near[9]; /* perturbed by 2 ulp, to estimate round-off */
+    double increment; /* norm of Newton's last increment, relative to the state */
+    long products; /* multiplications in the last factorisation of J */
+    long effort;   /* total cost of Newton's method, in additions */
     double J[81];
-    int exponents[9]; /* scales of the rows of J, and the order of its pivots */
+    int exponents[9]; /* scales of the rows of J, and the row exchanges */
     int pivots[9];
-    double t; /* at the start of the step */
+    double t; /* time at the start of the step */
     double q_mean[4];
     double p_mean[4];
-    unsigned char memory[79936]; /* of the fast path, kept from step to step */
-    struct { /* the trajectory that heavy_top_ims_gamma_begin has begun */
+    unsigned char memory[79936]; /* state of the fixed-point iteration */
+    struct { /* the trajectory of heavy_top_ims_gamma_begin */
         heavy_top_ims_gamma_options options;
         heavy_top_ims_gamma_report report;
-        double dt, start; /* the time step, and the time at the start */
+        double dt, start; /* the time step, and the start time */
         double q[4], p[4];
-        int state_changed; /* whether what sweeps keep is another state, or of other parameters */
+        int state_changed; /* whether the solver's state or constants are out of date */
     } simulation;
 };
 #endif

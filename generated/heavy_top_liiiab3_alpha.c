@@ -8,7 +8,7 @@
  * Lambda_0..Lambda_(P-1), with g(Q~_l) = 0 at l = 1..P; T2 finishes the step and
  * projects the momentum with Lambda_P. Stages are loops over the tableau below.
  *
- * Operations of one call of each kernel (additions, multiplications, ...):
+ * Operation counts of the kernels, per call:
  *   hamiltonian            19 add, 33 mul
  *   constraint             5 product
  *   constraint_increment   7 add, 8 mul
@@ -19,19 +19,19 @@
  *   hessian                140 add, 204 mul
  *   constraint_curvature   1 mul
  *
- * Letters, each with one meaning:
+ * Notation:
  *   N, M, U      coordinates, constraints, unknowns of T1
- *   q, p, t      coordinates, momenta, time; dt or h is a step, which ends at q1, p1
- *   H, g, G      Hamiltonian, constraints, their derivative dg/dq; f = 0 on the momenta
- *   lambda       multipliers of the constraints; impulses are h lambda, with the weight of a node
- *   x, r, J      unknowns of T1, their residual, its derivative dr/dx
- *   S, P         stages; constraint nodes 0..P: g is asked for from 1 on, T1 finds multipliers
- *                up to P-1
- *   k, k^        rates of q and p at the stages, where these are Q_i and P_i
- *   A, A^, b, c  coefficients of the tableau; A~, A-, b~, c~ those of the nodes
- *   W            G H_pp G^T, through which the multipliers are corrected
- *   c, w         constants of a run; its memory
- *   LANES        reals in a vector register: stages, or trajectories, that move together
+ *   q, p, t      coordinates, momenta, time; dt or h is the time step, q1, p1 its end
+ *   H, g, G      Hamiltonian, constraints, Jacobian dg/dq; f = 0 are the hidden constraints
+ *   lambda       multipliers of the constraints; impulses are h lambda times the weight of a node
+ *   x, r, J      unknowns, residual and Jacobian dr/dx of T1
+ *   S, P         number of stages; constraint nodes 0..P: g = 0 holds at the nodes 1..P, T1
+ *                solves for the multipliers of the nodes 0..P-1
+ *   k, k^        rates of q and p at the stage values Q_i and P_i
+ *   A, A^, b, c  coefficients of the tableau; A~, A-, b~, c~ coefficients of the nodes
+ *   W            Schur complement G H_pp G^T, for the correction of the multipliers
+ *   c, w         constants of a run; work memory
+ *   LANES        number of reals in a vector register: one lane per stage or trajectory
  */
 #define HEAVY_TOP_LIIIAB3_ALPHA_WORK
 #include "heavy_top_liiiab3_alpha.h"
@@ -61,7 +61,9 @@ typedef double real;
 
 enum { N = 4, M = 1, S = 3, P = 2, U = 26, MULTIPLIERS = 3, ROOM = 3 };
 
-/* What Newton costs, in additions, but for the products of an elimination, which are counted. */
+/*
+ * Cost estimates for Newton's method in additions, without the elimination, which counts its own.
+ */
 enum {
     RESIDUAL_COST = 115*S + 19*P + U*U,
     JACOBIAN_COST = 344*S + 1*P + S*S*N*N*(2*N + 4)
@@ -69,9 +71,9 @@ enum {
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* ------------------------------------------------------------------- kernels: expressions only */
+/* ---------------------------------------------------------- kernels: straight-line expressions */
 
-/* Constants of a run from its parameters. */
+/* Evaluates the constants of a run from its parameters. */
 static void prepare(const parameters_t *par, constants *c)
 {
     c->mgl = par->mgl;
@@ -81,11 +83,11 @@ static void prepare(const parameters_t *par, constants *c)
     c->k3 = 1.0/par->I3;
 }
 
-/* The time at the start: of a run, or of a step. */
+/* Start time of a run or of a single step. */
 static inline real start_time(const parameters_t *parameters)
 {
     (void)parameters;
-    return 0; /* this system does not ask for it */
+    return 0; /* autonomous system */
 }
 
 #include "gyrospark/linear_algebra/product_sums.h"
@@ -325,7 +327,7 @@ static void constraint_curvature(const constants *c, const double q[4], const do
     K[3][3] = t0;
 }
 
-/* ------------------------------------------------------------------ SPARK: the tableau is data */
+/* ------------------------------------------------------------- coefficients of the SPARK method */
 
 /* Coefficients: each literal is the correctly rounded exact value. */
 /* A[0]       = 0, 0, 0 */
@@ -620,7 +622,7 @@ enum {
 #include "gyrospark/run/batch.h"
 #include "gyrospark/run/ensemble.h"
 
-/* ------------------------------------------------------------- calls with what this system has */
+/* ------------------------------------------- public functions with system-dependent arguments */
 
 int heavy_top_liiiab3_alpha_integrate(const parameters_t *parameters, const options_t *options,
     real dt,
@@ -650,19 +652,17 @@ int heavy_top_liiiab3_alpha_near(const parameters_t *parameters, long count,
     rows[0] = rows[1] = -1;
     (void)parameters;
     for (long i = 0; i < count; i += TOGETHER) {
-        const long some = count - i < TOGETHER ? count - i : TOGETHER;
+        const long rows_now = count - i < TOGETHER ? count - i : TOGETHER;
         for (long e = 0; e < events; ++e) {
             const real *value = values[e] < N ? q + i*N + values[e] : p + i*N + values[e] - N;
             long stride = N;
-            flag_near_crossing(i, some, value, stride, levels[e], last + 2*e, rows);
+            flag_near_crossing(i, rows_now, value, stride, levels[e], last + 2*e, rows);
         }
     }
     return rows[0] >= 0;
 }
 
-/*
- * ------------------------------------------------------------------ memory that was kept on a disk
- */
+/* -------------------------------------------------------- validation of memory read from a file */
 
 static int within(long number, long least, long most)
 {
@@ -677,7 +677,7 @@ static int are_flags(int count, const int *flags)
     return sound;
 }
 
-/* `permanent`: nobody trains a recurrence any more, however long ago that was to begin. */
+/* `permanent`: no trajectory fits a recurrence any more, so that fit_start is no longer bounded. */
 static int is_valid_predictor(const predictor_t *s, long steps, int permanent)
 {
     return within(s->count, 0, steps) && s->fit_start >= 0 && s->fit_start - 65536 <= s->count
@@ -708,5 +708,6 @@ int heavy_top_liiiab3_alpha_is_valid(const report_t *report, work_t *w)
         && within(f->method, FIXED_POINT_FIRST, NEWTON_FIRST) && within(f->steps, 0, 1 << 16)
         && within(f->retry_after, 0, 1 << 16) && within(s->constants._used, 0, LANES);
     return sound && is_valid_least_squares(&s->least_squares, s->predictor.count)
-        && is_valid_predictor(&s->predictor, steps, SINGLE(all_permanent)(s)); /* of _used lanes */
+        && is_valid_predictor(&s->predictor, steps,
+            SINGLE(all_permanent)(s)); /* reads _used lanes */
 }

@@ -67,7 +67,7 @@ def declared(source):
     if "begin declarations" in header:
         return read_declarations(header)
     end = header.index(f"#ifdef {source.name.upper()}_WORK")
-    return header[header.index("/* What a call returns") : end]
+    return header[header.index("/* Status codes") : end]
 
 
 class Program:

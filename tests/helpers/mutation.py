@@ -7,8 +7,12 @@
 
 ``mutants.py`` has the changes, and what is left out. A mutant is caught when a test that executes
 its line fails or runs too long; it survives when all of them pass, about two minutes of them at
-most. One of C that does not compile is not counted. Everything happens in copies of the project
-under ``--work``.
+most. One of C that does not compile without a warning is not counted. Everything happens in copies
+of the project under ``--work``.
+
+The map has the lines of Python: for headers of the engine name the tests, with ``--packages engine
+--files PATTERN --tests ...``, those of systems that have what a header is for (time, forces,
+joints, a Lagrangian, a frame, a profile).
 """
 
 from __future__ import annotations

@@ -280,7 +280,7 @@ def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
 
 @pytest.mark.parametrize(("real", "array", "types"), [
     ("double", "event_side_q", ("float64", "float32")),
-    ("float128", array_layout.wide_name("event_side_q"), ("uint8", "int8"))])
+    ("float128", array_layout.wide_name("event_side_q"), ("uint8", "uint16"))])
 def test_events_in_arrays_of_another_form_are_damaged(real, array, types, tmp_path) -> None:
     step, run = arguments(real, steps=20, events=gs.Event("side"))
     gs.record(step, out=tmp_path / "run.zarr", **run)

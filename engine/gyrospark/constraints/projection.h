@@ -1,12 +1,14 @@
-/* Projection onto g(q) = 0 and f(q, p) = 0. */
+/* Projection onto the constraints g(q) = 0 and the hidden constraints f(q, p) = G H_p = 0. */
 #ifndef GS_CONSTRAINTS_PROJECTION_H
 #define GS_CONSTRAINTS_PROJECTION_H
 
 #include "gyrospark/linear_algebra/norms.h"
 
 #if GS_ELEMENTS
-/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
-enum { SLACK_OF_PLACE = 1024, SLACK_OF_MOMENTUM = 1024 };
+/*
+ * Largest accepted step of a projection, in ulps of the state, once the steps no longer shrink.
+ */
+enum { COORDINATE_SLACK = 1024, MOMENTUM_SLACK = 1024 };
 
 /* f <- W^-1 f with W = G H_pp G^T */
 static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
@@ -19,7 +21,7 @@ static int solve_momentum(const constants *c, const real q[N], const real p[N], 
 }
 
 /* g <- (G G^T)^-1 g */
-static int solve_place(const constants *c, const real q[N], real g[M])
+static int solve_coordinates(const constants *c, const real q[N], real g[M])
 {
     real W[FACTOR];
     gram(c, q, W);
@@ -30,8 +32,10 @@ static int solve_place(const constants *c, const real q[N], real g[M])
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
 
-/* A criterion of the projections: how much of round-off may be left where nothing shrinks. */
-enum { SLACK_OF_PLACE = 2, SLACK_OF_MOMENTUM = 4 };
+/*
+ * Largest accepted step of a projection, in ulps of the state, once the steps no longer shrink.
+ */
+enum { COORDINATE_SLACK = 2, MOMENTUM_SLACK = 4 };
 
 /* G^T lambda */
 static void constraint_force(const constants *c, const real q[N], const real lambda[M],
@@ -46,7 +50,7 @@ static void constraint_force(const constants *c, const real q[N], const real lam
     }
 }
 
-/* The largest entry of each row of G. */
+/* reach[mu] = max_a |G[mu][a]|: the response of g to a unit displacement */
 static void constraint_reach(const constants *c, const real q[N], real reach[M])
 {
     real G[M][N];
@@ -65,7 +69,7 @@ static int solve_momentum(const constants *c, const real q[N], const real p[N], 
 }
 
 /* g <- (G G^T)^-1 g */
-static int solve_place(const constants *c, const real q[N], real g[M])
+static int solve_coordinates(const constants *c, const real q[N], real g[M])
 {
     real G[M][N], W[M][M];
     int exponents[M], pivots[M];
@@ -81,9 +85,9 @@ static int solve_place(const constants *c, const real q[N], real g[M])
 #endif
 
 /*
- * Moves p along G^T onto f(q, p) = 0 with Newton steps, p <- p - G^T W^-1 f, until the step is
- * round-off; impulse is the sum of all W^-1 f. One step is exact when H is quadratic in p, the
- * next one removes its round-off.
+ * Projects p along G^T onto f(q, p) = 0 by Newton's method, p <- p - G^T W^-1 f, until the step is
+ * at round-off level; impulse is the sum of all W^-1 f. One step is exact if H is quadratic in p;
+ * the second removes its round-off. (Hairer-Lubich-Wanner, IV.4 and VII.1)
  */
 static int project_momentum(const constants *c, const real q[N], real p[N], real impulse[M])
 {
@@ -104,21 +108,21 @@ static int project_momentum(const constants *c, const real q[N], real p[N], real
         const real step = norm(N, change), floor = epsilon*norm(N, p);
         if (!isfinite(step))
             return NOT_FINITE;
-        if (step <= floor/2 || (step <= SLACK_OF_MOMENTUM*floor && step >= previous/2))
+        if (step <= floor/2 || (step <= MOMENTUM_SLACK*floor && step >= previous/2))
             return OK;
         previous = step;
     }
     return NOT_CONVERGED;
 }
 
-/* Moves q along G^T onto g(q) = 0: q <- q - G^T (G G^T)^-1 g. */
+/* Projects q along G^T onto g(q) = 0 by minimum-norm Newton steps, q <- q - G^T (G G^T)^-1 g. */
 static int project_coordinates(const constants *c, real q[N])
 {
     real previous = HUGE_VAL;
     for (int iteration = 0; iteration < 50; ++iteration) {
         real g[M], change[N];
         constraint(c, q, g);
-        const int status = solve_place(c, q, g);
+        const int status = solve_coordinates(c, q, g);
         if (status != OK)
             return status;
         constraint_force(c, q, g, change);
@@ -127,7 +131,7 @@ static int project_coordinates(const constants *c, real q[N])
         const real step = norm(N, change), floor = epsilon*norm(N, q);
         if (!isfinite(step))
             return NOT_FINITE;
-        if (step <= 2*floor || (step <= SLACK_OF_PLACE*floor && step >= previous/2))
+        if (step <= 2*floor || (step <= COORDINATE_SLACK*floor && step >= previous/2))
             return OK;
         previous = step;
     }

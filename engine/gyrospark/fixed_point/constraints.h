@@ -1,7 +1,7 @@
-/* Multipliers in the fixed-point iteration. */
+/* Constraints and multipliers in the fixed-point iteration. */
 
 #if GS_CONSTRAINED
-/* Multipliers of lane i, from its impulses. */
+/* Multipliers of a lane: impulse/(h b~). */
 static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
 {
     const lanes *impulse = w->now.x + SOLVER(IMPULSE);
@@ -16,7 +16,7 @@ static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
     }
 }
 
-/* The impulses of a lane from its multipliers. */
+/* Impulses of a lane: h b~ lambda. */
 static void SOLVER(set_impulses)(SOLVER(t) *w, int lane, const real *multipliers)
 {
     lanes *impulse = w->now.x + SOLVER(IMPULSE);
@@ -29,7 +29,7 @@ static void SOLVER(set_impulses)(SOLVER(t) *w, int lane, const real *multipliers
 }
 
 #if GS_ELEMENTS
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
 INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
 {
     SOLVER(constraint_state) *at = &w->constraint_state;
@@ -41,7 +41,7 @@ INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
     }
 }
 #else
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
 INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
 {
     lanes G[M][N];
@@ -60,7 +60,7 @@ INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
 #endif
 
 #if GS_CONSTANT_SCHUR
-/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+/* W is constant where g = 0, and its inverse is stored: there is nothing to factorise. */
 INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
 {
     (void)w;
@@ -76,7 +76,7 @@ INLINE void SOLVER(apply_schur_inverse)(const SOLVER(t) *w, const lanes *defect,
 }
 
 #if GS_SCALAR_SCHUR
-/* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
+/* Computes (h W)^-1, and c with H_pp G^T = c G^T. */
 static void SOLVER(prepare_schur)(SOLVER(t) *w)
 {
     lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
@@ -86,7 +86,7 @@ static void SOLVER(prepare_schur)(SOLVER(t) *w)
     w->constraint_state.correction = lanes_correction(&w->constants);
 }
 #else
-/* (h W)^-1 of the run */
+/* Computes (h W)^-1. */
 static void SOLVER(prepare_schur)(SOLVER(t) *w)
 {
     lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
@@ -96,14 +96,14 @@ static void SOLVER(prepare_schur)(SOLVER(t) *w)
 }
 #endif
 #else
-/* W = G H_pp G^T at the nodes, factorised */
+/* Factorises W = G H_pp G^T at the nodes. */
 INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
 {
     for (int j = 0; j < SOLVER(P); ++j) {
-        lanes place[N];
-        SOLVER(node_position)(w, j, place);
+        lanes position[N];
+        SOLVER(node_position)(w, j, position);
         lanes_schur(LANES_AT(&w->constants,
-            w->t + w->force_time[j]*w->step), place, w->p, w->now.factor[j]);
+            w->t + w->force_time[j]*w->step), position, w->p, w->now.factor[j]);
         lanes_factor(w->now.factor[j]);
     }
 }
@@ -123,24 +123,24 @@ static void SOLVER(prepare_schur)(SOLVER(t) *w)
 #endif
 
 /*
- * C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j) at the nodes, which are at
- * Q~_l = q + D_l, D_l = sum_j nu_lj L_j
+ * C_i = p + sum_j nu~_ij Y_j with the constraint forces Y_j = -G(Q~_j)^T impulse_j at the nodes
+ * Q~_l = q + D_l, D_l = sum_j nu_lj L_j.
  */
 INLINE void SOLVER(constraint_forces)(SOLVER(t) *w, lanes *C)
 {
     const lanes *impulse = w->now.x + SOLVER(IMPULSE);
     for (int j = 0; j < SOLVER(P); ++j) {
-        lanes place[N], *Y = w->now.Y + j*N;
-        SOLVER(node_position)(w, j, place);
+        lanes position[N], *Y = w->now.Y + j*N;
+        SOLVER(node_position)(w, j, position);
         lanes_constraint_force(LANES_AT(&w->constants,
-            w->t + w->force_time[j]*w->step), place, impulse + j*M, Y);
+            w->t + w->force_time[j]*w->step), position, impulse + j*M, Y);
         for (int a = 0; a < N; ++a)
             Y[a] = -Y[a];
     }
     SOLVER(add_constraint_forces)(w, w->now.Y, C);
 }
 
-/* From starting values: the places of the nodes and the constraint forces there. */
+/* Computes the node positions and the constraint forces of the starting values. */
 INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
 {
     SOLVER(node_displacements)(w, w->now.x, w->now.D);
@@ -155,8 +155,8 @@ INLINE void SOLVER(stage_momenta)(const SOLVER(t) *w, const lanes *L_hat, lanes 
 }
 
 /*
- * Corrects the impulses, so that places that L leads to are on the constraints; C are their forces.
- * w->bound.defect is how far from g = 0 the nodes were before.
+ * impulse += (h W)^-1 g: corrects the impulses so that the nodes of L satisfy g = 0, and computes
+ * their forces C. The squared defect before the correction is stored for the convergence test.
  */
 INLINE void SOLVER(correct_multipliers)(SOLVER(t) *w, const lanes *L, lanes *C)
 {
@@ -182,7 +182,7 @@ INLINE void SOLVER(correct_multipliers)(SOLVER(t) *w, const lanes *L, lanes *C)
     SOLVER(constraint_forces)(w, C);
 }
 
-/* dp += what the impulses did, and what rounding left of the last step */
+/* dp += sum of the constraint forces + p_low (compensated summation) */
 INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
 {
     lanes impulse[N];
@@ -191,13 +191,14 @@ INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
         dp[a] += impulse[a] + w->p_low[a];
 }
 
-/* The polynomial through the last impulses, one step on. */
-INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values, lanes *extrapolated)
+/* Extrapolates the polynomial through the last impulses by one step. */
+INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values,
+    lanes *extrapolated)
 {
     SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(onward_nodes), values, extrapolated);
 }
 #else
-/* Without constraints there is nothing to begin with, to correct, or to look at. */
+/* No constraints: nothing to factorise, to correct or to evaluate. */
 INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
 {
     (void)w;
@@ -213,7 +214,8 @@ INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
     w->constraint_state.defect = splat(0);
 }
 
-INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values, lanes *extrapolated)
+INLINE void SOLVER(extrapolate_multipliers)(const SOLVER(t) *w, const lanes *values,
+    lanes *extrapolated)
 {
     (void)w, (void)values, (void)extrapolated;
 }
@@ -244,7 +246,7 @@ INLINE void SOLVER(stage_momenta)(const SOLVER(t) *w, const lanes *L_hat, lanes 
     SOLVER(add_momentum_rates)(w, w->p, 0, L_hat, momentum);
 }
 
-/* dp += what rounding left of the last step */
+/* dp += p_low (compensated summation) */
 INLINE void SOLVER(add_impulses)(const SOLVER(t) *w, lanes dp[N])
 {
     for (int a = 0; a < N; ++a)

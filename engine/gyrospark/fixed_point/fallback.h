@@ -1,51 +1,60 @@
-/* A step by fixed-point iteration, with Newton's method where it fails or costs more. */
+/* One step: fixed-point iteration, or Newton's method where it fails or costs more. */
 #ifndef GS_FIXED_POINT_FALLBACK_H
 #define GS_FIXED_POINT_FALLBACK_H
 
 #include "gyrospark/fixed_point/single.h"
 #include "gyrospark/newton/simplified.h"
 #include "gyrospark/run/record.h"
+#include "gyrospark/tuning.h"
 
-/* --------------------------------------------------- one trajectory: sweeps, Newton behind them */
+/* -------------------------------- one trajectory: fixed-point iteration, Newton as the fallback */
 
-/* Two ways to take a step: sweeps first, Newton if they fail; or Newton at once. */
+/* Method of a step: fixed-point iteration with Newton as its fallback, or Newton at once. */
 enum { FIXED_POINT_FIRST, NEWTON_FIRST };
 
-/* What a caller's work memory holds of the fast path. */
+/* State of the solver in the work memory of the caller. */
 typedef struct {
     SINGLE(t) solver;
-    int failures; /* steps in a row whose sweeps gave up */
-    int newton_steps_left;     /* steps to take with Newton before sweeping again */
-    int method;      /* SWEEPS_FIRST or NEWTON_FIRST */
-    int steps;    /* done in this way */
-    int retry_after; /* steps until the other way is tried again */
-    real effort[2]; /* of a step, lately, in either way; 0 where that is not known */
+    int failures;          /* successive steps without convergence of the iteration */
+    int newton_steps_left; /* Newton steps until the next fixed-point iteration */
+    int method;            /* FIXED_POINT_FIRST or NEWTON_FIRST */
+    int steps;             /* number of steps with this method */
+    int retry_after;       /* steps until the other method is tried again */
+    real effort[2];        /* mean cost of a step by each method; 0: unknown */
 } fixed_point_t;
 
-_Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
+_Static_assert(sizeof(fixed_point_t) + 64 <= sizeof(((work_t *)0)->memory),
+    "work memory is too small");
+_Static_assert(_Alignof(fixed_point_t) <= 64, "fixed_point_of aligns to 64 bytes only");
 
+/*
+ * The state of the fixed-point iteration at the first multiple of 64 bytes in its memory. The cast
+ * keeps the engine's types, whose size depends on the vector registers, out of the public header,
+ * which declares bytes.
+ */
 static fixed_point_t *fixed_point_of(work_t *w)
 {
     return (fixed_point_t *)(((size_t)w->memory + 63) & ~(size_t)63);
 }
 
-/* Why sweeps were given up after a change and the one before, squares. */
+/* Status of a failed iteration, from its last two changes (squared). */
 static int failure_reason(real change, real previous)
 {
     return failure_status(MATH(sqrt)(change), previous > 0 ? MATH(sqrt)(change/previous) : 0);
 }
 
-/* Apart from its loop: else compilers carry vectors from one sweep to the next, and spill them. */
+/* Not inlined: compilers would keep vectors across iterations and spill registers. */
 NOINLINE void iterate_noinline(SINGLE(t) *w)
 {
     SINGLE(iterate_once)(w);
 }
 
-/* Sweeps from the starting values until they have converged: OK, or why they have not. */
-static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int predicted, int *iteration_count)
+/* Iterates from the starting values; returns OK, or the status of the failure. */
+static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int predicted,
+    int *iteration_count)
 {
     progress_t progress = initial_progress();
-    const real far = (real)0.02;
+    const real far = FAR_CHANGE;
     convergence_t result;
     int iteration = 0;
     SINGLE(start_iteration)(w, predicted);
@@ -58,15 +67,15 @@ static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int predict
             SEPARATE(estimate_round_off)(w);
             set_round_off_floor(&progress, 1, SINGLE(sum_lanes)(&w->round_off));
         }
-        result = test_convergence(&progress, change, defect, lane_get(&w->step_squared, 0), options->tolerance,
-            options->max_iterations, updates_rates(&w->predictor),
+        result = test_convergence(&progress, change, defect, lane_get(&w->step_squared, 0),
+            options->tolerance, options->max_iterations, updates_rates(&w->predictor),
             (real *)w->predictor.rate + rate_index(iteration));
         for (int i = 0; i < LANES && predicted && iteration == 1; ++i)
             w->predictor.first[i] = change;
         if (predicted && iteration == 1 && change > far*far)
-            result.ended = result.failed = 1; /* a far prediction may lead to another root */
+            result.ended = result.failed = 1; /* the iteration may converge to another root */
         if (!predicted && !result.ended && (iteration == 1 || iteration == 3)) {
-            SINGLE(update_scales)(w); /* what is at rest has none before it moves */
+            SINGLE(update_scales)(w); /* a state at rest has no scale before its first increment */
             SINGLE(factorise_schur)(w);
         }
     } while (!result.ended);
@@ -75,14 +84,15 @@ static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int predict
 }
 
 /*
- * The step's unknowns by Newton: from the prediction if that is close, else in full from the rates
- * at the start of the step, as solver NEWTON does: a far prediction may lead to another root.
+ * Solves the step by Newton's method: simplified Newton from the prediction, and if it fails, full
+ * Newton from the rates at the start of the step, as with the solver NEWTON. A poor prediction may
+ * lead to another root.
  */
 static int solve_by_newton(work_t *w, const options_t *options, real dt, int *iterations)
 {
     SINGLE(t) *s = &fixed_point_of(w)->solver;
     real q[N], p[N];
-    int taken, status = NOT_CONVERGED;
+    int count, status = NOT_CONVERGED;
     for (int a = 0; a < N; ++a) {
         q[a] = lane_get(&s->q[a], 0);
         p[a] = lane_get(&s->p[a], 0);
@@ -90,12 +100,12 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
     if (s->predictor.count > 0) {
         SINGLE(start_iteration)(s, 1);
         SINGLE(get_unknowns)(s, w->x);
-        status = simplified_newton(w, options, dt, q, p, w->x, &taken);
-        *iterations += taken;
+        status = simplified_newton(w, options, dt, q, p, w->x, &count);
+        *iterations += count;
     }
     if (status != OK) {
-        status = newton(w, options, dt, q, p, w->x, &taken);
-        *iterations += taken;
+        status = newton(w, options, dt, q, p, w->x, &count);
+        *iterations += count;
     }
     if (status != OK)
         return status;
@@ -105,33 +115,34 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
 }
 
 /*
- * Chooses the way that costs less, from what steps cost lately. What Newton costs is first assumed
- * to be three residuals and a Jacobian. The other way is tried again ever more rarely.
+ * Selects the method with the smaller mean cost of a step. The cost of a Newton step is assumed to
+ * be NEWTON_RESIDUALS residuals and a Jacobian until it is measured. The intervals between retries
+ * of the other method double.
  */
 static void choose_method(fixed_point_t *f, long effort)
 {
-    real *known = &f->effort[f->method];
-    *known = *known > 0 ? *known + ((real)effort - *known)/8 : (real)effort;
-    if (++f->steps < (f->solver.predictor.fitted ? 8 : 80)) /* first steps say little of later ones */
+    real *mean = &f->effort[f->method];
+    *mean = *mean > 0 ? *mean + ((real)effort - *mean)/EFFORT_MEMORY : (real)effort;
+    if (++f->steps < (f->solver.predictor.fitted ? FITTED_TRIAL_STEPS : TRIAL_STEPS))
         return;
     const real other = f->method == FIXED_POINT_FIRST && !(f->effort[NEWTON_FIRST] > 0)
-        ? 3*RESIDUAL_COST + JACOBIAN_COST : f->effort[!f->method];
+        ? NEWTON_RESIDUALS*RESIDUAL_COST + JACOBIAN_COST : f->effort[!f->method];
     const int retry = f->steps >= f->retry_after;
-    if (*known > (real)1.5*other || (f->method == NEWTON_FIRST && retry)) {
+    if (*mean > SWITCH_RATIO*other || (f->method == NEWTON_FIRST && retry)) {
         f->method = !f->method;
         f->steps = 0;
         f->effort[f->method] = 0;
-        if (f->retry_after < 1 << 16)
+        if (f->retry_after < MAX_RETRY)
             f->retry_after *= 2;
-    } else if (retry) { /* what was once seen of Newton is forgotten */
+    } else if (retry) { /* an old measurement of Newton is discarded */
         f->effort[NEWTON_FIRST] = 0;
         f->steps = 0;
     }
 }
 
 /*
- * One step of the state in the work memory: sweeps, and Newton where they do not converge or cost
- * more.
+ * One step of the state in the work memory: fixed-point iteration, or Newton where the iteration
+ * fails or costs more.
  */
 static int advance_fixed_point(work_t *w, const options_t *options, real dt, int *iterations,
     report_t *report)
@@ -143,8 +154,10 @@ static int advance_fixed_point(work_t *w, const options_t *options, real dt, int
     IF_INPUTS(for (int i = 0; i < LANES; ++i))
         IF_INPUTS(lanes_set_inputs(&f->solver.constants, i, &w->constants);)
     IF_TIME(f->solver.step = splat(w->step);)
-    const int predicted = f->solver.predictor.count > 0, only_fixed_point = options->solver == FIXED_POINT;
-    const int iterates = only_fixed_point || (f->method == FIXED_POINT_FIRST && f->newton_steps_left == 0);
+    const int predicted = f->solver.predictor.count > 0,
+        only_fixed_point = options->solver == FIXED_POINT;
+    const int iterates = only_fixed_point
+        || (f->method == FIXED_POINT_FIRST && f->newton_steps_left == 0);
     int status = NOT_CONVERGED;
     if (iterates && predicted)
         status = solve_fixed_point(&f->solver, options, 1, iterations);
@@ -160,7 +173,8 @@ static int advance_fixed_point(work_t *w, const options_t *options, real dt, int
         if (f->newton_steps_left > 0)
             --f->newton_steps_left;
         else if (iterates)
-            f->newton_steps_left = (1 << (f->failures < 6 ? f->failures++ : 6)) - 1;
+            f->newton_steps_left = (1 << (f->failures < MAX_BACKOFF ? f->failures++
+                : MAX_BACKOFF)) - 1;
     } else
         f->failures = 0;
     choose_method(f, iteration_count*ITERATION_COST + w->effort);
@@ -177,7 +191,7 @@ static void begin_fixed_point(work_t *w, real dt, const real q[N], const real p[
 {
     fixed_point_t *f = fixed_point_of(w);
     f->failures = f->newton_steps_left = f->method = f->steps = 0;
-    f->retry_after = 32;
+    f->retry_after = FIRST_RETRY;
     f->effort[FIXED_POINT_FIRST] = f->effort[NEWTON_FIRST] = 0;
     f->solver.constants._used = SINGLE(used_lanes)();
     for (int i = 0; i < LANES; ++i)
@@ -199,7 +213,7 @@ static void get_state(work_t *w, real q[N], real p[N])
     }
 }
 
-/* Adds the state in the work memory to the record, as observe does. */
+/* Updates the report with the errors of the state in the work memory, as observe does. */
 static void observe_fixed_point(work_t *w, report_t *report)
 {
     SINGLE(t) *s = &fixed_point_of(w)->solver;

@@ -1,6 +1,6 @@
-/* SPARK: one fixed-point iteration, and the end of the step. */
+/* SPARK: the fixed-point iteration, and the end of the step. */
 
-/* Starting values without a past: the rates at the start of the step, no impulse. */
+/* Explicit Euler start, without a history: the rates at the start of the step, zero impulses. */
 INLINE void SOLVER(euler_start)(SOLVER(t) *w)
 {
     lanes H_q[N], H_p[N], shared[SHARED];
@@ -15,7 +15,7 @@ INLINE void SOLVER(euler_start)(SOLVER(t) *w)
         w->now.x[e] = splat(0);
 }
 
-/* One sweep; w->change is the sum of squares of what it changed, relative to the state. */
+/* One fixed-point iteration; w->change: squared norm of the increment, relative to the state. */
 INLINE void SOLVER(iterate_once)(SOLVER(t) *w)
 {
     lanes Q[SOLVER(S)*N], momentum[SOLVER(S)*N], L_new[SOLVER(S)*N], shared[SOLVER(S)][SHARED];
@@ -33,9 +33,9 @@ INLINE void SOLVER(iterate_once)(SOLVER(t) *w)
     w->change = q_change*w->q_weight + p_change*w->p_weight;
 }
 
-/* H_p and H_q - F of the stages of item i at given places and momenta. */
-INLINE void SOLVER(stage_rates)(const SOLVER(t) *w, int i, const lanes *Q, const lanes *momentum, lanes *H_p,
-    lanes *H_q)
+/* H_p and H_q - F of the stages of item i, at given positions and momenta. */
+INLINE void SOLVER(stage_rates)(const SOLVER(t) *w, int i, const lanes *Q, const lanes *momentum,
+    lanes *H_p, lanes *H_q)
 {
     lanes shared[SHARED];
     const lanes t = w->t + w->stage_time[i];
@@ -44,29 +44,29 @@ INLINE void SOLVER(stage_rates)(const SOLVER(t) *w, int i, const lanes *Q, const
 }
 
 /*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that
- * it makes to the rates when a state is moved by two units in the last place, the mean of four
- * times, and what rounding the rates makes. The state is that at the start of the step, for sweeps
- * that have gone astray prove nothing.
+ * w->round_off: estimate of the round-off in one iteration, as a squared change relative to the
+ * state. The rates are evaluated at four random perturbations of the state by 2 ulp and are
+ * perturbed by 2 ulp themselves; the estimate is the mean squared difference. The state is the
+ * start of the step, because the iterates may be far from the solution.
  */
 NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
 {
     w->round_off = splat(0);
     for (int i = 0; i < SOLVER(S); ++i) {
         lanes H_p[N], H_q[N], dq = splat(0), dp = splat(0);
-        unsigned chance = 1;
+        unsigned seed = 1;
         IF_TIME(lanes_at_time(&w->constants, w->t + w->stage_time[i]);)
         SOLVER(stage_rates)(w, i, w->q, w->p, H_p, H_q);
-        for (int attempt = 0; attempt < 4; ++attempt) {
-            lanes place[N], momentum[N], H_p_near[N], H_q_near[N];
+        for (int sample = 0; sample < 4; ++sample) {
+            lanes position[N], momentum[N], H_p_perturbed[N], H_q_perturbed[N];
             for (int a = 0; a < N; ++a) {
-                place[a] = w->q[a] + perturbation(&chance)*w->q[a];
-                momentum[a] = w->p[a] + perturbation(&chance)*w->p[a];
+                position[a] = w->q[a] + perturbation(&seed)*w->q[a];
+                momentum[a] = w->p[a] + perturbation(&seed)*w->p[a];
             }
-            SOLVER(stage_rates)(w, i, place, momentum, H_p_near, H_q_near);
+            SOLVER(stage_rates)(w, i, position, momentum, H_p_perturbed, H_q_perturbed);
             for (int a = 0; a < N; ++a) {
-                const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&chance)*H_p[a];
-                const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&chance)*H_q[a];
+                const lanes by_p = H_p_perturbed[a] - H_p[a] + perturbation(&seed)*H_p[a];
+                const lanes by_q = H_q_perturbed[a] - H_q[a] + perturbation(&seed)*H_q[a];
                 dq += by_p*by_p;
                 dp += by_q*by_q;
             }
@@ -101,7 +101,7 @@ INLINE void SOLVER(finish)(SOLVER(t) *w)
     SOLVER(evaluate_constraints)(w);
 }
 
-/* Lane i of a run: its constants and time step. */
+/* Sets the constants and the step size of a lane. */
 static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
 {
     set_constants(&w->constants, lane, c);
@@ -109,7 +109,7 @@ static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
     lane_set(&w->h_inverse, lane, 1/h);
 }
 
-/* What follows from the constants and steps of all lanes. */
+/* Computes all that depends on the constants and step sizes; clears history and work. */
 static void SOLVER(initialise)(SOLVER(t) *w)
 {
     SOLVER(set_weights)(w);
@@ -124,7 +124,7 @@ static void SOLVER(initialise)(SOLVER(t) *w)
     SOLVER(evaluate_constraints)(w);
 }
 
-/* What changes are relative to: the state and the step's own length. */
+/* The scales of changes: 1/(|q|^2 + |dq|^2), and the same for p. */
 INLINE void SOLVER(update_scales)(SOLVER(t) *w)
 {
     lanes dq[N], dp[N], q_square = splat(LIMIT(MIN)), p_square = splat(LIMIT(MIN));
@@ -142,7 +142,7 @@ INLINE void SOLVER(update_scales)(SOLVER(t) *w)
     w->step_squared = q_increment*w->q_weight + p_increment*w->p_weight;
 }
 
-/* Starting values of the next step. */
+/* Computes the starting values of the next step and their constraint forces. */
 NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int predicted)
 {
     if (predicted)
@@ -153,15 +153,16 @@ NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int predicted)
     SOLVER(begin_iteration)(w);
 }
 
-/* The scaled unknowns of a lane from (B.2). */
+/* Sets the scaled unknowns of a lane from the unknowns (B.2). */
 static void SOLVER(set_unknowns)(SOLVER(t) *w, int lane, const real x[U])
 {
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
-            const int item = i/SOLVER(PER), place = item*N + a, at = lane + i % SOLVER(PER);
+            const int item = i/SOLVER(PER), position = item*N + a, at = lane + i % SOLVER(PER);
             const lanes *h_b = &w->h_b[item], *h_b_hat = &w->h_b_hat[item];
-            lane_set(&w->now.x[place], at, x[i*N + a]*lane_get(h_b, at));
-            lane_set(&w->now.x[SOLVER(HAT) + place], at, x[K_HAT + i*N + a]*lane_get(h_b_hat, at));
+            lane_set(&w->now.x[position], at, x[i*N + a]*lane_get(h_b, at));
+            lane_set(&w->now.x[SOLVER(HAT) + position], at,
+                x[K_HAT + i*N + a]*lane_get(h_b_hat, at));
         }
     SOLVER(set_impulses)(w, lane, x + LAMBDA);
 }

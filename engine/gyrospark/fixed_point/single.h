@@ -1,4 +1,4 @@
-/* One trajectory, with its stages in lanes (SPARK); what it has beside the iteration. */
+/* One trajectory: stages in lanes (SPARK), unknowns, observation, separately compiled parts. */
 #ifndef GS_FIXED_POINT_SINGLE_H
 #define GS_FIXED_POINT_SINGLE_H
 
@@ -31,7 +31,7 @@
 
 #include "gyrospark/fixed_point/iteration.h"
 
-/* The unknowns (B.2) from the scaled ones. */
+/* The unknowns (B.2): the scaled unknowns without their weights. */
 static void SINGLE(get_unknowns)(const SINGLE(t) *w, real x[U])
 {
     real multipliers[ROOM];
@@ -55,7 +55,7 @@ static void SINGLE(get_unknowns)(const SINGLE(t) *w, real x[U])
 #endif
 
 #if GS_SPARK
-/* A number of the one trajectory from its lanes, which hold a part each. */
+/* Sum over the stages of the trajectory, one in each lane. */
 INLINE real SINGLE(sum_lanes)(const lanes *x)
 {
     real sum = lane_get(x, 0);
@@ -64,20 +64,20 @@ INLINE real SINGLE(sum_lanes)(const lanes *x)
     return sum;
 }
 
-/* How many lanes differ. */
+/* Number of distinct lanes; the others are padding. */
 static int SINGLE(used_lanes)(void)
 {
     const int stages = S, nodes = P, most = stages > nodes ? stages : nodes;
     return most < LANES ? most : LANES;
 }
 #else
-/* A number of the one trajectory from its lanes, which are all the same. */
+/* Value of the trajectory; all lanes are equal. */
 INLINE real SINGLE(sum_lanes)(const lanes *x)
 {
     return lane_get(x, 0);
 }
 
-/* How many lanes differ. */
+/* Number of distinct lanes; the others are padding. */
 static int SINGLE(used_lanes)(void)
 {
     return 1;
@@ -85,7 +85,7 @@ static int SINGLE(used_lanes)(void)
 #endif
 
 #if GS_CONSTRAINED
-/* Adds what is left of the constraints at the one trajectory's state to the record. */
+/* Updates the report with |g| and |f| (hidden constraint) at the state. */
 static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *report)
 {
     lanes f[M];
@@ -104,11 +104,11 @@ static void SINGLE(observe_constraint_errors)(const SINGLE(t) *s, report_t *repo
 }
 #endif
 
-/* ------------------------------------------- what a run is set up with, and learns of its past */
+/* ---------------------------------------------------------- functions outside of the iteration */
 
 /*
- * The same of what runs of one trajectory call once a run, once a step or seldom, never in a sweep:
- * with GYROSPARK_OBJECT 4 it is compiled beside their sweeps.
+ * Functions that a run calls at most once a step. They are large, so GYROSPARK_OBJECT 4 compiles
+ * them as a separate object, in parallel with the iteration.
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
 void NAME(object_initialise)(SINGLE(t) *w);

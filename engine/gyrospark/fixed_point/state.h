@@ -1,97 +1,100 @@
 /* Scaled unknowns and state of the fixed-point iteration, and products with the tableau. */
 
 #if GS_STAGES_IN_LANES
-/* ------------------------------------------------------ sweeps: the stages of one step in lanes */
+/* ------------------------------------------------ one trajectory: the stages of a step in lanes */
 
 /*
- * Items of as many stages as lanes, or of constraint nodes 1..P-1 and last P (where g is asked for)
- * or 0 (where a multiplier acts). The scaled unknowns L = h b k and L^ = h b^ k^ stand item by
- * item, then h b~ Lambda.
+ * An item is a group of LANES stages, or of LANES constraint nodes. Nodes are stored in the order
+ * 1..P-1 and last P (for g) or 0 (for the multipliers). Layout of the scaled unknowns: L = h b k
+ * item by item, L^ = h b^ k^ item by item, impulses h b~ Lambda.
  */
 enum { SOLVER(PER) = LANES, SOLVER(S) = (S + LANES - 1)/LANES, SOLVER(P) = (P + LANES - 1)/LANES };
-enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N, SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
+enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N,
+    SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
 static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
 static const int SOLVER(group_rows)[GROUPS] = { N, N, M };
 #else
-/* -------------------------------------------------------- sweeps: several trajectories in lanes */
+/* ----------------------------------------------------- several trajectories: one in each lane */
 
 /*
- * Each stage and each node is an item, of several trajectories. The scaled unknowns L = h b k and
- * L^ = h b^ k^ stand item by item, then h b~ Lambda.
+ * An item is one stage or one node of all trajectories. Layout of the scaled unknowns: L = h b k
+ * item by item, L^ = h b^ k^ item by item, impulses h b~ Lambda.
  */
 enum { SOLVER(PER) = 1, SOLVER(S) = S, SOLVER(P) = P };
-enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N, SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
+enum { SOLVER(HAT) = SOLVER(S)*N, SOLVER(IMPULSE) = 2*SOLVER(S)*N,
+    SOLVER(X) = 2*SOLVER(S)*N + SOLVER(P)*M };
 static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
-static const int SOLVER(group_rows)[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N, (P > 1 ? 2 : 1)*M };
+static const int SOLVER(group_rows)[GROUPS] = { (S > 1 ? 2 : 1)*N, (S > 1 ? 2 : 1)*N,
+    (P > 1 ? 2 : 1)*M };
 #endif
 
 #if !GS_CONSTRAINED
-/* What a sweep improves, and what the end of the step needs of it. */
+/* Unknowns of the iteration. */
 typedef struct {
     lanes x[SOLVER(X)];
 } SOLVER(unknowns);
 
 enum { SOLVER(RESULT) = SOLVER(X) };
 
-/* There are no constraints. */
+/* State of the constraints: there are none. */
 typedef struct {
-    lanes defect; /* none */
+    lanes defect; /* 0 */
 } SOLVER(constraint_state);
 #else
 #if GS_CONSTANT_SCHUR
-/* What a sweep improves, and what the end of the step needs of it: W is constant. */
+/* Unknowns of the iteration, and quantities for the end of the step; W is constant. */
 typedef struct {
     lanes x[SOLVER(X)];
     lanes Y[SOLVER(P)*N];
-    lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* not needed once converged, but C for the work of forces */
+    lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* after convergence: C for the work of forces */
 } SOLVER(unknowns);
 
 enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
 
-/* What is known of the constraints. */
+/* State of the constraints. */
 typedef struct {
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes last_impulse[M]; /* the last impulse, h b~_P Lambda_P */
-    lanes W_inverse[M][M]; /* by h */
-    lanes correction;      /* c, with H_pp G^T = c G^T */
+    lanes defect; /* squared constraint defect of the last iteration, relative to the state */
+    lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
+    lanes last_impulse[M]; /* h b~_P Lambda_P */
+    lanes W_inverse[M][M]; /* (h W)^-1 */
+    lanes correction;      /* c in H_pp G^T = c G^T */
 } SOLVER(constraint_state);
 #else
-/* What a sweep improves, and what the end of the step needs of it: W differs from node to node. */
+/* Unknowns of the iteration, and quantities for the end of the step; W depends on the node. */
 typedef struct {
     lanes x[SOLVER(X)];
     lanes Y[SOLVER(P)*N];
-    lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* not needed once converged, but C for the work of forces */
+    lanes C[SOLVER(S)*N], D[SOLVER(P)*N]; /* after convergence: C for the work of forces */
     schur_t factor[SOLVER(P)];
 } SOLVER(unknowns);
 
 enum { SOLVER(RESULT) = SOLVER(X) + SOLVER(P)*N + SOLVER(S)*N };
 
-/* What is known of the constraints. */
+/* State of the constraints. */
 typedef struct {
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes last_impulse[M]; /* the last impulse, h b~_P Lambda_P */
+    lanes defect; /* squared constraint defect of the last iteration, relative to the state */
+    lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
+    lanes last_impulse[M]; /* h b~_P Lambda_P */
 } SOLVER(constraint_state);
 #endif
 #endif
 
-/* What was learnt of each trajectory in lanes. */
+/* Least-squares predictor: coefficients, candidate and selection of each trajectory. */
 enum { SOLVER(TRAJECTORIES) = LANES/SOLVER(PER) };
 
 typedef struct {
-    lanes coefficients[REGRESSORS*2*SOLVER(S)];  /* the function for L and L^, of L and L^ in turn */
-    lanes multiplier_coefficients[ORDER];           /* the recurrence of all multipliers */
-    lanes candidate[SOLVER(X)];        /* two predictions, on trial */
-    lanes baseline[SOLVER(IMPULSE)];
-    real error[SOLVER(TRAJECTORIES)];  /* of the function, squared, when it was on trial */
-    int lags, order;          /* the most in use */
-    int selected[SOLVER(TRAJECTORIES)];   /* whether a trajectory goes by its function */
-    int permanent[SOLVER(TRAJECTORIES)]; /* whether it does for good */
-    int pending[SOLVER(TRAJECTORIES)];   /* whether the next step shows which prediction is better */
-    long last_fit[SOLVER(TRAJECTORIES)]; /* when the function was fitted */
+    lanes coefficients[REGRESSORS*2*SOLVER(S)]; /* of L and L^; regressors L and L^ alternate */
+    lanes multiplier_coefficients[ORDER]; /* recurrence of the multipliers */
+    lanes candidate[SOLVER(X)];           /* least-squares prediction of this step */
+    lanes baseline[SOLVER(IMPULSE)];      /* polynomial or recurrence prediction of this step */
+    real error[SOLVER(TRAJECTORIES)];     /* squared error of the candidate at its comparison */
+    int lags, order;                      /* of the coefficients */
+    int selected[SOLVER(TRAJECTORIES)];   /* 1: the trajectory uses least squares */
+    int permanent[SOLVER(TRAJECTORIES)];  /* 1: the selection is final */
+    int pending[SOLVER(TRAJECTORIES)];    /* 1: the next step compares candidate and baseline */
+    long last_fit[SOLVER(TRAJECTORIES)];  /* step of the last fit */
 } SOLVER(least_squares);
 
 #if GS_STAGES_IN_LANES
@@ -99,40 +102,40 @@ typedef struct {
     lanes_constants constants;
     lanes h, h_inverse;
     lanes zero[N];
-    lanes q[N], p[N];         /* the state, rounded, */
-    lanes q_low[N], p_low[N]; /* and what rounding left over */
-    lanes q_weight, p_weight;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes step_squared;              /* |dq|^2 and |dp|^2 relative to these */
-    lanes t;                  /* at the start of the step */
+    lanes q[N], p[N];         /* the state, rounded */
+    lanes q_low[N], p_low[N]; /* compensation of the sums: round-off of q and p */
+    lanes q_weight, p_weight; /* 1/(|q|^2 + |dq|^2), and the same for p: scales of changes */
+    lanes step_squared;       /* |dq|^2 q_weight + |dp|^2 p_weight */
+    lanes t;                  /* time at the start of the step */
     IF_TIME(lanes step;)
     IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
     lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
-    lanes stage_time[SOLVER(S)];    /* h c: stages after the start of the step */
-    lanes work, work_low;  /* done by the forces since the start */
+    lanes stage_time[SOLVER(S)]; /* h c, relative to the start of the step */
+    lanes work, work_low;        /* work of the forces since the start, and its round-off */
     lanes mu[S*SOLVER(S)], mu_hat[S*SOLVER(S)], onward[S*SOLVER(S)];
     lanes nu[S*SOLVER(P)], nu_tilde[P*SOLVER(S)], inverse[P*SOLVER(P)], onward_nodes[P*SOLVER(P)];
-    lanes node_free[SOLVER(P)]; /* 0 at node 0, which stays where the step starts */
-    lanes change, round_off; /* of the last sweep; what rounding is worth in one */
+    lanes node_free[SOLVER(P)]; /* 0 at node 0, which is at q; else 1 */
+    lanes change, round_off; /* of an iteration: squared change, estimated round-off */
     IF_FRAME(int stationary[LANES];)
     SOLVER(unknowns) now;
     SOLVER(constraint_state) constraint_state;
     SOLVER(least_squares) least_squares;
     predictor_t predictor;
-    lanes extrapolated[SOLVER(X)]; /* the polynomial through the last stages, one step on */
+    lanes extrapolated[SOLVER(X)]; /* collocation polynomial of the last step */
     lanes history[HISTORY*SOLVER(X)];
 } SOLVER(t);
 
 /*
- * y_i = base_i + sum_j table_ij x_j over items of as many rows as lanes: `width` numbers each row,
- * `columns` of them. Four numbers at a time: as many sums as a register file holds, and enough of
- * them to hide latency.
+ * y_i = base_i + sum_j table_ij x_j over items of LANES rows; a row has `width` entries. Four
+ * entries at a time: their sums fit into the registers, and suffice to hide latency.
  */
-INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count, const lanes *restrict base,
-    int stride, const lanes *restrict table, const lanes *restrict x, lanes *restrict y)
+INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count,
+    const lanes *restrict base, int stride, const lanes *restrict table, const lanes *restrict x,
+    lanes *restrict y)
 {
     /*
-     * Few numbers at a time take several sums each: additions wait for one another. The base, which
-     * is large, comes last: so the sum is rounded to it once.
+     * Few entries have several partial sums each, because dependent additions have latency. The
+     * large base is added last, so that only one addition rounds at its magnitude.
      */
     const int sums = count == 1 ? 4 : count == 2 ? 2 : 1;
     lanes sum[4][4][SOLVER(S) > SOLVER(P) ? SOLVER(S) : SOLVER(P)];
@@ -164,10 +167,11 @@ INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base,
 {
     int start = 0;
     for (; start + 4 <= width; start += 4)
-        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
-    if (width % 4 > 0)
-        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table, x + start,
+        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start,
             y + start);
+    if (width % 4 > 0)
+        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table,
+            x + start, y + start);
 }
 
 PRODUCT void SOLVER(stages_of_stages)(const lanes *base, int stride, const lanes *table,
@@ -195,7 +199,7 @@ static void SOLVER(fill)(lanes *to, int rows, int columns, const real *from)
             lane_set(&to[j*items + i/LANES], i % LANES, i < rows ? from[i*columns + j] : 0);
 }
 
-/* The weights and tables of all lanes. */
+/* Computes the weights h b, h b^, h c and copies the tables into lanes. */
 static void SOLVER(set_weights)(SOLVER(t) *w)
 {
     SOLVER(fill)(w->mu, S, S, &table_mu[0][0]);
@@ -212,41 +216,42 @@ typedef struct {
     lanes_constants constants;
     lanes h, h_inverse;
     lanes zero[N];
-    lanes q[N], p[N];         /* the state, rounded, */
-    lanes q_low[N], p_low[N]; /* and what rounding left over */
-    lanes q_weight, p_weight;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes step_squared;              /* |dq|^2 and |dp|^2 relative to these */
-    lanes t;                  /* at the start of the step */
+    lanes q[N], p[N];         /* the state, rounded */
+    lanes q_low[N], p_low[N]; /* compensation of the sums: round-off of q and p */
+    lanes q_weight, p_weight; /* 1/(|q|^2 + |dq|^2), and the same for p: scales of changes */
+    lanes step_squared;       /* |dq|^2 q_weight + |dp|^2 p_weight */
+    lanes t;                  /* time at the start of the step */
     IF_TIME(lanes step;)
     IF_TIME(lanes constraint_time[SOLVER(P)], force_time[SOLVER(P)];)
     lanes h_b[SOLVER(S)], h_b_hat[SOLVER(S)];
-    lanes stage_time[SOLVER(S)];    /* h c: stages after the start of the step */
-    lanes work, work_low;  /* done by the forces since the start */
-    lanes change, round_off; /* of the last sweep; what rounding is worth in one */
+    lanes stage_time[SOLVER(S)]; /* h c, relative to the start of the step */
+    lanes work, work_low;        /* work of the forces since the start, and its round-off */
+    lanes change, round_off; /* of an iteration: squared change, estimated round-off */
     IF_FRAME(int stationary[LANES];)
     SOLVER(unknowns) now;
     SOLVER(constraint_state) constraint_state;
     SOLVER(least_squares) least_squares;
     predictor_t predictor;
-    lanes extrapolated[SOLVER(X)]; /* the polynomial through the last stages, one step on */
+    lanes extrapolated[SOLVER(X)]; /* collocation polynomial of the last step */
     lanes history[HISTORY*SOLVER(X)];
 } SOLVER(t);
 
 /*
- * y_i = base_i + sum_j table_ij x_j, `width` numbers each row. Two rows by four numbers at a time:
- * then multiply-adds, not loads, are the limit.
+ * y_i = base_i + sum_j table_ij x_j; a row has `width` entries. Two rows by four entries at a time,
+ * so that multiply-adds and not loads are the bottleneck.
  */
-INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count, const lanes *restrict base,
-    int stride, const real *restrict table, const lanes *restrict x, lanes *restrict y)
+INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int count,
+    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x,
+    lanes *restrict y)
 {
     for (int i = 0; i < rows; i += 2) {
-        const int coefficients = i + 1 < rows ? i + 1 : i;
-        const real *first = table + i*columns, *second = table + coefficients*columns;
+        const int next = i + 1 < rows ? i + 1 : i;
+        const real *first = table + i*columns, *second = table + next*columns;
         LOAD_AGAIN(x);
         lanes upper[4], lower[4];
         for (int a = 0; a < count; ++a) {
             upper[a] = base[i*stride + a];
-            lower[a] = base[coefficients*stride + a];
+            lower[a] = base[next*stride + a];
         }
         for (int j = 0; j < columns; ++j)
             for (int a = 0; a < count; ++a) {
@@ -255,7 +260,7 @@ INLINE void SOLVER(product_of_columns)(int rows, int columns, int width, int cou
             }
         for (int a = 0; a < count; ++a) {
             y[i*width + a] = upper[a];
-            y[coefficients*width + a] = lower[a];
+            y[next*width + a] = lower[a];
         }
     }
 }
@@ -265,10 +270,11 @@ INLINE void SOLVER(product)(int rows, int columns, int width, const lanes *base,
 {
     int start = 0;
     for (; start + 4 <= width; start += 4)
-        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start, y + start);
-    if (width % 4 > 0)
-        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table, x + start,
+        SOLVER(product_of_columns)(rows, columns, width, 4, base + start, stride, table, x + start,
             y + start);
+    if (width % 4 > 0)
+        SOLVER(product_of_columns)(rows, columns, width, width % 4, base + start, stride, table,
+            x + start, y + start);
 }
 
 NOINLINE void SOLVER(stages_of_stages)(const lanes *base, int stride, const real *table,
@@ -287,7 +293,7 @@ INLINE void SOLVER(sum_rows)(int count, int width, const lanes *x, lanes *total)
     }
 }
 
-/* The weights of all lanes. */
+/* Computes the weights h b, h b^ and h c. */
 static void SOLVER(set_weights)(SOLVER(t) *w)
 {
     for (int i = 0; i < S; ++i) {
@@ -300,17 +306,18 @@ static void SOLVER(set_weights)(SOLVER(t) *w)
 
 #if GS_EVEN_ODD && !GS_STAGES_IN_LANES
 /*
- * y = base + T x for a table that is symmetric in time, T_ij + T_i'j' = 1 where i', j' count from
- * the other end: half of the sum of x, and what differences x_j - x_j' and sums x_j + x_j' add to
- * it, with half as many coefficients. They stand row by row, those of differences first, then of
- * sums, then of the column in the middle. A column more is all ones, so is a row more.
+ * y = base + T x for a table that is symmetric in time, T_ij + T_i'j' = 1, where i' and j' count
+ * from the other end. Even-odd splitting: y = (sum of x)/2 + terms in x_j - x_j' + terms in
+ * x_j + x_j', which halves the number of coefficients. A row of the table has the coefficients of
+ * the differences, of the sums, and of the middle column. An additional column or row
+ * (more_columns, more_rows) is all ones.
  */
-INLINE void SOLVER(even_odd_columns)(int rows, int columns, int more_columns, int more_rows, int count,
-    const lanes *restrict base, int stride, const real *restrict table, const lanes *restrict x,
-    lanes *restrict y)
+INLINE void SOLVER(even_odd_columns)(int rows, int columns, int more_columns, int more_rows,
+    int count, const lanes *restrict base, int stride, const real *restrict table,
+    const lanes *restrict x, lanes *restrict y)
 {
     enum { PAIRS = S/2 > 0 ? S/2 : 1 };
-    const int pairs = columns/2, last_impulse = columns*N, below = (rows - 1)*N;
+    const int pairs = columns/2, last_column = columns*N, last_row = (rows - 1)*N;
     lanes odd[PAIRS][2], even[PAIRS][2], centre[2], sum[2], half[2];
     for (int a = 0; a < count; ++a) {
         centre[a] = columns % 2 > 0 ? x[pairs*N + a] : splat(0);
@@ -320,7 +327,7 @@ INLINE void SOLVER(even_odd_columns)(int rows, int columns, int more_columns, in
             even[j][a] = x[j*N + a] + x[(columns - 1 - j)*N + a];
             sum[a] += even[j][a];
         }
-        half[a] = more_columns > 0 ? (real)0.5*sum[a] + x[last_impulse + a] : (real)0.5*sum[a];
+        half[a] = more_columns > 0 ? (real)0.5*sum[a] + x[last_column + a] : (real)0.5*sum[a];
     }
     for (int i = 0; i < rows/2; ++i, table += columns) {
         lanes by_odd[2], by_even[2];
@@ -337,7 +344,7 @@ INLINE void SOLVER(even_odd_columns)(int rows, int columns, int more_columns, in
             if (columns % 2 > 0)
                 by_even[a] += splat(table[2*pairs])*centre[a];
             y[i*N + a] = base[i*stride + a] + (by_odd[a] + by_even[a]);
-            y[below - i*N + a] = base[(rows - 1 - i)*stride + a] + (by_odd[a] - by_even[a]);
+            y[last_row - i*N + a] = base[(rows - 1 - i)*stride + a] + (by_odd[a] - by_even[a]);
         }
     }
     for (int a = 0; a < count; ++a) {
@@ -351,19 +358,19 @@ INLINE void SOLVER(even_odd_columns)(int rows, int columns, int more_columns, in
     }
 }
 
-/* Two numbers at a time: what sums and differences of more take is not in registers. */
-INLINE void SOLVER(even_odd_product)(int rows, int columns, int more_columns, int more_rows, const lanes *base,
-    int stride, const real *table, const lanes *x, lanes *y)
+/* Two entries at a time: the sums and differences of more would not fit into the registers. */
+INLINE void SOLVER(even_odd_product)(int rows, int columns, int more_columns, int more_rows,
+    const lanes *base, int stride, const real *table, const lanes *x, lanes *y)
 {
     for (int a = 0; a < N; a += 2) {
-        const real *again = table;
-        LOAD_AGAIN(again);
+        const real *reloaded = table;
+        LOAD_AGAIN(reloaded);
         if (a + 2 <= N)
-            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 2, base + a, stride, again, x + a,
-                y + a);
+            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 2, base + a, stride,
+                reloaded, x + a, y + a);
         else
-            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 1, base + a, stride, again, x + a,
-                y + a);
+            SOLVER(even_odd_columns)(rows, columns, more_columns, more_rows, 1, base + a, stride,
+                reloaded, x + a, y + a);
     }
 }
 
@@ -380,8 +387,8 @@ INLINE void SOLVER(stage_positions)(const SOLVER(t) *w, const lanes *L, lanes *Q
 }
 
 /* base_i + sum_j mu^_ij L^_j */
-INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
-    lanes *momentum)
+INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride,
+    const lanes *L_hat, lanes *momentum)
 {
     (void)w;
     SOLVER(even_odd_stages)(base, stride, &even_odd_mu_hat[0][0], L_hat, momentum);
@@ -394,8 +401,8 @@ INLINE void SOLVER(stage_positions)(const SOLVER(t) *w, const lanes *L, lanes *Q
 }
 
 /* base_i + sum_j mu^_ij L^_j */
-INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride, const lanes *L_hat,
-    lanes *momentum)
+INLINE void SOLVER(add_momentum_rates)(const SOLVER(t) *w, const lanes *base, int stride,
+    const lanes *L_hat, lanes *momentum)
 {
     (void)w;
     SOLVER(stages_of_stages)(base, stride, TABLE(mu_hat), L_hat, momentum);
@@ -422,11 +429,11 @@ PRODUCT void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const lanes *
     SOLVER(product)(SOLVER(P), P, M, base, stride, table, x, y);
 }
 
-/* The place of the nodes of item j, where multipliers act: node 0 is at q. */
-INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *place)
+/* Positions of the nodes of item j, where multipliers act; node 0 is at q. */
+INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *position)
 {
     for (int a = 0; a < N; ++a)
-        place[a] = w->q[a] + w->node_free[j]*w->now.D[j*N + a];
+        position[a] = w->q[a] + w->node_free[j]*w->now.D[j*N + a];
 }
 
 static void SOLVER(set_nodes)(SOLVER(t) *w)
@@ -450,11 +457,11 @@ NOINLINE void SOLVER(nodes_of_nodes)(const lanes *base, int stride, const real *
     SOLVER(product)(SOLVER(P), P, M, base, stride, table, x, y);
 }
 
-/* The place of node j, where multipliers act: node 0 comes last, and is at q. */
-INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *place)
+/* Position of node j, where multipliers act; node 0 is stored last and is at q. */
+INLINE void SOLVER(node_position)(const SOLVER(t) *w, int j, lanes *position)
 {
     for (int a = 0; a < N; ++a)
-        place[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
+        position[a] = j < P - 1 ? w->q[a] + w->now.D[j*N + a] : w->q[a];
 }
 
 static void SOLVER(set_nodes)(SOLVER(t) *w)

@@ -1,11 +1,11 @@
-/* Update of the rates, with Jacobi or Gauss-Seidel ordering, and of the momenta. */
+/* Update of the rates, with Jacobi or Gauss-Seidel ordering, and projection of the momenta. */
 
-/* New rates of item i take the place of the old ones; the squares of their changes are added up. */
-INLINE void SOLVER(accumulate_increment)(SOLVER(t) *w, int i, const lanes *L_new, const lanes *H_q, lanes *q_change,
-    lanes *p_change)
+/* Replaces the rates of item i by the new ones; accumulates the squared norm of the increment. */
+INLINE void SOLVER(accumulate_increment)(SOLVER(t) *w, int i, const lanes *L_new,
+    const lanes *H_q, lanes *q_change, lanes *p_change)
 {
     lanes *L = w->now.x + i*N, *L_hat = w->now.x + SOLVER(HAT) + i*N;
-    lanes dq_square = splat(0), dp_square = splat(0); /* apart: sums wait for one another */
+    lanes dq_square = splat(0), dp_square = splat(0); /* per item: shorter dependency chains */
     for (int a = 0; a < N; ++a) {
         const lanes force = -w->h_b_hat[i]*H_q[a];
         const lanes dq = L_new[a] - L[a], dp = force - L_hat[a];
@@ -21,8 +21,8 @@ INLINE void SOLVER(accumulate_increment)(SOLVER(t) *w, int i, const lanes *L_new
 #if !GS_CONSTRAINED
 #if GS_SEPARABLE
 /*
- * The second half of a sweep, Gauss-Seidel: H_pq = 0, and H_q at the new places squares the
- * contraction.
+ * Gauss-Seidel ordering: H_pq = 0, and H_q at the new positions squares the contraction factor of
+ * the iteration.
  */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
@@ -36,7 +36,7 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
     }
 }
 #else
-/* The second half of a sweep: H_q at the places found. */
+/* Jacobi ordering: H_q at the stages of the previous iteration. */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
 {
@@ -54,9 +54,9 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
 #if GS_SCALAR_SCHUR
 #if GS_SEPARABLE
 /*
- * The second half of a sweep, Gauss-Seidel: H_pq = 0, and H_q at the new places squares the
- * contraction. H_pp G^T = c G^T: what the corrected impulses change of H_p is c times what they
- * change of the momenta.
+ * Gauss-Seidel ordering: H_pq = 0, and H_q at the new positions squares the contraction factor.
+ * H_pp G^T = c G^T: the correction of the impulses changes H_p by c times the change of the
+ * momenta, without another evaluation.
  */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
@@ -79,8 +79,8 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
 }
 #else
 /*
- * The second half of a sweep. H_pp G^T = c G^T: what the corrected impulses change of H_p is c
- * times what they change of the momenta.
+ * Jacobi ordering. H_pp G^T = c G^T: the correction of the impulses changes H_p by c times the
+ * change of the momenta, without another evaluation.
  */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
@@ -88,7 +88,7 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
     lanes C[SOLVER(S)*N];
     SOLVER(correct_multipliers)(w, L_new, C);
     for (int i = 0; i < SOLVER(S); ++i) {
-        lanes H_q[N], H_p[N], P[N], L[N]; /* kept in registers: stores take longer than sums */
+        lanes H_q[N], H_p[N], P[N], L[N]; /* in registers: stores are slower than additions */
         const lanes response = w->h_b[i]*w->constraint_state.correction;
         for (int a = 0; a < N; ++a) {
             const lanes force_change = C[i*N + a] - w->now.C[i*N + a];
@@ -105,8 +105,8 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
 #else
 #if GS_SEPARABLE
 /*
- * The second half of a sweep, Gauss-Seidel: H_pq = 0, and H_q at the new places squares the
- * contraction; the places are those of H_p for the corrected impulses.
+ * Gauss-Seidel ordering: H_pq = 0, and H_q at the new positions squares the contraction factor. The
+ * new positions follow from H_p at the momenta of the corrected impulses.
  */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
@@ -133,7 +133,7 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
     }
 }
 #else
-/* The second half of a sweep: H_p once more, for the corrected impulses, and H_q. */
+/* Jacobi ordering: H_p and H_q at the momenta of the corrected impulses. */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes *L_new,
     lanes (*shared)[SHARED], lanes *q_change, lanes *p_change)
 {
@@ -157,14 +157,14 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *Q, lanes *momentum, lanes 
 
 #if GS_ELEMENTS
 /*
- * T2: dp becomes such that p + dp is on the constraint on the momenta at q; w->bound.last are the
- * impulses that bring it there.
+ * T2: projects dp so that p + dp satisfies the hidden constraint f(q, p) = 0. The impulses of the
+ * projection are stored as last_impulse.
  */
 INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], lanes dp[N])
 {
     for (int mu = 0; mu < M; ++mu)
         w->constraint_state.last_impulse[mu] = splat(0);
-    for (int round = 0; round < ROUNDS; ++round) {
+    for (int iteration = 0; iteration < ROUNDS; ++iteration) {
         lanes f[M], p[N], response[N];
         schur_t matrix;
         for (int a = 0; a < N; ++a)
@@ -182,8 +182,8 @@ INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], l
 }
 #else
 /*
- * T2: dp becomes such that p + dp is on the constraint on the momenta at q; w->bound.last are the
- * impulses that bring it there.
+ * T2: projects dp so that p + dp satisfies the hidden constraint f(q, p) = 0. The impulses of the
+ * projection are stored as last_impulse.
  */
 INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], lanes dp[N])
 {
@@ -191,7 +191,7 @@ INLINE void SOLVER(project_momentum_increment)(SOLVER(t) *w, const lanes q[N], l
     lanes_constraint_jacobian(&w->constants, q, G);
     for (int mu = 0; mu < M; ++mu)
         w->constraint_state.last_impulse[mu] = splat(0);
-    for (int round = 0; round < ROUNDS; ++round) {
+    for (int iteration = 0; iteration < ROUNDS; ++iteration) {
         lanes f[M], p[N];
         schur_t matrix;
         for (int a = 0; a < N; ++a)

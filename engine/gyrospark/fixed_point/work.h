@@ -1,4 +1,4 @@
-/* Work of the forces and of driven constraints in the fixed-point iteration. */
+/* Work of the forces and of rheonomic constraints. */
 
 #if GS_TIME_DEPENDENT
 #if GS_CONSTRAINED
@@ -9,25 +9,26 @@ INLINE void SOLVER(add_to_work)(SOLVER(t) *w, lanes done)
     w->work = total;
 }
 
-/* Adds the impulses times g_t at the nodes 0..P-1: what a drive does through the constraints. */
+/* work += sum impulse_j.g_t at the nodes 0..P-1: work of the rheonomic constraints. */
 INLINE void SOLVER(add_constraint_work)(SOLVER(t) *w)
 {
     const lanes *impulse = w->now.x + SOLVER(IMPULSE);
-    lanes parts[SOLVER(P)], done;
+    lanes terms[SOLVER(P)], done;
     SOLVER(node_displacements)(w, w->now.x, w->now.D);
     for (int j = 0; j < SOLVER(P); ++j) {
-        lanes place[N], rate[M];
-        SOLVER(node_position)(w, j, place);
-        lanes_constraint_rate(LANES_AT(&w->constants, w->t + w->force_time[j]*w->step), place, rate);
-        parts[j] = splat(0);
+        lanes position[N], rate[M];
+        SOLVER(node_position)(w, j, position);
+        lanes_constraint_rate(LANES_AT(&w->constants, w->t + w->force_time[j]*w->step),
+            position, rate);
+        terms[j] = splat(0);
         for (int mu = 0; mu < M; ++mu)
-            parts[j] += impulse[j*M + mu]*rate[mu];
+            terms[j] += impulse[j*M + mu]*rate[mu];
     }
-    SOLVER(sum_rows)(P, 1, parts, &done);
+    SOLVER(sum_rows)(P, 1, terms, &done);
     SOLVER(add_to_work)(w, done);
 }
 
-/* The same of the last impulse, at the end of the step. */
+/* work += last_impulse.g_t at the end of the step. */
 INLINE void SOLVER(add_final_constraint_work)(SOLVER(t) *w)
 {
     lanes rate[M], done = splat(0);
@@ -37,7 +38,7 @@ INLINE void SOLVER(add_final_constraint_work)(SOLVER(t) *w)
     SOLVER(add_to_work)(w, done);
 }
 #else
-/* There is no constraint that a drive could move. */
+/* No constraints: no work of rheonomic constraints. */
 INLINE void SOLVER(add_constraint_work)(SOLVER(t) *w)
 {
     (void)w;
@@ -51,11 +52,11 @@ INLINE void SOLVER(add_final_constraint_work)(SOLVER(t) *w)
 #endif
 
 #if GS_FORCES
-/* Adds h sum b_i F(Q_i, P_i, t_i).k_i, the work of the forces. */
+/* work += h sum b_i F(Q_i, P_i, t_i).k_i, the work of the forces. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
     const lanes *L = w->now.x;
-    lanes Q[SOLVER(S)*N], momentum[SOLVER(S)*N], parts[SOLVER(S)], done, total;
+    lanes Q[SOLVER(S)*N], momentum[SOLVER(S)*N], terms[SOLVER(S)], done, total;
     SOLVER(stage_positions)(w, L, Q);
     SOLVER(stage_momenta)(w, L + SOLVER(HAT), momentum);
     for (int i = 0; i < SOLVER(S); ++i) {
@@ -63,21 +64,21 @@ INLINE void SOLVER(add_work)(SOLVER(t) *w)
         IF_FRAME_WORK(lanes v[N];)
         const lanes t = w->t + w->stage_time[i];
         lanes_applied_force(LANES_AT(&w->constants, t), Q + i*N, momentum + i*N, &t, F);
-        parts[i] = splat(0);
+        terms[i] = splat(0);
         for (int a = 0; a < N; ++a)
-            parts[i] += F[a]*L[i*N + a];
+            terms[i] += F[a]*L[i*N + a];
         IF_FRAME_WORK(lanes_frame_velocity(&w->constants, Q + i*N, v);)
         IF_FRAME_WORK(for (int a = 0; a < N; ++a))
-            IF_FRAME_WORK(parts[i] += w->h_b[i]*F[a]*v[a];)
-        IF_TIME(parts[i] += w->h_b[i]*lanes_energy_rate(&w->constants, Q + i*N, momentum + i*N);)
+            IF_FRAME_WORK(terms[i] += w->h_b[i]*F[a]*v[a];)
+        IF_TIME(terms[i] += w->h_b[i]*lanes_energy_rate(&w->constants, Q + i*N, momentum + i*N);)
     }
-    SOLVER(sum_rows)(S, 1, parts, &done);
+    SOLVER(sum_rows)(S, 1, terms, &done);
     two_sum(w->work, done + w->work_low, &total, &w->work_low);
     w->work = total;
     IF_TIME(SOLVER(add_constraint_work)(w);)
 }
 #else
-/* Without forces no work is done. */
+/* No forces: no work. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
     (void)w;

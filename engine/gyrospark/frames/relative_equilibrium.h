@@ -1,18 +1,18 @@
-/* Detection of relative equilibria, whose round-off drift is suppressed. */
+/* Detection of relative equilibria, to suppress their round-off drift. */
 
 #if GS_SPARK
-/* H_p and H_q - F of a state. */
-static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
-    lanes H_q[N])
+/* H_p and H_q - F at the state (q, p) */
+static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N],
+    lanes H_p[N], lanes H_q[N])
 {
     lanes shared[SHARED];
     first_rates(&w->constants, q, p, H_p, shared);
     second_rates(&w->constants, q, p, &w->t, shared, H_p, H_q);
 }
 #else
-/* H_p and H_q - F of a state. */
-static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N], lanes H_p[N],
-    lanes H_q[N])
+/* H_p and H_q - F at the state (q, p) */
+static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const lanes p[N],
+    lanes H_p[N], lanes H_q[N])
 {
     lanes zero[N];
     for (int a = 0; a < N; ++a)
@@ -22,7 +22,7 @@ static void SOLVER(evaluate_rates)(const SOLVER(t) *w, const lanes q[N], const l
 }
 #endif
 
-/* The state, and what rounding left over. */
+/* The state and the low words of its compensated sums. */
 typedef struct {
     lanes q[N], p[N], q_low[N], p_low[N];
 } SOLVER(state);
@@ -40,54 +40,59 @@ INLINE SOLVER(state) SOLVER(current_state)(const SOLVER(t) *w)
 }
 
 /*
- * How far rounding may take a step, squared, in each set of coordinates that turn into each other:
- * what nudges of the state and of its rates do, the mean of four times.
+ * Estimates the squared round-off drift of a step, for each group of coordinates that a rotation
+ * mixes: the mean square response of dt H_p and dt H_q to four perturbations of state and rates.
  */
-static void SOLVER(estimate_drift)(const SOLVER(t) *w, const SOLVER(state) *at, lanes q_drift[N], lanes p_drift[N])
+static void SOLVER(estimate_drift)(const SOLVER(t) *w, const SOLVER(state) *at, lanes q_drift[N],
+    lanes p_drift[N])
 {
     lanes H_p[N], H_q[N];
-    unsigned chance = 1;
+    unsigned seed = 1;
     SOLVER(evaluate_rates)(w, at->q, at->p, H_p, H_q);
     for (int a = 0; a < N; ++a)
         q_drift[a] = p_drift[a] = splat(0);
     for (int attempt = 0; attempt < 4; ++attempt) {
         lanes q[N], p[N], H_p_near[N], H_q_near[N];
         for (int a = 0; a < N; ++a) {
-            q[a] = at->q[a] + perturbation(&chance)*at->q[a];
-            p[a] = at->p[a] + perturbation(&chance)*at->p[a];
+            q[a] = at->q[a] + perturbation(&seed)*at->q[a];
+            p[a] = at->p[a] + perturbation(&seed)*at->p[a];
         }
         SOLVER(evaluate_rates)(w, q, p, H_p_near, H_q_near);
         for (int a = 0; a < N; ++a) {
-            const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&chance)*H_p[a];
-            const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&chance)*H_q[a];
+            const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&seed)*H_p[a];
+            const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&seed)*H_q[a];
             q_drift[rotation_group[a]] += (real)0.25*w->h*w->h*by_p*by_p;
             p_drift[rotation_group[a]] += (real)0.25*w->h*w->h*by_q*by_q;
         }
     }
 }
 
-/* From here on a state is looked at anew. */
+/* Restarts the detection in all lanes. */
 static void SOLVER(release_equilibrium)(SOLVER(t) *w)
 {
     for (int i = 0; i < LANES; ++i)
         w->stationary[i] = 0;
 }
 
-/* Notes the lanes whose last step came no further than rounding does. */
+/*
+ * stationary[i] <- whether the increment of the last step of lane i is round-off: below 65536
+ * epsilon of the state, and within a factor of 8 of the estimated drift in every group. The first
+ * test is cheap. A lane stays stationary for good if its zero rates do not depend on time.
+ */
 static void SOLVER(detect_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
 {
     const real threshold = 65536*epsilon;
     lanes dq[N], dp[N], q_drift[N], p_drift[N], increment = splat(0);
-    int any = 0, released[LANES];
+    int any = 0, permanent[LANES];
     for (int a = 0; a < N; ++a) {
         const lanes dq_a = w->q[a] - before->q[a], dp_a = w->p[a] - before->p[a];
         increment += dq_a*dq_a*w->q_weight + dp_a*dp_a*w->p_weight;
         dq[a] = dp[a] = splat(0);
     }
     for (int i = 0; i < LANES; ++i) {
-        released[i] = RATES_STAY_ZERO && w->stationary[i];
-        w->stationary[i] = released[i] || lane_get(&increment, i) < threshold*threshold;
-        any |= w->stationary[i] && !released[i];
+        permanent[i] = RATES_STAY_ZERO && w->stationary[i];
+        w->stationary[i] = permanent[i] || lane_get(&increment, i) < threshold*threshold;
+        any |= w->stationary[i] && !permanent[i];
     }
     if (!any)
         return;
@@ -99,16 +104,15 @@ static void SOLVER(detect_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before
     }
     SOLVER(estimate_drift)(w, before, q_drift, p_drift);
     for (int i = 0; i < LANES; ++i)
-        for (int a = 0; a < N && !released[i]; ++a)
+        for (int a = 0; a < N && !permanent[i]; ++a)
             w->stationary[i] &= lane_get(&dq[a], i) <= 64*lane_get(&q_drift[a], i)
                 && lane_get(&dp[a], i) <= 64*lane_get(&p_drift[a], i);
 }
 
 /*
- * On a relative equilibrium nothing is left of the rates but rounding. Where a step came no further
- * than sixteen units in the last place of the state account for, as little as sweeps may leave, a
- * state as near as that stands still, and so does this one, in all steps to come: it would stray
- * otherwise, for what rounding does adds up.
+ * Restores the state before the step in all stationary lanes. At a relative equilibrium the rates
+ * are pure round-off. A step no longer than 16 ulp of the state accounts for, which is the accuracy
+ * of the fixed-point iteration, is treated as zero; otherwise round-off accumulates as a drift.
  */
 static void SOLVER(hold_equilibrium)(SOLVER(t) *w, const SOLVER(state) *before)
 {

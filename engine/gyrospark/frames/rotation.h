@@ -1,24 +1,24 @@
-/* Transformation of states back from a co-moving frame. */
+/* Transformation of states and multipliers from a co-moving frame to space. */
 #ifndef GS_FRAMES_ROTATION_H
 #define GS_FRAMES_ROTATION_H
 
 #include "gyrospark/linear_algebra/double_word.h"
 
-/* ------------------------------------------------------------------ back from a co-moving frame */
+/* --------------------------------------------------------------------- from frame to space */
 
 /*
- * What is integrated is q~, p~ of H~ = H - sum omega_i J_i; q = e^(omega t A) q~ and
- * p = e^(-omega t A^T) p~, t since the start of the run. Angles are k dt omega, counted, not
- * summed up, in twice the digits: a run of any length loses none by turning.
+ * The state (q~, p~) in the frame obeys H~ = H - sum omega_i J_i. In space q = e^(omega t A) q~ and
+ * p = e^(-omega t A^T) p~, with t since the start of the frame. The angles k dt omega are products
+ * in double-word arithmetic, not sums, so that their error does not grow with the number of steps.
  */
 typedef struct {
     const parameters_t *parameters;
     double_word rate[ANGLES];
-    real axis[AXES]; /* of rotations about any axis of space */
+    real axis[AXES]; /* directions of rotations about a general axis */
     int is_moving;
 } frame_t;
 
-/* cos and sin of every angle. */
+/* cos and sin of all angles */
 typedef struct {
     real cosine[ANGLES], sine[ANGLES];
 } angles_t;
@@ -32,19 +32,19 @@ static frame_t frame_of(const parameters_t *parameters)
     return frame;
 }
 
-/* The angles after k + share steps. */
+/* cos and sin of the angles (k + share) dt omega */
 static void angles_after(const frame_t *frame, real dt, long k, real share, angles_t *at)
 {
     const double_word t = plus(product_of((wide_real)k, dt), product_of(share, dt));
     for (int i = 0; i < ANGLES; ++i) {
         wide_real cosine, sine;
-        circle(times(t, frame->rate[i]), &cosine, &sine);
+        cos_sin(times(t, frame->rate[i]), &cosine, &sine);
         at->cosine[i] = (real)cosine;
         at->sine[i] = (real)sine;
     }
 }
 
-/* The state (q, p) after k steps; either may be NULL. */
+/* Transforms the state (q, p) after k steps to space; q or p may be NULL. */
 static void rotate_state(const frame_t *frame, real dt, long k, real *q, real *p)
 {
     angles_t at;
@@ -65,7 +65,7 @@ static void rotate_state(const frame_t *frame, real dt, long k, real *q, real *p
 }
 
 #if GS_ROTATING_MULTIPLIERS
-/* Where in its step the constraint of a multiplier is. */
+/* Relative time in the step at which multiplier block l acts. */
 static real node_of(int l)
 {
 #if GS_SPARK
@@ -76,27 +76,31 @@ static real node_of(int l)
 #endif
 }
 
-/* The multipliers of step k, each at the time of its node: where g turns, so do they. */
+/*
+ * Transforms the multipliers of step k to space, each at the time of its node. Multipliers rotate
+ * with the constraints g.
+ */
 static void rotate_multipliers_of(const frame_t *frame, real dt, long k, real *multipliers)
 {
     for (int l = 0; l < MULTIPLIERS/M && frame->is_moving; ++l) {
         angles_t at;
         real x[M];
         angles_after(frame, dt, k - 1, node_of(l), &at);
-        rotate_multipliers(frame->parameters, at.cosine, at.sine, frame->axis, multipliers + l*M, x);
+        rotate_multipliers(frame->parameters, at.cosine, at.sine, frame->axis, multipliers + l*M,
+            x);
         for (int mu = 0; mu < M; ++mu)
             multipliers[l*M + mu] = x[mu];
     }
 }
 #else
-/* g does not turn, and multipliers are the same. */
+/* The constraints g are invariant under the rotation, and so are the multipliers. */
 static void rotate_multipliers_of(const frame_t *frame, real dt, long k, real *multipliers)
 {
     (void)frame, (void)dt, (void)k, (void)multipliers;
 }
 #endif
 
-/* The end of one step. */
+/* Transforms the end of a single step to space. */
 static void rotate_step(const parameters_t *parameters, real dt, real q[N], real p[N],
     real *multipliers)
 {
@@ -105,7 +109,10 @@ static void rotate_step(const parameters_t *parameters, real dt, real q[N], real
     rotate_multipliers_of(&frame, dt, 1, multipliers);
 }
 
-/* Rows of states, every so many steps after the first `before`; NULL where there are none. */
+/*
+ * Transforms stored rows to space: row i is the state after before + (i + 1)*every steps. q, p and
+ * multipliers may be NULL.
+ */
 static void rotate_rows(const frame_t *frame, real dt, long before, long every, long rows, real *q,
     real *p, real *multipliers)
 {
@@ -117,7 +124,7 @@ static void rotate_rows(const frame_t *frame, real dt, long before, long every, 
     }
 }
 
-/* Whole runs, up to where they came. */
+/* Transforms the ends and rows of an ensemble to space, as far as each trajectory succeeded. */
 static void rotate_runs(long count, const parameters_t *parameters, const real *dt, long rows,
     long every, real *q, real *p, real *q_out, real *p_out, const report_t *reports)
 {

@@ -1,10 +1,10 @@
-/* Trajectories that continue in a co-moving frame. */
+/* Trajectories and runs that continue in a co-moving frame from call to call. */
 #ifndef GS_FRAMES_TRAJECTORY_H
 #define GS_FRAMES_TRAJECTORY_H
 
 #include "gyrospark/frames/rotation.h"
 
-/* What a trajectory that is held has of its frame. */
+/* Starts a frame at the current state of the trajectory in `w`. */
 static void begin_frame(work_t *w, const parameters_t *parameters)
 {
     w->simulation.frame_parameters = *parameters;
@@ -15,6 +15,7 @@ static void begin_frame(work_t *w, const parameters_t *parameters)
     }
 }
 
+/* Whether two sets of parameters have the same frame, bit by bit. */
 static int same_frame(const parameters_t *one, const parameters_t *other)
 {
     const frame_t old = frame_of(one), new = frame_of(other);
@@ -26,7 +27,10 @@ static int same_frame(const parameters_t *one, const parameters_t *other)
     return same;
 }
 
-/* At another rate it begins anew where the trajectory is; what was past is of the old one. */
+/*
+ * Updates the parameters of the frame. Another rate starts a new frame at the current state; the
+ * history of the predictor refers to the old frame and is discarded.
+ */
 static void change_frame(work_t *w, const parameters_t *parameters)
 {
     const int same = same_frame(&w->simulation.frame_parameters, parameters);
@@ -38,7 +42,10 @@ static void change_frame(work_t *w, const parameters_t *parameters)
         reset_iteration(w);
 }
 
-/* A state as the caller has it, in the frame: to the bit where it left it. */
+/*
+ * Transforms the caller's state to the frame. If the caller did not change q (or p), its stored
+ * value in the frame is restored, so that the transformation adds no round-off.
+ */
 static void into_frame(const work_t *w, real q[N], real p[N])
 {
     const frame_t frame = frame_of(&w->simulation.frame_parameters);
@@ -47,14 +54,15 @@ static void into_frame(const work_t *w, real q[N], real p[N])
         same_q &= q[a] == w->simulation.q[a];
         same_p &= p[a] == w->simulation.p[a];
     }
-    rotate_state(&frame, w->simulation.dt, w->simulation.frame_start - w->simulation.report.steps, q, p);
+    rotate_state(&frame, w->simulation.dt,
+        w->simulation.frame_start - w->simulation.report.steps, q, p);
     for (int a = 0; a < N; ++a) {
         q[a] = same_q ? w->frame_q[a] : q[a];
         p[a] = same_p ? w->frame_p[a] : p[a];
     }
 }
 
-/* The state that the caller sees. */
+/* Stores the state in the frame and transforms (q, p) to space for the caller. */
 static void out_of_frame(work_t *w, real q[N], real p[N])
 {
     const frame_t frame = frame_of(&w->simulation.frame_parameters);
@@ -62,10 +70,11 @@ static void out_of_frame(work_t *w, real q[N], real p[N])
         w->frame_q[a] = q[a];
         w->frame_p[a] = p[a];
     }
-    rotate_state(&frame, w->simulation.dt, w->simulation.report.steps - w->simulation.frame_start, q, p);
+    rotate_state(&frame, w->simulation.dt,
+        w->simulation.report.steps - w->simulation.frame_start, q, p);
 }
 
-/* A run goes on in the frame where it was; at other rates in one that begins where it is. */
+/* Continues a run in its frame; other rates start a new frame at (q, p). */
 static void enter_frame(const parameters_t *parameters, const options_t *options, real dt,
     const report_t *report, work_t *w, real q[N], real p[N])
 {
@@ -89,7 +98,7 @@ static void enter_frame(const parameters_t *parameters, const options_t *options
     reset_iteration(w);
 }
 
-/* It stays there; what the caller sees is turned back. */
+/* Stores the end of a run in the frame, and transforms the end and the rows to space. */
 static void leave_frame(real dt, long before, long every, const report_t *report, work_t *w,
     real q[N], real p[N], real *q_out, real *p_out, real *multipliers)
 {
@@ -100,8 +109,8 @@ static void leave_frame(real dt, long before, long every, const report_t *report
         w->frame_p[a] = p[a];
     }
     rotate_state(&frame, dt, report->steps - frame_start, q, p);
-    rotate_rows(&frame, dt, before - frame_start, every, (report->steps - before)/every, q_out, p_out,
-        multipliers);
+    rotate_rows(&frame, dt, before - frame_start, every, (report->steps - before)/every, q_out,
+        p_out, multipliers);
 }
 
 #endif

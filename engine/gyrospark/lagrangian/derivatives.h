@@ -1,11 +1,14 @@
-/* Derivatives of H of a Lagrangian for Newton's method, or the discrete gradient of EMS; momenta and velocities. */
+/* Derivatives of the H of a Lagrangian for Newton's method; momenta and velocities. */
 #ifndef GS_LAGRANGIAN_DERIVATIVES_H
 #define GS_LAGRANGIAN_DERIVATIVES_H
 
 #include "gyrospark/engine.h"
 
 #if GS_ENERGY_MOMENTUM
-/* D_p = (v0 + v1)/2 and D_q - F = -R, exact between the ends: H(q1, p1) - H(q0, p0) is theirs */
+/*
+ * Discrete gradient: D_p = (v0 + v1)/2 and D_q - F = -R. Without forces it satisfies
+ * H(q1, p1) - H(q0, p0) = D_q.dq + D_p.dp.
+ */
 static void mean_gradient(const constants *c, const real qm[N], const real pm[N],
     const real dq[N], const real dp[N], const real t[1], real D_q[N], real D_p[N])
 {
@@ -19,8 +22,8 @@ static void mean_gradient(const constants *c, const real qm[N], const real pm[N]
 }
 
 /*
- * Their derivatives by dq and dp, where the end moves: with P = d(b + M v)/dq there,
- * dv1 = M^-1 (dp - P dq), and of R those by q1 and v1.
+ * Derivatives of the discrete gradient by dq and dp at a fixed start (q0, p0): with
+ * P = d(b + M v)/dq at the end, dv1 = M^-1 (dp - P dq), and R depends on q1 and v1.
  */
 static void mean_jacobian(const constants *c, const real qm[N], const real pm[N],
     const real dq[N], const real dp[N], const real t[1], real D_qq[N][N], real D_qp[N][N],
@@ -28,13 +31,13 @@ static void mean_jacobian(const constants *c, const real qm[N], const real pm[N]
 {
     const real zero[N] = { 0 };
     real q1[N], A[MASS], v0[N], v1[N], direction[N] = { 0 }, P[N][N], R_v[N][N], change[N];
-    const constants *later = c;
+    const constants *c_end = c;
     IF_TIME(constants end = *c;)
-    IF_TIME(later = at_time(&end, c->_t + c->_dt/2);)
+    IF_TIME(c_end = at_time(&end, c->_t + c->_dt/2);)
     end_velocities(c, qm, pm, dq, dp, q1, A, v0, v1);
     for (int b = 0; b < N; ++b) {
         direction[b] = 1;
-        force_derivative(later, q1, v1, zero, direction, P[b]);
+        force_derivative(c_end, q1, v1, zero, direction, P[b]);
         mean_generalised_force_derivative(c, qm, dq, v0, v1, t, zero, direction, change);
         for (int a = 0; a < N; ++a)
             R_v[a][b] = change[a];
@@ -61,7 +64,7 @@ static void mean_jacobian(const constants *c, const real qm[N], const real pm[N]
     }
 }
 #else
-/* H_p = v and H_q - F = -R(q, v, t) */
+/* Gradient of H: H_p = v, H_q - F = -R(q, v, t) with R = dL/dq + F */
 static void gradient(const constants *c, const real q[N], const real p[N], const real t[1],
     real H_q[N], real H_p[N])
 {
@@ -74,7 +77,7 @@ static void gradient(const constants *c, const real q[N], const real p[N], const
 }
 
 #if GS_FORCES
-/* change += dF along (dq, dv) */
+/* change += F_q dq + F_v dv */
 static void add_applied_force_derivative(const constants *c, const real q[N], const real v[N],
     const real t[1], const real dq[N], const real dv[N], real change[N])
 {
@@ -84,18 +87,18 @@ static void add_applied_force_derivative(const constants *c, const real q[N], co
         change[a] += dF[a];
 }
 #else
-/* No forces, no change of them. */
-static inline void add_applied_force_derivative(const constants *c, const real q[N], const real v[N],
-    const real t[1], const real dq[N], const real dv[N], real change[N])
+/* System without applied forces. */
+static inline void add_applied_force_derivative(const constants *c, const real q[N],
+    const real v[N], const real t[1], const real dq[N], const real dv[N], real change[N])
 {
     (void)c, (void)q, (void)v, (void)t, (void)dq, (void)dv, (void)change;
 }
 #endif
 
 /*
- * Of L at the v of a state: P = d(b + M v)/dq, which is the transpose of d(dL/dq)/dv, and with
- * M dv = -P dq along which p stays: H_pp = M^-1, H_pq = -M^-1 P, and of R = dL/dq + F the
- * derivatives H_qq = -(R_q + R_v H_pq), H_qp = -R_v H_pp of H_q - F.
+ * Second derivatives of H - F from those of L at the velocity v. With P = d(b + M v)/dq, the
+ * transpose of d(dL/dq)/dv, constant p requires M dv = -P dq. Hence H_pp = M^-1, H_pq = -M^-1 P,
+ * and with R = dL/dq + F, H_qq = -(R_q + R_v H_pq) and H_qp = -R_v H_pp.
  */
 static void rates_by_state(const constants *c, const real q[N], const real p[N], const real t[1],
     real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
@@ -137,7 +140,7 @@ static void rates_by_state(const constants *c, const real q[N], const real p[N],
 }
 
 #if !GS_SPARK
-/* D_q, D_p: the gradient at the midpoint */
+/* D_q, D_p <- the gradient at the midpoint */
 static inline void mean_gradient(const constants *c, const real qm[N], const real pm[N],
     const real dq[N], const real dp[N], const real t[1], real D_q[N], real D_p[N])
 {
@@ -145,7 +148,7 @@ static inline void mean_gradient(const constants *c, const real qm[N], const rea
     gradient(c, qm, pm, t, D_q, D_p);
 }
 
-/* Their derivatives by dq and dp: half of those by the midpoint */
+/* Derivatives of D_q and D_p by dq and dp: half the second derivatives at the midpoint */
 static inline void mean_jacobian(const constants *c, const real qm[N], const real pm[N],
     const real dq[N], const real dp[N], const real t[1], real D_qq[N][N], real D_qp[N][N],
     real D_pq[N][N], real D_pp[N][N])

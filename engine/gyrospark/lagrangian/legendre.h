@@ -1,4 +1,4 @@
-/* Legendre transform: H and its relatives from a Lagrangian. */
+/* Legendre transform: H, its derivatives and the hidden constraints from a Lagrangian. */
 
 #include "gyrospark/linear_algebra/mass_matrix.h"
 
@@ -16,9 +16,9 @@ static NUMBER TYPED(hamiltonian)(const TYPED(constants) *c, const NUMBER q[N], c
 }
 
 #if GS_CONSTRAINED
-/* f = G v, and g_t where time stands in L or g */
-static inline void TYPED(hidden_constraint)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N],
-    NUMBER f[M])
+/* f = G v + g_t; g_t = 0 unless L or g is rheonomic */
+static inline void TYPED(hidden_constraint)(const TYPED(constants) *c, const NUMBER q[N],
+    const NUMBER p[N], NUMBER f[M])
 {
     NUMBER A[MASS], v[N], G[M][N];
     IF_TIME(NUMBER rate[M];)
@@ -35,8 +35,8 @@ static inline void TYPED(hidden_constraint)(const TYPED(constants) *c, const NUM
 }
 
 /* W = G M^-1 G^T */
-static inline void TYPED(hidden_matrix)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N],
-    NUMBER W[M][M])
+static inline void TYPED(hidden_matrix)(const TYPED(constants) *c, const NUMBER q[N],
+    const NUMBER p[N], NUMBER W[M][M])
 {
     NUMBER A[MASS], G[M][N];
     (void)p;
@@ -59,11 +59,12 @@ static inline void TYPED(hidden_matrix)(const TYPED(constants) *c, const NUMBER 
 
 #if GS_ENERGY_MOMENTUM
 /*
- * The velocities v0 and v1 of both ends of a difference, where times have their middle among the
- * constants; q1 is the later place, A the factors of M there.
+ * Velocities v0 and v1 at both ends of a step with mean values qm, pm and increments dq, dp. The
+ * constants hold the mean time. Also returns q1 and the factors A of M(q1).
  */
-static void TYPED(end_velocities)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N], const NUMBER dq[N],
-    const NUMBER dp[N], NUMBER q1[N], NUMBER A[MASS], NUMBER v0[N], NUMBER v1[N])
+static void TYPED(end_velocities)(const TYPED(constants) *c, const NUMBER qm[N],
+    const NUMBER pm[N], const NUMBER dq[N], const NUMBER dp[N], NUMBER q1[N], NUMBER A[MASS],
+    NUMBER v0[N], NUMBER v1[N])
 {
     NUMBER q0[N], p0[N], p1[N];
     IF_TIME(TYPED(constants) end = *c;)
@@ -83,9 +84,9 @@ static void TYPED(end_velocities)(const TYPED(constants) *c, const NUMBER qm[N],
 }
 
 #if GS_TIME_DEPENDENT
-/* D_t between the ends */
-static inline NUMBER TYPED(mean_energy_rate)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N],
-    const NUMBER dq[N], const NUMBER dp[N])
+/* D_t, the discrete time derivative of H between both ends */
+static inline NUMBER TYPED(mean_energy_rate)(const TYPED(constants) *c, const NUMBER qm[N],
+    const NUMBER pm[N], const NUMBER dq[N], const NUMBER dp[N])
 {
     NUMBER q1[N], A[MASS], v0[N], v1[N];
     TYPED(end_velocities)(c, qm, pm, dq, dp, q1, A, v0, v1);
@@ -94,9 +95,9 @@ static inline NUMBER TYPED(mean_energy_rate)(const TYPED(constants) *c, const NU
 #endif
 #else
 #if GS_FORCES
-/* F(q, v, t) of a state */
-static inline void TYPED(applied_force)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N],
-    const NUMBER t[1], NUMBER F[N])
+/* F(q, v, t) at the velocity v = M^-1 (p - b) */
+static inline void TYPED(applied_force)(const TYPED(constants) *c, const NUMBER q[N],
+    const NUMBER p[N], const NUMBER t[1], NUMBER F[N])
 {
     NUMBER A[MASS], v[N];
     TYPED(factor_mass)(c, q, A);
@@ -106,8 +107,9 @@ static inline void TYPED(applied_force)(const TYPED(constants) *c, const NUMBER 
 #endif
 
 #if GS_TIME_DEPENDENT
-/* H_t = -L_t at the v of a state */
-static inline NUMBER TYPED(energy_rate)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N])
+/* H_t = -L_t at the velocity v = M^-1 (p - b) */
+static inline NUMBER TYPED(energy_rate)(const TYPED(constants) *c, const NUMBER q[N],
+    const NUMBER p[N])
 {
     NUMBER A[MASS], v[N];
     TYPED(factor_mass)(c, q, A);
@@ -117,8 +119,8 @@ static inline NUMBER TYPED(energy_rate)(const TYPED(constants) *c, const NUMBER 
 
 #if !GS_SPARK
 /* D_t: H_t at the midpoint */
-static inline NUMBER TYPED(mean_energy_rate)(const TYPED(constants) *c, const NUMBER qm[N], const NUMBER pm[N],
-    const NUMBER dq[N], const NUMBER dp[N])
+static inline NUMBER TYPED(mean_energy_rate)(const TYPED(constants) *c, const NUMBER qm[N],
+    const NUMBER pm[N], const NUMBER dq[N], const NUMBER dp[N])
 {
     (void)dq, (void)dp;
     return TYPED(energy_rate)(c, qm, pm);

@@ -1,11 +1,11 @@
-/* Rates of a Lagrangian system for the fixed-point iteration, on lanes. */
+/* Rates of a Lagrangian system for the fixed-point iteration, in all lanes. */
 #ifndef GS_LAGRANGIAN_RATES_H
 #define GS_LAGRANGIAN_RATES_H
 
 #include "gyrospark/simd/vector.h"
 
 #if GS_CONSTRAINED
-/* W = G H_pp G^T, which does not depend on p */
+/* W = G H_pp G^T, independent of p */
 INLINE void lanes_schur(const lanes_constants *c, const lanes q[N], const lanes p[N],
     lanes W[M][M])
 {
@@ -14,10 +14,10 @@ INLINE void lanes_schur(const lanes_constants *c, const lanes q[N], const lanes 
 #endif
 
 #if GS_SPARK
-/* What H_q shares with H_p at one place: the factors of M. */
+/* H_p and H_q at one q share the factors of M. */
 enum { SHARED = MASS, ROUNDS = 1 };
 
-/* H_p = v, and the factors */
+/* H_p = v, and the factors of M */
 INLINE void first_rates(const lanes_constants *c, const lanes q[N], const lanes p[N],
     lanes H_p[N], lanes shared[SHARED])
 {
@@ -25,7 +25,7 @@ INLINE void first_rates(const lanes_constants *c, const lanes q[N], const lanes 
     lanes_velocities(c, q, p, shared, H_p);
 }
 
-/* H_q - F = -R(q, v, t), and H_p, from the factors */
+/* H_q - F = -R(q, v, t) and H_p = v, from the factors of M */
 static void second_rates(const lanes_constants *c, const lanes q[N], const lanes p[N],
     const lanes t[1], const lanes shared[SHARED], lanes H_p[N], lanes H_q[N])
 {
@@ -46,7 +46,7 @@ static void lanes_mean_velocity(const lanes_constants *c, const lanes qm[N],
         D_p[a] = (real)0.5*(v0[a] + v1[a]);
 }
 
-/* D_q - F = -R between the ends */
+/* D_q - F = -R, the discrete generalised force between both ends */
 static void lanes_mean_force(const lanes_constants *c, const lanes qm[N], const lanes pm[N],
     const lanes dq[N], const lanes dp[N], const lanes t[1], lanes D_q[N])
 {

@@ -5,13 +5,12 @@
 #include "gyrospark/linear_algebra/norms.h"
 
 /*
- * The Jacobian in an order of the unknowns (and of their equations) in which what interacts stands
- * close together: row r has the columns r - BAND .. r + BAND, and as many again for the fill that
- * exchanging rows makes. `position` says where an unknown and its equation stand.
+ * Band storage: row r holds the columns r - BAND .. r + BAND, and BAND more for the fill-in of row
+ * exchanges. position[] permutes unknowns and equations alike, to reduce the bandwidth.
  */
 enum { WIDTH = 3*BAND + 1 };
 
-/* The entry of an equation and an unknown, by the numbers the scheme gives them. */
+/* Address of dr[equation]/dx[unknown]; both indices are in the scheme's order. */
 static real *entry(real *J, int equation, int unknown)
 {
     const int row = position[equation], column = position[unknown];
@@ -19,9 +18,9 @@ static real *entry(real *J, int equation, int unknown)
 }
 
 /*
- * Factorises by elimination with partial pivoting, in place. Rows are first scaled by powers of
- * two, which is exact, so that the choice of pivots does not depend on units. Products are counted:
- * how many there are depends on the zeros.
+ * LU factorisation in place, with partial pivoting. Row equilibration by powers of two makes the
+ * choice of pivots independent of units; it is exact. `products` counts the multiplications, whose
+ * number depends on the zeros.
  */
 static int band_factorise(real *restrict J, int *restrict exponents, int *restrict pivots,
     long *products)
@@ -44,7 +43,7 @@ static int band_factorise(real *restrict J, int *restrict exponents, int *restri
     for (int k = 0; k < U; ++k) {
         const int below = k + BAND < U ? k + BAND : U - 1;
         const int right = k + 2*BAND < U ? 2*BAND : U - 1 - k;
-        real *upper = J + (size_t)k*WIDTH + BAND; /* of columns k, k + 1, ... */
+        real *upper = J + (size_t)k*WIDTH + BAND; /* row k from column k on */
         int pivot = k;
         real largest = MATH(fabs)(upper[0]);
         for (int i = k + 1; i <= below; ++i) {
@@ -82,7 +81,7 @@ static int band_factorise(real *restrict J, int *restrict exponents, int *restri
     return OK;
 }
 
-/* b <- J^-1 b from the factors; b in the scheme's order, `forward` is memory. */
+/* b <- J^-1 b from the factors; b is in the scheme's order, `forward` is work space. */
 static int band_substitute(const real *restrict J, const int *restrict exponents,
     const int *restrict pivots, real *restrict b, real *restrict forward)
 {
@@ -112,14 +111,14 @@ static int band_substitute(const real *restrict J, const int *restrict exponents
     return OK;
 }
 
-/* The Jacobian row by row, in the scheme's order. */
+/* Copies the band matrix to dense row-major storage, in the scheme's order. */
 static void band_spread(const real *J, real *dense)
 {
     for (size_t i = 0; i < U; ++i)
         for (size_t j = 0; j < U; ++j) {
-            const int apart = position[j] - position[i];
-            dense[i*U + j] = apart < -BAND || apart > BAND ? 0
-                : J[(size_t)position[i]*WIDTH + (size_t)(apart + BAND)];
+            const int offset = position[j] - position[i];
+            dense[i*U + j] = offset < -BAND || offset > BAND ? 0
+                : J[(size_t)position[i]*WIDTH + (size_t)(offset + BAND)];
         }
 }
 

@@ -1,6 +1,6 @@
-/* Sparse L D L^T of W = G H_pp G^T, assembled from the blocks of elements. */
+/* Sparse L D L^T factorisation of W = G H_pp G^T, assembled from element blocks. */
 
-/* The numbers of x that an instance reads, in its own order. */
+/* Gathers the arguments of an element instance: y[a] = x[from[a]]. */
 static inline void TYPED(gather)(int count, const int *from, const NUMBER *x, NUMBER *y)
 {
     for (int a = 0; a < count; ++a)
@@ -8,7 +8,7 @@ static inline void TYPED(gather)(int count, const int *from, const NUMBER *x, NU
 }
 
 #if GS_CONSTRAINED
-/* W += G X G^T of one cell of n momenta: `rows` rows of G, places of the products in `slot` */
+/* W += G X G^T for one block of n momenta and `rows` rows of G; slot[] lists the target entries. */
 static inline void TYPED(add_cell)(int n, int rows, const NUMBER *G, const NUMBER *X,
     const int *slot, NUMBER *W)
 {
@@ -29,8 +29,8 @@ static inline void TYPED(add_cell)(int n, int rows, const NUMBER *G, const NUMBE
 }
 
 /*
- * W <- its factors: L below the diagonal, 1/D on it. W is positive definite: no pivoting. The
- * columns of L stand one behind the other behind the diagonal.
+ * W <- L and D^-1 in place: first D^-1 (M entries), then the columns of L one after another. W is
+ * positive definite, so that elimination needs no pivoting.
  */
 static void TYPED(factor)(NUMBER W[FACTOR])
 {
@@ -53,8 +53,8 @@ static void TYPED(factor)(NUMBER W[FACTOR])
 }
 
 /*
- * b <- W^-1 b from the factors. Sums stay in registers, and what was found last comes in last: it
- * is waited for.
+ * b <- W^-1 b from the factors. The sums are accumulated in registers, and the most recent entry of
+ * b is added last, because it has the longest latency.
  */
 static void TYPED(substitute)(const NUMBER W[FACTOR], NUMBER b[M])
 {

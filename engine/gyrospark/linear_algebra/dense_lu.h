@@ -5,9 +5,9 @@
 #include "gyrospark/linear_algebra/norms.h"
 
 /*
- * Factorises A = P L U by elimination with partial pivoting, in place. Rows are first scaled by
- * powers of two, which is exact, so that the choice of pivots does not depend on units. Products
- * are counted: how many there are depends on the zeros.
+ * A = P L U in place, with partial pivoting. Row equilibration by powers of two makes the choice of
+ * pivots independent of units; it is exact. `products` counts the multiplications, whose number
+ * depends on the zeros.
  */
 static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *restrict pivots,
     long *products)
@@ -38,9 +38,9 @@ static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *r
             A[pivot*n + j] = swap;
         }
         for (int i = k + 1; i < n; ++i) {
-            const real factor = A[i*n + k]/A[k*n + k]; /* equal rows cancel exactly */
+            const real factor = A[i*n + k]/A[k*n + k]; /* a quotient: equal rows cancel exactly */
             A[i*n + k] = factor;
-            if (factor == 0) /* most rows: stages couple through few entries */
+            if (factor == 0) /* most rows: few entries couple the stages */
                 continue;
             *products += n - k;
             for (int j = k + 1; j < n; ++j)
@@ -50,7 +50,7 @@ static int lu_factorise(int n, real *restrict A, int *restrict exponents, int *r
     return OK;
 }
 
-/* x replaces b in A x = b, from the factors of A. */
+/* b <- A^-1 b from the factors of A. */
 static int lu_substitute(int n, const real *restrict A, const int *restrict exponents,
     const int *restrict pivots, real *restrict b)
 {
@@ -80,7 +80,7 @@ static int lu_substitute(int n, const real *restrict A, const int *restrict expo
 }
 
 #if GS_CONSTRAINED
-/* Solves A x = b; x replaces b, the factors of A replace A. */
+/* b <- A^-1 b; overwrites A with its factors. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)
 {

@@ -1,34 +1,35 @@
-/* Double-word arithmetic, for angles. */
+/* Double-word arithmetic (Dekker, 1971) for the angles of a co-moving frame. */
 #ifndef GS_LINEAR_ALGEBRA_DOUBLE_WORD_H
 #define GS_LINEAR_ALGEBRA_DOUBLE_WORD_H
 
 #include "gyrospark/engine.h"
 
-/* high + low: a number of twice the digits. */
+/* The unevaluated sum high + low, |low| <= ulp(high)/2: twice the working precision. */
 typedef struct {
     wide_real high, low;
 } double_word;
 
-/* A rounded value: volatile keeps the compiler from contracting its product into a sum. */
+/* Rounds a product: volatile prevents its contraction into a fused multiply-add. */
 static wide_real rounded_wide(volatile wide_real value)
 {
     return value;
 }
 
-/* a + b, exactly */
+/* a + b without error (two-sum) */
 static double_word sum_of(wide_real a, wide_real b)
 {
     const wide_real sum = a + b, part = sum - a;
     return (double_word){ sum, (a - (sum - part)) + (b - part) };
 }
 
-/* a b, exactly */
+/* a b without error (two-product) */
 static double_word product_of(wide_real a, wide_real b)
 {
     const wide_real product = rounded_wide(a*b);
     return (double_word){ product, WIDE_MATH(fma)(a, b, -product) };
 }
 
+/* a + b in double-word precision */
 static double_word plus(double_word a, double_word b)
 {
     const double_word high = sum_of(a.high, b.high), low = sum_of(a.low, b.low);
@@ -36,13 +37,14 @@ static double_word plus(double_word a, double_word b)
     return sum_of(sum.high, sum.low + low.low);
 }
 
+/* a b in double-word precision */
 static double_word times(double_word a, double_word b)
 {
     const double_word product = product_of(a.high, b.high);
     return sum_of(product.high, product.low + (a.high*b.low + a.low*b.high));
 }
 
-/* |x| of a vector in space */
+/* The Euclidean norm of (x, y, z): a square root with one Newton correction */
 static inline double_word length_of(wide_real x, wide_real y, wide_real z)
 {
     const double_word square = plus(plus(product_of(x, x), product_of(y, y)), product_of(z, z));
@@ -53,14 +55,14 @@ static inline double_word length_of(wide_real x, wide_real y, wide_real z)
 }
 
 /*
- * cos and sin of an angle: turned back by quarters of a circle, of which three numbers hold three
- * times the digits, it loses none of its own.
+ * cos and sin of an angle. The range reduction (Cody-Waite) subtracts multiples of pi/2, which
+ * quarter[] holds in triple-word precision, so that the reduced angle keeps its relative accuracy.
  */
-static void circle(double_word angle, wide_real *cosine, wide_real *sine)
+static void cos_sin(double_word angle, wide_real *cosine, wide_real *sine)
 {
     const wide_real quarters = WIDE_MATH(floor)(angle.high/quarter[0] + (wide_real)0.5);
     if (!(WIDE_MATH(fabs)(quarters) < (wide_real)4503599627370496.0)) {
-        *cosine = WIDE_MATH(cos)(angle.high); /* no digit is left to be kept */
+        *cosine = WIDE_MATH(cos)(angle.high); /* beyond 2^52 quarters: no digit is left */
         *sine = WIDE_MATH(sin)(angle.high);
         return;
     }
@@ -68,9 +70,9 @@ static void circle(double_word angle, wide_real *cosine, wide_real *sine)
         angle = plus(angle, product_of(-quarters, quarter[i]));
     const wide_real c = WIDE_MATH(cos)(angle.high), s = WIDE_MATH(sin)(angle.high);
     const wide_real x = c - angle.low*s, y = s + angle.low*c;
-    const int turns = (int)(quarters - 4*WIDE_MATH(floor)(quarters/4));
-    *cosine = turns == 0 ? x : turns == 1 ? -y : turns == 2 ? -x : y;
-    *sine = turns == 0 ? y : turns == 1 ? x : turns == 2 ? -y : -x;
+    const int quadrant = (int)(quarters - 4*WIDE_MATH(floor)(quarters/4));
+    *cosine = quadrant == 0 ? x : quadrant == 1 ? -y : quadrant == 2 ? -x : y;
+    *sine = quadrant == 0 ? y : quadrant == 1 ? x : quadrant == 2 ? -y : -x;
 }
 
 #endif

@@ -2,9 +2,10 @@
 
 #if GS_INDEFINITE_MASS
 /*
- * A <- M(q) and behind it M = Q R by modified Gram-Schmidt: the columns of Q, and R with 1/|q_k|^2
- * on its diagonal. For an indefinite M, L D L^T without pivots loses digits. Here nothing branches,
- * so that lanes do the same, and b as one more column makes it backward stable (Bjorck, 1967).
+ * A <- M(q), followed by M = Q R from modified Gram-Schmidt: the columns of Q, then R with
+ * 1/|q_k|^2 on its diagonal. L D L^T without pivoting is unstable for an indefinite M. Gram-Schmidt
+ * has no branches, so that all lanes execute it alike, and the right-hand side as an additional
+ * column makes the solution backward stable (Bjorck, 1967).
  */
 static void TYPED(factor_mass)(const TYPED(constants) *c, const NUMBER q[N], NUMBER A[MASS])
 {
@@ -31,7 +32,7 @@ static void TYPED(factor_mass)(const TYPED(constants) *c, const NUMBER q[N], NUM
         }
 }
 
-/* x <- M^-1 x from the factors */
+/* x <- M^-1 x from the factors of M */
 static void TYPED(solve_mass)(const NUMBER A[MASS], NUMBER x[N])
 {
     const NUMBER *Q = A + MASS_ENTRIES, *R = Q + N*N;
@@ -51,7 +52,7 @@ static void TYPED(solve_mass)(const NUMBER A[MASS], NUMBER x[N])
     }
 }
 #else
-/* A <- the factors of M(q) = L D L^T without its zeros: 1/D on the diagonal, L below it. */
+/* A <- the sparse factors M(q) = L D L^T: D^-1 on the diagonal, the non-zeros of L below it. */
 static void TYPED(factor_mass)(const TYPED(constants) *c, const NUMBER q[N], NUMBER A[MASS])
 {
     const int *row = mass_row, *slot = mass_slot, *target = mass_target;
@@ -73,14 +74,14 @@ static void TYPED(factor_mass)(const TYPED(constants) *c, const NUMBER q[N], NUM
     }
 }
 
-/* x <- M^-1 x from the factors */
+/* x <- M^-1 x from the factors of M */
 static void TYPED(solve_mass)(const NUMBER A[MASS], NUMBER x[N])
 {
     const int *row = mass_row, *slot = mass_slot;
     for (int k = 0; k < N; ++k) {
-        const NUMBER part_of_it = x[mass_order[k]];
+        const NUMBER x_k = x[mass_order[k]];
         for (int i = 0; i < mass_rows[k]; ++i)
-            x[*row++] -= A[*slot++]*part_of_it;
+            x[*row++] -= A[*slot++]*x_k;
     }
     for (int k = N - 1; k >= 0; --k) {
         const int pivot = mass_order[k];
@@ -94,7 +95,7 @@ static void TYPED(solve_mass)(const NUMBER A[MASS], NUMBER x[N])
 }
 #endif
 
-/* v with M v = p - b, from the factors of M */
+/* v = M^-1 (p - b) from the factors A of M */
 static void TYPED(velocities)(const TYPED(constants) *c, const NUMBER q[N], const NUMBER p[N],
     const NUMBER A[MASS], NUMBER v[N])
 {

@@ -1,4 +1,4 @@
-/* Norms, and perturbations of the size of round-off. */
+/* Maximum norm, and random perturbations of the size of round-off. */
 #ifndef GS_LINEAR_ALGEBRA_NORMS_H
 #define GS_LINEAR_ALGEBRA_NORMS_H
 
@@ -9,7 +9,7 @@ static real larger(real a, real b)
     return a > b ? a : b;
 }
 
-/* max |x_i|; NaN if there is one */
+/* max |x_i|; NaN if any x_i is NaN */
 static real norm(int n, const real *x)
 {
     real size = 0;
@@ -23,11 +23,14 @@ static real norm(int n, const real *x)
     return size;
 }
 
-/* Two units in the last place of 1, up or down by chance: to see what rounding is worth. */
-static real perturbation(unsigned *chance)
+/*
+ * A relative perturbation of +-2 ulp with a pseudo-random sign (linear congruential generator). The
+ * response of a function to it estimates the function's round-off error.
+ */
+static real perturbation(unsigned *seed)
 {
-    *chance = *chance*1664525u + 1013904223u;
-    return *chance >> 31 ? 2*epsilon : -2*epsilon;
+    *seed = *seed*1664525u + 1013904223u;
+    return *seed >> 31 ? 2*epsilon : -2*epsilon;
 }
 
 #endif

@@ -4,13 +4,13 @@
 
 #include "gyrospark/engine.h"
 
-/* A rounded value: volatile keeps the compiler from contracting its product into a sum. */
+/* Rounds a product: volatile prevents its contraction into a fused multiply-add. */
 static real rounded(volatile real value)
 {
     return value;
 }
 
-/* sum += the product of the factors, in twice the working precision (two-product, two-sum). */
+/* sum += prod_i factors[i] in twice the working precision, by two-product and two-sum. */
 static void add_product(real sum[2], int count, const real *factors)
 {
     real high = factors[0], low = 0;

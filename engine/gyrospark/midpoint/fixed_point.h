@@ -1,4 +1,4 @@
-/* IMS and EMS: the fixed-point iteration. */
+/* IMS and EMS (midpoint and energy-momentum scheme): the fixed-point iteration. */
 #ifndef GS_MIDPOINT_FIXED_POINT_H
 #define GS_MIDPOINT_FIXED_POINT_H
 
@@ -10,51 +10,51 @@
 
 #define SOLVER(f) SINGLE(f)
 
-/* Where the unknowns stand: the increments dq and dp, and the impulses h lambda. */
+/* Layout of the unknowns: the increments dq and dp, and the impulses h lambda. */
 enum { SOLVER(S) = 1, SOLVER(P) = 1 };
 enum { SOLVER(HAT) = N, SOLVER(IMPULSE) = 2*N, SOLVER(X) = 2*N + M, SOLVER(RESULT) = SOLVER(X) };
 static const int SOLVER(group_ends)[GROUPS] = { SOLVER(HAT), SOLVER(IMPULSE), SOLVER(X) };
 static const int SOLVER(group_rows)[GROUPS] = { N, N, M };
 
 #if !GS_CONSTRAINED
-/* What a sweep improves. */
+/* Unknowns of the iteration. */
 typedef struct {
     lanes x[SOLVER(X)];
 } SOLVER(unknowns);
 
-/* There are no constraints. */
+/* State of the constraints: there are none. */
 typedef struct {
-    lanes defect; /* none */
+    lanes defect; /* 0 */
 } SOLVER(constraint_state);
 #endif
 
 #if GS_CONSTRAINED
 #if GS_CONSTANT_SCHUR
-/* What a sweep improves: W is constant. */
+/* Unknowns of the iteration; W is constant. */
 typedef struct {
     lanes x[SOLVER(X)];
 } SOLVER(unknowns);
 
-/* What is known of the constraints. */
+/* State of the constraints. */
 typedef struct {
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
-    lanes W_inverse[M][M]; /* by h */
-    lanes correction;      /* c, with H_pp G^T = c G^T */
+    lanes defect; /* squared constraint defect of the last iteration, relative to the state */
+    lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
+    lanes W_inverse[M][M]; /* (h W)^-1 */
+    lanes correction;      /* c in H_pp G^T = c G^T */
 } SOLVER(constraint_state);
 #else
-/* What a sweep improves, and the factors of W at the end of the step. */
+/* Unknowns of the iteration, and the factors of W at the end of the step. */
 typedef struct {
     lanes x[SOLVER(X)];
     schur_t factor;
 } SOLVER(unknowns);
 
-/* What is known of the constraints. */
+/* State of the constraints. */
 typedef struct {
-    lanes defect;       /* of the constraints in the last sweep */
-    lanes row_weight[M]; /* 1/|G_mu|^2 of the rows of G at the state */
-    lanes g[M], g_rounded[M]; /* g at the state, with and without what rounding left over */
+    lanes defect; /* squared constraint defect of the last iteration, relative to the state */
+    lanes row_weight[M]; /* 1/|G_mu|^2, rows of G at the state */
+    lanes g[M], g_rounded[M]; /* g at q + q_low, and at the rounded q */
 } SOLVER(constraint_state);
 #endif
 #endif
@@ -62,23 +62,23 @@ typedef struct {
 typedef struct {
     lanes_constants constants;
     lanes h, h_inverse;
-    lanes q[N], p[N];         /* the state, rounded, */
-    lanes q_low[N], p_low[N]; /* and what rounding left over */
-    lanes q_weight, p_weight;     /* 1/(|q|^2 + |dq|^2), and of p: what changes are relative to */
-    lanes step_squared;              /* |dq|^2 and |dp|^2 relative to these */
-    lanes t;                  /* at the start of the step */
+    lanes q[N], p[N];         /* the state, rounded */
+    lanes q_low[N], p_low[N]; /* compensation of the sums: round-off of q and p */
+    lanes q_weight, p_weight; /* 1/(|q|^2 + |dq|^2), and the same for p: scales of changes */
+    lanes step_squared;       /* |dq|^2 q_weight + |dp|^2 p_weight */
+    lanes t;                  /* time at the start of the step */
     IF_TIME(lanes step;)
-    lanes work, work_low;     /* done by the forces since the start */
-    lanes change, round_off;      /* of the last sweep; what rounding is worth in one */
+    lanes work, work_low;     /* work of the forces since the start, and its round-off */
+    lanes change, round_off;  /* of an iteration: squared change, estimated round-off */
     IF_FRAME(int stationary[LANES];)
     SOLVER(unknowns) now;
     SOLVER(constraint_state) constraint_state;
     predictor_t predictor;
-    lanes extrapolated[SOLVER(X)]; /* what went before, once more */
+    lanes extrapolated[SOLVER(X)]; /* the increments of the last step */
     lanes history[HISTORY*SOLVER(X)];
 } SOLVER(t);
 
-/* The means of the ends (51). */
+/* The mean values (51) of the start and the end of the step. */
 INLINE void SOLVER(mean_values)(const SOLVER(t) *w, const lanes *x, lanes *q_mean, lanes *p_mean)
 {
     for (int a = 0; a < N; ++a) {
@@ -87,7 +87,7 @@ INLINE void SOLVER(mean_values)(const SOLVER(t) *w, const lanes *x, lanes *q_mea
     }
 }
 
-/* dq = h D_p between the state and the end that x says. */
+/* dq = h D_p between the state and the end x of the step. */
 INLINE void SOLVER(position_increment)(const SOLVER(t) *w, lanes *x)
 {
     lanes q_mean[N], p_mean[N], rate[N];
@@ -97,9 +97,9 @@ INLINE void SOLVER(position_increment)(const SOLVER(t) *w, lanes *x)
         x[a] = w->h*rate[a];
 }
 
-/* The momentum's increment a; the squares of what a sweep has changed are added up. */
-INLINE void SOLVER(accumulate_increment)(const SOLVER(t) *w, int a, lanes force, lanes *x, lanes *q_change,
-    lanes *p_change)
+/* Sets the increment of momentum a; accumulates the squared norm of the change. */
+INLINE void SOLVER(accumulate_increment)(const SOLVER(t) *w, int a, lanes force, lanes *x,
+    lanes *q_change, lanes *p_change)
 {
     x[SOLVER(HAT) + a] = force;
     const lanes dq = x[a] - w->now.x[a], dp = force - w->now.x[SOLVER(HAT) + a];
@@ -107,7 +107,7 @@ INLINE void SOLVER(accumulate_increment)(const SOLVER(t) *w, int a, lanes force,
     *p_change += dp*dp;
 }
 
-/* D_q - F there, with F at the means and the middle of the step. */
+/* D_q - F, with F at the mean values and the midpoint in time. */
 INLINE void SOLVER(evaluate_mean_force)(const SOLVER(t) *w, const lanes *x, lanes *rate)
 {
     lanes q_mean[N], p_mean[N];
@@ -117,7 +117,7 @@ INLINE void SOLVER(evaluate_mean_force)(const SOLVER(t) *w, const lanes *x, lane
 }
 
 #if !GS_CONSTRAINED
-/* Without constraints there is nothing to begin with, to correct, or to look at. */
+/* No constraints: nothing to factorise, to correct or to evaluate. */
 INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
 {
     (void)w;
@@ -143,7 +143,7 @@ static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
     (void)w, (void)lane, (void)multipliers;
 }
 
-/* The second half of a sweep: dp from dq. */
+/* dp from dq: Gauss-Seidel ordering. */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *x, lanes *q_change, lanes *p_change)
 {
     lanes rate[N];
@@ -155,7 +155,7 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *x, lanes *q_change, lanes 
 
 #if GS_CONSTRAINED
 #if GS_ELEMENTS
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
 INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
 {
     SOLVER(constraint_state) *at = &w->constraint_state;
@@ -167,7 +167,7 @@ INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
     }
 }
 #else
-/* g at the state, with what rounding left of q, and 1/|G_mu|^2 of each row of G. */
+/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
 INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
 {
     lanes G[M][N];
@@ -186,7 +186,7 @@ INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
 #endif
 
 #if GS_CONSTANT_SCHUR
-/* W is constant where g = 0: there is nothing to factorise, and its inverse multiplies. */
+/* W is constant where g = 0, and its inverse is stored: there is nothing to factorise. */
 INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
 {
     (void)w;
@@ -201,7 +201,7 @@ INLINE void SOLVER(apply_schur_inverse)(const SOLVER(t) *w, lanes g[M], lanes *i
 }
 
 #if GS_SCALAR_SCHUR
-/* (h W)^-1 of the run, and c with H_pp G^T = c G^T */
+/* Computes (h W)^-1, and c with H_pp G^T = c G^T. */
 static void SOLVER(prepare_schur)(SOLVER(t) *w)
 {
     lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
@@ -211,7 +211,7 @@ static void SOLVER(prepare_schur)(SOLVER(t) *w)
     w->constraint_state.correction = lanes_correction(&w->constants);
 }
 #else
-/* (h W)^-1 of the run */
+/* Computes (h W)^-1. */
 static void SOLVER(prepare_schur)(SOLVER(t) *w)
 {
     lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
@@ -221,7 +221,7 @@ static void SOLVER(prepare_schur)(SOLVER(t) *w)
 }
 #endif
 #else
-/* W = G H_pp G^T at the end of the step, factorised */
+/* Factorises W = G H_pp G^T at the end of the step. */
 INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
 {
     lanes q[N], p[N];
@@ -248,7 +248,7 @@ static void SOLVER(prepare_schur)(SOLVER(t) *w)
 #endif
 
 #if GS_SCALAR_SCHUR
-/* H_pp G^T = c G^T: a pull changes the velocity by c times what it changes the momenta by. */
+/* H_pp G^T = c G^T: a constraint force changes the velocity by c times the change of momentum. */
 INLINE void SOLVER(add_multiplier_response)(const SOLVER(t) *w, int a, lanes force, lanes *x)
 {
     x[a] -= (real)0.5*w->h*w->constraint_state.correction*force;
@@ -259,7 +259,7 @@ INLINE void SOLVER(update_position_increment)(const SOLVER(t) *w, lanes *x)
     (void)w, (void)x;
 }
 #else
-/* What the pulls change of the velocity is found by another look at it. */
+/* H_pp G^T is not c G^T: update_position_increment evaluates the velocity again. */
 INLINE void SOLVER(add_multiplier_response)(const SOLVER(t) *w, int a, lanes force, lanes *x)
 {
     (void)w, (void)a, (void)force, (void)x;
@@ -277,8 +277,8 @@ INLINE void SOLVER(begin_iteration)(SOLVER(t) *w)
 }
 
 /*
- * Corrects the impulses, so that the end is on the constraints; w->bound.defect is how far from
- * g = 0 it was before.
+ * impulse += 2 (h W)^-1 g: corrects the impulses so that the end of the step satisfies g = 0. The
+ * squared defect before the correction is stored for the convergence test.
  */
 INLINE void SOLVER(correct_multipliers)(SOLVER(t) *w, lanes *x)
 {
@@ -293,7 +293,7 @@ INLINE void SOLVER(correct_multipliers)(SOLVER(t) *w, lanes *x)
     SOLVER(apply_schur_inverse)(w, g, x + SOLVER(IMPULSE));
 }
 
-/* The multipliers of lane i, from its impulses. */
+/* Multipliers of a lane: impulse/h. */
 static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
 {
     for (int mu = 0; mu < M; ++mu)
@@ -301,7 +301,7 @@ static void SOLVER(multipliers)(const SOLVER(t) *w, int lane, real *multipliers)
 }
 
 #if GS_ELEMENTS
-/* The second half of a sweep: the impulses, both increments corrected, dp from them. */
+/* Corrects the impulses and both increments, then dp: Gauss-Seidel ordering. */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *x, lanes *q_change, lanes *p_change)
 {
     lanes correction[M], force[N], at[N], q_mean[N], p_mean[N], rate[N];
@@ -320,7 +320,7 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *x, lanes *q_change, lanes 
         SOLVER(accumulate_increment)(w, a, -w->h*rate[a] - force[a], x, q_change, p_change);
 }
 #else
-/* The second half of a sweep: the impulses, both increments corrected, dp from them. */
+/* Corrects the impulses and both increments, then dp: Gauss-Seidel ordering. */
 INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *x, lanes *q_change, lanes *p_change)
 {
     lanes G[M][N], q_mean[N], p_mean[N], rate[N];
@@ -348,7 +348,7 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *x, lanes *q_change, lanes 
 
 #if GS_TIME_DEPENDENT
 #if GS_CONSTRAINED
-/* lambda.g_t: the power of a drive through the constraints, g_t between the two ends */
+/* lambda.g_t: power of the rheonomic constraints, with the discrete derivative g_t of the step */
 INLINE lanes SOLVER(constraint_power)(const SOLVER(t) *w, const lanes *q_mean)
 {
     lanes rate[M], sum = splat(0);
@@ -358,7 +358,7 @@ INLINE lanes SOLVER(constraint_power)(const SOLVER(t) *w, const lanes *q_mean)
     return sum;
 }
 #else
-/* There is no constraint that a drive could move. */
+/* No constraints: no power of rheonomic constraints. */
 INLINE lanes SOLVER(constraint_power)(const SOLVER(t) *w, const lanes *q_mean)
 {
     (void)w, (void)q_mean;
@@ -369,7 +369,7 @@ INLINE lanes SOLVER(constraint_power)(const SOLVER(t) *w, const lanes *q_mean)
 
 #if GS_FORCES
 #if GS_ENERGY_MOMENTUM
-/* Adds F.dq, the work of the forces at the mean velocity dq/h. It is what H gains, exactly. */
+/* work += F.dq with F at the mean velocity dq/h. H changes by exactly this work. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
     lanes q_mean[N], p_mean[N], v[N], F[N], done = splat(0), total;
@@ -387,7 +387,7 @@ INLINE void SOLVER(add_work)(SOLVER(t) *w)
     w->work = total;
 }
 #else
-/* Adds F.dq, the work of the forces. For a discrete gradient it is what H gains, exactly. */
+/* work += F.dq. With a discrete gradient, H changes by exactly this work. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
     lanes q_mean[N], p_mean[N], F[N], done = splat(0), total;
@@ -408,7 +408,7 @@ INLINE void SOLVER(add_work)(SOLVER(t) *w)
 }
 #endif
 #else
-/* Without forces no work is done. */
+/* No forces: no work. */
 INLINE void SOLVER(add_work)(SOLVER(t) *w)
 {
     (void)w;
@@ -419,7 +419,7 @@ INLINE void SOLVER(add_work)(SOLVER(t) *w)
 #include "gyrospark/frames/relative_equilibrium.h"
 #endif
 
-/* Starting values without a past: an explicit Euler step, no impulse. */
+/* Explicit Euler start, without a history: zero impulses. */
 INLINE void SOLVER(euler_start)(SOLVER(t) *w)
 {
     lanes rates[2*N], zero[N];
@@ -436,8 +436,9 @@ INLINE void SOLVER(euler_start)(SOLVER(t) *w)
 }
 
 /*
- * One sweep, Gauss-Seidel: dq from dp, the impulses from the constraint at the end, both corrected,
- * dp from them. w->change is the sum of squares of what it changed, relative to the state.
+ * One fixed-point iteration, Gauss-Seidel ordering: dq from dp, the impulses from g = 0 at the end
+ * of the step, corrections of dq and dp, dp from both. w->change is the squared norm of the change,
+ * relative to the state.
  */
 INLINE void SOLVER(iterate_once)(SOLVER(t) *w)
 {
@@ -453,31 +454,31 @@ INLINE void SOLVER(iterate_once)(SOLVER(t) *w)
 }
 
 /*
- * What rounding is worth in a sweep, w->noise: the squared difference, relative to the state, that
- * it makes to the rates when a state is moved by two units in the last place, the mean of four
- * times, and what rounding the rates makes. The state is that at the start of the step, for sweeps
- * that have gone astray prove nothing.
+ * w->round_off: estimate of the round-off in one iteration, as a squared change relative to the
+ * state. The rates are evaluated at four random perturbations of the state by 2 ulp and are
+ * perturbed by 2 ulp themselves; the estimate is the mean squared difference. The state is the
+ * start of the step, because the iterates may be far from the solution.
  */
 NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
 {
     lanes zero[N], H_p[N], H_q[N], dq = splat(0), dp = splat(0);
-    unsigned chance = 1;
+    unsigned seed = 1;
     const lanes t = w->t + (real)0.5*w->h;
     for (int a = 0; a < N; ++a)
         zero[a] = splat(0);
     lanes_mean_velocity(LANES_AT(&w->constants, t), w->q, w->p, zero, zero, H_p);
     lanes_mean_force(&w->constants, w->q, w->p, zero, zero, &t, H_q);
-    for (int attempt = 0; attempt < 4; ++attempt) {
-        lanes place[N], momentum[N], H_p_near[N], H_q_near[N];
+    for (int sample = 0; sample < 4; ++sample) {
+        lanes position[N], momentum[N], H_p_perturbed[N], H_q_perturbed[N];
         for (int a = 0; a < N; ++a) {
-            place[a] = w->q[a] + perturbation(&chance)*w->q[a];
-            momentum[a] = w->p[a] + perturbation(&chance)*w->p[a];
+            position[a] = w->q[a] + perturbation(&seed)*w->q[a];
+            momentum[a] = w->p[a] + perturbation(&seed)*w->p[a];
         }
-        lanes_mean_velocity(&w->constants, place, momentum, zero, zero, H_p_near);
-        lanes_mean_force(&w->constants, place, momentum, zero, zero, &t, H_q_near);
+        lanes_mean_velocity(&w->constants, position, momentum, zero, zero, H_p_perturbed);
+        lanes_mean_force(&w->constants, position, momentum, zero, zero, &t, H_q_perturbed);
         for (int a = 0; a < N; ++a) {
-            const lanes by_p = H_p_near[a] - H_p[a] + perturbation(&chance)*H_p[a];
-            const lanes by_q = H_q_near[a] - H_q[a] + perturbation(&chance)*H_q[a];
+            const lanes by_p = H_p_perturbed[a] - H_p[a] + perturbation(&seed)*H_p[a];
+            const lanes by_q = H_q_perturbed[a] - H_q[a] + perturbation(&seed)*H_q[a];
             dq += by_p*by_p;
             dp += by_q*by_q;
         }
@@ -485,7 +486,7 @@ NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
     w->round_off = (real)0.25*w->h*w->h*(w->q_weight*dq + w->p_weight*dp);
 }
 
-/* The end of the step, in compensated sums. */
+/* The end of the step, by compensated summation. */
 INLINE void SOLVER(finish)(SOLVER(t) *w)
 {
     IF_FRAME(const SOLVER(state) before = SOLVER(current_state)(w);)
@@ -502,7 +503,7 @@ INLINE void SOLVER(finish)(SOLVER(t) *w)
     SOLVER(evaluate_constraints)(w);
 }
 
-/* Lane i of a run: its constants and time step. */
+/* Sets the constants and the step size of a lane. */
 static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
 {
     set_constants(&w->constants, lane, c);
@@ -510,13 +511,13 @@ static void SOLVER(prepare)(SOLVER(t) *w, int lane, const constants *c, real h)
     lane_set(&w->h_inverse, lane, 1/h);
 }
 
-/* What is known of the past. */
+/* Clears the history. */
 static void SOLVER(reset_history)(SOLVER(t) *w)
 {
     reset_predictor(&w->predictor);
 }
 
-/* What follows from the constants and steps of all lanes. */
+/* Computes all that depends on the constants and step sizes; clears history and work. */
 static void SOLVER(initialise)(SOLVER(t) *w)
 {
     SOLVER(prepare_schur)(w);
@@ -529,7 +530,7 @@ static void SOLVER(initialise)(SOLVER(t) *w)
     SOLVER(evaluate_constraints)(w);
 }
 
-/* What changes are relative to: the state and the step's own length. */
+/* The scales of changes: 1/(|q|^2 + |dq|^2), and the same for p. */
 INLINE void SOLVER(update_scales)(SOLVER(t) *w)
 {
     lanes q_square = splat(LIMIT(MIN)), p_square = splat(LIMIT(MIN));
@@ -546,27 +547,29 @@ INLINE void SOLVER(update_scales)(SOLVER(t) *w)
     w->step_squared = q_increment*w->q_weight + p_increment*w->p_weight;
 }
 
-/* Starting values of the next step. */
+/* Computes the starting values of the next step and the factors of W. */
 NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int predicted)
 {
     if (predicted) {
         const lanes *x = history_entry(&w->predictor, w->history, SOLVER(X), 0);
         for (int e = 0; e < SOLVER(X) && !w->predictor.fitted; ++e)
             w->extrapolated[e] = x[e];
-        predict(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), w->extrapolated, w->now.x);
+        predict(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), w->extrapolated,
+            w->now.x);
     } else
         SOLVER(euler_start)(w);
     SOLVER(update_scales)(w);
     SOLVER(begin_iteration)(w);
 }
 
-/* Records the step just done. */
+/* Appends the completed step to the history. */
 INLINE void SOLVER(record_step)(SOLVER(t) *w)
 {
-    record_values(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), SOLVER(group_rows), w->extrapolated, w->now.x);
+    record_values(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), SOLVER(group_rows),
+        w->extrapolated, w->now.x);
 }
 
-/* The unknowns from those of the sweeps, and those of a lane from them. */
+/* Unknowns of Newton's method (multipliers) from those of the iteration (impulses), and back. */
 static void SOLVER(get_unknowns)(const SOLVER(t) *w, real x[U])
 {
     for (int e = 0; e < SOLVER(X); ++e)

@@ -1,11 +1,11 @@
-/* IMS and EMS: the Jacobian of the residual. */
+/* Implicit midpoint (IMS) and energy-momentum (EMS) schemes: the Jacobian of the residual. */
 #ifndef GS_MIDPOINT_JACOBIAN_H
 #define GS_MIDPOINT_JACOBIAN_H
 
 #include "gyrospark/midpoint/residual.h"
 
 #if GS_CONSTRAINED
-/* What constraints add to the Jacobian. */
+/* Adds the constraint blocks to the Jacobian: d(G^T lambda)/d(dq), the mean G^T, and G(q1). */
 static void constraint_columns(work_t *w, const real q[N], const real x[U], real J[U*U])
 {
     real K[N][N], q1[N], G[M][N], G1[M][N];
@@ -30,7 +30,7 @@ static void constraint_columns(work_t *w, const real q[N], const real x[U], real
 }
 #endif
 
-/* dr/dx at the mean values of the last residual. */
+/* J <- dr/dx at the mean values of the last residual. */
 static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real J[U*U])
 {

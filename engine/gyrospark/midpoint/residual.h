@@ -1,4 +1,4 @@
-/* IMS and EMS: mean values and the residual. */
+/* Implicit midpoint (IMS) and energy-momentum (EMS) schemes: mean values and the residual. */
 #ifndef GS_MIDPOINT_RESIDUAL_H
 #define GS_MIDPOINT_RESIDUAL_H
 
@@ -14,17 +14,17 @@
 
 #if GS_CONSTRAINED
 #if GS_ELEMENTS
-/* force += G^T lambda, with G between two states */
+/* force += G^T lambda with the mean constraint Jacobian G of both ends of the step */
 static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
     const real lambda[M], real force[N])
 {
-    real pull[N];
-    mean_pull(c, qm, dq, lambda, pull);
+    real mean_force[N];
+    mean_pull(c, qm, dq, lambda, mean_force);
     for (int a = 0; a < N; ++a)
-        force[a] += pull[a];
+        force[a] += mean_force[a];
 }
 #else
-/* force += G^T lambda, with G between two states */
+/* force += G^T lambda with the mean constraint Jacobian G of both ends of the step */
 static void add_mean_constraint_force(const constants *c, const real qm[N], const real dq[N],
     const real lambda[M], real force[N])
 {
@@ -36,7 +36,7 @@ static void add_mean_constraint_force(const constants *c, const real qm[N], cons
 }
 #endif
 
-/* What constraints add to the residual: the pull of the multipliers, and g at the end. */
+/* Adds the constraint force to the rows of dp; appends the rows g(q + dq). */
 static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
 {
     real g[M], dg[M];
@@ -47,7 +47,7 @@ static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[
         r[2*N + mu] = g[mu] + dg[mu];
 }
 
-/* q1 - q */
+/* d <- q1 - q */
 static void displacement(real dt, const real x[U], real d[N])
 {
     (void)dt;
@@ -55,14 +55,14 @@ static void displacement(real dt, const real x[U], real d[N])
         d[a] = x[a];
 }
 
-/* The multipliers of a step, from its unknowns. */
+/* Copies the multipliers from the unknowns of a step. */
 static void step_multipliers(const real x[U], real multipliers[ROOM])
 {
     for (int mu = 0; mu < M; ++mu)
         multipliers[mu] = x[2*N + mu];
 }
 #else
-/* Without constraints nothing pulls, and no multiplier is found. */
+/* Unconstrained system: no constraint force, no multipliers. */
 static void constraint_rows(work_t *w, const real q[N], const real x[U], real r[U])
 {
     (void)w, (void)q, (void)x, (void)r;
@@ -77,7 +77,7 @@ static void step_multipliers(const real x[U], real multipliers[ROOM])
 /* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
 enum { DP = N, LAMBDA = 2*N };
 
-/* Starting guess: an explicit Euler step, no constraint force. */
+/* Explicit Euler start, without constraint forces. */
 static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])
 {
     const real zero[N] = { 0 };
@@ -91,14 +91,14 @@ static void euler_start(work_t *w, real dt, const real q[N], const real p[N], re
         x[l] = 0;
 }
 
-/* The same of a momentum that stays. */
+/* Zero-force start: dp = 0, for stiff forces that mislead the Euler start. */
 static void zero_force_start(real x[U])
 {
     for (int e = DP; e < LAMBDA; ++e)
         x[e] = 0;
 }
 
-/* q_mean, p_mean (51) */
+/* Mean values q_mean = q + dq/2, p_mean = p + dp/2 (51) */
 static void mean_values(work_t *w, const real q[N], const real p[N], const real x[U])
 {
     for (int a = 0; a < N; ++a) {
@@ -108,8 +108,8 @@ static void mean_values(work_t *w, const real q[N], const real p[N], const real 
 }
 
 /*
- * r = [dq/dt - D_p; dp/dt + D_q - F + G^T lambda; g(q + dq)], F at the means and t + dt/2,
- * G between the two ends
+ * r = [dq/dt - D_p; dp/dt + D_q - F + G^T lambda; g(q + dq)], with F at the mean values and
+ * t + dt/2, and the mean constraint Jacobian G of both ends
  */
 static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real r[U])
@@ -126,7 +126,7 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
     constraint_rows(w, q, x, r);
 }
 
-/* The increment relative to the state; the multipliers do not count. */
+/* Norm of an increment, max(|ddq|/|q|, |ddp|/|p|), relative to the state; excludes multipliers. */
 static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real dx[U])
 {
@@ -137,7 +137,7 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
     return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
 }
 
-/* The same of a residual, which is by dt; what is left of the constraints does not count. */
+/* Norm of dt r in the scale of increment_size; excludes the constraint residual. */
 static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real r[U])
 {

@@ -1,10 +1,10 @@
-/* IMS and EMS: the end of the step, and the work of a step. */
+/* Implicit midpoint (IMS) and energy-momentum (EMS) schemes: end and work of a step. */
 #ifndef GS_MIDPOINT_STEP_END_H
 #define GS_MIDPOINT_STEP_END_H
 
 #include "gyrospark/midpoint/residual.h"
 
-/* T2 has nothing left to solve: the unknowns are the step. */
+/* T2: q1 = q + dq, p1 = p + dp. */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
 {
@@ -19,7 +19,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
 
 #if GS_TIME_DEPENDENT
 #if GS_CONSTRAINED
-/* lambda.g_t: the power of a drive through the constraints, g_t between the two ends */
+/* lambda.g_t: the power of rheonomic constraints, with the mean g_t of both ends */
 static real constraint_power(work_t *w, const real x[U])
 {
     real rate[M], sum = 0;
@@ -29,7 +29,7 @@ static real constraint_power(work_t *w, const real x[U])
     return sum;
 }
 #else
-/* There is no constraint that a drive could move. */
+/* Unconstrained system: no rheonomic constraints, no power. */
 static real constraint_power(work_t *w, const real x[U])
 {
     (void)w, (void)x;
@@ -40,7 +40,7 @@ static real constraint_power(work_t *w, const real x[U])
 
 #if GS_FORCES
 #if GS_ENERGY_MOMENTUM
-/* F.dq: the work of the forces at the mean velocity dq/dt. It is what H gains, exactly. */
+/* Work of the forces at the mean velocity, F.dq. The discrete gradient makes H1 - H0 equal it. */
 static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     real F[N], v[N], sum = 0;
@@ -56,7 +56,7 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
     return sum;
 }
 #else
-/* F.dq: the work of the forces. For a discrete gradient it is what H gains, exactly. */
+/* Work of the forces, F.dq. With a discrete gradient, H1 - H0 equals it exactly. */
 static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     real F[N], sum = 0;

@@ -1,4 +1,4 @@
-/* T1 by Newton's method. */
+/* Newton's method for the nonlinear system of phase T1. */
 #ifndef GS_NEWTON_NEWTON_H
 #define GS_NEWTON_NEWTON_H
 
@@ -23,25 +23,25 @@
 #endif
 
 #if GS_ELEMENTS
-/* The Jacobian of T1 as a band, its factors in its place. */
+/* Factorises the banded Jacobian of T1 in place. */
 static int factorise_jacobian(work_t *w)
 {
     return band_factorise(w->J, w->exponents, w->pivots, &w->products);
 }
 
-/* b <- J^-1 b from the factors */
+/* b <- J^-1 b from the factors of J */
 static int solve_jacobian(work_t *w, real b[U])
 {
     return band_substitute(w->J, w->exponents, w->pivots, b, w->forward);
 }
 #else
-/* The Jacobian of T1 as U rows of U, its factors in its place. */
+/* Factorises the dense U x U Jacobian of T1 in place. */
 static int factorise_jacobian(work_t *w)
 {
     return lu_factorise(U, w->J, w->exponents, w->pivots, &w->products);
 }
 
-/* b <- J^-1 b from the factors */
+/* b <- J^-1 b from the factors of J */
 static int solve_jacobian(work_t *w, real b[U])
 {
     return lu_substitute(U, w->J, w->exponents, w->pivots, b);
@@ -50,7 +50,8 @@ static int solve_jacobian(work_t *w, real b[U])
 
 #if GS_CONSTRAINED
 /*
- * Small increments of huge unknowns are no solution: the constraints at the end of the step tell.
+ * Checks g(q1) at the end of the step. The convergence test is relative, and would accept a small
+ * increment of huge unknowns, which is no solution.
  */
 static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
@@ -70,7 +71,7 @@ static int satisfies_constraints(work_t *w, real dt, const real q[N], const real
     return OK;
 }
 #else
-/* Without constraints a small increment is a solution. */
+/* Unconstrained system: the convergence test suffices. */
 static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
     (void)w, (void)dt, (void)q, (void)x;
@@ -79,16 +80,15 @@ static int satisfies_constraints(work_t *w, real dt, const real q[N], const real
 #endif
 
 /*
- * Whether the increment in w->r, no smaller than half the one before, is so by rounding. A stiff
- * spring k rounds its force by epsilon k |q|, and dt times that may be large beside a small
- * momentum: states and guesses two units in the last place away tell by how much the residual is
- * uncertain. They are those at the start of the step, for an iteration that has gone astray proves
- * nothing.
+ * Returns 1 if round-off explains the increment in w->r, after convergence slower than 1/2. A
+ * stiff spring k has a round-off of epsilon k |q| in its force, and dt epsilon k |q| may exceed a
+ * small momentum. Perturbing state and guess by 2 ulp estimates the round-off of the residual. It
+ * is evaluated at the starting guess, because a diverged iterate says nothing about round-off.
  */
 static int is_round_off(work_t *w, real dt, const real q[N], const real p[N], real size)
 {
     real q_near[N], p_near[N], rounding = 0;
-    unsigned chance = 1;
+    unsigned seed = 1;
     if (size <= 64*epsilon)
         return 1;
     euler_start(w, dt, q, p, w->x_near);
@@ -98,11 +98,11 @@ static int is_round_off(work_t *w, real dt, const real q[N], const real p[N], re
         w->r[e] = w->r_near[e];
     for (int attempt = 0; attempt < 4; ++attempt) {
         for (int a = 0; a < N; ++a) {
-            q_near[a] = q[a] + perturbation(&chance)*q[a];
-            p_near[a] = p[a] + perturbation(&chance)*p[a];
+            q_near[a] = q[a] + perturbation(&seed)*q[a];
+            p_near[a] = p[a] + perturbation(&seed)*p[a];
         }
         for (int e = 0; e < U; ++e)
-            w->x_near[e] += perturbation(&chance)*w->x_near[e];
+            w->x_near[e] += perturbation(&seed)*w->x_near[e];
         residual(w, dt, q_near, p_near, w->x_near, w->r_near);
         for (int e = 0; e < U; ++e)
             w->r_near[e] -= w->r[e];
@@ -112,7 +112,7 @@ static int is_round_off(work_t *w, real dt, const real q[N], const real p[N], re
     return size <= 16*rounding;
 }
 
-/* Why iterations end without a solution, by the last increment and its ratio to the one before. */
+/* Failure status of an iteration, from its last increment and the last ratio of increments. */
 static int failure_status(real size, real ratio)
 {
     if (!isfinite(size))
@@ -121,9 +121,9 @@ static int failure_status(real size, real ratio)
 }
 
 /*
- * Iterates x <- x - J^-1 r from the guess in x. It ends when the increment is below the
- * tolerance, when the next one would be below round-off (quadratic convergence: about
- * size (size/previous)^2), or when increments have stopped shrinking where rounding stops them.
+ * Newton's method x <- x - J^-1 r from the guess in x. The convergence test accepts an increment
+ * below the tolerance, an increment whose successor would be below round-off (quadratic
+ * convergence predicts size (size/previous)^2), or a stagnation at round-off level.
  */
 static int iterate(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real x[U], int *iterations)
@@ -145,13 +145,13 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
         w->increment = size;
         for (int e = 0; e < U; ++e)
             x[e] -= w->r[e];
-        if (!isfinite(norm(U, w->r))) /* the size is infinite where a body at rest begins to move */
+        if (!isfinite(norm(U, w->r))) /* `size` may be infinite: a body at rest */
             return NOT_FINITE;
         if (size <= options->tolerance)
             return satisfies_constraints(w, dt, q, x);
         if (*iterations == first)
             continue;
-        const int shrinks = ratio < (real)0.5; /* a small one after one that stalled is chance */
+        const int shrinks = ratio < (real)0.5; /* a small ratio after stagnation is coincidence */
         ratio = size/previous;
         if (ratio >= (real)0.5 && is_round_off(w, dt, q, p, size))
             return satisfies_constraints(w, dt, q, x);
@@ -163,8 +163,8 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
 }
 
 /*
- * The unknowns from the rates at the start of the step. A stiff force, by dt, may be many times the
- * momentum there: where that leads astray, once more from a momentum that stays.
+ * Solves T1 from the explicit Euler start. A stiff force times dt may exceed the momentum by orders
+ * of magnitude and mislead the iteration; the second attempt uses the zero-force start.
  */
 static int newton(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real x[U], int *iterations)

@@ -1,18 +1,18 @@
-/* T1 by simplified Newton, from a close prediction. */
+/* Simplified Newton method for T1, from a predicted starting value. */
 #ifndef GS_NEWTON_SIMPLIFIED_H
 #define GS_NEWTON_SIMPLIFIED_H
 
 #include "gyrospark/newton/newton.h"
 
 /*
- * Simplified Newton from the guess in x: the Jacobian is factorised at the guess, once, and again
- * only where the increments do not shrink fast enough. Gives up early: the caller has full Newton
- * behind it, from a start that cannot lead to another root.
+ * Simplified Newton method from the guess in x (Hairer-Wanner II, IV.8): the factorisation at the
+ * guess is reused, and renewed if the contraction is slower than 0.1. It gives up early, because
+ * the caller falls back to full Newton from the Euler start, which selects the root of the step.
  */
 static int simplified_newton(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real x[U], int *iterations)
 {
-    const real far = (real)0.02, slow = (real)0.1;
+    const real radius = (real)0.02, slow = (real)0.1;
     real previous = 0;
     int stale = 1;
     *iterations = 0;
@@ -31,7 +31,7 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
         ++*iterations;
         w->effort += RESIDUAL_COST;
         const real size = increment_size(w, dt, q, p, x, w->r);
-        if (!(size < far))
+        if (!(size < radius)) /* a distant prediction may converge to another root */
             return NOT_CONVERGED;
         for (int e = 0; e < U; ++e)
             x[e] -= w->r[e];

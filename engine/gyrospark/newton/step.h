@@ -1,4 +1,4 @@
-/* One step by Newton's method, and the functions that expose its parts. */
+/* A step by Newton's method, and public functions for its phases and its residual. */
 #ifndef GS_NEWTON_STEP_H
 #define GS_NEWTON_STEP_H
 
@@ -9,7 +9,7 @@
 #include "gyrospark/frames/rotation.h"
 #endif
 
-/* One step; the constants of the run are prepared. */
+/* Advances (q, p) by one step to (q1, p1); w->constants must be prepared. */
 static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
@@ -38,7 +38,7 @@ int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, 
     return newton(work, options, dt, q, p, x, iterations);
 }
 
-/* Its frame stands still at the start of the step, where x is; the end is turned back. */
+/* x refers to the frame that coincides with space at the start of the step; (q1, p1) to space. */
 int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
     const real x[U], real q1[N], real p1[N], real multipliers[ROOM], work_t *work)
 {
@@ -88,7 +88,7 @@ void NAME(residual)(const parameters_t *parameters, real dt, const real q[N], co
     residual(work, dt, q, p, x, r);
 }
 
-/* The Jacobian row by row, in the order of the unknowns. */
+/* Copies J to dense row-major storage, in the order of the unknowns. */
 static void spread_jacobian(const real *J, real *dense)
 {
 #if GS_ELEMENTS

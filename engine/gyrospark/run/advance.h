@@ -18,7 +18,7 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
         begin_fixed_point(w, dt, q, p);
 }
 
-/* One step of a run, counted and observed. */
+/* Advances a run by one step, and updates its report. */
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
@@ -38,14 +38,14 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
     return OK;
 }
 
-/* The multipliers of the last step; Newton has put them there. */
+/* Fetches the multipliers of the last step; Newton's method has already stored them. */
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
     if (!BY_NEWTON(options))
         SINGLE(multipliers)(&fixed_point_of(w)->solver, 0, multipliers);
 }
 
-/* A step with no past and no future. */
+/* A step without history: the result does not depend on earlier calls. */
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
@@ -67,7 +67,7 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
     (void)w, (void)options, (void)dt, (void)q, (void)p;
 }
 
-/* One step of a run, counted and observed. */
+/* Advances a run by one step, and updates its report. */
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
@@ -79,7 +79,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
     return OK;
 }
 
-/* The multipliers of the last step are where it has put them. */
+/* Newton's method has already stored the multipliers of the last step. */
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
     (void)w, (void)options, (void)multipliers;

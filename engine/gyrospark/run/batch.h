@@ -1,4 +1,4 @@
-/* Several trajectories, one in each lane. */
+/* Integration of a batch: one trajectory per lane of a vector register. */
 #ifndef GS_RUN_BATCH_H
 #define GS_RUN_BATCH_H
 
@@ -6,19 +6,25 @@
 #include "gyrospark/fixed_point/fallback.h"
 #include "gyrospark/run/integrate.h"
 
-/* What a caller's batch memory holds. */
+/* State of a batch, inside the caller's batch memory. */
 typedef struct {
     BATCH(t) solver;
-    BATCH(unknowns) converged; /* lanes that converged before their mates, or are to be kept */
+    BATCH(unknowns) converged; /* unknowns of lanes that converged early, or must not change */
     lanes energy_start, energy_error_max, energy_error_sum;
-    lanes start; /* the time at the start of the run */
-    long done;   /* steps since then */
+    lanes start; /* time at the start of the run */
+    long done;   /* steps since the start */
     lanes g_max, g_sum, f_max, f_sum;
 } ensemble_t;
 
 _Static_assert(sizeof(ensemble_t) + 64 <= sizeof(((batch_memory *)0)->memory),
     "batch memory is too small");
+_Static_assert(_Alignof(ensemble_t) <= 64, "ensemble_of aligns to 64 bytes only");
 
+/*
+ * The state of a batch at the first multiple of 64 bytes in its memory. The cast keeps the engine's
+ * types, whose size depends on the vector registers, out of the public header, which declares
+ * bytes.
+ */
 static ensemble_t *ensemble_of(batch_memory *memory)
 {
     return (ensemble_t *)(((size_t)memory->memory + 63) & ~(size_t)63);
@@ -26,37 +32,38 @@ static ensemble_t *ensemble_of(batch_memory *memory)
 
 enum { UNKNOWNS = sizeof(BATCH(unknowns))/sizeof(lanes) };
 
-/* The first `count` numbers of an iterate, in the lanes of m. */
+/* Copies the first `count` unknowns of an iterate in the lanes of the mask m. */
 INLINE void select_lanes(lanes_mask m, int count, const BATCH(unknowns) *from, BATCH(unknowns) *to)
 {
     assign_lanes(m, count, (const lanes *)(const void *)from, (lanes *)(void *)to);
 }
 
 /*
- * The lanes in `fresh` begin at the rates at the start of the step (or, with x given, at those
- * unknowns); the others are not touched, to the bit.
+ * Restarts the iteration of the lanes in `restarted` from the Euler start or, if x is not NULL,
+ * from the unknowns x. The unknowns of all other lanes remain bit-identical.
  */
-static void restart_lanes(ensemble_t *b, lanes_mask fresh, const real *x)
+static void restart_lanes(ensemble_t *b, lanes_mask restarted, const real *x)
 {
     b->converged = b->solver.now;
     if (x == NULL)
         BATCH(euler_start)(&b->solver);
     for (int i = 0; i < LANES; ++i)
-        if (x != NULL && mask_get(&fresh, i))
+        if (x != NULL && mask_get(&restarted, i))
             BATCH(set_unknowns)(&b->solver, i, x);
     BATCH(begin_iteration)(&b->solver);
-    select_lanes(lanes_mask_not(fresh), UNKNOWNS, &b->converged, &b->solver.now);
+    select_lanes(lanes_mask_not(restarted), UNKNOWNS, &b->converged, &b->solver.now);
 }
 
 /*
- * Sweeps until every lane has converged or given up. A lane ends with the sweep that is its own
- * last one: what it computes does not depend on its mates. lost[i] says why lane i gave up.
+ * Fixed-point iteration until every lane has converged or failed. Each lane returns the iterate at
+ * which its own convergence test stopped it, so that its result does not depend on neighbouring
+ * lanes. failed[i] is the failure status of lane i, or OK.
  */
-static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, const int *alive, int *failed,
-    int *iterations)
+static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, const int *alive,
+    int *failed, int *iterations)
 {
     BATCH(t) *solver = &b->solver;
-    const lanes far = splat((real)0.02);
+    const lanes radius = splat((real)0.02);
     const int predicted = solver->predictor.count > 0, updates = updates_rates(&solver->predictor);
     lanes iterations_taken = splat(0), alive_count = splat(0);
     for (int i = 0; i < LANES; ++i) {
@@ -69,9 +76,9 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, con
     for (int iteration = 1; lanes_any(active); ++iteration) {
         BATCH(iterate_once)(solver);
         const lanes change = solver->change;
-        const lanes_mask on = lanes_is_contracting(&progress, change, options->tolerance,
+        const lanes_mask contracting = lanes_is_contracting(&progress, change, options->tolerance,
             options->max_iterations);
-        if (!updates && !lanes_any(active & lanes_mask_not(on))) {
+        if (!updates && !lanes_any(active & lanes_mask_not(contracting))) {
             lanes_update_contracting(&progress, change, solver->constraint_state.defect);
             iterations_taken = lanes_select_value(active, iterations_taken + 1, iterations_taken);
             continue;
@@ -83,26 +90,29 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, con
         }
         lanes *rates = solver->predictor.rate + rate_index(iteration);
         const lanes rate[2] = { rates[0], rates[1] };
-        lanes_convergence_t result = lanes_test_convergence(&progress, change, solver->constraint_state.defect, solver->step_squared,
-            options->tolerance, options->max_iterations, updates, rates);
+        lanes_convergence_t result = lanes_test_convergence(&progress, change,
+            solver->constraint_state.defect, solver->step_squared, options->tolerance,
+            options->max_iterations, updates, rates);
         assign_lanes(lanes_mask_not(active), 2, rate, rates);
         iterations_taken = lanes_select_value(active, iterations_taken + 1, iterations_taken);
         if (predicted && iteration == 1) {
-            const lanes_mask fresh = active & lanes_mask_not(change < far*far);
+            const lanes_mask restarted = active & lanes_mask_not(change < radius*radius);
             for (int i = 0; i < LANES; ++i)
                 if (mask_get(&active, i))
                     solver->predictor.first[i] = lane_get(&change, i);
-            if (lanes_any(fresh)) { /* a far prediction may lead to another root */
+            if (lanes_any(restarted)) { /* a distant prediction may converge to another root */
                 const lanes_progress_t start = lanes_initial_progress();
-                assign_lanes(fresh, sizeof(progress)/sizeof(lanes), &start.iterations, &progress.iterations);
-                restart_lanes(b, fresh, NULL);
+                assign_lanes(restarted, sizeof(progress)/sizeof(lanes), &start.iterations,
+                    &progress.iterations);
+                restart_lanes(b, restarted, NULL);
             }
-            result.ended &= lanes_mask_not(fresh);
+            result.ended &= lanes_mask_not(restarted);
         }
         const lanes_mask ends = active & result.ended;
         for (int i = 0; i < LANES; ++i)
             if (mask_get(&ends, i) && mask_get(&result.failed, i))
-                failed[i] = failure_reason(lane_get(&progress.change, i), lane_get(&progress.previous, i));
+                failed[i] = failure_reason(lane_get(&progress.change, i),
+                    lane_get(&progress.previous, i));
         active &= lanes_mask_not(ends);
         if (lanes_any(ends) && lanes_any(active)) {
             finished |= ends;
@@ -119,8 +129,9 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, con
         select_lanes(finished, BATCH(RESULT), &b->converged, &solver->now);
 }
 
-/* Lane i by full Newton, as solver NEWTON does it. */
-static int solve_lane_by_newton(ensemble_t *b, const options_t *options, int lane, int *iterations, work_t *w)
+/* Solves the step of one lane by full Newton, with the same bits as the solver NEWTON. */
+static int solve_lane_by_newton(ensemble_t *b, const options_t *options, int lane,
+    int *iterations, work_t *w)
 {
     real q[N], p[N];
     int iterations_taken;
@@ -142,12 +153,14 @@ static int solve_lane_by_newton(ensemble_t *b, const options_t *options, int lan
     return OK;
 }
 
+/* |a| in every lane */
 INLINE lanes lanes_size(lanes a)
 {
     return lanes_larger(a, -a);
 }
 
 #if GS_CONSTRAINED
+/* Adds the constraint errors max |g| and max |f| of all lanes to the report. */
 static void observe_lane_errors(ensemble_t *b)
 {
     BATCH(t) *solver = &b->solver;
@@ -170,7 +183,7 @@ static void observe_lane_errors(ensemble_t *b)
 #endif
 
 #if GS_INPUTS
-/* The inputs of the next step of each trajectory; lanes beyond the last repeat the first. */
+/* Sets the inputs of the next step in every lane; unused lanes repeat the first trajectory. */
 static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count)
 {
     constants c;
@@ -181,6 +194,7 @@ static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count)
 }
 #endif
 
+/* Adds the energy and constraint errors of all lanes to the report. */
 static void observe_lanes(ensemble_t *b)
 {
     BATCH(t) *solver = &b->solver;
@@ -191,7 +205,7 @@ static void observe_lanes(ensemble_t *b)
     observe_lane_errors(b);
 }
 
-/* The record of a lane, between memory and report. */
+/* Copies the report of a lane to the caller's report. */
 static void write_report(const ensemble_t *b, int lane, report_t *report)
 {
     IF_FORCES(set_work(report, lane_get(&b->solver.work, lane),
@@ -204,7 +218,7 @@ static void write_report(const ensemble_t *b, int lane, report_t *report)
     report->hidden_sum = lane_get(&b->f_sum, lane);
 }
 
-/* State and record of a lane, for the caller. */
+/* Copies the state and report of a lane to the caller. */
 static void write_state(const ensemble_t *b, int lane, const lanes *from_q, const lanes *from_p,
     real *q, real *p, report_t *report)
 {
@@ -223,7 +237,10 @@ static int is_finite_lane(const BATCH(t) *solver, int lane)
     return isfinite(size);
 }
 
-/* Lanes beyond the last trajectory repeat the first: they cost nothing and disturb nobody. */
+/*
+ * Begins a batch of `count` trajectories. Unused lanes repeat the first trajectory, which keeps
+ * their values finite and costs no time.
+ */
 static void begin_ensemble(ensemble_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
 {
@@ -253,6 +270,7 @@ int NAME(lanes)(void)
     return LANES;
 }
 
+/* Integrates one batch in place; the public header documents the arguments. */
 static void integrate_lanes(int count, const parameters_t *parameters, const options_t *options,
     IF_INPUTS(inputs_t inputs,)
     const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,

@@ -1,4 +1,4 @@
-/* A trajectory that is kept between calls: begin, advance, set_parameters. */
+/* Stateful interface to a trajectory: begin, advance, set_parameters. */
 #ifndef GS_RUN_BEGIN_ADVANCE_H
 #define GS_RUN_BEGIN_ADVANCE_H
 
@@ -6,7 +6,7 @@
 
 #if !GS_PROFILE_RUN
 #if GS_FIXED_POINT
-/* The state of a run becomes (q, p); where that is new, nothing is left over of rounding. */
+/* Sets the state to (q, p). A component that changes loses the low word of its compensated sum. */
 static void set_state(work_t *w, const real q[N], const real p[N])
 {
     SINGLE(t) *s = &fixed_point_of(w)->solver;
@@ -28,7 +28,7 @@ static void set_state(work_t *w, const real q[N], const real p[N])
     SINGLE(evaluate_constraints)(s);
 }
 
-/* After a step that failed: what it left behind is forgotten. */
+/* Discards the predictor's history after a failed step, and restores the work of the report. */
 static void reset_iteration(work_t *w)
 {
     SINGLE(t) *s = &fixed_point_of(w)->solver;
@@ -38,7 +38,7 @@ static void reset_iteration(work_t *w)
     s->work_low = splat(0);
 }
 #else
-/* Newton keeps nothing from step to step. */
+/* Newton's method has no state from step to step. */
 static void set_state(work_t *w, const real q[N], const real p[N])
 {
     (void)w, (void)q, (void)p;
@@ -99,16 +99,16 @@ int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
     IF_INPUTS(const inputs_t no_inputs = { 0 };)
     real *old_q = w->simulation.q, *old_p = w->simulation.p, jump = 0;
     const int by_fixed_point = w->simulation.options.solver != NEWTON;
-    int step_squared = 0;
+    int differs = 0;
     for (int a = 0; a < N; ++a)
-        step_squared |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
+        differs |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
     IF_TIME(w->t = w->simulation.start + (real)w->simulation.report.steps*w->simulation.dt;)
     IF_TIME(at_time(&w->constants, w->t);)
-    if (step_squared) /* by the caller: that is no error */
+    if (differs) /* the caller changed the state: the jump of H is no energy error */
         jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
     w->simulation.report.energy_start += jump;
     IF_FRAME(into_frame(w, q, p);)
-    if (by_fixed_point && (step_squared || w->simulation.state_changed))
+    if (by_fixed_point && (differs || w->simulation.state_changed))
         set_state(w, q, p);
     w->simulation.state_changed = 0;
     const int status = run_on(&w->simulation.options, IF_INPUTS(

@@ -1,16 +1,17 @@
-/* Rows of a run near which a quantity crosses a level. */
+/* Detection of the steps in which a quantity may cross a level. */
 #ifndef GS_RUN_CROSSINGS_H
 #define GS_RUN_CROSSINGS_H
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* States whose quantities are evaluated together. */
+/* Number of states whose quantities are evaluated in one block. */
 enum { TOGETHER = 32 };
 
 /*
- * Of a row of values, a stride apart, that come behind one which is near a level: no further from
- * it than it moves in the steps before and behind. The first and the last go to `rows`, unless
- * others are; `last` is the value before the first, less the level, and how far it moved.
+ * Extends the range rows[0]..rows[1] by the first and last value whose predecessor is near the
+ * level. A value x_i is near if |x_i - level| <= |x_i - x_(i-1)| + |x_(i+1) - x_i|; a sign change
+ * elsewhere would need a larger step. Values are `stride` apart. `last` carries x - level and the
+ * last change from block to block.
  */
 static void flag_near_crossing(long from, long count, const real *values, long stride, real level,
     real last[2], long rows[2])

@@ -1,4 +1,4 @@
-/* Any number of trajectories, whole runs. */
+/* Integration of an ensemble of trajectories. */
 #ifndef GS_RUN_ENSEMBLE_H
 #define GS_RUN_ENSEMBLE_H
 

@@ -1,4 +1,4 @@
-/* Whole runs of one trajectory. */
+/* Integration of one trajectory over many steps. */
 #ifndef GS_RUN_INTEGRATE_H
 #define GS_RUN_INTEGRATE_H
 
@@ -15,14 +15,14 @@
 #endif
 
 #if GS_PROFILE_RUN
-/* Where a run stores its rows; NULL where they are not wanted. */
+/* Output arrays of a run, one row per stored step; each may be NULL. */
 typedef struct {
     real *q, *p;
     int *iterations;
     real *work;
 } rows_t;
 
-/* A row: the state, and the most iterations since the row before. */
+/* Stores a row: the state, and the maximum number of iterations since the previous row. */
 static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
     const options_t *options, real forces[ROOM], int most, const report_t *report)
 {
@@ -37,14 +37,17 @@ static void store(rows_t out, long row, const real q[N], const real p[N], work_t
         IF_FORCES(out.work[row] = report->work;)
 }
 #else
-/* Where a run stores its rows; NULL where they are not wanted. */
+/* Output arrays of a run, one row per stored step; each may be NULL. */
 typedef struct {
     real *q, *p, *multipliers;
     int *iterations;
     real *work;
 } rows_t;
 
-/* A row: the state, what the last step took, and the most iterations since the row before. */
+/*
+ * Stores a row: the state, the multipliers of the last step, and the maximum number of iterations
+ * since the previous row.
+ */
 static void store(rows_t out, long row, const real q[N], const real p[N], work_t *w,
     const options_t *options, real forces[ROOM], int most, const report_t *report)
 {
@@ -91,7 +94,7 @@ int NAME(step)(const parameters_t *parameters, const options_t *options, real dt
 #endif
 #endif
 
-/* A run begins: its record, in which the start counts once, and what its steps keep. */
+/* Begins a run: initialises its report, which includes the initial state, and its solver. */
 static void begin(work_t *work, const options_t *options, real dt, const real q[N],
     const real p[N], report_t *report)
 {
@@ -102,7 +105,7 @@ static void begin(work_t *work, const options_t *options, real dt, const real q[
     begin_run(work, options, dt, q, p);
 }
 
-/* Steps of a run that has begun at the time `start`. */
+/* Continues a run that began at the time `start` by `steps` steps. */
 static int run_on(const options_t *options, IF_INPUTS(
     inputs_t inputs,) real start, real dt, long steps, long every,
     real q[N], real p[N], rows_t out, report_t *report, work_t *work)
@@ -131,7 +134,7 @@ static int run_on(const options_t *options, IF_INPUTS(
     return OK;
 }
 
-/* Steps from the state (q, p), which becomes the end; see the header. */
+/* Integrates from (q, p) in place; the public header documents the arguments. */
 static int integrate(const parameters_t *parameters, const options_t *options, IF_INPUTS(
     inputs_t inputs,) real dt, long steps,
     long every, real q[N], real p[N], rows_t out, report_t *report, work_t *work)

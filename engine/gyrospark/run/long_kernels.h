@@ -1,12 +1,13 @@
-/* Long kernels, which are compiled in one object only. */
+/* Linkage of long kernels, which only one object file compiles. */
 #ifndef GS_RUN_LONG_KERNELS_H
 #define GS_RUN_LONG_KERNELS_H
 
 #include "gyrospark/engine.h"
 
 /*
- * Long kernels are compiled once. In a build of several objects (below) those of numbers are in
- * object 1, those of lanes in object 4, or in 3; what else calls them sees a declaration.
+ * Compiling long kernels takes most of the build time. In a build of several objects (objects.h),
+ * object 1 contains the scalar kernels and object 4 or 3 the lane kernels; the other objects
+ * declare them.
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
 #define ONCE

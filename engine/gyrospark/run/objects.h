@@ -6,10 +6,11 @@
 #include "gyrospark/newton/step.h"
 
 /*
- * A build may compile this file several times at once and link the objects: GYROSPARK_OBJECT 1 is
- * that of what stands above, which is Newton and all that is evaluated once; 2, of runs of one
- * trajectory; 4, of what these call outside of sweeps; 3, of runs on lanes, where one trajectory by
- * itself is Newton's. What is above is called so:
+ * A parallel build compiles the generated file several times and links the objects.
+ * GYROSPARK_OBJECT selects the contents: 1, Newton's method and the functions without iteration; 2,
+ * runs of one trajectory; 3, runs of batches, in which a single trajectory uses Newton's method; 4,
+ * functions that object 2 calls outside of its fixed-point iteration. Objects 2 to 4 call object 1
+ * through:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)
 int NAME(object_newton)(work_t *w, const options_t *options, real dt, const real *q, const real *p,

@@ -1,4 +1,4 @@
-/* The running record of an integration: energy error, constraint errors, work. */
+/* The report of an integration: energy error, constraint errors, work. */
 #ifndef GS_RUN_RECORD_H
 #define GS_RUN_RECORD_H
 
@@ -11,7 +11,7 @@
 #include "gyrospark/midpoint/step_end.h"
 #endif
 
-/* Adds the work of a step to the record, in a compensated sum. */
+/* Adds the work of a step to the report by compensated summation. */
 static void add_work(report_t *report, real done)
 {
     const real share = done + report->work_low, total = report->work + share;
@@ -20,7 +20,7 @@ static void add_work(report_t *report, real done)
     report->work = total;
 }
 
-/* The work of the step with the unknowns x is kept until the step is counted. */
+/* Stores the work of the step with unknowns x until the step is accepted. */
 static void store_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     w->work_done = step_work(w, dt, q, p, x);
@@ -32,7 +32,7 @@ static void add_step_work(const work_t *w, report_t *report)
 }
 
 #if GS_FIXED_POINT
-/* The record's work is what lanes have summed up. */
+/* Copies the work of a lane, with the low word of its compensated sum, to the report. */
 static inline void set_work(report_t *report, real work, real low)
 {
     report->work = work;
@@ -52,7 +52,7 @@ void NAME(step_work)(const parameters_t *parameters, real dt, const real q[N], c
 #endif
 #endif
 
-/* Adds the energy of the state (q, p) to the record. */
+/* Adds the energy error |H - H_0 - W| of the state (q, p) to the report. */
 static void observe_energy(const constants *c, const real q[N], const real p[N], report_t *report)
 {
     const real gain = hamiltonian(c, q, p) - report->energy_start;
@@ -62,7 +62,7 @@ static void observe_energy(const constants *c, const real q[N], const real p[N],
 }
 
 #if GS_CONSTRAINED
-/* Adds what is left of the constraints to the record. */
+/* Adds the constraint errors max |g| and max |f| of a state to the report. */
 static void observe_constraint_errors(real g_size, real f_size, report_t *report)
 {
     report->constraint_max = larger(g_size, report->constraint_max);
@@ -71,7 +71,7 @@ static void observe_constraint_errors(real g_size, real f_size, report_t *report
     report->hidden_sum += f_size;
 }
 
-/* Adds the state (q, p) to the record. */
+/* Adds the errors of the state (q, p) to the report. */
 static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
 {
     real g[M], f[M];
@@ -81,7 +81,7 @@ static void observe(const constants *c, const real q[N], const real p[N], report
     observe_constraint_errors(norm(M, g), norm(M, f), report);
 }
 #else
-/* Adds the state (q, p) to the record. */
+/* Adds the errors of the state (q, p) to the report. */
 static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
 {
     observe_energy(c, q, p, report);

@@ -1,4 +1,4 @@
-/* Headers that are included after this one work on lanes. */
+/* NUMBER and TYPED for vectors: later headers are compiled for lanes. */
 #undef NUMBER
 #undef TYPED
 #define NUMBER lanes

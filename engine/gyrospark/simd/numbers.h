@@ -1,4 +1,4 @@
-/* Headers that are included after this one work on numbers. */
+/* NUMBER and TYPED for scalars: later headers are compiled for real. */
 #undef NUMBER
 #undef TYPED
 #define NUMBER real

@@ -1,4 +1,4 @@
-/* Factors of W = G H_pp G^T and constraint forces, on lanes. */
+/* LU factors of W = G H_pp G^T and constraint forces, on lanes. */
 #ifndef GS_SIMD_SMALL_LU_H
 #define GS_SIMD_SMALL_LU_H
 
@@ -6,12 +6,12 @@
 
 #if GS_FACTORS
 #if GS_ELEMENTS
-/* W = G H_pp G^T without its zeros, and its factors in place of it. */
+/* Sparse W = G H_pp G^T, overwritten by its factors. */
 typedef lanes schur_t[FACTOR];
 
 /*
- * lanes_substitute of `count` systems, to the bit, but side by side: where one waits for a sum,
- * others are computed.
+ * Solves `count` systems, with results bitwise equal to lanes_substitute. The systems are
+ * interleaved, which hides the latency of dependent additions.
  */
 INLINE void lanes_substitute_all(int count, schur_t *W, lanes *b)
 {
@@ -42,10 +42,10 @@ INLINE void lanes_substitute_all(int count, schur_t *W, lanes *b)
 }
 #else
 #if GS_SEVERAL_CONSTRAINTS
-/* W = G H_pp G^T or what takes its place, and its LU factors in place of it. */
+/* W = G H_pp G^T, or the matrix of the hidden constraints; overwritten by its LU factors. */
 typedef lanes schur_t[M][M];
 
-/* LU factors of A, m x m, without pivoting: W = G H_pp G^T is positive definite. */
+/* LU factors of the m x m matrix A, without pivoting: W = G H_pp G^T is positive definite. */
 INLINE void lanes_factor(schur_t A)
 {
     for (int k = 0; k < M; ++k) {
@@ -71,17 +71,17 @@ INLINE void lanes_substitute(schur_t A, lanes b[M])
     }
 }
 
-/* The same of `count` systems. */
+/* Solves `count` systems. */
 INLINE void lanes_substitute_all(int count, schur_t *A, lanes *b)
 {
     for (int j = 0; j < count; ++j)
         lanes_substitute(A[j], b + j*M);
 }
 #else
-/* W = G H_pp G^T or what takes its place: one number, and its inverse in place of it. */
+/* One-by-one W = G H_pp G^T, or matrix of the hidden constraint; overwritten by its inverse. */
 typedef lanes schur_t[M][M];
 
-/* A one-by-one matrix is factorised by its inverse. */
+/* The factor is 1/A. */
 INLINE void lanes_factor(schur_t A)
 {
     A[0][0] = 1/A[0][0];
@@ -92,7 +92,7 @@ INLINE void lanes_substitute(schur_t A, lanes b[M])
     b[0] *= A[0][0];
 }
 
-/* The same of `count` systems. */
+/* Solves `count` systems. */
 INLINE void lanes_substitute_all(int count, schur_t *A, lanes *b)
 {
     for (int j = 0; j < count; ++j)
@@ -103,8 +103,8 @@ INLINE void lanes_substitute_all(int count, schur_t *A, lanes *b)
 
 #if GS_SPARK && !GS_ELEMENTS
 /* G^T lambda */
-INLINE void lanes_constraint_force(const lanes_constants *c, const lanes q[N], const lanes lambda[M],
-    lanes force[N])
+INLINE void lanes_constraint_force(const lanes_constants *c, const lanes q[N],
+    const lanes lambda[M], lanes force[N])
 {
     lanes G[M][N];
     lanes_constraint_jacobian(c, q, G);

@@ -5,16 +5,16 @@
 #include "gyrospark/engine.h"
 
 #if GS_WIDE_REAL
-/* -------------------------------------------------------------------------- lanes: there is one */
+/* ------------------------------------------------------------------------ vector type: one lane */
 
-/* No machine has vector registers for this type. */
+/* There are no vector registers for this type. */
 typedef real lanes;
 #else
-/* -------------------------------------------------------------- lanes: reals that move together */
+/* ---------------------------------------------------------------------------------- vector type */
 
 /*
- * One vector register where compiler and machine have them, one number elsewhere: the same
- * expressions serve both. The build chooses; GYROSPARK_PLAIN asks for plain numbers.
+ * One vector register where the compiler and the processor support it, else one scalar; both have
+ * the same expressions. GYROSPARK_PLAIN selects scalars.
  */
 #if defined(__GNUC__) && !defined(GYROSPARK_PLAIN)
 #if defined(__AVX512F__)
@@ -32,7 +32,7 @@ typedef real lanes;
 
 enum { LANES = sizeof(lanes)/sizeof(real) };
 
-/* unused: no stepper calls all of them, and clang warns of the others. -O0 is for fast builds. */
+/* unused: no stepper calls all functions, and clang warns about the rest. -O0: fast builds. */
 #if defined(__OPTIMIZE__)
 #define INLINE static inline __attribute__((always_inline, unused))
 #elif defined(__GNUC__)
@@ -61,7 +61,7 @@ INLINE void lane_set(lanes *x, int i, real value)
     ((real *)x)[i] = value;
 }
 
-/* x + y = *high + *low exactly; *high is the rounded sum. */
+/* x + y = *high + *low exactly, *high the rounded sum (Knuth). */
 INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
 {
     const lanes sum = x + y, share = sum - x;
@@ -69,9 +69,9 @@ INLINE void two_sum(lanes x, lanes y, lanes *high, lanes *low)
     *high = sum;
 }
 
-/* In which lanes something holds: what a comparison gives. */
+/* Masks: results of comparisons, lane by lane. */
 #if defined(LANE_BYTES)
-typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* whole numbers, as wide: 0 or -1 */
+typedef __typeof__((lanes){ 0 } < (lanes){ 0 }) lanes_mask; /* integers of equal width: 0 or -1 */
 
 INLINE int mask_get(const lanes_mask *m, int i)
 {
@@ -88,7 +88,7 @@ INLINE lanes_mask lanes_select_mask(lanes_mask m, lanes_mask x, lanes_mask y)
     return (m & x) | (~m & y);
 }
 
-/* x where m holds, elsewhere y */
+/* x where m is true, else y */
 INLINE lanes lanes_select_value(lanes_mask m, lanes x, lanes y)
 {
     return (lanes)lanes_select_mask(m, (lanes_mask)x, (lanes_mask)y);
@@ -164,7 +164,7 @@ INLINE lanes lanes_broadcast(real x)
     return splat(x);
 }
 
-/* What lanes do by masks, for one number. */
+/* The mask operations for scalars. */
 typedef int mask;
 
 INLINE mask mask_not(mask m)
@@ -209,14 +209,14 @@ INLINE real broadcast(real x)
 
 #if GS_COMPENSATED_LANES
 #if GS_WIDE_REAL
-/* A rounded value: volatile keeps the compiler from contracting its product into a sum. */
+/* Prevents the contraction of a product and a sum into an fma: volatile. */
 INLINE lanes lanes_rounded(lanes value)
 {
-    volatile lanes kept = value;
-    return kept;
+    volatile lanes stored = value;
+    return stored;
 }
 #else
-/* A rounded value: keeps the compiler from contracting its product into a sum. */
+/* Prevents the contraction of a product and a sum into an fma. */
 INLINE lanes lanes_rounded(lanes value)
 {
 #if defined(__GNUC__) && defined(__AVX512F__)
@@ -229,8 +229,8 @@ INLINE lanes lanes_rounded(lanes value)
     __asm__("" : "+w"(value));
     return value;
 #else
-    volatile lanes kept = value;
-    return kept;
+    volatile lanes stored = value;
+    return stored;
 #endif
 }
 #endif
@@ -244,7 +244,7 @@ INLINE lanes product_error(lanes a, lanes b, lanes product)
     return error;
 }
 
-/* sum += the product of the factors, in twice the working precision (two-product, two-sum). */
+/* sum += product of the factors, in double-word arithmetic (two-product, two-sum). */
 INLINE void lanes_add_product(lanes sum[2], int count, const lanes *factors)
 {
     lanes high = factors[0], low = splat(0);

@@ -1,10 +1,13 @@
-/* Contribution of a constraint force to a banded Jacobian. */
+/* Contribution of a constraint force to the banded Jacobian of T1. */
 #ifndef GS_SPARK_BAND_JACOBIAN_H
 #define GS_SPARK_BAND_JACOBIAN_H
 
 #include "gyrospark/linear_algebra/band_lu.h"
 
-/* A change of the momenta at `places` by factor*change for each unit of an unknown. */
+/*
+ * Adds dr/dP dP/dx for one unknown x, with dP/dx = factor*change[e] at the momenta places[e].
+ * `upper` and `lower` are the first rows of k_i and k^_i.
+ */
 static void add_reaction(real *J, int upper, int lower, int unknown, int count, const int *places,
     const real *change, real factor, const real *H_pp, const real *H_qp)
 {

@@ -1,4 +1,4 @@
-/* SPARK: the Jacobian of T1. */
+/* SPARK methods: the dense Jacobian of T1. */
 #ifndef GS_SPARK_JACOBIAN_H
 #define GS_SPARK_JACOBIAN_H
 
@@ -6,14 +6,17 @@
 
 #if !GS_LAGRANGIAN
 #if GS_FORCES
-/* H_qq and H_qp are those of H_q - F: H_qp is no transpose. */
+/*
+ * H_qq and H_qp <- the derivatives of H_q - F by q and p. Forces destroy the symmetry: H_qp is not
+ * the transpose of H_pq.
+ */
 static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
     const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
 {
     hessian(c, q, p, t, H_qq, H_qp, H_pq, H_pp);
 }
 #else
-/* Without forces H_qp is the transpose of H_pq. */
+/* The Hessian of H; without forces H_qp is the transpose of H_pq. */
 static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
     const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
 {
@@ -27,11 +30,11 @@ static inline void rates_by_state(const constants *c, const real q[N], const rea
 
 #if GS_CONSTRAINED
 /*
- * dr/dx at the stage values of the last residual. With dP_i/dk_j,
- * B_ij = -dt^2 sum_l a~_il a-_lj K_l:
+ * J <- dr/dx at the stage values of the last residual. K_l = d(G_l^T Lambda_l)/dQ~_l enters through
+ * dP_i/dk_j = B_ij = -dt^2 sum_l a~_il a-_lj K_l:
  *   d(k_i row)/dk_j = delta - dt a_ij H_pq - H_pp B_ij,   d/dk^_j = -dt a^_ij H_pp,
  *   d(k^_i row)/dk_j = dt a_ij H_qq + H_qp B_ij,          d/dk^_j = delta + dt a^_ij H_qp,
- * and by Lambda_l the same with -dt a~_il G_l^T for B.
+ * and d/dLambda_l is H_pp and H_qp times -dt a~_il G_l^T in place of B_ij.
  */
 static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real J[U*U])
@@ -99,7 +102,7 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
 }
 #else
 /*
- * dr/dx at the stage values of the last residual, without constraints:
+ * J <- dr/dx at the stage values of the last residual, without constraints:
  *   d(k_i row)/dk_j = delta - dt a_ij H_pq,   d/dk^_j = -dt a^_ij H_pp,
  *   d(k^_i row)/dk_j = dt a_ij H_qq,          d/dk^_j = delta + dt a^_ij H_qp
  */

@@ -1,4 +1,4 @@
-/* SPARK: stage values and the residual of T1, (A.7) and (B.1). */
+/* SPARK methods: stage values and the residual of T1, equations (A.7) and (B.1). */
 #ifndef GS_SPARK_RESIDUAL_H
 #define GS_SPARK_RESIDUAL_H
 
@@ -13,10 +13,10 @@
 #endif
 
 #if GS_CONSTRAINED
-/* At how many nodes multipliers act, l = 0..P-1 */
+/* Number of nodes whose multipliers act in the stages, l = 0..P-1 */
 enum { ACTING = P };
 
-/* G(Q~_l)^T Lambda_l at the nodes l = 0..P-1, where multipliers act */
+/* Constraint forces G(Q~_l)^T Lambda_l at the nodes l = 0..P-1 */
 static void node_forces(work_t *w, const real q[N], const real x[U])
 {
     const real *lambda = x + 2*S*N;
@@ -28,7 +28,7 @@ static void node_forces(work_t *w, const real q[N], const real x[U])
             w->t + w->node_time[l]), w->Q_tilde[l], lambda + l*M, w->force[l]);
 }
 
-/* g(Q~_l) at the nodes l = 1..P, where the constraints are asked for */
+/* r <- g(Q~_l) at the nodes l = 1..P, as g(q) plus an increment, which avoids cancellation */
 static void node_residuals(work_t *w, const real q[N], real r[P*M])
 {
     real g[M];
@@ -41,7 +41,7 @@ static void node_residuals(work_t *w, const real q[N], real r[P*M])
     }
 }
 #else
-/* Without constraints no force acts at the nodes, and nothing is asked for there. */
+/* Unconstrained system: no multipliers, no constraint residual. */
 enum { ACTING = 0 };
 
 static void node_forces(work_t *w, const real q[N], const real x[U])
@@ -55,10 +55,10 @@ static void node_residuals(work_t *w, const real q[N], real *r)
 }
 #endif
 
-/* Where the unknowns (B.2) stand in x: k_1..k_S, k^_1..k^_S, Lambda_0..Lambda_(P-1). */
+/* Offsets of the unknowns (B.2) in x: k_1..k_S, k^_1..k^_S, Lambda_0..Lambda_(P-1). */
 enum { K_HAT = S*N, LAMBDA = 2*S*N };
 
-/* Starting guess: the rates at the start of the step, no constraint force. */
+/* Explicit Euler start: the rates at the start of the step, without constraint forces. */
 static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])
 {
     real H_q[N], H_p[N];
@@ -73,15 +73,15 @@ static void euler_start(work_t *w, real dt, const real q[N], const real p[N], re
         x[l] = 0;
 }
 
-/* The same of a momentum that stays. */
+/* Zero-force start: k^_i = 0, for stiff forces that mislead the Euler start. */
 static void zero_force_start(real x[U])
 {
     for (int e = K_HAT; e < LAMBDA; ++e)
         x[e] = 0;
 }
 
-/* D_l = dt sum a-_lj k_j, the way to the constraint nodes Q~_l = q + D_l (A.7) */
-static void node_places(work_t *w, real dt, const real x[U])
+/* Displacements D_l = dt sum a-_lj k_j of the constraint nodes Q~_l = q + D_l (A.7) */
+static void node_displacements(work_t *w, real dt, const real x[U])
 {
     IF_TIME(for (int l = 0; l <= P; ++l))
         IF_TIME(w->node_time[l] = w->step*tableau.c_tilde[l];)
@@ -100,7 +100,7 @@ static void node_places(work_t *w, real dt, const real x[U])
  */
 static void stage_values(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
-    node_places(w, dt, x);
+    node_displacements(w, dt, x);
     node_forces(w, q, x);
     for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
@@ -134,9 +134,9 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
 }
 
 /*
- * The increment's effect on the state: max of dt|dk| relative to q and dt|dk^| relative to p, which
- * is that of the stages of the last residual too: a body at rest has no other.
- * Multipliers do not count: their round-off grows like 1/dt^2 and does not reach the state.
+ * Norm of an increment, max(dt|dk|/|q|, dt|dk^|/|p|), by its effect on the state. The scale |p|
+ * includes the stage values of the last residual, because p = 0 for a body at rest. Multipliers are
+ * excluded: their round-off grows like 1/dt^2 and does not affect the state.
  */
 static real increment_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real dx[U])
@@ -149,7 +149,7 @@ static real increment_size(const work_t *w, real dt, const real q[N], const real
     return larger(dq > 0 ? dq/q_weight : dq, dp > 0 ? dp/p_weight : dp);
 }
 
-/* The same of a residual; what is left of the constraints does not count. */
+/* Norm of a residual in the scale of increment_size; excludes the constraint residual. */
 static real residual_size(const work_t *w, real dt, const real q[N], const real p[N],
     const real x[U], const real r[U])
 {

@@ -1,11 +1,11 @@
-/* SPARK: T2, the end of the step, and the work of a step. */
+/* SPARK methods: T2, which computes the end of the step, and the work of a step. */
 #ifndef GS_SPARK_STEP_END_H
 #define GS_SPARK_STEP_END_H
 
 #include "gyrospark/spark/residual.h"
 
 #if GS_CONSTRAINED
-/* q1 - q (A.3) */
+/* d <- q1 - q (A.3) */
 static void displacement(real dt, const real x[U], real d[N])
 {
     for (int a = 0; a < N; ++a) {
@@ -17,8 +17,8 @@ static void displacement(real dt, const real x[U], real d[N])
 }
 
 /*
- * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l,
- * and the last multiplier from the constraint on the momenta (A.5), (A.6).
+ * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l.
+ * The projection of P onto f(q1, p1) = 0 yields p1 and the last multiplier (A.5), (A.6).
  */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
@@ -61,7 +61,7 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
 
 #if GS_TIME_DEPENDENT
 #if GS_CONSTRAINED
-/* sum b~_l Lambda_l.g_t(Q~_l, t_l): what a drive does through the constraints, by dt. */
+/* sum b~_l Lambda_l.g_t(Q~_l, t_l): the mean power of rheonomic constraints over the step. */
 static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     real q1[N], p1[N], multipliers[ROOM], rate[M], sum = 0;
@@ -75,7 +75,7 @@ static real node_power(work_t *w, real dt, const real q[N], const real p[N], con
     return sum;
 }
 #else
-/* There is no constraint that a drive could move. */
+/* Unconstrained system: no rheonomic constraints, no power. */
 static real node_power(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     (void)w, (void)dt, (void)q, (void)p, (void)x;
@@ -85,7 +85,7 @@ static real node_power(work_t *w, real dt, const real q[N], const real p[N], con
 #endif
 
 #if GS_FORCES
-/* dt sum b_i F(Q_i, P_i, t_i).k_i: the work of the forces, of the order of the method. */
+/* Work of the forces, dt sum b_i F(Q_i, P_i, t_i).k_i, accurate to the order of the method. */
 static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
     real sum = 0;

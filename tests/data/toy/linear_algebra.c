@@ -137,7 +137,7 @@ void invert_mass(int indefinite, const double *m, const double *b, const double 
 void angle(long k, double dt, double rate, double out[2])
 {
     const double_word t = plus(product_of((double)k, dt), product_of(0.5, 0));
-    circle(times(t, product_of(0.5, rate)), &out[0], &out[1]);
+    cos_sin(times(t, product_of(0.5, rate)), &out[0], &out[1]);
 }
 
 double length_rest(double x, double y, double z)

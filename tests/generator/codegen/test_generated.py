@@ -83,7 +83,7 @@ def parts(scheme, stages):
     text = text.replace(spec.name.upper(), "NAME")
     text = re.sub(r"^(enum \{ N = ).*$", r"\1", text, count=1, flags=re.MULTILINE)
     text = text.replace(f"{stages}-{scheme} ", "S-SCHEME ")
-    start = text.index("SPARK: the tableau is data")
+    start = text.index("coefficients of the SPARK method")
     table = text.index("static const NAME_tableau tableau = {")
     end = text.index("};", table)
     fast = re.compile(r"^static const real (?:table|even_odd)_\w+\[.*?\n\};\n",

@@ -12,6 +12,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.generator.models.urdf import plain_name
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from robots import ARM, Motion
 
 START = {"angles": {"shoulder": 0.4, "slide-1": -0.15, "wheel": 2.0},
@@ -54,6 +55,16 @@ def test_links_that_are_fixed_are_one_body(arm):
     for name, value in (("shoulder_angle", 0.4), ("slide_1_travel", -0.15), ("wheel_angle", 2.0),
                         ("shoulder_rate", -1.1), ("slide_1_speed", 0.7), ("wheel_rate", 9.0)):
         assert abs(motion.value(name) - value) <= 64 * EPS * max(1, abs(value)), name
+
+
+def test_a_damper_takes_power(arm):
+    """F·q' = -c ω² of the shoulder, the only joint with damping: c = 0.3, ω = -1.1."""
+    model = gs.load_urdf(arm, ignore="limits", **START)
+    motion, system = Motion(model), model.system
+    values = dict(zip([*system.q, *system.p], [*motion.q, *motion.p], strict=True))
+    force = evaluate(system.forces, values | {s: model.parameters[str(s)] for s in
+                                              system.parameters})
+    assert force @ motion.dq == pytest.approx(-0.3 * 1.1**2, rel=1e-12)
 
 
 def test_accelerations_are_pinocchios(arm):

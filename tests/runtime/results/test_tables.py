@@ -69,7 +69,6 @@ def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
         assert made[name].attrs["long_name"] == stored[name].attrs["long_name"]
         assert np.array_equal(made[name], stored[name], equal_nan=True)
     assert list(made.coordinate.values) == ["q0", "q1", "q2", "q3"]
-    assert "constraint" not in {*made.coords, *stored.coords}  # of one no name is needed
 
 
 def test_names_of_quantities_and_columns_that_are_taken():
