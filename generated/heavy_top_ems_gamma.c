@@ -393,7 +393,7 @@ static void mean_curvature(const constants *c, const double qm[4], const double 
 
 #include "gyrospark/newton/step.h"
 
-/* ------------------------------------------------------------- the fast path, Newton behind it */
+/* ----------------------------------------------- fixed-point iteration, Newton as the fallback */
 
 #include "gyrospark/run/objects.h"
 
@@ -411,10 +411,10 @@ typedef struct {
     lanes f2; /* 0.125*k3 */
     lanes f3; /* 0.125*k2 */
     lanes f4; /* 0.25*k0 */
-    int _used; /* lanes that differ, the others repeat lane 0; no constant begins with _ */
+    int _used; /* number of distinct lanes; the others repeat lane 0. No constant begins with _ */
 } lanes_constants;
 
-/* Lane i of the constants. */
+/* Sets lane i of the constants. */
 static void set_constants(lanes_constants *to, int i, const constants *from)
 {
     lane_set(&to->mgl, i, from->mgl);
@@ -429,7 +429,7 @@ static void set_constants(lanes_constants *to, int i, const constants *from)
     lane_set(&to->f4, i, 0.25*from->k0);
 }
 
-/* Constants from lane i. */
+/* Copies the constants of lane i. */
 static void get_constants(const lanes_constants *from, int i, constants *to)
 {
     to->mgl = lane_get(&from->mgl, i);
@@ -572,16 +572,16 @@ INLINE lanes lanes_correction(const lanes_constants *c)
 #include "gyrospark/simd/lanes.h"
 #include "gyrospark/fixed_point/convergence.h"
 
-/* Steps that are remembered. */
+/* Number of steps in the history. */
 enum { HISTORY = 16 };
 
 #include "gyrospark/predictor/recurrence.h"
 
 #include "gyrospark/fixed_point/single.h"
 
-/* What a sweep costs, in additions, for all of its stages and nodes. */
+/* Cost of one fixed-point iteration, all stages and nodes, in additions. */
 enum {
-    PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with what a stage has */
+    PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with stages and nodes */
     ITERATION_COST = (192 + PRODUCTS)*SINGLE(S) + 0*S
         + 19*SINGLE(P) + 0*P
 };

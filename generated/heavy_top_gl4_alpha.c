@@ -25,8 +25,7 @@
  *   H, g, G      Hamiltonian, constraints, Jacobian dg/dq; f = 0 are the hidden constraints
  *   lambda       multipliers of the constraints; impulses are h lambda times the weight of a node
  *   x, r, J      unknowns, residual and Jacobian dr/dx of T1
- *   S, P         number of stages; constraint nodes 0..P: g = 0 holds at the nodes 1..P, T1
- *                solves for the multipliers of the nodes 0..P-1
+ *   S, P         stages; constraint nodes 0..P: g = 0 at 1..P, multipliers of T1 at 0..P-1
  *   k, k^        rates of q and p at the stage values Q_i and P_i
  *   A, A^, b, c  coefficients of the tableau; A~, A-, b~, c~ coefficients of the nodes
  *   W            Schur complement G H_pp G^T, for the correction of the multipliers
@@ -373,7 +372,7 @@ const heavy_top_gl4_alpha_tableau *heavy_top_gl4_alpha_coefficients(void)
 
 #include "gyrospark/newton/step.h"
 
-/* ------------------------------------------------------------- the fast path, Newton behind it */
+/* ----------------------------------------------- fixed-point iteration, Newton as the fallback */
 
 #include "gyrospark/run/objects.h"
 
@@ -391,10 +390,10 @@ typedef struct {
     lanes f2; /* 0.25*k3 */
     lanes f3; /* 0.25*k0 */
     lanes f4; /* 2.0*mgl */
-    int _used; /* lanes that differ, the others repeat lane 0; no constant begins with _ */
+    int _used; /* number of distinct lanes; the others repeat lane 0. No constant begins with _ */
 } lanes_constants;
 
-/* Lane i of the constants. */
+/* Sets lane i of the constants. */
 static void set_constants(lanes_constants *to, int i, const constants *from)
 {
     lane_set(&to->mgl, i, from->mgl);
@@ -409,7 +408,7 @@ static void set_constants(lanes_constants *to, int i, const constants *from)
     lane_set(&to->f4, i, 2.0*from->mgl);
 }
 
-/* Constants from lane i. */
+/* Copies the constants of lane i. */
 static void get_constants(const lanes_constants *from, int i, constants *to)
 {
     to->mgl = lane_get(&from->mgl, i);
@@ -535,14 +534,14 @@ INLINE lanes lanes_correction(const lanes_constants *c)
 
 enum { SHARED = 3, ROUNDS = 1 };
 
-/* H_p, and what it shares with H_q */
+/* H_p, and the subexpressions that it shares with H_q */
 INLINE void first_rates(const lanes_constants *c, const lanes q[N], const lanes p[N],
     lanes H_p[N], lanes shared[SHARED])
 {
     lanes_velocity(c, q, p, H_p, shared);
 }
 
-/* H_q - F from the same, and H_p once more where that is asked for */
+/* H_q - F, and H_p again where the momenta have changed */
 INLINE void second_rates(const lanes_constants *c, const lanes q[N], const lanes p[N],
     const lanes t[1], const lanes shared[SHARED], lanes H_p[N], lanes H_q[N])
 {
@@ -555,7 +554,7 @@ INLINE void second_rates(const lanes_constants *c, const lanes q[N], const lanes
 #include "gyrospark/simd/lanes.h"
 #include "gyrospark/fixed_point/convergence.h"
 
-/* Steps that are remembered. */
+/* Number of steps in the history. */
 enum { HISTORY = 32 };
 
 #include "gyrospark/predictor/recurrence.h"
@@ -603,14 +602,14 @@ static const real table_onward_nodes[4][4] = {
     { 0.42857142857142855, -0.375, 0.42857142857142855, -1.0 },
 };
 
-/* Inlined only where small: else compilers keep the table in registers they do not have. */
+/* Inlined only for few stages: compilers would spill the registers of a large table. */
 #define PRODUCT INLINE
 
 #include "gyrospark/fixed_point/single.h"
 
-/* What a sweep costs, in additions, for all of its stages and nodes. */
+/* Cost of one fixed-point iteration, all stages and nodes, in additions. */
 enum {
-    PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with what a stage has */
+    PRODUCTS = (4*S + 3*P)*N + P*M, /* of the tableau with stages and nodes */
     ITERATION_COST = (107 + PRODUCTS)*SINGLE(S) + 0*S
         + 19*SINGLE(P) + 0*P
 };

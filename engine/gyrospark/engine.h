@@ -113,12 +113,15 @@
 #define IF_TIME(...) __VA_ARGS__
 #define AT(c, t) at_time(c, t)
 #define BETWEEN(c, t, step) between(c, t, step)
-#define LANES_AT(c, t) lanes_at_time(c, t)
-#define LANES_BETWEEN(c, t, step) lanes_between(c, t, step)
 #else
 #define IF_TIME(...)
 #define AT(c, t) c
 #define BETWEEN(c, t, step) c
+#endif
+#if GS_FIXED_POINT && GS_TIME_DEPENDENT
+#define LANES_AT(c, t) lanes_at_time(c, t)
+#define LANES_BETWEEN(c, t, step) lanes_between(c, t, step)
+#elif GS_FIXED_POINT
 #define LANES_AT(c, t) c
 #define LANES_BETWEEN(c, t, step) c
 #endif

@@ -52,7 +52,7 @@ class Control:
                    f"{name}.so", "-lm"]
         done = call(command, cwd=folder)
         assert done.returncode == 0, done.stderr
-        header = source.header[source.header.index("/* What a call returns"):]
+        header = source.header[source.header.index("/* Status codes"):]
         self.ffi = cffi.FFI()
         self.ffi.cdef(header[: header.index(f"#ifdef {name.upper()}_WORK")])
         self.library = self.ffi.dlopen(str(folder / f"{name}.so"))

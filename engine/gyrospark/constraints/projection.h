@@ -5,9 +5,7 @@
 #include "gyrospark/linear_algebra/norms.h"
 
 #if GS_ELEMENTS
-/*
- * Largest accepted step of a projection, in ulps of the state, once the steps no longer shrink.
- */
+/* Largest accepted step of a projection that stagnates, in units of epsilon times the state. */
 enum { COORDINATE_SLACK = 1024, MOMENTUM_SLACK = 1024 };
 
 /* f <- W^-1 f with W = G H_pp G^T */
@@ -32,9 +30,7 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
 
-/*
- * Largest accepted step of a projection, in ulps of the state, once the steps no longer shrink.
- */
+/* Largest accepted step of a projection that stagnates, in units of epsilon times the state. */
 enum { COORDINATE_SLACK = 2, MOMENTUM_SLACK = 4 };
 
 /* G^T lambda */
@@ -86,8 +82,8 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
 
 /*
  * Projects p along G^T onto f(q, p) = 0 by Newton's method, p <- p - G^T W^-1 f, until the step is
- * at round-off level; impulse is the sum of all W^-1 f. One step is exact if H is quadratic in p;
- * the second removes its round-off. (Hairer-Lubich-Wanner, IV.4 and VII.1)
+ * at round-off level; impulse is the sum of all W^-1 f. One step is exact if H is quadratic in p,
+ * but for round-off. (Hairer-Lubich-Wanner, IV.4 and VII.1)
  */
 static int project_momentum(const constants *c, const real q[N], real p[N], real impulse[M])
 {

@@ -23,10 +23,7 @@ static real norm(int n, const real *x)
     return size;
 }
 
-/*
- * A relative perturbation of +-2 ulp with a pseudo-random sign (linear congruential generator). The
- * response of a function to it estimates the function's round-off error.
- */
+/* A relative perturbation of +-2 ulp, with pseudo-random sign, to estimate round-off errors. */
 static real perturbation(unsigned *seed)
 {
     *seed = *seed*1664525u + 1013904223u;

@@ -49,10 +49,7 @@ static int solve_jacobian(work_t *w, real b[U])
 #endif
 
 #if GS_CONSTRAINED
-/*
- * Checks g(q1) at the end of the step. The convergence test is relative, and would accept a small
- * increment of huge unknowns, which is no solution.
- */
+/* Checks g(q1): a small relative increment of huge unknowns may be no solution. */
 static int satisfies_constraints(work_t *w, real dt, const real q[N], const real x[U])
 {
     real d[N], q1[N], g[M], dg[M], reach[M];
