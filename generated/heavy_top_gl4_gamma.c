@@ -70,8 +70,6 @@ enum {
 
 #include "gyrospark/linear_algebra/norms.h"
 
-/* ---------------------------------------------------------- kernels: straight-line expressions */
-
 /* Evaluates the constants of a run from its parameters. */
 static void prepare(const parameters_t *par, constants *c)
 {
