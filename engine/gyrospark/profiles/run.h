@@ -109,12 +109,12 @@ static int advance_by_fixed_point(work_t *w, real q[N], real p[N])
     return OK;
 }
 
-/* One step of a run, recorded; Newton's method where the iteration fails, and for some steps after. */
+/* One recorded step; Newton's method where the iteration fails, and for some steps after. */
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
-    const int only_fixed_point = options->solver == FIXED_POINT, iterates = options->solver != NEWTON
-        && (only_fixed_point || w->newton_steps_left == 0);
+    const int only_fixed_point = options->solver == FIXED_POINT, iterates =
+        options->solver != NEWTON && (only_fixed_point || w->newton_steps_left == 0);
     int status = NOT_CONVERGED, taken = 0;
     *iterations = 0;
     if (iterates) {
@@ -130,7 +130,8 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
             return status;
         if (options->solver != NEWTON) {
             ++report->newton_steps;
-            w->newton_steps_left = iterates ? (1 << (w->failures < 6 ? w->failures++ : 6)) - 1 : w->newton_steps_left - 1;
+            w->newton_steps_left = iterates ? (1 << (w->failures < 6 ? w->failures++ : 6)) - 1
+                : w->newton_steps_left - 1;
             set_state(w, q, p);
             reset_iteration(w);
         }

@@ -84,8 +84,8 @@ static void update_scales(state_t *w)
 }
 
 /*
- * Iterates to convergence, at most max_iterations times in all. If the first increment is large, the
- * prediction may lead to another root: the iteration restarts without it.
+ * Iterates to convergence, at most max_iterations times in all. If the first increment is large,
+ * the prediction may lead to another root: the iteration restarts without it.
  */
 static int solve_fixed_point(state_t *w)
 {

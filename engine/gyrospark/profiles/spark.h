@@ -105,8 +105,8 @@ static void apply_schur_inverse(state_t *w, int j, real defect[M], real impulse[
 #endif
 
 /*
- * Corrects the impulses so that the nodes reached by L satisfy g = 0; C are the stage momenta of the
- * new forces. w->defect is the squared constraint error before the correction.
+ * Corrects the impulses so that the nodes reached by L satisfy g = 0; C are the stage momenta of
+ * the new forces. w->defect is the squared constraint error before the correction.
  */
 static void correct_multipliers(state_t *w, const real L[S*N], real C[S*N])
 {
@@ -236,8 +236,8 @@ static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 #endif
 
 /*
- * One fixed-point iteration: k_i = H_p, correction of the impulses, k^_i = -H_q. Returns the squared
- * norm of the increment, relative to the state.
+ * One fixed-point iteration: k_i = H_p, correction of the impulses, k^_i = -H_q. Returns the
+ * squared norm of the increment, relative to the state.
  */
 static real iterate_once(state_t *w)
 {
