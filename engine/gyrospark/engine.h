@@ -1,9 +1,31 @@
 /*
- * The engine of gyrospark: what every stepper includes first.
+ * The engine of gyrospark: features, types and macros that all other headers need.
  *
  * A generated file defines its features, NAME(f), MATH(f), LIMIT(f) and its sizes, includes this
  * header and, between its kernels, the headers of the algorithms. engine/README.md lists what the
  * headers expect of the generated file. A feature is 1 where a generated file defines it, else 0.
+ *
+ * Macros take the place of templates and of namespaces, which C does not have:
+ *
+ *   NAME(f)            public function f of this stepper: NAME(step) is heavy_top_gl3_gamma_step
+ *   MATH(f), LIMIT(f)  f of <math.h> and <float.h> for the type real: MATH(sqrt) is sqrtf of float
+ *   IF_TIME(...)       the arguments if the feature is 1, else nothing: one feature often adds one
+ *                      statement to a function, and #if would take three lines. So IF_FORCES,
+ *                      IF_INPUTS, IF_FRAME, IF_FRAME_WORK
+ *   AT(c, t)           the constants c with the time t set in them; c if nothing depends on t
+ *   BETWEEN(c, t, step)  c with the time of a mean value over t..t + step set in them
+ *   LANES_AT, LANES_BETWEEN  AT and BETWEEN for constants of all lanes
+ *   SINGLE(f)          function or type f of the fixed-point iteration of one trajectory
+ *   BATCH(f)           the same of several trajectories, one in each lane (a lane is one number of
+ *                      a vector register). IMS and EMS have one iteration for both purposes
+ *   SOLVER(f)          in headers that are included for both: SINGLE(f), then BATCH(f)
+ *   TABLE(x)           in these headers, table x of the tableau: in lanes for SINGLE, numbers for
+ *                      BATCH
+ *   NUMBER, TYPED(f)   in headers that are included for numbers and for lanes (simd/numbers.h,
+ *                      simd/lanes.h): real and f, then lanes and lanes_f
+ *   SEPARATE(f)        SINGLE(f), which another object file contains if the build makes several
+ *   KERNEL(f)          profiles: kernel f of the fixed-point iteration, where Newton's differs
+ *   INLINE, NOINLINE   storage class with the attribute that keeps vectors in registers
  */
 #ifndef GS_ENGINE_H
 #define GS_ENGINE_H
@@ -86,7 +108,7 @@
 #endif
 
 #if !GS_PROFILE_CONTROL
-/* Statements and arguments of one feature. */
+/* Statements and arguments of one feature; AT and BETWEEN set the time among the constants. */
 #if GS_TIME_DEPENDENT
 #define IF_TIME(...) __VA_ARGS__
 #define AT(c, t) at_time(c, t)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+from calls import PARAMETERS, TOP
 from forced_systems import PARAMETERS as FORCED
 from forced_systems import pendulum
 from gyrospark.runtime.bindings.real_numbers import without_padding
@@ -57,6 +58,20 @@ def test_a_store(solver, plain, dirty, tmp_path):
     for pattern in (0, 171):
         dirty(pattern)
         recorded(plain, tmp_path / f"{pattern}.zarr", solver=solver, **start(plain))
+    assert_same_bytes(tmp_path / "0.zarr", tmp_path / "171.zarr")
+
+
+@pytest.mark.parametrize(("scheme", "frame"), [(("EMS", None), None), (("G-L", 2), "symmetries")])
+def test_a_store_of_the_top(scheme, frame, dirty, tmp_path, monkeypatch):
+    """EMS, and a trajectory in a co-moving frame, have fields of their own."""
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+    step = gs.stepper(*scheme, real="long-double", frame=frame)
+    parameters = PARAMETERS | ({"omega_body": 3.0} if frame else {})
+    q, p = step.project(TOP.q0, TOP.p0, parameters=parameters)
+    for pattern in (0, 171):
+        dirty(pattern)
+        recorded(step, tmp_path / f"{pattern}.zarr", q=q, p=p, dt=1e-3, steps=60, every=3,
+                 parameters=parameters)
     assert_same_bytes(tmp_path / "0.zarr", tmp_path / "171.zarr")
 
 

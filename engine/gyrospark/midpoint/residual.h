@@ -74,7 +74,7 @@ static void step_multipliers(const real x[U], real multipliers[ROOM])
 }
 #endif
 
-/* Where the unknowns stand in x: dq = q1 - q, dp = p1 - p, lambda. */
+/* Offsets of the unknowns in x: dq = q1 - q, dp = p1 - p, lambda. */
 enum { DP = N, LAMBDA = 2*N };
 
 /* Explicit Euler start, without constraint forces. */
