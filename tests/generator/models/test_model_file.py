@@ -446,7 +446,7 @@ LINES = st.one_of(
 EDITS = st.lists(st.tuples(st.integers(0, 30), st.booleans(), LINES), max_size=4)
 
 
-@pytest.mark.filterwarnings("ignore::gyrospark.errors.InputWarning")
+@pytest.mark.filterwarnings("ignore::gyrospark.core.errors.InputWarning")
 @given(st.sampled_from([BODY, SYSTEM]), EDITS)
 @settings(max_examples=300, deadline=None)
 def test_any_lines_are_a_model_or_refused(text, edits):
