@@ -63,7 +63,8 @@ class CertificateLine:
     bound: float | None = None
 
     def __repr__(self) -> str:
-        return f"<Line {self.quantity}: {self.found}; should be {self.expected}: {self.verdict}>"
+        return (f"<CertificateLine {self.quantity}: {self.found}; should be {self.expected}: "
+                f"{self.verdict}>")
 
     @property
     def verdict(self) -> str:

@@ -17,6 +17,7 @@ from calls import PARAMETERS
 from command_line import refused
 from compilers import MAIN, compiler
 from gyrospark.api import _generator_fingerprint, checked_in_files
+from gyrospark import api
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.engine import amalgamate as engine
 from gyrospark.engine.amalgamate import FOLDER, amalgamate
@@ -49,6 +50,7 @@ def other_engine(tmp_path, monkeypatch):
         path.write_text(text.replace(old, new), encoding="ascii")
         monkeypatch.setattr(engine, "FOLDER", folder)
         engine._header.cache_clear()
+        api._named_stepper.cache_clear()  # of other tests in this process
         return folder
 
     yield change
