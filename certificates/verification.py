@@ -33,7 +33,7 @@ class Verification:
 
     def __repr__(self) -> str:
         kept = sum(line.holds for line in self.conditions)
-        return (f"<Verdict on {self.name}: order {self.order}, {kept} of {len(self.conditions)} "
+        return (f"<Verification of {self.name}: order {self.order}, {kept} of {len(self.conditions)} "
                 "conditions hold>")
 
     @property

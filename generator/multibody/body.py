@@ -92,7 +92,7 @@ class MovingPoint(Frame):
     velocity: Vector
 
     def __repr__(self) -> str:
-        return f"<Moving {self.name}>"
+        return f"<MovingPoint {self.name}>"
 
     def point(self, r: Sequence[object]) -> Vector:
         """Return the position in space of a point fixed in the moving axes."""

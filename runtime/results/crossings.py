@@ -87,4 +87,4 @@ class CrossingsOfMany:
         return np.array([(one.t if len(one) else none)[0] for one in self._members])
 
     def __repr__(self) -> str:
-        return f"<Crossings of {len(self):,} trajectories: {self.count.sum():,}>"
+        return f"<CrossingsOfMany {len(self):,} trajectories: {self.count.sum():,}>"

@@ -16,8 +16,8 @@ import gyrospark as gs
 from calls import PARAMETERS
 from command_line import refused
 from compilers import MAIN, compiler
-from gyrospark.api import _generator_fingerprint, checked_in_files
 from gyrospark import api
+from gyrospark.api import _generator_fingerprint, checked_in_files
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.engine import amalgamate as engine
 from gyrospark.engine.amalgamate import FOLDER, amalgamate
