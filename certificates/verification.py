@@ -32,9 +32,9 @@ class Verification:
     conditions: list[Condition]
 
     def __repr__(self) -> str:
-        kept = sum(line.holds for line in self.conditions)
-        return (f"<Verification of {self.name}: order {self.order}, {kept} of {len(self.conditions)} "
-                "conditions hold>")
+        held = sum(line.holds for line in self.conditions)
+        return (f"<Verification of {self.name}: order {self.order}, {held} of "
+                f"{len(self.conditions)} conditions hold>")
 
     @property
     def holds(self) -> bool:
@@ -112,7 +112,7 @@ def _symmetrised(tableau: Tableau, real_name: RealName) -> list[Condition]:
     errors = fast.rounding_errors(real)
     most = max(abs(e) for e in errors) * 2**real.bits
     return [Condition(
-        "scaled coefficients of the sweeps",
+        "scaled coefficients of the fixed-point iteration",
         "mu^_ij + mu_ji = 1 and nu~_ij + nu_ji = 1 after rounding, in rational arithmetic",
         f"{len(errors)} within {float(most):.2f} of 2^-{real.bits}",
         holds=fast.is_symplectic(real),
