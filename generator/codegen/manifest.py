@@ -104,7 +104,7 @@ def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
     return {"tableau": {
         "name": tableau.name,
         "remarks": [*remarks(tableau),
-                    *([] if refusal is None else [f"no sweeps, Newton at every step: {refusal}"])],
+                    *([] if refusal is None else [f"no fixed-point iteration: {refusal}"])],
         "conditions": {line.name: {"found": line.found, "residual": line.residual}
                        for line in check_tableau(tableau)},
     }}

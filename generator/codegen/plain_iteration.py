@@ -105,7 +105,7 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) 
 def beside(
     of_newton: Sequence[EmittedKernel], of_sweeps: Sequence[EmittedKernel]
 ) -> tuple[list[EmittedKernel], dict[str, str]]:
-    """Return the kernels that sweeps have and Newton has not, and new names of some of these.
+    """Return the kernels of the iteration that Newton's method lacks, and new names of some.
 
     What both call by one name is one function where it is the same, else there are two.
     """
@@ -122,6 +122,6 @@ def beside(
 
 
 def _text(kernel: EmittedKernel) -> str:
-    """Return what a kernel does; the type has a name of its own where sweeps call it."""
+    """Return what a kernel does; the iteration has a name of its own for the type."""
     return re.sub(r"\b(double|float|long double|_Float\d+)\b", "real",
                   "\n".join([kernel.returns, kernel.signature, *kernel.lines]))

@@ -11,7 +11,7 @@ ProfileName = Literal["control", "run", "full"]
 
 #: Each with the one it is for.
 PROFILES: dict[ProfileName, str] = {
-    "control": "one trajectory, a bounded number of sweeps a step: for a controller",
-    "run": "one trajectory, steps and whole runs, Newton behind the sweeps: for programs in C",
+    "control": "one trajectory, a bounded number of iterations a step: for a controller",
+    "run": "one trajectory, steps and whole runs, with Newton's method as fallback: for C programs",
     "full": "batches, lanes, what a step solves: for Python",
 }

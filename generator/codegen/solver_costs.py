@@ -1,9 +1,8 @@
-"""What a sweep and a Newton iteration cost, counted from the kernels they call.
+"""Costs of a fixed-point iteration and of a Newton iteration, counted from the kernels they call.
 
-``solver="auto"`` takes the steps with whichever costs less for the motion at hand: how many sweeps
-and iterations a step takes is seen in the run, what one of them costs is estimated here, in units
-of an addition. The C compares the two; no clock is read, so that a run gives the same bits whatever
-else the machine does.
+``solver="auto"`` selects the cheaper method. The number of iterations a step takes is measured in
+the run; the cost of one is estimated here, in units of an addition. The C compares the two without
+a clock, so that a run has the same bits on a busy machine.
 """
 
 from __future__ import annotations
@@ -24,22 +23,22 @@ __all__ = ["Cost", "solver_costs"]
 _WEIGHTS = {"add": 1.0, "mul": 1.0, "div": 6.0, "sqrt": 8.0, "product": 12.0}
 _CALL = 40.0
 
-#: Kernels that a stage, and a constraint node, takes in a sweep, a residual and a Jacobian.
+#: Kernels of a stage, and of a constraint node, in an iteration, a residual and a Jacobian.
 _DENSE = {
-    "spark": {"sweep": (["velocity", "force"], ["constraint_increment", "constraint_jacobian"]),
+    "spark": {"iteration": (["velocity", "force"], ["constraint_increment", "constraint_jacobian"]),
               "residual": (["gradient"], ["constraint_increment", "constraint_jacobian"]),
               "jacobian": (["hessian"], ["constraint_curvature"])},
-    "mean": {"sweep": (["mean_velocity", "mean_force"],
+    "mean": {"iteration": (["mean_velocity", "mean_force"],
                        ["constraint_increment", "mean_constraint"]),
              "residual": (["mean_gradient"],
                           ["constraint", "constraint_increment", "mean_constraint"]),
              "jacobian": (["mean_jacobian"], ["mean_curvature", "constraint_jacobian"])},
 }
 _ELEMENTS = {
-    "spark": {"sweep": (["velocity", "gradient", "value"], ["increment", "reaction"]),
+    "spark": {"iteration": (["velocity", "gradient", "value"], ["increment", "reaction"]),
               "residual": (["gradient", "value"], ["increment", "reaction"]),
               "jacobian": (["hessian", "jacobian"], ["jacobian", "curvature"])},
-    "mean": {"sweep": (["mean_velocity", "mean_velocity", "mean_gradient", "value"],
+    "mean": {"iteration": (["mean_velocity", "mean_velocity", "mean_gradient", "value"],
                        ["increment", "mean_reaction", "mean_reaction"]),
              "residual": (["mean_gradient", "value"], ["value", "increment", "mean_reaction"]),
              "jacobian": (["mean_jacobian", "jacobian"],
@@ -77,9 +76,9 @@ def solver_costs(
     scheme: SparkScheme | MeanScheme, kernels: Iterable[EmittedKernel],
     elements: Elements | None,
 ) -> dict[str, int]:
-    """Return costs of a stage and of a constraint node in a sweep, a residual and a Jacobian.
+    """Return costs of a stage and of a constraint node in an iteration, a residual and a Jacobian.
 
-    Of a sweep, ``*_lanes`` is done for all lanes at once, ``*_calls`` once a stage or node.
+    Of an iteration, ``*_lanes`` is done for all lanes at once, ``*_calls`` once a stage or node.
     """
     kind = "spark" if isinstance(scheme, SparkScheme) else "mean"
     recipe = (_DENSE if elements is None else _ELEMENTS)[kind]
@@ -94,7 +93,7 @@ def solver_costs(
                        for cost, kernels_of in zip((of_stage, of_node), names, strict=True))
         if not scheme.system.m:
             node = Cost()
-        if part == "sweep":
+        if part == "iteration":
             costs |= {"stage_lanes": round(stage.arithmetic), "stage_calls": round(stage.calls),
                       "node_lanes": round(node.arithmetic), "node_calls": round(node.calls)}
         else:

@@ -1,11 +1,11 @@
 """Structure of a system for the fixed-point iteration, found by algebra (not declared).
 
-The fast path solves T1 by fixed-point sweeps on scaled unknowns
+The fast path solves T1 by fixed-point iteration on scaled unknowns
 
     L_j = h b_j k_j,   L̂_j = h b̂_j k̂_j,   ι_j = h b̃_j Λ_j,   Y_j = −G(Q̃_j)ᵀ ι_j
     Q_i = q + Σ μ_ij L_j,   Q̃_l = q + Σ ν_lj L_j,   P_i = p + Σ μ̂_ij L̂_j + Σ ν̃_ij Y_j
 
-with the multipliers corrected in every sweep through the Schur complement of the constraints,
+with the multipliers corrected in every iteration through the Schur complement of the constraints,
 δι_j = (b̃_j/h) W_j⁻¹ Σ_l (M⁻¹)_jl g(Q̃_l), M = Ā Ã, W = G H_pp Gᵀ. It profits from identities that
 hold where g = 0; each is proved here by reduction modulo g:
 
@@ -45,7 +45,7 @@ _LARGEST_INVERSE = 3
 
 @dataclass(frozen=True)
 class FastSystem:
-    """The identities of a system that its sweeps use."""
+    """The identities of a system that its fixed-point iteration uses."""
 
     system: System
 
@@ -147,7 +147,7 @@ class FastSystem:
 
     @property
     def is_separable(self) -> bool:
-        """Whether H_pq = 0: Gauss-Seidel sweeps then square the contraction."""
+        """Whether H_pq = 0: Gauss-Seidel ordering then squares the contraction."""
         return not depends_by_steps(self.system.H_p, self.system.q) and all(
             expanded(e) == 0 for row in self.system.H_pq for e in row)
 
@@ -181,7 +181,7 @@ class FastSystem:
         return factors.pop() if len(factors) == 1 else sp.Integer(1)
 
     def spark_kernels(self, *, separate: bool = False) -> list[Kernel]:
-        """Return the kernels of the sweeps of SPARK methods, to be emitted on lanes.
+        """Return the kernels of the fixed-point iteration of SPARK methods, on lanes.
 
         ``separate`` keeps H_p out of the kernel of H_q, where it is asked for again.
         """
@@ -208,7 +208,7 @@ class FastSystem:
         return [*kernels, *self._multiplier_kernels()]
 
     def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
-        """Return the kernels of the sweeps of IMS or EMS, to be emitted on lanes."""
+        """Return the kernels of the fixed-point iteration of IMS or EMS, on lanes."""
         inputs = {"qm": scheme.means[0], "pm": scheme.means[1],
                   "dq": scheme.differences[0], "dp": scheme.differences[1]}
         D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_rates)

@@ -200,7 +200,7 @@ def test_rod_keeps_the_distance_of_the_start():
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, position=(0, 0, np.nan)), "position of 'c'"),
     (lambda b, x: b.ball("j", x, x), "to itself"),
     (lambda b, x: b.ball("j", x, "floor"), "'floor'"),
-    (lambda b, x: b.ball("j", b.ground, x) and b.model(), "where"),
+    (lambda b, x: b.ball("j", b.ground, x) and b.model(), "position"),
     (lambda b, x: b.revolute("j", b.ground, x, axis=(0, 0, 0)), "axis.*'j'"),
     (lambda b, x: b.spring("j", b.ground, x, stiffness=1, length=-1), "length.*'j'"),
     (lambda b, x: b.force(x, (1, 2)), "2 components"),
