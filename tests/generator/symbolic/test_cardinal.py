@@ -34,7 +34,7 @@ def program(real, tmp_path: Path):
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), trim_blocks=True,
                                      lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     body = environment.get_template("cardinal.c.jinja").render(
-        cardinals=names, sfx=real.suffix.lower(), limits=real.limits)
+        cardinals=names, suffix=real.suffix.lower(), limits=real.limits)
     if real.name == "float128":
         show = "char text[90]; strfromf128(text, sizeof text, \"%.60g\", f(x)); puts(text);"
     else:
