@@ -1,6 +1,6 @@
 """T1 by full Newton, driven from Python over the compiled residual and Jacobian.
 
-Slow, and open to inspection: the same rules as ``engine/newton.h``, an independent
+Slow, and open to inspection: the same rules as ``engine/gyrospark/newton/newton.h``, an independent
 linear solver. Tests hold the two against each other.
 """
 
