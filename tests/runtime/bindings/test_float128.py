@@ -289,7 +289,7 @@ def test_command_line(tmp_path):
     done = cli("generate", "--scheme", "IMS", "--real", "float128", "--out", str(tmp_path))
     assert done.returncode == 0
     text = (tmp_path / "heavy_top_ims_gamma_float128.c").read_text(encoding="utf-8")
-    assert "fabsf128(" in text
+    assert "##f128" in text
     assert "FLT128_EPSILON" in text
     done = cli("run", "fast-top", "--scheme", "IMS", "--real", "float128", "--dt", "1e-3",
                "--steps", "20", "--json")
