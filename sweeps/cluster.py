@@ -115,7 +115,7 @@ def run_tiles(
             memory.measure(len(begun))
             continue
         _, tile = begun.pop(future.key)
-        if future.status == "atomic_file":
+        if future.status == "finished":
             if remote is None:
                 sink.write(tile, future.result())
             advance(tile)

@@ -21,8 +21,8 @@ from work_memory import integers_of
 
 #: Integers that no step reads before it has written them: of a trajectory that is held, which
 #: storage has none of, and of the last factorisation; operations are counted anew in each step.
-UNREAD = ("held.options.", "held.report.", "held.is_new", "products", "effort", "exponents",
-          "pivots")
+UNREAD = ("simulation.options.", "simulation.report.", "simulation.state_changed", "products",
+          "effort", "exponents", "pivots")
 CASES = [0, 1, pytest.param(2, marks=pytest.mark.slow)]
 
 

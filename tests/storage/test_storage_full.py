@@ -97,9 +97,9 @@ mount -t tmpfs -o size={size}k none disk
 {python} -c '
 import json, os, sys, pathlib
 import gyrospark as gs
-from gyrospark.storage import layout
+from gyrospark.storage import array_layout
 from calls import PARAMETERS, TOP
-layout._MOST_ROWS = 1024
+array_layout._MOST_ROWS = 1024
 run = {{"q": TOP.q0, "p": TOP.p0, "dt": 1e-3, "parameters": PARAMETERS, "steps": 40000, "every": 4}}
 step, said = gs.stepper("EMS"), {{}}
 ballast = pathlib.Path("disk/ballast")

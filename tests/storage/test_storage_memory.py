@@ -11,9 +11,9 @@ from processes import FAST_TOP, python
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 PEAK = """
-from gyrospark.storage import layout
+from gyrospark.storage import array_layout
 if block:
-    layout._MOST_ROWS = block
+    array_layout._MOST_ROWS = block
 step = gs.stepper("EMS")
 def peak():
     with open("/proc/self/status") as file:

@@ -281,7 +281,7 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
-        patch.setattr(recorder.Recorder, "go", lambda self, progress: None)
+        patch.setattr(recorder.Recorder, "run_to_end", lambda self, progress: None)
         with pytest.raises(gs.StepFailed):  # it is not complete
             gs.record(gl3, **START, out=out, steps=90, resume=True)
     whole = gl3.integrate(**START, steps=90)

@@ -194,7 +194,7 @@ REFUSED = [
     (P((0, x < 0), (1, True)), "jumps.* 0 .* 1 .*x = 0"),
     (P((0, x < a), (x, True)), "jumps.* 0 .* a .*x = a"),
     (sp.sign(x) * y, "jumps.*-1 .* 1 .*x = 0"),
-    (P((0, x < 0), (x * y, True)), "y beside x"),
+    (P((0, x < 0), (x * y, True)), "y besides x"),
     (P((0, x < y), (x**2, True)), "functions.*[xy] . [xy]"),
     (P((0, r * x < 0), (x**2, True)), "sign.*positive"),
     (P((x, x**2 < 1), (1, True)), r"functions.*x\*\*2"),

@@ -129,7 +129,7 @@ def test_a_module_has_its_functions_and_no_other():
 
 
 def is_static(name, function, header):
-    line = re.search(rf"^.*\b{name}_{function}\(", header, re.MULTILINE)
+    line = re.search(rf"^(?! \*).*\b{name}_{function}\(", header, re.MULTILINE)
     return " static " in line[0]
 
 
