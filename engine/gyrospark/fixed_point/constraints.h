@@ -28,44 +28,9 @@ static void SOLVER(set_impulses)(SOLVER(t) *w, int lane, const real *multipliers
         }
 }
 
-#if GS_ELEMENTS
-/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
-INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
-{
-    SOLVER(constraint_state) *at = &w->constraint_state;
-    lanes_constraint(&w->constants, w->q, at->g_rounded);
-    lanes_constraint_change(&w->constants, w->q, w->q_low, at->g, at->row_weight);
-    for (int mu = 0; mu < M; ++mu) {
-        at->g[mu] += at->g_rounded[mu];
-        at->row_weight[mu] = 1/at->row_weight[mu];
-    }
-}
-#else
-/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
-INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
-{
-    lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->constraint_state.g_rounded);
-    lanes_constraint_jacobian(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(LIMIT(MIN));
-        w->constraint_state.g[mu] = w->constraint_state.g_rounded[mu];
-        for (int a = 0; a < N; ++a) {
-            w->constraint_state.g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->constraint_state.row_weight[mu] = 1/square;
-    }
-}
-#endif
+#include "gyrospark/fixed_point/schur.h"
 
 #if GS_CONSTANT_SCHUR
-/* W is constant where g = 0, and its inverse is stored: there is nothing to factorise. */
-INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
 /* impulse += (h W)^-1 defect at the nodes */
 INLINE void SOLVER(apply_schur_inverse)(const SOLVER(t) *w, const lanes *defect, lanes *impulse)
 {
@@ -74,27 +39,6 @@ INLINE void SOLVER(apply_schur_inverse)(const SOLVER(t) *w, const lanes *defect,
             for (int nu = 0; nu < M; ++nu)
                 impulse[j*M + mu] += w->constraint_state.W_inverse[mu][nu]*defect[j*M + nu];
 }
-
-#if GS_SCALAR_SCHUR
-/* Computes (h W)^-1, and c with H_pp G^T = c G^T. */
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->constraint_state.W_inverse[mu][nu] *= w->h_inverse;
-    w->constraint_state.correction = lanes_correction(&w->constants);
-}
-#else
-/* Computes (h W)^-1. */
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->constraint_state.W_inverse[mu][nu] *= w->h_inverse;
-}
-#endif
 #else
 /* Factorises W = G H_pp G^T at the nodes. */
 INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
@@ -114,11 +58,6 @@ INLINE void SOLVER(apply_schur_inverse)(SOLVER(t) *w, lanes *defect, lanes *impu
     lanes_substitute_all(SOLVER(P), w->now.factor, defect);
     for (int e = 0; e < SOLVER(P)*M; ++e)
         impulse[e] += w->h_inverse*defect[e];
-}
-
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    (void)w;
 }
 #endif
 

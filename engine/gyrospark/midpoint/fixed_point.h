@@ -154,44 +154,9 @@ INLINE void SOLVER(update_rates)(SOLVER(t) *w, lanes *x, lanes *q_change, lanes 
 #endif
 
 #if GS_CONSTRAINED
-#if GS_ELEMENTS
-/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
-INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
-{
-    SOLVER(constraint_state) *at = &w->constraint_state;
-    lanes_constraint(&w->constants, w->q, at->g_rounded);
-    lanes_constraint_change(&w->constants, w->q, w->q_low, at->g, at->row_weight);
-    for (int mu = 0; mu < M; ++mu) {
-        at->g[mu] += at->g_rounded[mu];
-        at->row_weight[mu] = 1/at->row_weight[mu];
-    }
-}
-#else
-/* Evaluates g at q + q_low, to first order in q_low, and 1/|G_mu|^2 for each row of G. */
-INLINE void SOLVER(evaluate_constraints)(SOLVER(t) *w)
-{
-    lanes G[M][N];
-    lanes_constraint(&w->constants, w->q, w->constraint_state.g_rounded);
-    lanes_constraint_jacobian(&w->constants, w->q, G);
-    for (int mu = 0; mu < M; ++mu) {
-        lanes square = splat(LIMIT(MIN));
-        w->constraint_state.g[mu] = w->constraint_state.g_rounded[mu];
-        for (int a = 0; a < N; ++a) {
-            w->constraint_state.g[mu] += G[mu][a]*w->q_low[a];
-            square += G[mu][a]*G[mu][a];
-        }
-        w->constraint_state.row_weight[mu] = 1/square;
-    }
-}
-#endif
+#include "gyrospark/fixed_point/schur.h"
 
 #if GS_CONSTANT_SCHUR
-/* W is constant where g = 0, and its inverse is stored: there is nothing to factorise. */
-INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
-{
-    (void)w;
-}
-
 /* impulse += 2 (h W)^-1 g */
 INLINE void SOLVER(apply_schur_inverse)(const SOLVER(t) *w, lanes g[M], lanes *impulse)
 {
@@ -199,27 +164,6 @@ INLINE void SOLVER(apply_schur_inverse)(const SOLVER(t) *w, lanes g[M], lanes *i
         for (int nu = 0; nu < M; ++nu)
             impulse[mu] += 2*w->constraint_state.W_inverse[mu][nu]*g[nu];
 }
-
-#if GS_SCALAR_SCHUR
-/* Computes (h W)^-1, and c with H_pp G^T = c G^T. */
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->constraint_state.W_inverse[mu][nu] *= w->h_inverse;
-    w->constraint_state.correction = lanes_correction(&w->constants);
-}
-#else
-/* Computes (h W)^-1. */
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    lanes_schur_inverse(&w->constants, w->constraint_state.W_inverse);
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
-            w->constraint_state.W_inverse[mu][nu] *= w->h_inverse;
-}
-#endif
 #else
 /* Factorises W = G H_pp G^T at the end of the step. */
 INLINE void SOLVER(factorise_schur)(SOLVER(t) *w)
@@ -239,11 +183,6 @@ INLINE void SOLVER(apply_schur_inverse)(SOLVER(t) *w, lanes g[M], lanes *impulse
     lanes_substitute(w->now.factor, g);
     for (int mu = 0; mu < M; ++mu)
         impulse[mu] += 2*w->h_inverse*g[mu];
-}
-
-static void SOLVER(prepare_schur)(SOLVER(t) *w)
-{
-    (void)w;
 }
 #endif
 
