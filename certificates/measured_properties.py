@@ -30,7 +30,7 @@ from .round_off import RoundOff
 
 __all__ = ["CertificateLine", "Examination"]
 
-#: A step so short that the residual is that of the state itself.
+#: A step so short that only the residual of the initial state is left.
 _SHORT = 1e-30
 
 
@@ -407,7 +407,7 @@ class Examination:
         if self.decay * seen.dt > 1:
             return reported(quantity, found, f"{wanted} once λΔt is small",
                             f"dampers are stiff, λΔt = {self.decay * seen.dt:.2g}: orders fall to "
-                            "about that of the stages", seen.order)
+                            "about the stage order", seen.order)
         lacking = wanted - seen.order  # a run may happen to be better than its method
         guarantee = Guarantee(True, "|y_h − y_(h/2)| over halved steps lacks at most 0.3")
         return compared(quantity, found, f"at least {wanted}", guarantee, lacking, 0.3)
