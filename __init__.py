@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from .generator.multibody.multibody import Multibody
     from .generator.multibody.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
+    from .runtime.derivatives.gradient import Gradient
+    from .runtime.derivatives.tangent_space import Tangents
     from .runtime.events.poincare_section import Section, section
     from .runtime.results.crossings import Crossings
     from .runtime.results.trajectory import Trajectory
@@ -109,6 +111,8 @@ _HOMES = {
     "Section": "runtime.events.poincare_section",
     "section": "runtime.events.poincare_section",
     "Simulation": "runtime.steppers.simulation",
+    "Gradient": "runtime.derivatives.gradient",
+    "Tangents": "runtime.derivatives.tangent_space",
     "Stepper": "runtime.steppers.stepper",
     "Trajectory": "runtime.results.trajectory",
     "Recording": "storage.recording",
@@ -134,6 +138,7 @@ __all__ = [
     "Event",
     "FrameChoice",
     "GammaChoice",
+    "Gradient",
     "GyrosparkError",
     "InputError",
     "InputWarning",
@@ -150,6 +155,7 @@ __all__ = [
     "StorageError",
     "System",
     "TableauError",
+    "Tangents",
     "Trajectory",
     "__version__",
     "body_system",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -128,7 +128,15 @@ def stepper_of(
     if tableau is None and spec.tableau is None and system is None:
         return _named_stepper(spec)
     made = _generate(spec, system, tableau, allow_invalid)
-    return Stepper(made.source.name, made.source.files())
+    return Stepper(made.source.name, made.source.files(),
+                   partial(_with_derivatives, spec, system, tableau, allow_invalid))
+
+
+def _with_derivatives(
+    spec: Spec, system: Any, tableau: Any, allow_invalid: bool
+) -> dict[str, str]:
+    """Return the files of a stepper with tangents and adjoints, for a given system or tableau."""
+    return _generate(spec, system, tableau, allow_invalid, derivatives=True).source.files()
 
 
 def consistent(
@@ -225,7 +233,17 @@ def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Table
 
 @lru_cache(maxsize=64)
 def _named_stepper(spec: Spec) -> Stepper:
-    return Stepper(spec.name, files_of(spec))
+    return Stepper(spec.name, files_of(spec), partial(_derivative_files, spec))
+
+
+def _derivative_files(spec: Spec) -> dict[str, str]:
+    """Return the files of a named stepper with tangents and adjoints, cached."""
+    key = f"{spec.name}-{_source_key(spec, 'derivatives')}.source.json"
+    files: dict[str, str] | None = read_cache(key)
+    if files is None:
+        files = _with_derivatives(spec, None, None, False)
+        write_cache(key, files)
+    return files
 
 
 def model_stepper(
@@ -257,7 +275,7 @@ def model_stepper(
 
     def found(changes: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
         return _cached_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
-                           lambda: _model_of_file(spec, text, changes), allow_invalid)
+                             partial(_model_of_file, spec, text, dict(changes)), allow_invalid)
 
     numbers = {key: number for key, value in settings.items()
                if (number := _plain_number(value)) is not None}
@@ -276,12 +294,13 @@ def named_model_stepper(
 
     ``options`` are arguments of the model's function.
     """
-    def make() -> tuple[Model, list[str]]:
-        arguments = {**options, **({"rep": spec.rep} if spec.rep else {})}
-        return MODELS[name].make(**arguments), []
+    return _cached_model(("named", name, allow_invalid, sorted(options.items())), spec,
+                         partial(_named_model, spec, name, dict(options)), allow_invalid)
 
-    return _cached_model(("named", name, allow_invalid, sorted(options.items())), spec, make,
-                       allow_invalid)
+
+def _named_model(spec: Spec, name: str, options: dict[str, Any]) -> tuple[Model, list[str]]:
+    arguments = {**options, **({"rep": spec.rep} if spec.rep else {})}
+    return MODELS[name].make(**arguments), []
 
 
 def _cached_model(
@@ -301,18 +320,34 @@ def _cached_model(
         name, files, start = found[0], found[1], RunDefaults.from_json(found[2])
     for message in start.warnings:
         warn(message)
-    return Stepper(name, files), start
+    return Stepper(name, files, partial(_model_with_derivatives, key, spec, make, allow_invalid)
+                   ), start
+
+
+def _model_with_derivatives(
+    key: str, spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool
+) -> dict[str, str]:
+    """Return the files of a model's stepper with tangents and adjoints, cached beside its own."""
+    key = key.replace(".source.json", "_derivatives.source.json")
+    files: dict[str, str] | None = read_cache(key)
+    if files is None:
+        with capture_warnings():
+            files = _generate_model(spec, make, allow_invalid, derivatives=True)[1]
+        write_cache(key, files)
+    return files
 
 
 def _generate_model(
-    spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool
+    spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool, *,
+    derivatives: bool = False,
 ) -> tuple[str, dict[str, str], RunDefaults]:
     from .generator.pipeline import generate
 
     what = spec.model or spec.system
     with log_task(f"deriving {what} with {spec.method}", f"derived {what}"):
         model, free = make()
-        source = generate(spec, model=model, allow_invalid=allow_invalid).source
+        source = generate(spec, model=model, allow_invalid=allow_invalid,
+                          derivatives=derivatives).source
     return source.name, source.files(), replace(RunDefaults.of(model), free=free)
 
 
@@ -385,7 +420,7 @@ def _generator_fingerprint() -> str:
 
 
 def _generate(
-    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool
+    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False
 ) -> Generated:
     from .generator.pipeline import generate
     from .generator.systems.system import System
@@ -397,5 +432,7 @@ def _generate(
         raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
                          "one with gyrospark.tableau.")
     what = spec.name if system is None else f"{system.name} with {spec.method}"
+    what = f"derivatives of {what}" if derivatives else what
     with log_task(f"deriving {what}", f"derived {what}"):
-        return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid)
+        return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid,
+                        derivatives=derivatives)

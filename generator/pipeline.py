@@ -47,6 +47,7 @@ def generate(
     tableau: Tableau | None = None,
     allow_invalid: bool = False,
     structured: bool | None = None,
+    derivatives: bool = False,
 ) -> Generated:
     """Run the pipeline.
 
@@ -66,6 +67,8 @@ def generate(
     structured : bool, optional
         Whether the C loops over the instances of the system's forms (``repeated_structure``); by
         default where that saves work.
+    derivatives : bool
+        Whether the C has tangents and adjoints of steps too.
 
     Raises
     ------
@@ -104,7 +107,7 @@ def generate(
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
-                          spec.profile, frame), structured)
+                          spec.profile, frame, derivatives), structured)
     return Generated(source, scheme, system, coefficients)
 
 

@@ -33,6 +33,7 @@ from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from .bytecode import Bytecode
 from .c_lines import fitted
+from .derivatives import derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
 from .manifest import frame_manifest, hidden_constraints, manifest_text
@@ -134,9 +135,11 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
                                   parts.used_constants if parts else ())
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
     constants_c = {str(s): printer(e) for e, s in needed.items()}
+    derivatives = derivatives_of(derived, constants_c) if derived.derivatives else None
+    more = derivatives.functions if derivatives else frozenset[str]()
     functions = printer.functions.union(
         *(k.functions for k in known if not k.name.startswith("lanes_")),
-        quantities.functions if quantities else ())
+        quantities.functions if quantities else (), more)
     tableau = scheme.tableau
     legendre = system if isinstance(system, LagrangianSystem) else None
     hidden = hidden_constraints(derived, parts)
@@ -174,7 +177,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         run_constants=plain.run_constants if plain else [],
         kernels=kernels,
         compensated=any(map(sums_products, known)),
-        cardinals=sorted(c_names_with_needs(frozenset().union(*(k.functions for k in known)))),
+        cardinals=sorted(c_names_with_needs(
+            more.union(*(k.functions for k in known)))),
         switch_functions=SWITCHES & functions,
         costs={} if derived.profile == "control" else solver_costs(
             scheme, kernels if plain else known, parts),
@@ -187,6 +191,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         plain=plain,
         no_fixed_point=refusal,
         frame=frame,
+        derivatives=derivatives,
     )
 
 

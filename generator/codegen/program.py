@@ -18,8 +18,8 @@ from ..systems.system import System
 from .profiles import ProfileName
 
 __all__ = [
-    "Derived", "Elements", "Features", "FrameTransformation", "LaneIteration", "MassTables",
-    "PlainIteration", "Program", "TableauText",
+    "Derivatives", "Derived", "Elements", "Features", "FrameTransformation", "LaneIteration",
+    "MassTables", "PlainIteration", "Program", "TableauText",
 ]
 
 Table = list[list[str]]
@@ -41,6 +41,8 @@ class Derived:
     real: Real
     profile: ProfileName = "full"
     frame: CoMovingFrame | None = None
+    #: Whether tangents and adjoints are written too.
+    derivatives: bool = False
 
     @property
     def is_spark(self) -> bool:
@@ -212,6 +214,21 @@ class TableauText:
 
 
 @dataclass(frozen=True)
+class Derivatives:
+    """What ``engine/gyrospark/derivatives`` expects of the generated file."""
+
+    kernels: list[EmittedKernel]
+    #: Columns of the kernels: constants, at least one, and times.
+    columns: int
+    times: int
+    #: Nonzero derivatives of constants by parameters: places of both, and C.
+    chain: list[tuple[int, int, str]]
+    #: The column of each input; -1 of one that nothing depends on.
+    inputs: list[int]
+    functions: frozenset[str]
+
+
+@dataclass(frozen=True)
 class Program:
     """What the templates print. Names in C are those of the fields' values."""
 
@@ -271,6 +288,7 @@ class Program:
     #: Why there is no fixed-point iteration.
     no_fixed_point: str
     frame: FrameTransformation | None
+    derivatives: Derivatives | None
 
     @property
     def iteration(self) -> LaneIteration | PlainIteration | None:

@@ -213,7 +213,9 @@ def compile_module(
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
-    header = files[f"{name}.h"] if is_whole() else declarations_of(name, files[f"{name}.h"], part)
+    everything = is_whole() and part != "derivatives"
+    header = files[f"{name}.h"]
+    header = header if everything else declarations_of(name, header, part)
     wrapper = _write_wrapper(name, header, checks, folder)
     include = sysconfig.get_paths()["include"]
     running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",

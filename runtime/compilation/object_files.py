@@ -1,7 +1,8 @@
 """A stepper's C as objects that compile side by side, and the modules that are made of them.
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
-side, on lanes, in another one that is made when they are first asked for. Each module is linked of
+side, on lanes, in another one that is made when they are first asked for, and so are tangents and
+adjoints, whose text has more kernels. Each module is linked of
 objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
 iteration, and for one trajectory beside what its run is set up with and learns. An object defines
 some of the public functions. The others are static in its header, so that the compiler drops them,
@@ -37,13 +38,15 @@ from .kernel_check import Kind
 __all__ = ["WITHOUT_PERMUTATIONS", "Object", "Part", "declarations_of", "has_permutation",
            "objects_of"]
 
-#: Which of the two modules.
-Part = Literal["runs", "lanes"]
+#: Which of the modules.
+Part = Literal["runs", "lanes", "derivatives"]
 
 #: Of both modules: how many trajectories lie side by side, and the size of work memory.
 _BOTH = {"lanes", "work_size"}
 _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
+_DERIVATIVES = {"derivative_size", "keep", "integrate_and_keep", "tangent", "adjoint",
+                "integrate_tangent", "integrate_adjoint", "constraint_derivatives", *_BOTH}
 #: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
 #: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {1: ("numbers",), 2: ("lanes",), 3: ("lanes",)}
@@ -73,6 +76,8 @@ def objects_of(
     each of several objects would take as long as the whole text.
     """
     header = files[f"{name}.h"]
+    if part == "derivatives":
+        return [Object("derivatives", _only(name, header, _DERIVATIVES), _FLAGS)]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
     if whole:
@@ -86,21 +91,28 @@ def objects_of(
 
 def declarations_of(name: str, header: str, part: Part) -> str:
     """Return a header with the functions that are in a module, for cffi."""
-    if not _has_lanes(name, header):
-        return header
     functions = _functions(name, header)
-    kept = functions - (_LANES - _BOTH) if part == "runs" else _LANES
+    if part == "derivatives":
+        kept = _DERIVATIVES
+    elif not _has_lanes(name, header):
+        return header
+    else:
+        kept = functions - (_LANES - _BOTH) if part == "runs" else _LANES
     return _declaration(name, r"[^;]*;\n").sub(
         lambda found: found[0] if found[1] in kept else "", header)
 
 
 def _object(name: str, header: str, number: int, functions: set[str]) -> Object:
-    made = _declaration(name).sub(
-        lambda found: found[0] if found[1] in functions
-        else f"__attribute__((unused)) static {found[0]}", header)
-    return Object(f"object{number}", made,
+    return Object(f"object{number}", _only(name, header, functions),
                   (f"-DGYROSPARK_OBJECT={number}", *_FLAGS), seldom=number == 4,
                   checks=_CHECKS.get(number, ()))
+
+
+def _only(name: str, header: str, functions: set[str]) -> str:
+    """Return a header whose other functions are static, so that the compiler drops them."""
+    return _declaration(name).sub(
+        lambda found: found[0] if found[1] in functions
+        else f"__attribute__((unused)) static {found[0]}", header)
 
 
 def _has_lanes(name: str, header: str) -> bool:

@@ -47,12 +47,12 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         if path := prebuilt_module(files, part):
             return import_module(name, path)
         raise
-    part = "runs" if is_whole() else part
+    part = "runs" if part == "lanes" and is_whole() else part
     path = _path_of(name, files, compiler, part)
     if _is_whole(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
             return import_module(name, path)
-    what = name if part == "runs" else f"{name} for ensembles"
+    what = name + {"runs": "", "lanes": " for ensembles", "derivatives": ": derivatives"}[part]
     with log_task(f"compiling {what}", f"compiled {what}"), build_folder() as folder:
         built, record = compile_verified(name, files, compiler, folder, part)
         proof = folder / "record.json"

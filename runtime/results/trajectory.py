@@ -87,6 +87,8 @@ class Trajectory(Shown):
     quantity_values: Array
     #: Where its events happened, by their names; see ``gyrospark.Event``.
     events: dict[str, Crossings] = field(default_factory=dict, repr=False)
+    #: Derivatives of the stored states, where ``integrate(tangents=...)`` was asked for them.
+    tangents: Any = field(default=None, repr=False)
     #: What inputs its steps had, where it is known: of what ``integrate`` returned.
     _inputs: Any = field(default=None, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
@@ -259,6 +261,32 @@ class Trajectory(Shown):
             raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
                              "returned.")
         return maker.at(self, times)
+
+    def gradient(
+        self, cotangents: Any = None, *, stepper: Any = None, **options: Any
+    ) -> Any:
+        """Return the gradient of a function of this run; see ``Stepper.gradient``.
+
+        Parameters
+        ----------
+        cotangents : mapping
+            Derivatives of the function by the stored states: {"q": ..., "p": ...}.
+        stepper : Stepper, optional
+            What made the trajectory; known of what ``integrate`` returned in this process.
+        options
+            ``loss``, ``wrt``, ``memory`` and ``solver``.
+
+        Raises
+        ------
+        InputError
+            Where the stepper is not known, and as ``Stepper.gradient``.
+        """
+        maker = self._stepper if stepper is None else stepper
+        if not callable(getattr(maker, "gradient", None)):
+            raise InputError(
+                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                "it; give gradient(..., stepper=...).")
+        return maker.gradient(self, cotangents, **options)
 
     def made_by(self, stepper: Maker) -> Trajectory:
         """Return this trajectory, which then knows what made it."""

@@ -23,6 +23,8 @@ from ..bindings.binding import SOLVERS, SolverName
 from ..bindings.inputs import Inputs, as_inputs
 from ..compilation.manifest import manifest_warnings
 from ..compilation.stepper_module import provenance
+from ..derivatives.tangent_run import with_tangents
+from ..derivatives.tangent_space import Tangents
 from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
@@ -33,8 +35,8 @@ from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
 from ..tuning.frame_choice import choose_parameters
 from ..tuning.step_choice import step_choice
+from .differentiation import Derive, Differentiation
 from .ensemble import Ensemble, integrate_members
-from .evaluation import Evaluation
 from .simulation import ContinuedStep, Simulation
 
 __all__ = ["SOLVERS", "Stepper"]
@@ -45,7 +47,7 @@ Array = NDArray[Any]
 _LONGEST = 300
 
 
-class Stepper(Evaluation):
+class Stepper(Differentiation):
     """A stepper compiled from generated C.
 
     Make one with ``gyrospark.stepper(...)``. Instances may be used from many threads at once; all
@@ -71,8 +73,10 @@ class Stepper(Evaluation):
         the order that its weights allow; and where H or forces switch, as |x| does at 0.
     """
 
-    def __init__(self, name: str, files: dict[str, str]) -> None:
-        super().__init__(name, files)
+    def __init__(
+        self, name: str, files: dict[str, str], derive: Derive | None = None
+    ) -> None:
+        super().__init__(name, files, derive)
         self.order = int(self.manifest["scheme"]["order"])
         self.warnings = [text for _, text in manifest_warnings(self.manifest)]
         #: The largest rotation in a step, which integrations warn of.
@@ -101,7 +105,7 @@ class Stepper(Evaluation):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by sources: another process, or another machine, compiles them or has them."""
-        return _stepper_of, (self.name, tuple(sorted(self.files.items())))
+        return _stepper_of, (self.name, tuple(sorted(self.files.items())), self.portable_derive())
 
     @property
     def remarks(self) -> list[str]:
@@ -217,6 +221,7 @@ class Stepper(Evaluation):
         progress: Callable[[int], None] | None = None,
         t_eval: ArrayLike | None = None,
         events: Event | Sequence[Event] = (),
+        tangents: Tangents | None = None,
     ) -> Trajectory:
         """Integrate ``steps`` steps of ``dt`` seconds from (q, p), or up to ``t_end``.
 
@@ -279,6 +284,8 @@ class Stepper(Evaluation):
             looked at, stored or not; a crossing is solved for by short real steps, to some units
             in the last place of its time. A terminal event ends the run: its state is the last
             row, behind the stored ones.
+        tangents : Tangents, optional
+            Directions whose derivatives are computed along the run: ``Trajectory.tangents``.
 
         Raises
         ------
@@ -306,6 +313,8 @@ class Stepper(Evaluation):
                          as_callback("progress", progress)).made_by(self)
         if not warned:
             self.rotations.warn_of(found)
+        if tangents is not None:
+            found = with_tangents(self, run, tangents, found)
         return found if t_eval is None else self.at(found, t_eval)
 
     def integrate_ensemble(
@@ -445,6 +454,9 @@ class Stepper(Evaluation):
             refuse_inconsistent(self.binding, self.manifest, run)
         return run.with_inputs(run.inputs)
 
+    def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
+        return self.resolved(self.run_arguments(q, p, **given), quiet=True)
+
     def run(self, run: RunArguments) -> Trajectory:
         """Return the trajectory of a checked run, without warnings and events: for pilot runs."""
         return integrate(self.binding, self.manifest, run)
@@ -456,6 +468,8 @@ class Stepper(Evaluation):
 
 
 @lru_cache(maxsize=64)
-def _stepper_of(name: str, files: tuple[tuple[str, str], ...]) -> Stepper:
+def _stepper_of(
+    name: str, files: tuple[tuple[str, str], ...], derive: Derive | None = None
+) -> Stepper:
     """Return the stepper of these sources, the same object for equal sources in a process."""
-    return Stepper(name, dict(files))
+    return Stepper(name, dict(files), derive)

@@ -1,0 +1,260 @@
+/* Public functions: tangents and adjoints of a step and of runs whose unknowns were kept. */
+#ifndef GS_DERIVATIVES_STEPS_H
+#define GS_DERIVATIVES_STEPS_H
+
+#include "gyrospark/run/advance.h"
+
+/* Memory of derivatives, in the caller's memory from its first multiple of 64 bytes on. */
+typedef struct {
+    work_t work;
+    constants c;
+    linearisation_t l;
+    real chain[CHAIN + 1]; /* nonzero derivatives of the constants by the parameters */
+    real z[Z], w[2*N], q1[N], p1[N], multipliers[ROOM];
+#if GS_CONSTRAINED
+    real G[M][N], g_c[M][E], f_q[M][N], f_p[M][N], f_c[M][E]; /* at one state */
+#endif
+} derivatives_t;
+
+static derivatives_t *derivatives_of(void *memory)
+{
+    return (derivatives_t *)(((size_t)memory + 63) & ~(size_t)63);
+}
+
+size_t NAME(derivative_size)(void)
+{
+    return sizeof(derivatives_t) + 64;
+}
+
+#if GS_FIXED_POINT
+void NAME(keep)(const work_t *work, const options_t *options, real x[U])
+{
+    work_t *w = (work_t *)work;
+    if (options->solver != NEWTON)
+        SINGLE(get_unknowns)(&fixed_point_of(w)->solver, x);
+    for (int e = 0; e < U && options->solver == NEWTON; ++e)
+        x[e] = w->x[e];
+}
+#else
+void NAME(keep)(const work_t *work, const options_t *options, real x[U])
+{
+    (void)options;
+    for (int e = 0; e < U; ++e)
+        x[e] = work->x[e];
+}
+#endif
+
+#if !GS_PROFILE_RUN
+/* A function of the primal module, by its address: NAME(integrate). */
+typedef int (*integrate_function)(const parameters_t *, const options_t *, IF_INPUTS(
+    const real *, long,) real, long, long, real *, real *, real *, real *, real *, int *, IF_FORCES(
+    real *,) report_t *, work_t *);
+
+int NAME(integrate_and_keep)(size_t integrate, const parameters_t *parameters,
+    const options_t *options, IF_INPUTS(const real *inputs, long hold,) real dt, long steps,
+    real *q, real *p, real *x, report_t *report, work_t *work)
+{
+    const integrate_function run = (integrate_function)integrate;
+    for (long j = 0; j < steps; ++j, q += N, p += N, x += U) {
+        for (int a = 0; a < N; ++a) {
+            q[N + a] = q[a];
+            p[N + a] = p[a];
+        }
+        const int status = run(parameters, options, IF_INPUTS(inputs, hold,) dt, 1, 1, q + N, p + N,
+            NULL, NULL, NULL, NULL, IF_FORCES(NULL,) report, work);
+        if (status != OK)
+            return status;
+        IF_FRAME(for (int a = 0; a < N; ++a) {)
+            IF_FRAME(q[N + a] = work->frame_q[a];)
+            IF_FRAME(p[N + a] = work->frame_p[a];)
+        IF_FRAME(})
+        NAME(keep)(work, options, x);
+    }
+    return OK;
+}
+#endif
+
+/* Rows q, p, parameters, h, t0 of the caller become rows q, p, constants, t0, h. */
+static void to_constants(const derivatives_t *d, const real *dz, int stride, real z[Z])
+{
+    for (int e = 0; e < Z; ++e)
+        z[e] = e < 2*N ? dz[e*stride] : 0;
+    for (int i = 0; i < CHAIN; ++i)
+        z[2*N + chain_constant[i]] += d->chain[i]*dz[(2*N + chain_parameter[i])*stride];
+    z[DH] = dz[(2*N + PARAMETERS)*stride];
+    z[DT0] = dz[(2*N + PARAMETERS + 1)*stride];
+}
+
+/* Adds a cotangent of rows q, p, constants, t0, h to one of rows q, p, parameters, h, t0. */
+static void add_to_parameters(const derivatives_t *d, const real z[Z], real *z_bar)
+{
+    for (int i = 0; i < CHAIN; ++i)
+        z_bar[2*N + chain_parameter[i]] += d->chain[i]*z[2*N + chain_constant[i]];
+    z_bar[2*N + PARAMETERS] += z[DH];
+    z_bar[2*N + PARAMETERS + 1] += z[DT0];
+}
+
+static void prepare_derivatives(const parameters_t *parameters, derivatives_t *d)
+{
+    prepare(parameters, &d->work.constants);
+    constants_by_parameters(parameters, d->chain);
+}
+
+#if GS_CONSTRAINED
+/* Rows of g or f by q, p and constants become rows by q, p, parameters, h and t0. */
+static void rows_by_parameters(const derivatives_t *d, const real *by_q, const real *by_p,
+    const real *by_c, real *row)
+{
+    for (int e = 0; e < 2*N + PARAMETERS + 2; ++e)
+        row[e] = 0;
+    for (int a = 0; a < N; ++a) {
+        row[a] = by_q[a];
+        row[N + a] = by_p == NULL ? 0 : by_p[a];
+    }
+    for (int i = 0; i < CHAIN; ++i)
+        row[2*N + chain_parameter[i]] += d->chain[i]*by_c[chain_constant[i]];
+#if TIMES
+    row[2*N + PARAMETERS + 1] = by_c[E - TIMES];
+#endif
+}
+
+void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N], const real p[N],
+    real *g_z, real *f_z, void *memory)
+{
+    derivatives_t *d = derivatives_of(memory);
+    enum { ROWS = 2*N + PARAMETERS + 2 };
+    prepare_derivatives(parameters, d);
+    const constants *at = AT(&d->work.constants, start_time(parameters));
+    hidden_derivative(at, q, p, d->f_q, d->f_p, d->f_c);
+    constraint_jacobian(at, q, d->G);
+    constraint_by_constants(at, q, d->g_c);
+    for (int m = 0; m < M; ++m) {
+        rows_by_parameters(d, d->G[m], NULL, d->g_c[m], g_z + m*ROWS);
+        rows_by_parameters(d, d->f_q[m], d->f_p[m], d->f_c[m], f_z + m*ROWS);
+    }
+}
+#endif
+
+/* Linearises the step from (q, p) at the time t; its end is (q1, p1). */
+static int linearise_step(derivatives_t *d, real t, real dt, const real q[N], const real p[N],
+    const real x[U], const real q1[N], const real p1[N])
+{
+    d->c = d->work.constants;
+    return linearise(&d->c, t, dt, q, p, x, q1, p1, &d->l);
+}
+
+/* The same of a single step, whose end is computed. */
+static int linearise_single(const parameters_t *parameters, real dt, const real q[N],
+    const real p[N], const real x[U], derivatives_t *d)
+{
+    prepare_derivatives(parameters, d);
+    d->work.t = start_time(parameters);
+    IF_TIME(d->work.step = dt;)
+    const int status = finish(&d->work, dt, q, p, x, d->q1, d->p1, d->multipliers);
+    return status == OK ? linearise_step(d, d->work.t, dt, q, p, x, d->q1, d->p1) : status;
+}
+
+int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], int count, const real *dz, real *dz1, void *memory)
+{
+    derivatives_t *d = derivatives_of(memory);
+    const int status = linearise_single(parameters, dt, q, p, x, d);
+    for (int k = 0; k < count && status == OK; ++k) {
+        to_constants(d, dz + k, count, d->z);
+        step_tangent(&d->l, d->z, d->w);
+        for (int a = 0; a < 2*N; ++a)
+            dz1[a*count + k] = d->w[a];
+    }
+    return status;
+}
+
+int NAME(adjoint)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
+    const real x[U], const real w[2*N], real *z_bar, void *memory)
+{
+    derivatives_t *d = derivatives_of(memory);
+    const int status = linearise_single(parameters, dt, q, p, x, d);
+    if (status != OK)
+        return status;
+    step_adjoint(&d->l, w, d->z);
+    for (int a = 0; a < 2*N; ++a)
+        z_bar[a] += d->z[a];
+    add_to_parameters(d, d->z, z_bar);
+    return OK;
+}
+
+/* Rows 0..steps of q and p, and rows 0..steps - 1 of x; `first` steps were done before. */
+int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
+    const real *inputs, long hold,) real dt, long first, long steps, const real *q,
+    const real *p, const real *x, int count, const real *dz, long every, real *rows,
+    real *tangents, void *memory)
+{
+    derivatives_t *d = derivatives_of(memory);
+    IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
+    prepare_derivatives(parameters, d);
+    const real start = start_time(parameters);
+    for (long j = 0; j < steps; ++j, q += N, p += N, x += U) {
+        const real t = start + (real)(first + j)*dt;
+        IF_INPUTS(set_step_inputs(&d->work.constants, &own, 0, first + j);)
+        const int status = linearise_step(d, t, dt, q, p, x, q + N, p + N);
+        if (status != OK)
+            return status;
+        for (int k = 0; k < count; ++k) {
+            to_constants(d, dz + k, count, d->z);
+            d->z[DT0] += (real)(first + j)*d->z[DH];
+            for (int a = 0; a < 2*N; ++a)
+                d->z[a] = tangents[a*count + k];
+            step_tangent(&d->l, d->z, d->w);
+            for (int a = 0; a < 2*N; ++a)
+                tangents[a*count + k] = d->w[a];
+        }
+        if ((first + j + 1) % every != 0 || rows == NULL)
+            continue;
+        for (int e = 0; e < 2*N*count; ++e)
+            *rows++ = tangents[e];
+    }
+    return OK;
+}
+
+/*
+ * Backwards through the steps first..first + steps - 1 of a run. On entry w is the cotangent of the
+ * last state, on return that of the first; cotangents, if not NULL, has a row of 2 N for each
+ * earlier state j that is a multiple of `every`, at row j/every - first/every. inputs_bar, if not
+ * NULL, has a row for each step.
+ */
+int NAME(integrate_adjoint)(const parameters_t *parameters, IF_INPUTS(
+    const real *inputs, long hold, real *inputs_bar,) real dt, long first, long steps,
+    const real *q, const real *p, const real *x, const real *cotangents, long every, real *w,
+    real *z_bar, void *memory)
+{
+    derivatives_t *d = derivatives_of(memory);
+    IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
+    prepare_derivatives(parameters, d);
+    const real start = start_time(parameters);
+    for (long j = steps - 1; j >= 0; --j) {
+        const real t = start + (real)(first + j)*dt;
+        IF_INPUTS(set_step_inputs(&d->work.constants, &own, 0, first + j);)
+        const int status = linearise_step(d, t, dt, q + j*N, p + j*N, x + j*U, q + (j + 1)*N,
+            p + (j + 1)*N);
+        if (status != OK)
+            return status;
+        step_adjoint(&d->l, w, d->z);
+        d->z[DH] += (real)(first + j)*d->z[DT0];
+#if GS_INPUTS
+        for (int i = 0; i < INPUTS && inputs_bar != NULL; ++i) {
+            const int place = input_constant[i];
+            inputs_bar[j*INPUTS + i] = place < 0 ? 0 : d->z[2*N + place];
+            if (place >= 0 && inputs != NULL)
+                d->z[2*N + place] = 0;
+        }
+#endif
+        add_to_parameters(d, d->z, z_bar);
+        for (int a = 0; a < 2*N; ++a)
+            w[a] = d->z[a];
+        if (cotangents != NULL && (first + j) % every == 0)
+            for (int a = 0; a < 2*N; ++a)
+                w[a] += cotangents[((first + j)/every - first/every)*2*N + a];
+    }
+    return OK;
+}
+
+#endif

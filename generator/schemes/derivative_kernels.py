@@ -1,0 +1,156 @@
+"""Kernels that derivatives of a step need beside those of the step itself.
+
+The linearised equations of a step (docs/theory/derivatives.md) have second derivatives of H and of
+g, which Newton's method has already, and derivatives by the constants of a run and by the time.
+Constants are functions of the parameters; their derivatives are applied once a run, so every
+kernel here has one column for each constant, and behind them columns for the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+
+from ..kernels.statements import Kernel
+from ..symbolic.derivatives import derivative
+from ..systems.jacobians import jacobian
+from ..systems.lagrangian import LagrangianSystem
+from ..systems.system import System
+from .lagrangian_midpoint import LagrangianEMS
+from .step_equations import MeanScheme, SparkScheme
+from .system_differences import TIME_STEP, time_input, vector
+
+__all__ = ["derivative_kernels", "time_columns"]
+
+Rows = list[list[sp.Expr]]
+
+
+def time_columns(scheme: SparkScheme | MeanScheme) -> list[sp.Symbol]:
+    """Return what follows the constants: the time, and the step of a mean value."""
+    system = scheme.system
+    if system.time is None or not system.is_nonautonomous:
+        return []
+    between = isinstance(scheme, MeanScheme) and system.is_time_dependent
+    return [system.time, TIME_STEP] if between else [system.time]
+
+
+def derivative_kernels(
+    scheme: SparkScheme | MeanScheme, columns: Sequence[sp.Symbol]
+) -> list[Kernel]:
+    """Return the kernels of a scheme, written out in full.
+
+    Parameters
+    ----------
+    scheme : SparkScheme or MeanScheme
+        Of any system without element templates.
+    columns : sequence of Symbol
+        Constants of the run, then ``time_columns``.
+    """
+    if isinstance(scheme, SparkScheme):
+        return _spark_kernels(scheme.system, columns)
+    return _mean_kernels(scheme, columns)
+
+
+def _by(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:
+    return [[derivative(e, x) for x in columns] for e in expressions]
+
+
+def _spark_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    if not system.m:
+        return _rates(system, columns)
+    q, lam = list(system.q), vector("lambda", system.m)
+    return [
+        *_rates(system, columns),
+        Kernel("force_by_constants", "d(G^T lambda)/dc", {"q": q, "lambda": lam},
+               {"force_c": _by(_force(system, lam), columns)}),
+        *_constraint_kernels(system, columns),
+    ]
+
+
+def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    """Return the kernels of the manifold g = 0, f = 0."""
+    q = {"q": list(system.q)}
+    by_constants = Kernel("constraint_by_constants", "dg/dc", q,
+                          {"g_c": _by(system.constraints, columns)})
+    if isinstance(system, LagrangianSystem):
+        hidden = Kernel("velocity_constraint", "derivatives of G v + g_t by q and c at fixed v",
+                        q | {"v": list(system.velocities)},
+                        {"f_q": jacobian(system.hidden, system.q),
+                         "f_c": _by(system.hidden, columns)})
+    else:
+        hidden = Kernel("hidden_derivative", "derivatives of f(q, p) by q, p and c",
+                        q | {"p": list(system.p)},
+                        {"f_q": jacobian(system.hidden, system.q),
+                         "f_p": jacobian(system.hidden, system.p),
+                         "f_c": _by(system.hidden, columns)})
+    return [by_constants, hidden]
+
+
+def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    """Return the kernels of rates at one state by constants."""
+    if isinstance(system, LagrangianSystem):
+        at = {"q": list(system.q), "v": list(system.velocities)}
+        return [
+            Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", at,
+                   {"momentum_c": _by(system.L_v, columns)}, factors=not system.is_long),
+            Kernel("generalised_force_by_constants", "d(dL/dq + F)/dc at fixed v",
+                   at | time_input(system), {"R_c": _by(system.generalised_force, columns)},
+                   factors=not system.is_long),
+        ]
+    state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
+    return [Kernel("rates_by_constants", "derivatives of dH/dq - F and dH/dp by constants", state,
+                   {"H_qc": _by(system.minus_p_rate, columns), "H_pc": _by(system.H_p, columns)})]
+
+
+def _force(system: System, lam: list[sp.Symbol]) -> list[sp.Expr]:
+    """Return Gᵀλ."""
+    return [sp.Add(*(x * row[a] for x, row in zip(lam, system.G, strict=True)))
+            for a in range(system.n)]
+
+
+def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    system = scheme.system
+    (qm, pm), (dq, dp) = scheme.means, scheme.differences
+    if isinstance(scheme, LagrangianEMS):
+        kernels = _discrete_lagrangian(scheme, columns)
+    elif isinstance(system, LagrangianSystem):
+        kernels = _rates(system, columns)
+    else:
+        D_q, D_p = scheme.mean_rates
+        at: dict[str, Any] = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, **time_input(system)}
+        kernels = [Kernel(
+            "mean_rates_derivative", "derivatives of D_q - F and D_p by qm, pm and constants", at,
+            {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm), "D_pq": jacobian(D_p, qm),
+             "D_pp": jacobian(D_p, pm), "D_qc": _by(D_q, columns), "D_pc": _by(D_p, columns)})]
+    if not system.m:
+        return kernels
+    lam = vector("lambda", system.m)
+    force = [sp.Add(*(x * row[a] for x, row in zip(lam, scheme.mean_constraint, strict=True)))
+             for a in range(system.n)]
+    between: dict[str, Any] = {"qm": qm, "dq": dq, "lambda": lam}
+    return [
+        *kernels,
+        Kernel("mean_constraint_by_start", "derivatives of G^T lambda by qm and constants",
+               between, {"K": jacobian(force, qm), "force_c": _by(force, columns)}),
+        *_constraint_kernels(system, columns),
+    ]
+
+
+def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    """Return the kernels of EMS of a Lagrangian, in the velocities of both ends."""
+    system, (before, after) = scheme.system, scheme.ends
+    at = {"qm": scheme.means[0], "dq": scheme.differences[0], "v0": before, "v1": after}
+    R = scheme.mean_generalised_force
+    momentum = {"q": list(system.q), "v": list(system.velocities)}
+    kernels = [
+        Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", momentum,
+               {"momentum_c": _by(system.L_v, columns)}),
+        Kernel("mean_generalised_force_by_state", "derivatives of R by qm, v0, v1 and constants",
+               at | time_input(system),
+               {"R_q": _by(R, scheme.means[0]), "R_v0": _by(R, before), "R_v1": _by(R, after),
+                "R_c": _by(R, columns)}),
+    ]
+    return [Kernel(k.name, k.doc, k.inputs, k.outputs, factors=not system.is_long)
+            for k in kernels]

@@ -1,0 +1,186 @@
+"""The compiled tangents and adjoints of one stepper as calls on arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bindings.binding import Binding
+from ..bindings.real_numbers import aligned
+from ..integration.run_arguments import RunArguments
+
+__all__ = ["DerivativeBinding", "KeptRun", "KeptSteps"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class KeptSteps:
+    """Steps of a run with all that their derivatives need: states, and unknowns x of each step.
+
+    ``q`` and ``p`` have a row more than ``x``. In a co-moving frame they are those of the frame.
+    """
+
+    first: int
+    q: Array
+    p: Array
+    x: Array
+
+    @property
+    def count(self) -> int:
+        """Number of steps."""
+        return len(self.x)
+
+
+class DerivativeBinding:
+    """Calls into the module of derivatives; ``own`` makes its structs, ``primal`` integrates."""
+
+    def __init__(self, own: Binding, primal: Binding) -> None:
+        self.own, self.primal = own, primal
+        self.n = own.n
+        #: Rows of a direction: q, p, parameters, dt, start time.
+        self.rows = 2 * own.n + len(own.parameter_names) + 2
+        self._size = int(own.function("derivative_size")())
+
+    def memory(self) -> Any:
+        """Return memory for one thread."""
+        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(
+            keep := aligned(self._size))), keep
+
+    def constraint_derivatives(self, parameters: Any, q: Array, p: Array) -> tuple[Array, Array]:
+        """Return the derivatives of g and f, m rows each, by the rows of a direction."""
+        own, (memory, _keep) = self.own, self.memory()
+        g, f = own.new(own.m, self.rows), own.new(own.m, self.rows)
+        if own.m:
+            own.function("constraint_derivatives")(
+                parameters, own.pointer(q), own.pointer(p), own.pointer(g), own.pointer(f), memory)
+        return g, f
+
+    def begin(self, run: RunArguments) -> KeptRun:
+        """Return a run to be kept, at its start."""
+        return KeptRun(self, run)
+
+    def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
+        """Fill rows of q, p and x with steps of the primal module; return the status."""
+        own, primal, arguments = self.own, self.primal, run.run
+        address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
+            primal.lib, f"{primal.name}_integrate")))
+        return int(own.function("integrate_and_keep")(
+            address, run.parameters, run.options, *own._fed(arguments.inputs)[:2], arguments.dt,
+            count, own.pointer(q), own.pointer(p), own.pointer(x), run.report, run.work))
+
+    def tangent(
+        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, dz: Array
+    ) -> tuple[int, Array]:
+        """Return the status and the directions of the end, rows q and p, a column each."""
+        own, (memory, _keep) = self.own, self.memory()
+        ends = own.new(2 * self.n, dz.shape[1])
+        status = own.function("tangent")(
+            parameters, dt, own.pointer(q), own.pointer(p), own.pointer(x), dz.shape[1],
+            own.pointer(dz), own.pointer(ends), memory)
+        return int(status), ends
+
+    def adjoint(
+        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, w: Array
+    ) -> tuple[int, Array]:
+        """Return the status and the cotangent of the start, of that of the end."""
+        own, (memory, _keep) = self.own, self.memory()
+        z_bar = own.new(self.rows)
+        status = own.function("adjoint")(
+            parameters, dt, own.pointer(q), own.pointer(p), own.pointer(x), own.pointer(w),
+            own.pointer(z_bar), memory)
+        return int(status), z_bar
+
+    def integrate_tangent(
+        self, run: RunArguments, parameters: Any, steps: KeptSteps, dz: Array, every: int,
+        rows: Array, tangents: Array,
+    ) -> int:
+        """Advance ``tangents`` by kept steps; each ``every``-th state has a row in ``rows``."""
+        own, (memory, _keep) = self.own, self.memory()
+        return int(own.function("integrate_tangent")(
+            parameters, *own._fed(run.inputs)[:2], run.dt, steps.first, steps.count,
+            own.pointer(steps.q), own.pointer(steps.p), own.pointer(steps.x), dz.shape[1],
+            own.pointer(dz), every, own.pointer(rows), own.pointer(tangents), memory))
+
+    def integrate_adjoint(
+        self, run: RunArguments, parameters: Any, steps: KeptSteps, cotangents: Array, every: int,
+        w: Array, z_bar: Array, inputs_bar: Array,
+    ) -> int:
+        """Take ``w`` backwards through kept steps and add to ``z_bar``."""
+        own, (memory, _keep) = self.own, self.memory()
+        fed = [*own._fed(run.inputs)[:2], own.pointer(inputs_bar)] if own.input_names else []
+        return int(own.function("integrate_adjoint")(
+            parameters, *fed, run.dt, steps.first, steps.count, own.pointer(steps.q),
+            own.pointer(steps.p), own.pointer(steps.x), own.pointer(cotangents), every,
+            own.pointer(w), own.pointer(z_bar), memory))
+
+
+class KeptRun:
+    """A run that is integrated piece by piece, every step of it kept."""
+
+    def __init__(self, binding: DerivativeBinding, run: RunArguments) -> None:
+        self.binding, self.run = binding, run
+        own = binding.own
+        self.parameters = own.parameters(run.parameters, run.t0)
+        self.options = own.options(run.tolerance, run.max_iterations, run.solver)
+        self.report, self.work = own.report(), own.work()
+        self.q, self.p = run.q.copy(), run.p.copy()
+        self.done = 0
+        primal = binding.primal
+        self.primal_parameters = primal.parameters(run.parameters, run.t0)
+        self.primal_options = primal.options(run.tolerance, run.max_iterations, run.solver)
+        self.primal_report, self.primal_work = primal.report(), primal.work()
+
+    def image(self) -> tuple[Any, ...]:
+        """Return what the run goes on from: a checkpoint."""
+        own = self.binding.own
+        return (self.done, self.q.copy(), self.p.copy(), own.image(self.report).copy(),
+                own.image(self.work).copy())
+
+    def restore(self, image: tuple[Any, ...]) -> None:
+        """Go back to a checkpoint."""
+        own = self.binding.own
+        self.done, self.q, self.p = image[0], image[1].copy(), image[2].copy()
+        own.image(self.report)[:] = image[3]
+        own.image(self.work)[:] = image[4]
+
+    def keep(self, count: int) -> tuple[KeptSteps, int]:
+        """Return the next steps, up to one that fails, and the status."""
+        own = self.binding.own
+        q, p = own.new(count + 1, own.n), own.new(count + 1, own.n)
+        x = own.new(count, own.unknowns)
+        q[0], p[0] = self.q, self.p
+        before = int(self.report.steps)
+        status = self.binding.integrate_and_keep(self, count, q, p, x)
+        made = int(self.report.steps) - before
+        found = KeptSteps(self.done, q[: made + 1], p[: made + 1], x[:made])
+        self.done += made
+        self.q, self.p = q[made].copy(), p[made].copy()
+        return found, status
+
+
+class QuadDerivativeBinding(DerivativeBinding):
+    """The same for float128, whose functions cffi calls through others: a call for each step."""
+
+    def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
+        """Fill rows of q, p and x with steps of the primal module; return the status."""
+        own, primal, given = self.own, self.primal, run.run
+        none = tuple(own.new(0) for _ in range(3)), np.zeros(0, np.intc), own.new(0)
+        out = (*none[0], *none[1:])
+        for j in range(count):
+            state = q[j].copy(), p[j].copy()
+            status = primal.integrate(
+                run.primal_parameters, run.primal_options, given.dt, 1, 1, *state, out,
+                run.primal_report, run.primal_work, given.inputs)
+            if status:
+                return int(status)
+            own.image(run.work)[:] = primal.image(run.primal_work)
+            own.image(run.report)[:] = primal.image(run.primal_report)
+            q[j + 1], p[j + 1] = state
+            found = own.new(own.unknowns)
+            own.function("keep")(run.work, run.options, own.pointer(found))
+            x[j] = found
+        return 0

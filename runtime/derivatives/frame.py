@@ -1,0 +1,76 @@
+"""States of a co-moving frame in space, z = S(k h ω) z̃, and the derivatives of S.
+
+S = diag(e^X, e^(−Xᵀ)) with X = k h Σ ω_i A_i. A derivative along dX is the upper right block of the
+exponential of [[X, dX], [0, X]] (Van Loan, IEEE Trans. Automat. Control 23, 1978).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
+    from ..tuning.manifest_symmetries import Symmetry
+    from .binding import DerivativeBinding
+
+__all__ = ["FrameMotion"]
+
+Array = NDArray[Any]
+
+#: Terms of the Taylor series of an exponential whose argument is at most 1/4 in norm.
+_TERMS = 26
+
+
+class FrameMotion:
+    """The rotation of a frame in a run; the identity of a stepper that has none."""
+
+    def __init__(
+        self, binding: DerivativeBinding, symmetries: tuple[Symmetry, ...], run: RunArguments
+    ) -> None:
+        own, n = binding.own, binding.n
+        self.n, self.dt, self._rows = n, run.dt, binding.rows
+        self.moves = bool(symmetries)
+        self._places, self._fields = [], []
+        for symmetry in symmetries:
+            A = own.new(n, n)
+            A += np.array(symmetry.A, dtype=A.dtype if A.dtype != object else float)
+            both = own.new(2 * n, 2 * n)
+            both[:n, :n], both[n:, n:] = A, -A.T
+            self._fields.append(both)
+            self._places.append(2 * n + own.parameter_names.index(symmetry.name))
+        self._sum = own.new(2 * n, 2 * n)
+        for field, symmetry in zip(self._fields, symmetries, strict=True):
+            self._sum += field * run.parameters[symmetry.name]
+        self._new = own.new
+
+    def matrix(self, k: int) -> Array:
+        """Return S after k steps."""
+        return self._exponential(self._sum * (k * self.dt))
+
+    def own_derivatives(self, k: int, z: Array) -> Array:
+        """Return dS z by the rows of a direction, shape (2 n, rows), of a state z of the frame."""
+        found: Array = self._new(2 * self.n, self._rows)
+        X, size = self._sum * (k * self.dt), 2 * self.n
+        block = self._new(2 * size, 2 * size)
+        block[:size, :size] = block[size:, size:] = X
+        for place, field in zip(self._places, self._fields, strict=True):
+            block[:size, size:] = field * (k * self.dt)
+            found[:, place] = self._exponential(block)[:size, size:] @ z
+        found[:, -2] = k * (self._sum @ (self._exponential(X) @ z))
+        return found
+
+    def _exponential(self, X: Array) -> Array:
+        largest = max(float(np.abs(row).sum()) for row in X)
+        halvings = max(0, int(np.ceil(np.log2(largest))) + 2) if largest > 0 else 0
+        X = X / 2**halvings
+        unit = self._new(*X.shape)
+        unit[np.arange(len(X)), np.arange(len(X))] = 1
+        made = unit.copy()
+        for term in range(_TERMS, 0, -1):
+            made = unit + X @ made / term
+        for _ in range(halvings):
+            made = made @ made
+        return made

@@ -1,0 +1,220 @@
+"""Directions of a start: the tangent space of the constraints, and what each column is.
+
+The states of a constrained system are T*M = {g(q) = 0, f(q, p) = 0}; directions are tangent to it,
+G dq = 0 and f_q dq + f_p dp = 0. A parameter or a start time that moves g or f moves the start
+too, by the derivative of the projection (``consistent``) at a consistent state,
+
+    dq ← dq − Gᵀ(GGᵀ)⁻¹ (G dq + g_θ dθ),   dp ← dp − GᵀW⁻¹ (f_q dq + f_p dp + f_θ dθ),  W = f_p Gᵀ
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import shown, unknown
+from ...core.errors import InputError
+from ..bindings.array_checks import as_numbers
+
+if TYPE_CHECKING:
+    from .binding import DerivativeBinding
+
+__all__ = ["Start", "TangentSpace", "Tangents"]
+
+Array = NDArray[Any]
+
+#: |G dq| beyond this share of |G| |dq| is no round-off.
+_OFF = 1e-10
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """The directions along which ``integrate`` computes tangents.
+
+    Attributes
+    ----------
+    start : {"all"} or array_like, shape (2 n, k), or None
+        Directions of (q, p) at the start, in columns; "all" is an orthonormal basis of the tangent
+        space of the constraints, 2 (n − m) columns.
+    parameters : sequence of str
+        Names of parameters; ``project`` does not concern them.
+    dt, t0 : bool
+        Whether the time step, and the start time, are directions.
+    project : bool
+        Project given directions onto the tangent space, which else are refused where they leave
+        it.
+    """
+
+    start: Any = "all"
+    parameters: Sequence[str] = ()
+    dt: bool = False
+    t0: bool = False
+    project: bool = False
+
+
+class TangentSpace:
+    """Directions at a consistent state (q, p), in rows q, p, parameters, dt, start time."""
+
+    def __init__(
+        self, binding: DerivativeBinding, parameters: Any, q: Array, p: Array,
+        constraint_names: Sequence[str],
+    ) -> None:
+        self.binding, self.n = binding, binding.n
+        self._names = constraint_names
+        self.g, self.f = binding.constraint_derivatives(parameters, q, p)
+        n = self.n
+        self._G, self._f_p = self.g[:, :n], self.f[:, n : 2 * n]
+
+    def projected(self, dz: Array) -> Array:
+        """Return directions whose rows q and p are moved onto the constraints."""
+        n, found = self.n, dz.copy()
+        if not len(self.g):
+            return found
+        G = self._G
+        found[:n] -= G.T @ solved(G @ G.T, self.g @ found)
+        found[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ found)
+        return found
+
+    def pulled_back(self, z_bar: Array) -> Array:
+        """Return the transpose of ``projected`` applied to a cotangent."""
+        n, found = self.n, z_bar.copy()
+        if not len(self.g):
+            return found
+        G = self._G
+        found -= self.f.T @ solved((self._f_p @ G.T).T, G @ found[n : 2 * n])
+        found -= self.g.T @ solved(G @ G.T, G @ found[:n])
+        return found
+
+    def basis(self) -> Array:
+        """Return an orthonormal basis of the tangent space, shape (2 n, 2 (n − m))."""
+        rows = np.concatenate([self.g, self.f])[:, : 2 * self.n]
+        return null_space(rows, self.binding.own.new(2 * self.n, 2 * self.n))
+
+    def refuse_off(self, directions: Array) -> None:
+        """Refuse directions of q that leave g = 0, naming the constraint."""
+        dq = directions[: self.n].astype(float)
+        G = self._G.astype(float)
+        for mu, row in enumerate(G):
+            off = np.abs(row @ dq)
+            sizes = np.linalg.norm(row) * np.linalg.norm(dq, axis=0)
+            worst = int(np.argmax(off - _OFF * sizes)) if off.size else 0
+            if off.size and off[worst] > _OFF * sizes[worst]:
+                raise InputError(
+                    f"Direction {worst} leaves the constraint {self._names[mu]!r}: its rate is "
+                    f"{row @ dq[:, worst]:.3g}. Give a direction with G dq = 0, or project=True.")
+
+
+def solved(A: Array, b: Array) -> Array:
+    """Return A⁻¹b in the type of the arrays, by elimination with pivots where NumPy has none."""
+    if A.dtype in (np.float32, np.float64):
+        found: Array = np.linalg.solve(A, b)
+        return found
+    A, x = A.copy(), b.copy()
+    for k in range(len(A)):
+        pivot = k + int(np.argmax(np.abs(A[k:, k])))
+        A[[k, pivot]], x[[k, pivot]] = A[[pivot, k]], x[[pivot, k]]
+        for i in range(k + 1, len(A)):
+            factor = A[i, k] / A[k, k]
+            A[i, k:] -= factor * A[k, k:]
+            x[i] -= factor * x[k]
+    for k in range(len(A) - 1, -1, -1):
+        x[k] = (x[k] - A[k, k + 1 :] @ x[k + 1 :]) / A[k, k]
+    return x
+
+
+def null_space(rows: Array, room: Array) -> Array:
+    """Return an orthonormal basis of {x: rows x = 0}, by Gram-Schmidt done twice; of any type."""
+    size, found = len(room), list[Array]()
+    left = [*rows]
+    units = [room[i] for i in range(size)]
+    for i, unit in enumerate(units):
+        unit[i] = 1
+    kept: list[Array] = []
+    for row in left:
+        made = _orthogonal(row, kept)
+        if made is not None:
+            kept.append(made)
+    normal = len(kept)
+    # Units in the order of how far they are from what is spanned, so that none is lost.
+    while len(found) < size - normal:
+        rests = [unit - sum((v * v[i] for v in kept), 0 * unit) for i, unit in enumerate(units)]
+        sizes = [float(x @ x) for x in rests]
+        best = int(np.argmax(sizes))
+        made = _orthogonal(units[best], kept)
+        if made is None:
+            break
+        kept.append(made)
+        found.append(made)
+    return np.array(found).T.reshape(size, len(found)).copy()
+
+
+def _orthogonal(x: Array, others: Sequence[Array]) -> Array | None:
+    """Return x without its parts along others, of length 1; None if nothing is left."""
+    whole = x @ x
+    for _ in range(2):
+        for v in others:
+            x = x - v * (v @ x)
+    left = x @ x
+    if not left > 1e-20 * whole:
+        return None
+    unit: Array = x / left ** (whole / whole / 2)
+    return unit
+
+
+class Start:
+    """What derivatives are taken by, as columns of directions with their names."""
+
+    def __init__(self, space: TangentSpace, wanted: Tangents) -> None:
+        binding = space.binding
+        own, n = binding.own, binding.n
+        names = own.parameter_names
+        columns: list[Array] = []
+        self.names: list[str] = []
+        if wanted.start is not None:
+            given = _given_start(space, wanted, own, n)
+            for k in range(given.shape[1]):
+                column = own.new(binding.rows)
+                column[: 2 * n] = given[:, k]
+                columns.append(column)
+                self.names.append(f"start[{k}]")
+        for name in wanted.parameters:
+            if name not in names:
+                raise unknown("parameter", name, names)
+            columns.append(_unit(binding, 2 * n + names.index(name)))
+            self.names.append(name)
+        for flag, name, place in ((wanted.dt, "dt", -2), (wanted.t0, "t0", -1)):
+            if flag:
+                columns.append(_unit(binding, binding.rows + place))
+                self.names.append(name)
+        if not columns:
+            raise InputError("No direction is asked for; give start, parameters, dt or t0.")
+        self.directions = space.projected(np.ascontiguousarray(np.array(columns).T))
+
+
+def _given_start(space: TangentSpace, wanted: Tangents, own: Any, n: int) -> Array:
+    if isinstance(wanted.start, str):
+        if wanted.start != "all":
+            raise InputError(f"start = {shown(wanted.start)} is unknown; give 'all', an array of "
+                             f"{2 * n} rows, or None.")
+        return space.basis()
+    given: ArrayLike = wanted.start
+    array = as_numbers("start", given)
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2 or len(array) != 2 * n:
+        raise InputError(f"start has the shape {array.shape}; a direction has {2 * n} rows, those "
+                         "of q and of p.")
+    made: Array = own.array("start", array, array.shape)
+    if not wanted.project:
+        space.refuse_off(made)
+    return made
+
+
+def _unit(binding: DerivativeBinding, place: int) -> Array:
+    column: Array = binding.own.new(binding.rows)
+    column[place] = 1
+    return column

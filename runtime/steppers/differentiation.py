@@ -1,0 +1,294 @@
+"""Derivatives of a stepper: of one step, and of functions of a run."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_mapping, unknown
+from ...core.errors import InputError
+from ...core.exact_numbers import Number
+from ..bindings.array_checks import as_numbers, as_real
+from ..bindings.binary128_binding import QuadBinding
+from ..bindings.binding import SolverName
+from ..compilation.stepper_module import load_module
+from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
+from ..derivatives.frame import FrameMotion
+from ..derivatives.gradient import DEFAULT_MEMORY, Gradient, gradient_of, loss_of, names_of
+from ..derivatives.tangent_run import pieces, refuse_run, singular
+from ..derivatives.tangent_space import TangentSpace
+from ..results.trajectory import Trajectory
+from .evaluation import Evaluation
+
+if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
+
+__all__ = ["Derive", "Differentiation", "Known"]
+
+Array = NDArray[Any]
+
+#: Returns header, source and manifest of a stepper with derivatives.
+Derive = Callable[[], dict[str, str]]
+
+
+@dataclass(frozen=True)
+class Known:
+    """Files that were derived."""
+
+    files: tuple[tuple[str, str], ...]
+
+    def __call__(self) -> dict[str, str]:
+        """Return them."""
+        return dict(self.files)
+
+
+class Differentiation(Evaluation):
+    """What ``Stepper`` offers of derivatives; the module for them is compiled when first used."""
+
+    def __init__(self, name: str, files: dict[str, str], derive: Derive | None = None) -> None:
+        super().__init__(name, files)
+        self._derive = derive
+        self._derivative_binding: list[DerivativeBinding] = []
+        self._deriving = threading.Lock()
+        system = self.manifest["system"]
+        #: The name of each constraint.
+        self.constraint_names: list[str] = list(system.get(
+            "constraint_names", [f"g{i}" for i in range(self.m)]))
+
+    @property
+    def derivative_binding(self) -> DerivativeBinding:
+        """Calls of tangents and adjoints, derived and compiled when this is first asked for."""
+        with self._deriving:
+            if not self._derivative_binding:
+                if self._derive is None:
+                    raise InputError(
+                        f"Stepper {self.name} was read from a file, or sent to this process before "
+                        "its derivatives were first used; make it with gyrospark.stepper(...).")
+                files = self._derive()
+                own = self._bound(load_module(self.name, files, "derivatives"))
+                self._derive = Known(tuple(sorted(files.items())))
+                quad = isinstance(self.binding, QuadBinding)
+                kind = QuadDerivativeBinding if quad else DerivativeBinding
+                self._derivative_binding.append(kind(own, self.binding))
+        return self._derivative_binding[0]
+
+    def portable_derive(self) -> Derive | None:
+        """Return what another process derives with: of a named stepper, or files that are known."""
+        arguments = getattr(self._derive, "args", ())
+        plain = isinstance(self._derive, Known) or len(arguments) == 1
+        return self._derive if plain else None
+
+    # ------------------------------------------------------------ one step
+
+    def jvp(
+        self, q: ArrayLike, p: ArrayLike, dq: ArrayLike, dp: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Any], d: Mapping[str, Number] | None = None, t0: Number = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return (q1, p1) of a step and its derivative (dq1, dp1) along a direction.
+
+        Parameters
+        ----------
+        q, p, dt, parameters, t0, inputs
+            As of ``step``.
+        dq, dp : array_like, shape (n,) or (n, k)
+            Directions of the start, tangent to the constraints.
+        d : mapping of str to number, optional
+            The direction of parameters, inputs, "dt" and "t0"; 0 of those left out. Parameters and
+            times that move the constraints move the start too, by the derivative of
+            ``consistent``.
+        project : bool
+            Project (dq, dp) onto the tangent space, instead of refusing what leaves it.
+
+        Raises
+        ------
+        InputError
+            For a direction off the constraints, naming the constraint, and for unknown names.
+        StepFailed
+            As the step does.
+        """
+        run = self._single(q, p, dt, parameters, t0, inputs)
+        binding, n = self.derivative_binding, self.n
+        own = binding.own
+        given = [as_numbers(name, x) for name, x in (("dq", dq), ("dp", dp))]
+        flat = given[0].ndim == 1
+        shape = (n, 1 if flat else given[0].shape[-1])
+        parts = [own.array(name, x.reshape(shape) if x.size == n * shape[1] else x, shape)
+                 for name, x in zip(("dq", "dp"), given, strict=True)]
+        dz = own.new(binding.rows, shape[1])
+        dz[:n], dz[n : 2 * n] = parts
+        names = [*own.parameter_names, "dt", "t0"]
+        for name, value in as_mapping("d", d or {}, "{'m': 1.0}").items():
+            if name not in names:
+                raise unknown("name in d", name, names)
+            dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, own.number)
+        x, start, end, space = self._kept_step(run)
+        if not project:
+            space.refuse_off(dz[: 2 * n])
+        dz = np.ascontiguousarray(space.projected(dz))
+        status, made = binding.tangent(own.parameters(run.parameters, run.t0), run.dt, *start, x,
+                                       dz)
+        if status:
+            raise singular(0, status)
+        frame = FrameMotion(binding, self.symmetries, run)
+        if frame.moves:
+            made = frame.matrix(1) @ made + frame.own_derivatives(
+                1, np.concatenate(end)) @ dz
+            end = self._in_space(frame, end)
+        made = made[:, 0] if flat else made
+        return *end, made[:n], made[n:]
+
+    def vjp(
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Any],
+        wrt: str | Sequence[str] | None = None, t0: Number = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None,
+    ) -> tuple[Array, Array, Callable[[ArrayLike, ArrayLike], Gradient]]:
+        """Return (q1, p1) of a step, and a function that takes cotangents of them backwards.
+
+        ``back(wq, wp)`` is a ``Gradient``: the transposed derivative of the step applied to
+        (wq, wp). ``wrt`` is as of ``gradient``; the others are as of ``step``.
+        """
+        run = self._single(q, p, dt, parameters, t0, inputs)
+        names = names_of(self, wrt)  # type: ignore[arg-type]
+        x, start, end, space = self._kept_step(run)
+        binding, n = self.derivative_binding, self.n
+        own = binding.own
+        frame = FrameMotion(binding, self.symmetries, run)
+        here = own.parameters(run.parameters, run.t0)
+
+        def back(wq: ArrayLike, wp: ArrayLike) -> Gradient:
+            w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
+            more = own.new(binding.rows)
+            if frame.moves:
+                more = frame.own_derivatives(1, np.concatenate(end)).T @ w
+                w = np.ascontiguousarray(frame.matrix(1).T @ w)
+            status, z_bar = binding.adjoint(here, run.dt, *start, x, w)
+            if status:
+                raise singular(0, status)
+            z_bar = space.pulled_back(z_bar + more)
+            labels = [*own.parameter_names, "dt", "t0"]
+            numbers = dict(zip(labels, z_bar[2 * n :].tolist(), strict=True))
+            columns = [2 * n + labels.index(u) for u in own.input_names]
+            return Gradient(None, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.basis(),
+                            z_bar[columns][None], names, numbers)
+
+        return *(self._in_space(frame, end) if frame.moves else end), back
+
+    def _single(
+        self, q: ArrayLike, p: ArrayLike, dt: Number, parameters: Mapping[str, Any], t0: Number,
+        inputs: Mapping[str, Any] | ArrayLike | None,
+    ) -> RunArguments:
+        given = dict(as_mapping("parameters", parameters, "{'m': 1.0}"))
+        if inputs is not None:  # one step: they are parameters
+            if isinstance(inputs, Mapping):
+                given |= dict(inputs)
+            else:
+                given |= dict(zip(self.binding.input_names, as_numbers("inputs", inputs).tolist(),
+                                  strict=True))
+        return self._resolved(q, p, dt=dt, steps=1, parameters=given, t0=t0)
+
+    def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
+        raise NotImplementedError
+
+    def _kept_step(
+        self, run: RunArguments
+    ) -> tuple[Array, tuple[Array, Array], tuple[Array, Array], TangentSpace]:
+        """Return unknowns, start and end of one step, and the tangent space at its start."""
+        refuse_run(run)
+        kept = self.derivative_binding.begin(run)
+        (steps,) = pieces(self, run, kept)  # type: ignore[arg-type]
+        space = TangentSpace(self.derivative_binding, kept.parameters, run.q, run.p,
+                             self.constraint_names)
+        return steps.x[0].copy(), (run.q, run.p), (steps.q[1].copy(), steps.p[1].copy()), space
+
+    def _in_space(self, frame: FrameMotion, end: tuple[Array, Array]) -> tuple[Array, Array]:
+        z = frame.matrix(1) @ np.concatenate(end)
+        return z[: self.n], z[self.n :]
+
+    # ------------------------------------------------------------ runs
+
+    def gradient(
+        self, run: Trajectory, cotangents: Mapping[str, ArrayLike] | None = None, *,
+        loss: Callable[[Trajectory], tuple[Any, Mapping[str, ArrayLike]]] | None = None,
+        wrt: str | Sequence[str] | None = None, memory: str = DEFAULT_MEMORY,
+        solver: SolverName = "auto",
+    ) -> Gradient:
+        """Return the gradient of a function of a run, by the adjoint of its steps.
+
+        Parameters
+        ----------
+        run : Trajectory
+            What this stepper integrated, or what was read of it. Its steps are done again.
+        cotangents : mapping
+            "q" and "p": derivatives of the function by the stored states, shape (rows, n), or
+            (n,) for the last state alone.
+        loss : callable, optional
+            In place of ``cotangents``: a function of the trajectory that returns its value and
+            cotangents.
+        wrt : str or sequence of str, optional
+            Among "start" (coordinates of the tangent space), "q", "p", parameters, "dt", "t0",
+            "inputs"; by default the start and all parameters. It orders ``Gradient.vector``.
+        memory : str
+            Bytes that steps may take, "256 MB"; beyond, checkpoints, and pieces of the run are done
+            again. "none" runs backwards in time and keeps nothing, and refuses a gradient where
+            this does not lead back to the start.
+        solver : {"auto", "newton", "fixed-point"}
+            What the run had.
+
+        Returns
+        -------
+        Gradient
+            Parameters that move the constraints move the start too: see ``consistent``.
+
+        Raises
+        ------
+        InputError
+            For unknown names, with the nearest; for cotangents of another shape; for too little
+            memory, with how much is needed.
+        """
+        names = names_of(self, wrt)  # type: ignore[arg-type]
+        if (cotangents is None) == (loss is None):
+            raise InputError("Give either cotangents or loss.")
+        value = None
+        if loss is not None:
+            value, cotangents = loss_of(loss)(run)
+        if run.events:
+            times = [t for c in run.events.values() for t in np.ravel(c.t)]
+            if times and float(run.t[-1]) in map(float, times):
+                raise InputError("The last state of this run is an event within a step; integrate "
+                                 "without the terminal event for a gradient.")
+        given: dict[str, Any] = dict(run.parameters)
+        arguments = self._resolved(
+            run.q[0], run.p[0], dt=run.dt, steps=int(run.report.steps), every=run.every,
+            parameters=given, t0=run.t[0], solver=solver, inputs=run._inputs)
+        return gradient_of(self, arguments, cotangents or {}, names, memory,  # type: ignore[arg-type]
+                           value, (run.q[-1], run.p[-1]))
+
+    def value_and_gradient(
+        self, loss: Callable[[Trajectory], tuple[Any, Mapping[str, ArrayLike]]], q: ArrayLike,
+        p: ArrayLike, *, wrt: str | Sequence[str], parameters: Mapping[str, Any], dt: Number,
+        steps: int, memory: str = DEFAULT_MEMORY, **options: Any,
+    ) -> Callable[[ArrayLike], tuple[float, Array]]:
+        """Return f(x) → (loss, gradient), for ``scipy.optimize.minimize(f, x0, jac=True)``.
+
+        Parameters
+        ----------
+        loss : callable
+            A function of the trajectory that returns its value and cotangents, as of ``gradient``.
+        q, p, parameters, dt, steps, options
+            As of ``integrate``: what x does not replace. With "start" in ``wrt`` the first
+            2 (n − m) numbers are y in z = consistent(z0 + B y), where B is the basis at (q, p).
+        wrt : sequence of str
+            What x is made of, in this order: "start", "inputs" (all rows, row by row), parameters,
+            "dt", "t0".
+        """
+        from ..derivatives.value_and_gradient import objective
+
+        stepper: Any = self
+        return objective(stepper, loss, q, p, names_of(stepper, wrt), parameters, dt, steps, memory,
+                         options)
