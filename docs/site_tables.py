@@ -36,6 +36,7 @@ API = {
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
+    "derivatives": ["Tangents", "Gradient"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
 }
 
