@@ -158,7 +158,7 @@ def lyapunov(
     The arithmetic of exponents is in double, in steppers of wider types too. A stepper in a
     co-moving frame gives those of the motion in its frame, which are the same.
     """
-    if not hasattr(stepper, "derivative_binding"):
+    if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
                          "returned.")
     every = as_positive_count("every", every, least=1)
@@ -292,7 +292,7 @@ class Benettin:
 
     def _covariant(self) -> Array:
         """Return covariant vectors V C: C is triangular, and R C of a row is that of the next."""
-        C = np.eye(self.unit.shape[1])
+        C: Array = np.eye(self.unit.shape[1])
         found = [self.units[-1].astype(float) @ C]
         for V, R in zip(reversed(self.units[:-1]), reversed(self.factors), strict=True):
             C = np.linalg.solve(R, C)
@@ -311,7 +311,8 @@ def _part(steps: KeptSteps, begin: int, count: int) -> KeptSteps:
 def _errors(logs: Array, lengths: Array) -> Array:
     """Return standard errors of the means of logs over time, by means over blocks."""
     most, fewest = _BLOCKS
-    found, blocks = np.full(logs.shape[1], np.nan), fewest
+    found: Array = np.full(logs.shape[1], np.nan)
+    blocks = fewest
     while blocks <= min(most, len(logs)):
         edges = np.arange(blocks) * len(logs) // blocks
         means = np.add.reduceat(logs, edges) / np.add.reduceat(lengths, edges)[:, None]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from ..derivatives.binding import DerivativeBinding
 
-__all__ = ["UnitaryFrame", "canonical_form", "isotropic_flag"]
+__all__ = ["UnitaryFrame", "canonical_form", "isotropic_flag", "tangent_projection"]
 
 Array = NDArray[Any]
 
@@ -43,8 +43,7 @@ class UnitaryFrame:
         self, binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
     ) -> None:
         n = binding.n
-        g, f = binding.constraint_derivatives(binding.own.parameters(parameters, t), q, p)
-        rows = np.concatenate([g, f])[:, : 2 * n].astype(float)
+        rows, onto = tangent_projection(binding, binding.own.parameters(parameters, t), q, p)
         sizes, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
         sizes = np.abs(sizes)
         roots = np.sqrt(np.maximum(sizes, max(_LEAST * sizes.max(), np.finfo(float).tiny)))
@@ -58,10 +57,11 @@ class UnitaryFrame:
         root = (turns.T * np.sqrt(stretches)) @ turns
         inverse = (turns.T / np.sqrt(stretches)) @ turns
         self.J = inverse @ W @ inverse
-        self._to, self._from = root @ basis.T @ to_unit, from_unit @ basis @ inverse
+        self._to = root @ basis.T @ to_unit @ onto
+        self._from = from_unit @ basis @ inverse
 
     def coordinates(self, directions: Array) -> Array:
-        """Return c of directions (rows q and p, a column each); parts off the space are dropped."""
+        """Return c of directions (rows q and p, a column each), projected onto the space."""
         found: Array = self._to @ directions.astype(float)
         return found
 
@@ -69,6 +69,25 @@ class UnitaryFrame:
         """Return the directions with these coordinates."""
         found: Array = self._from @ c
         return found
+
+
+def tangent_projection(
+    binding: DerivativeBinding, parameters: Any, q: Array, p: Array
+) -> tuple[Array, Array]:
+    """Return the normals of the tangent space, 2 m rows, and the projection onto it, in double.
+
+    It moves dq along Gᵀ and then dp along Gᵀ: so does ``project`` with states, and Ω of directions
+    with G dq = 0 does not change. IMS and EMS need it, whose steps keep g and not f.
+    """
+    n = binding.n
+    g, f = (rows[:, : 2 * n].astype(float)
+            for rows in binding.constraint_derivatives(parameters, q, p))
+    G, unit = g[:, :n], np.eye(n)
+    along = unit - G.T @ np.linalg.solve(G @ G.T, G)
+    lift = G.T @ np.linalg.inv(f[:, n:] @ G.T)
+    onto = np.block([[along, np.zeros((n, n))],
+                     [-lift @ f[:, :n] @ along, unit - lift @ f[:, n:]]])
+    return np.concatenate([g, f]), onto
 
 
 def canonical_form(n: int) -> Array:
