@@ -47,9 +47,8 @@ class UnitaryFrame:
         sizes, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
         sizes = np.abs(sizes)
         roots = np.sqrt(np.maximum(sizes, max(_LEAST * sizes.max(), np.finfo(float).tiny)))
-        zero = np.zeros((n, n))
-        to_unit = np.block([[(axes / roots) @ axes.T, zero], [zero, (axes * roots) @ axes.T]])
-        from_unit = np.block([[(axes * roots) @ axes.T, zero], [zero, (axes / roots) @ axes.T]])
+        root, inverse = (axes * roots) @ axes.T, (axes / roots) @ axes.T
+        to_unit, from_unit = _blocks(inverse, root), _blocks(root, inverse)
         normals = (rows @ from_unit).T
         basis = np.linalg.qr(normals, mode="complete")[0][:, normals.shape[1] :]
         W = basis.T @ canonical_form(n) @ basis
@@ -85,15 +84,16 @@ def tangent_projection(
     G, unit = g[:, :n], np.eye(n)
     along = unit - G.T @ np.linalg.solve(G @ G.T, G)
     lift = G.T @ np.linalg.inv(f[:, n:] @ G.T)
-    onto = np.block([[along, np.zeros((n, n))],
-                     [-lift @ f[:, :n] @ along, unit - lift @ f[:, n:]]])
+    onto = _blocks(along, unit - lift @ f[:, n:])
+    onto[n:, :n] = -lift @ f[:, :n] @ along
     return np.concatenate([g, f]), onto
 
 
 def canonical_form(n: int) -> Array:
     """Return Ω with Ω(u, v) = u_q·v_p − u_p·v_q, shape (2 n, 2 n)."""
-    zero, unit = np.zeros((n, n)), np.eye(n)
-    return np.block([[zero, unit], [-unit, zero]])
+    found = np.zeros((2 * n, 2 * n))
+    found[:n, n:], found[n:, :n] = np.eye(n), -np.eye(n)
+    return found
 
 
 def isotropic_flag(J: Array, seed: int = 0) -> Array:
@@ -111,6 +111,14 @@ def isotropic_flag(J: Array, seed: int = 0) -> Array:
                 v -= u * (u @ v) + J @ u * ((J @ u) @ v)
         found.append(v / np.linalg.norm(v))
     return np.array([*found, *(J @ v for v in reversed(found))]).T.reshape(size, size)
+
+
+def _blocks(first: Array, second: Array) -> Array:
+    """Return the matrix with two square blocks of equal size on its diagonal."""
+    n = len(first)
+    found = np.zeros((2 * n, 2 * n))
+    found[:n, :n], found[n:, n:] = first, second
+    return found
 
 
 def _inverse_mass(
