@@ -3,7 +3,7 @@
     generate, include, models, verify, run, sweep, export, reproduce, bench, cache   the commands
     lyapunov, reference       commands, too; models has ``examples`` in it
     options                   options that several of them share
-    run/                      ``run``: command, choices, outputs, report
+    run/                      ``run``: command, starts, choices, outputs, report
 
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one
 sentence on stderr, no traceback), 130 interrupted.
@@ -54,8 +54,8 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, include, models, examples, verify, run, lyapunov, sweep, export, reproduce,
-                bench, reference, cache):
+for command in (generate, include, models, examples, verify, run, lyapunov, sweep, export,
+                reproduce, bench, reference, cache):
     gyrospark.add_command(command)
 
 
