@@ -117,7 +117,7 @@ def test_no_orbit():
     """A falling mass has none: what was reached is in the message."""
     q, p = sp.symbols("q p", real=True)
     system = gs.System((q,), (p,), (), p**2 / 2 + q, name="falling")
-    with pytest.raises(gs.GyrosparkError, match="no periodic orbit of 50 steps"):
+    with pytest.raises(gs.GyrosparkError, match=r"\b50 steps"):
         gs.periodic_orbit(gs.stepper("G-L", 2, system=system), [0.0], [1.0], dt=0.1, steps=50,
                           parameters={}, fix="period")
     with pytest.raises(gs.GyrosparkError, match="1 iterations"):
