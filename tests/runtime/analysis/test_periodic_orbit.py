@@ -122,11 +122,15 @@ def test_no_orbit():
                           parameters={}, fix="period")
     with pytest.raises(gs.GyrosparkError, match="1 iterations"):
         orbit(max_iterations=1)
+    with pytest.raises(gs.GyrosparkError, match="equilibrium"):
+        gs.periodic_orbit(pendulum(), *released(0.01, 0.01), dt=0.01, steps=100,
+                          parameters=PARAMETERS, fix="period")
 
 
 @pytest.mark.parametrize(("change", "word"), [
-    ({"fix": "enrgy"}, "energy"), ({"free": "gg"}, "g"), ({"steps": 0}, "steps"),
-    ({"max_iterations": 0}, "max_iterations"), ({"parameters": {"g": 9.81}}, "l"),
+    ({"fix": "enrgy"}, "energy"), ({"fix": 3}, "fix"), ({"free": "gg"}, "g"),
+    ({"steps": 0}, "steps"), ({"max_iterations": 0}, "max_iterations"),
+    ({"parameters": {"g": 9.81}}, "l"),
 ])
 def test_bad_input(change, word):
     with pytest.raises(gs.InputError, match=word):
