@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .generator.multibody.multibody import Multibody
     from .generator.multibody.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
+    from .runtime.analysis.fit import Fit, fit
     from .runtime.derivatives.gradient import Gradient
     from .runtime.derivatives.tangent_space import Tangents
     from .runtime.events.poincare_section import Section, section
@@ -111,6 +112,8 @@ _HOMES = {
     "Section": "runtime.events.poincare_section",
     "section": "runtime.events.poincare_section",
     "Simulation": "runtime.steppers.simulation",
+    "Fit": "runtime.analysis.fit",
+    "fit": "runtime.analysis.fit",
     "Gradient": "runtime.derivatives.gradient",
     "Tangents": "runtime.derivatives.tangent_space",
     "Stepper": "runtime.steppers.stepper",
@@ -136,6 +139,7 @@ __all__ = [
     "Crossings",
     "Ensemble",
     "Event",
+    "Fit",
     "FrameChoice",
     "GammaChoice",
     "Gradient",
@@ -165,6 +169,7 @@ __all__ = [
     "cite",
     "consistent",
     "exact",
+    "fit",
     "from_mechanics",
     "gamma_fast",
     "gamma_h",

@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_items, as_mapping, listed, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
-from ..bindings.array_checks import as_numbers, as_positive_count
+from ..bindings.array_checks import as_numbers, as_positive_count, as_real
 from ..bindings.inputs import Inputs, as_inputs
 from ..derivatives.tangent_run import refuse_run, tangents_of
 from ..derivatives.tangent_space import Tangents
+from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
 from .least_squares import Linear, determined, minimise, reduced
 from .observations import Observation, Observe, observation_of
@@ -42,7 +43,7 @@ _EARLY, _EARLY_TOLERANCE = 8, 1e-1
 #: A step ends the last horizon when it is below 1e-4 of a standard deviation.
 _TOLERANCE = 1e-8
 #: How far a time may be from a whole number of steps, in steps.
-_OFF_GRID = 1e-6
+_OFF_GRID = 1e-3
 #: Share of a combination below which a name is not part of it.
 _SHARE = 1e-3
 
@@ -138,9 +139,9 @@ def spelt(combination: Mapping[str, float]) -> str:
         f"{weight:+.3g} of {name}" for name, weight in combination.items())
 
 
-@dataclass(frozen=True)
+@dataclass
 class Point:
-    """Parameters and a start."""
+    """Parameters and a start; the basis of its tangent space, once it is linearised."""
 
     parameters: dict[str, float]
     q: Array
@@ -177,15 +178,10 @@ class Fitting:
         changed = replace(self.run, q=self.step.binding.array("q", point.q, point.q.shape),
                           p=self.step.binding.array("p", point.p, point.p.shape), steps=last,
                           every=every, dt=self.run.dt / factor, inputs=inputs,
-                          parameters=self.numbers(point))
+                          parameters=self.run.parameters | {
+                              name: as_real(name, point.parameters[name], self.step.binding.number)
+                              for name in self.free})
         return changed, at // every
-
-    def numbers(self, point: Point) -> dict[str, Any]:
-        """Return the parameters in the stepper's own type."""
-        number = self.step.binding.number
-        from fractions import Fraction
-        return {name: number(Fraction(float(x))) if name in self.free else x
-                for name, x in point.parameters.items()}
 
     def residuals(self, point: Point, halvings: int = 0) -> tuple[Array, Array, Array]:
         """Return residuals of the samples and their derivatives by q and p."""
@@ -214,7 +210,7 @@ class Fitting:
     def linearise(self, point: Point) -> Linear:
         """Return residuals in standard deviations, linearised in the coordinates of a step."""
         r, J, basis = self.derivatives(point)
-        object.__setattr__(point, "basis", basis)
+        point.basis = basis
         count = len(self.free)
         J = np.concatenate([J[:, :, :count] @ self.coordinates.jacobian(point.parameters),
                             J[:, :, count:]], axis=2)
@@ -252,7 +248,7 @@ class Fitting:
     def fewest(self, point: Point) -> int:
         """Return how many samples have as many residuals as there are unknowns, and some."""
         self.samples = 1
-        columns = self.residuals(point)[0].shape[1]
+        columns = int(self.residuals(point)[0].shape[1])
         unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.start
         return max(_FIRST, -(-unknowns // columns) + 1)
 
@@ -275,7 +271,8 @@ def fit(
     step : Stepper
         It integrates the motion, and its tangents are the exact derivatives of that.
     t : array_like, shape (N,)
-        Times of the samples in seconds, increasing, each a whole number of steps from ``t0``.
+        Times of the samples in seconds, increasing, each a whole number of steps from ``t0``, to a
+        thousandth of a step.
     data : array_like, shape (N, columns)
         A row for each sample. Of attitudes unit quaternions from body to space axes, scalar first,
         of either sign.
@@ -318,12 +315,28 @@ def fit(
         For unknown names, with the nearest; for data of another shape, and for NaN; for times
         between steps.
     StepFailed
-        When the first guess has no motion up to the end of the first horizon.
+        When the first guess, or what the shorter horizons lead to, has a step without a solution.
 
     Notes
     -----
-    Positive parameters are fitted by their logarithms; three principal moments of a body, and an
-    inertia tensor, in coordinates in which every inertia is that of a body.
+    Positive parameters are fitted by their logarithms. Three principal moments of a body are fitted
+    as I_i = Σ_{j≠i} d_j², six entries of an inverse tensor as those of (tr(Σ) − Σ)⁻¹, Σ = LLᵀ, so
+    that they are those of a body (Wensing, Kim, Slotine, IEEE Robot. Autom. Lett. 3, 2018); first
+    guesses that are not are moved there. The start moves along the tangent space of the
+    constraints, and is made consistent after each step.
+
+    Examples
+    --------
+    >>> import gyrospark as gs, numpy as np
+    >>> step = gs.stepper("G-L", 2)
+    >>> top = gs.problems.fast_top()
+    >>> true = top.parameters | {"gamma": 1.6e-3}
+    >>> run = step.integrate(top.q0, top.p0, dt=1e-3, steps=64, every=2, parameters=true)
+    >>> guess = true | {"I3": 1.1*true["I3"]}
+    >>> found = gs.fit(step, run.t[1:], run.q[1:], q=top.q0, p=top.p0, parameters=guess, dt=1e-3,
+    ...                free=["I3", "start"])
+    >>> round(found.parameters["I3"], 12)
+    0.0008
     """
     observation = observation_of(step, observe)
     times = as_numbers("t", t)
@@ -365,14 +378,15 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
                          "time, and give t0 at most the first of them.")
     if dt is None:
         gaps = np.diff([t0, *times])
-        dt = float(gaps[gaps > 0].min(initial=np.inf))
+        least = float(gaps[gaps > 0].min(initial=np.inf))
+        dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / least))
     size = float(dt)
     if not (np.isfinite(size) and size > 0):
         raise InputError(f"dt = {shown(dt)} is no time step; give a number of seconds above 0.")
     steps = (times - t0) / size
     found = np.rint(steps).astype(int)
     worst = int(np.argmax(np.abs(steps - found)))
-    if abs(steps[worst] - found[worst]) > _OFF_GRID * max(1, found[worst] * 1e-3):
+    if abs(steps[worst] - found[worst]) > _OFF_GRID:
         raise InputError(f"t[{worst}] = {times[worst]:.9g} s is {steps[worst]:.6g} steps of "
                          f"dt = {size:g} s from t0: no whole number. Give a dt that divides the "
                          "times of all samples.")
@@ -388,8 +402,7 @@ def _free(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> li
         if name not in allowed:
             raise unknown("name in fixed", name, allowed)
     if free is None:
-        weights = ("gamma", "alpha")
-        found = [name for name in allowed if not name.endswith(weights)]
+        found = [name for name in allowed if not is_inertia_parameter(name)]
     else:
         found = as_items("free", [free] if isinstance(free, str) else free, "names")
     for name in found:

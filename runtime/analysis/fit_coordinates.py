@@ -41,7 +41,7 @@ class Inertia:
     names: list[str]
 
     @property
-    def entries(self) -> tuple[Array, Array]:
+    def entries(self) -> tuple[Array, ...]:
         """Rows and columns of the entries of L that move."""
         return np.diag_indices(3) if len(self.names) == 3 else np.tril_indices(3)
 
@@ -64,7 +64,8 @@ class Inertia:
     def values(self, L: Array) -> tuple[list[float], Array]:
         """Return the parameters of L, and their derivatives by the entries that move."""
         def of(sigma: Array) -> Array:
-            return np.trace(sigma) * np.eye(3) - sigma
+            found: Array = np.trace(sigma) * np.eye(3) - sigma
+            return found
 
         J = of(L @ L.T)
         changes = []

@@ -1,10 +1,10 @@
 """The method of Levenberg and Marquardt in relative units, and what data determine.
 
-Unknowns y are measured in units u, for which a change by 1 is large: of a logarithm 1, of a momentum
-its size. The step minimises |r + J y|² + μ |y/u|². The damping μ = 4 σ², with the variance σ² of the
-residuals at the point, keeps what the data do not determine within about u/2 a step, vanishes with
-the residuals, and is far below what is determined to some digits (Yamashita, Fukushima, Computing
-Suppl. 15, 2001). It grows where a step does not decrease |r|².
+Unknowns y are measured in units u, changes that are large: 1 of a logarithm, of a momentum its
+size. The step minimises |r + J y|² + μ |y/u|². The damping μ = 4 σ², with the variance σ² of the
+residuals at the point, keeps directions that the data do not determine within about u/2 a step. It
+vanishes with the residuals (Yamashita, Fukushima, Computing Suppl. 15, 2001), and grows where a
+step does not decrease |r|².
 """
 
 from __future__ import annotations
@@ -79,14 +79,15 @@ def minimise(
     at = linearise(point)
     factor = 1.0
     for iteration in range(most):
-        U, s, Vt = np.linalg.svd(at.J * at.units, full_matrices=False)
-        g = U.T @ at.r
+        R = triangle(np.column_stack([at.J * at.units, at.r]))
+        U, s, Vt = np.linalg.svd(R[:, :-1], full_matrices=False)
+        g = U.T @ R[:, -1]
         cost = float(at.r @ at.r)
         variance = cost / max(1, len(at.r) - len(s)) + noise**2
         kept = _BEYOND * s > np.sqrt(variance)
         failed = False
         while True:
-            damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2
+            damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2 + np.finfo(float).tiny
             part = kept * s * g / (s**2 + damping)
             y = -(Vt.T @ part) * at.units
             share = min(1.0, 1 / max(excess(point, y), 1e-300))
@@ -102,6 +103,13 @@ def minimise(
         if not failed:
             factor = max(1.0, factor / _GROWTH)
     return Found(point, most, False)
+
+
+def triangle(A: Array) -> Array:
+    """Return R of A = QR: as few rows as columns, and the same singular values."""
+    made: Any = np.linalg.qr(A, mode="r")
+    R: Array = made
+    return R
 
 
 def _tried(
@@ -139,8 +147,7 @@ def determined(at: Linear, noise: float) -> Determined:
     A direction is undetermined where its singular value is round-off, or where one standard
     deviation of it is longer than 1 in the units.
     """
-    J = at.J * at.units
-    _, s, Vt = np.linalg.svd(J, full_matrices=len(J) < J.shape[1])
+    _, s, Vt = np.linalg.svd(triangle(at.J * at.units), full_matrices=True)
     full = np.zeros(len(Vt))
     full[: len(s)] = s
     kept = full > max(RANK * full[0], noise)
@@ -150,10 +157,10 @@ def determined(at: Linear, noise: float) -> Determined:
 
 
 def reduced(null: Array) -> Array:
-    """Return a readable basis of the space of the columns, in rows: each has a 1 where others have 0.
+    """Return a readable basis of the space of the columns, in rows.
 
-    By Gauss-Jordan elimination with full pivots: entries are at most 1 in size where there is one
-    row.
+    Each has a 1 where the others have 0. By Gauss-Jordan elimination with full pivots: entries of a
+    single row are at most 1 in size.
     """
     A = null.T.copy()
     free = list(range(A.shape[1]))
