@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from .generator.multibody.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
     from .runtime.analysis.fit import Fit, fit
+    from .runtime.analysis.lyapunov import Lyapunov, lyapunov
+    from .runtime.analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
     from .runtime.derivatives.gradient import Gradient
     from .runtime.derivatives.tangent_space import Tangents
     from .runtime.events.poincare_section import Section, section
@@ -114,6 +116,10 @@ _HOMES = {
     "Simulation": "runtime.steppers.simulation",
     "Fit": "runtime.analysis.fit",
     "fit": "runtime.analysis.fit",
+    "Lyapunov": "runtime.analysis.lyapunov",
+    "lyapunov": "runtime.analysis.lyapunov",
+    "PeriodicOrbit": "runtime.analysis.periodic_orbit",
+    "periodic_orbit": "runtime.analysis.periodic_orbit",
     "Gradient": "runtime.derivatives.gradient",
     "Tangents": "runtime.derivatives.tangent_space",
     "Stepper": "runtime.steppers.stepper",
@@ -146,9 +152,11 @@ __all__ = [
     "GyrosparkError",
     "InputError",
     "InputWarning",
+    "Lyapunov",
     "MissingDependencyError",
     "Model",
     "Multibody",
+    "PeriodicOrbit",
     "Projection",
     "Recording",
     "Section",
@@ -178,10 +186,12 @@ __all__ = [
     "gamma_m_tilde",
     "load_model",
     "load_urdf",
+    "lyapunov",
     "models",
     "momentum",
     "open_recording",
     "open_sweep",
+    "periodic_orbit",
     "problems",
     "read_urdf",
     "record",

@@ -11,5 +11,5 @@ A package imports only from packages above it.
     integration/  the step loop, its arguments, dense output, failed steps
     events/       detection and location of events, Poincaré sections
     steppers/     steppers, simulations, ensembles
-    analysis/     parameters that fit measured data
+    analysis/     fits, Lyapunov exponents, periodic orbits
 """
