@@ -64,8 +64,8 @@ def fit(
 
     The first line of DATA.csv names its columns: time, and those of what is measured, as
     ``gyrospark run --out`` writes them; of an attitude the four coordinates of its quaternion,
-    scalar first. Other columns are ignored. Combinations of parameters that the data do not determine are
-    named. Exit code 1 if the fit has not converged.
+    scalar first. Other columns are ignored. Combinations of parameters that the data do not
+    determine are named. Exit code 1 if the fit has not converged.
 
     \b
     gyrospark run examples/damped_top.toml --dt 5e-3 --steps 240 --every 4 --out seen.csv
