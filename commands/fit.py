@@ -71,7 +71,7 @@ def fit(
     gyrospark run examples/damped_top.toml --dt 5e-3 --steps 240 --every 4 --out seen.csv
     gyrospark fit examples/damped_top.toml seen.csv --dt 5e-3 --set c=1e-4 --free c,start
     gyrospark fit examples/damped_top.toml seen.csv --dt 5e-3 --fixed mgl --sigma 2e-3 --json
-    gyrospark fit examples/pendulum.toml swing.csv --observe x,z --free g,start
+    gyrospark fit examples/pendulum.toml swing.csv --observe x,y --free l,g,start
     """
     from ..runtime.analysis.fit import fit as fitted
     from ..runtime.analysis.observations import observation_of

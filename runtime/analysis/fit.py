@@ -10,7 +10,7 @@ z = consistent(z0 + B y). Over a long horizon the phase of a fast motion is ambi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,7 +55,7 @@ class Fit:
     Attributes
     ----------
     parameters : dict of str to float
-        All parameters, the fitted ones among them.
+        All parameters, the fitted ones among them; without inputs that change.
     q, p : array, shape (n,)
         The start at ``t0``.
     names : list of str
@@ -141,17 +141,16 @@ def spelt(combination: Mapping[str, float]) -> str:
 
 @dataclass
 class Point:
-    """Parameters and a start; the basis of its tangent space, once it is linearised."""
+    """Parameters and a start; once it is linearised, the basis of its tangent space, and sizes.
+
+    ``sizes`` are largest |q| and |p| of the samples, for each coordinate and momentum.
+    """
 
     parameters: dict[str, float]
     q: Array
     p: Array
-    basis: Array | None = None
-
-
-def sizes_of(point: Point) -> Array:
-    """Return |q| for each coordinate and |p| for each momentum, 1 where that is 0."""
-    return np.repeat([float(np.linalg.norm(x)) or 1.0 for x in (point.q, point.p)], len(point.q))
+    basis: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class Fitting:
@@ -183,43 +182,53 @@ class Fitting:
                               for name in self.free})
         return changed, at // every
 
-    def residuals(self, point: Point, halvings: int = 0) -> tuple[Array, Array, Array]:
-        """Return residuals of the samples and their derivatives by q and p."""
+    def states(self, point: Point, halvings: int = 0) -> tuple[Array, Array]:
+        """Return q and p of the samples."""
         run, rows = self.arguments(point, halvings)
         found = self.step.run(run)
         q, p = (np.asarray(x[rows], dtype=float) for x in (found.q, found.p))
-        return self.observation.residuals(self.data[: self.samples], q, p)
+        return q, p
+
+    def residuals(self, point: Point, halvings: int = 0) -> Array:
+        """Return residuals of the samples, shape (rows, c)."""
+        return self.observation.residuals(self.data[: self.samples],
+                                          *self.states(point, halvings))[0]
 
     def truncation(self, point: Point) -> float:
         """Return what a step half as long changes, root mean square, in standard deviations."""
-        changes = (self.residuals(point, 1)[0] - self.residuals(point)[0]) / self.sigma
+        changes = (self.residuals(point, 1) - self.residuals(point)) / self.sigma
         return float(np.sqrt(np.mean(changes**2)))
 
-    def derivatives(self, point: Point) -> tuple[Array, Array, Array]:
-        """Return residuals (rows, c), J by free parameters and start (rows, c, k), the basis."""
+    def derivatives(self, point: Point) -> tuple[Array, Array]:
+        """Return residuals (rows, c), and J by free parameters and start, (rows, c, k).
+
+        The point is given its basis and sizes.
+        """
+        q, p = self.states(point)
+        r, by_q, by_p = self.observation.residuals(self.data[: self.samples], q, p)
         run, rows = self.arguments(point)
-        r, by_q, by_p = self.residuals(point)
         wanted = Tangents(start="all" if self.start else None, parameters=self.free)
         tangents = tangents_of(self.step, run, wanted)
         dq, dp = (np.asarray(x[rows], dtype=float) for x in (tangents.q, tangents.p))
         J = by_q @ dq + by_p @ dp
         starts = J.shape[2] - len(self.free)
-        order = [*range(starts, J.shape[2]), *range(starts)]
-        return r, J[:, :, order], np.asarray(tangents.start[:, :starts], dtype=float)
+        point.basis = np.asarray(tangents.start[:, :starts], dtype=float)
+        largest = [float(np.linalg.norm(x, axis=1).max()) or 1.0 for x in (q, p)]
+        point.sizes = np.repeat(largest, self.step.n)
+        return r, J[:, :, [*range(starts, J.shape[2]), *range(starts)]]
 
     def linearise(self, point: Point) -> Linear:
         """Return residuals in standard deviations, linearised in the coordinates of a step."""
-        r, J, basis = self.derivatives(point)
-        point.basis = basis
+        r, J = self.derivatives(point)
         count = len(self.free)
         J = np.concatenate([J[:, :, :count] @ self.coordinates.jacobian(point.parameters),
                             J[:, :, count:]], axis=2)
-        return self.scaled(point, r, J, self.coordinates.units(point.parameters), basis)
+        return self.scaled(point, r, J, self.coordinates.units(point.parameters))
 
-    def scaled(self, point: Point, r: Array, J: Array, units: Array, basis: Array) -> Linear:
+    def scaled(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
         """Return residuals in standard deviations, with the units of the start behind others."""
         flat = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
-        relative = basis / sizes_of(point)[:, None]
+        relative = point.basis / point.sizes[:, None]
         units = np.concatenate([units, 1 / np.linalg.norm(relative, axis=0)])
         unknown = ~np.isfinite(units)  # of what is 0: as large as all others are in effect
         effects = np.linalg.norm(flat, axis=0)
@@ -233,22 +242,22 @@ class Fitting:
         count = len(self.free)
         parameters = self.coordinates.moved(point.parameters, y[:count])
         z = np.concatenate([point.q, point.p])
-        if self.start and point.basis is not None:
+        if self.start:
             z = z + point.basis @ y[count:]
         return self.consistent(parameters, z[: self.step.n], z[self.step.n :])
 
     def consistent(self, parameters: dict[str, float], q: Array, p: Array) -> Point:
         """Return the point next to this with a start on the constraints."""
         if self.step.m:
-            made = self.step.consistent(q, p, parameters=self.run.parameters | parameters,
-                                        t=self.run.t0)
+            known = self.step.parameters_with_inputs(self.run.parameters, self.run.inputs)
+            made = self.step.consistent(q, p, parameters=known | parameters, t=self.run.t0)
             q, p = made.q, made.p
         return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
 
     def fewest(self, point: Point) -> int:
         """Return how many samples have as many residuals as there are unknowns, and some."""
         self.samples = 1
-        columns = int(self.residuals(point)[0].shape[1])
+        columns = int(self.residuals(point).shape[1])
         unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.start
         return max(_FIRST, -(-unknowns // columns) + 1)
 
@@ -351,7 +360,8 @@ def fit(
     run = _first_run(step, q, p, size, int(at[-1]), given, float(t0), inputs, hold)
     fitting = Fitting(step, observation, run, at, rows, np.ones(1), names, starts)
     values = {name: float(x) for name, x in run.parameters.items()
-              if name in step.parameter_domains}
+              if name in step.parameter_domains
+              and not (run.inputs is not None and name in step.binding.input_names)}
     values = fitting.coordinates.inside(values)
     point = fitting.consistent(values, np.asarray(run.q, float), np.asarray(run.p, float))
     if sigma is not None:
@@ -439,7 +449,7 @@ def _first_run(
 def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
     """Return one standard deviation for each column of residuals."""
     fitting.samples = 1
-    columns = fitting.residuals(point)[0].shape[1]
+    columns = fitting.residuals(point).shape[1]
     given = np.array(as_numbers("sigma", sigma), dtype=float)
     if given.shape not in ((), (1,), (columns,)) or not (np.isfinite(given) & (given > 0)).all():
         raise InputError(f"sigma = {shown(sigma)} is no noise; give a number above 0, or one for "
@@ -467,21 +477,28 @@ def _result(
 ) -> Fit:
     """Return the fit at the minimum that was found; ``known`` is whether σ was given."""
     free, coordinates = fitting.free, fitting.coordinates
-    r, J, basis = fitting.derivatives(point)
-    halved = fitting.residuals(point, 1)[0]
+    r, J = fitting.derivatives(point)
+    basis, halved = point.basis, fitting.residuals(point, 1)
     rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
     values = np.array([point.parameters[name] for name in free])
     units = np.where(coordinates.positive, values, np.abs(values))
-    at = fitting.scaled(point, r, J, np.where(units > 0, units, np.inf), basis)
+    at = fitting.scaled(point, r, J, np.where(units > 0, units, np.inf))
     noise = 1.0 if known else float(np.sqrt(at.r @ at.r / max(1, len(at.r) - len(at.units))))
-    held = determined(at, float(np.hypot(noise, fitting.truncation(point))))
+    held = determined(at, float(np.hypot(
+        noise, np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2)))))
     covariance = held.covariance * noise**2
     names = [*free, *(f"start[{k}]" for k in range(basis.shape[1]))]
-    undetermined, parts = _combinations(held.null, free, values, basis, sizes_of(point))
+    undetermined, parts = _combinations(held.null, free, values, basis, _start_sizes(point))
     sigma = {name: float("inf") if name in parts else float(np.sqrt(variance))
              for name, variance in zip(names, np.diag(covariance), strict=True)}
     return Fit(dict(point.parameters), point.q, point.p, names, covariance, sigma, undetermined, r,
                rms, truncation, basis, horizons, iterations, converged)
+
+
+def _start_sizes(point: Point) -> Array:
+    """Return |q| and |p| of the start, for each coordinate and momentum; of its motion at rest."""
+    own = np.repeat([np.linalg.norm(x) for x in (point.q, point.p)], len(point.q))
+    return np.where(own > 1e-6 * point.sizes, own, point.sizes)
 
 
 def _combinations(
