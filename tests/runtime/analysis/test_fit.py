@@ -244,21 +244,21 @@ def test_each_step_of_an_inertia_is_that_of_a_body(names):
 
 
 WRONG = [
-    ({"free": ["l", "gg"]}, "free.*did you mean g"),
-    ({"fixed": ["ll"], "free": None}, "fixed.*did you mean l"),
-    ({"free": ["l"], "fixed": ["l"]}, "in free and in fixed"),
-    ({"free": []}, "Nothing is free"),
-    ({"observe": "xx"}, "observe.*did you mean x"),
+    ({"free": ["l", "gg"]}, "free.*mean g"),
+    ({"fixed": ["ll"], "free": None}, "fixed.*mean l"),
+    ({"free": ["l"], "fixed": ["l"]}, "free.*fixed"),
+    ({"free": []}, "Nothing.*free"),
+    ({"observe": "xx"}, "observe.*mean x"),
     ({"observe": []}, "names nothing"),
-    ({"observe": "x"}, r"31 rows.*1 columns \(x\)"),
+    ({"observe": "x"}, r"31 rows.*\(x\)"),
     ({"data": np.zeros((7, 2))}, r"shape \(7, 2\).*31 rows"),
-    ({"dt": 0.007}, "no whole number"),
-    ({"dt": 0.0}, "no time step"),
+    ({"dt": 0.007}, "whole number"),
+    ({"dt": 0.0}, "time step"),
     ({"sigma": -1.0}, "sigma"),
-    ({"sigma": [1.0, 1.0, 1.0]}, "each of 2 columns"),
-    ({"horizons": [20, 10]}, "do not increase"),
+    ({"sigma": [1.0, 1.0, 1.0]}, "2 columns"),
+    ({"horizons": [20, 10]}, "increase"),
     ({"horizons": [100]}, "up to 31"),
-    ({"t0": 0.1}, "do not increase from t0"),
+    ({"t0": 0.1}, "from t0"),
     ({"observe": lambda q, p: q}, "returned"),
     ({"observe": lambda q, p: (q, q, q)}, r"\(1, 2, 2\)"),
 ]
@@ -280,7 +280,7 @@ def test_data_that_are_no_measurements_are_refused():
     with refused("unit quaternion"):
         top().fit(2 * top().attitudes)
     case = dataclasses.replace(top(), t=top().t[::-1])
-    with refused("do not increase"):
+    with refused("increase"):
         case.fit(case.attitudes)
 
 
