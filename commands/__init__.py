@@ -3,7 +3,7 @@
     generate, include, models, verify, run, sweep, export, reproduce, bench, cache   the commands
     fit, lyapunov, reference  commands, too; models has ``examples`` in it
     options                   options that several of them share
-    run/                      ``run``: command, choices, outputs, report
+    run/                      ``run``: command, starts, choices, outputs, report
 
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one
 sentence on stderr, no traceback), 130 interrupted.

@@ -45,8 +45,8 @@ _BAR_FROM = 5_000
               help="Steps between two QR decompositions.")
 @click.option("--count", metavar="K", help="How many exponents, the largest first (default: all).")
 @click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
-              help="As of gyrospark run: an argument of the problem, or of a model file a parameter "
-                   "or a key.")
+              help="As of gyrospark run: an argument of the problem, or of a model file a "
+                   "parameter or a key.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the running exponents and MEGNO (.png, .svg, .pdf).")
 @json_option

@@ -25,7 +25,8 @@ API = {
         "stepper", "Stepper", "Trajectory", "gyrospark.runtime.results.body_motion.BodyMotion",
         "gyrospark.runtime.results.joint_motion.JointMotion",
         "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "Event",
-        "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
+        "Crossings", "section", "Section", "fit", "Fit", "lyapunov", "Lyapunov", "periodic_orbit",
+        "PeriodicOrbit", "GyrosparkError", "InputError", "InputWarning",
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],
     "systems": [

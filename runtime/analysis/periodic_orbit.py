@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import few, shown, unknown
+from ...core.arguments import as_items, few, shown, unknown
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ..bindings.array_checks import as_positive_count
@@ -54,6 +54,10 @@ _CLOSED, _STAGNATED = 8, 64
 _HALVINGS = 6
 #: Residuals below this part of a state may stagnate or grow.
 _SMALL = 1e-7
+#: From below this part on, the phase is left free where an iteration stagnates.
+_NEAR = 1e-3
+#: A state that moves by less than this part of it in a period does not move.
+_STILL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +72,8 @@ class PeriodicOrbit:
     steps : int
     parameters : dict
         With the value found, where one was free.
+    t0 : number
+        Time of the state, for what depends on it.
     multipliers : array of complex, shape (2 (n − m),)
         Floquet multipliers, the largest first.
     monodromy : array, shape (2 (n − m), 2 (n − m))
@@ -87,6 +93,7 @@ class PeriodicOrbit:
     dt: Any
     steps: int
     parameters: dict[str, Any]
+    t0: Any
     multipliers: Array
     monodromy: Array = field(repr=False)
     basis: Array = field(repr=False)
@@ -110,7 +117,7 @@ class PeriodicOrbit:
         """Return the trajectory of so many revolutions."""
         return self._stepper.integrate(
             self.q, self.p, dt=self.dt, steps=as_positive_count("periods", periods) * self.steps,
-            every=every, parameters=self.parameters)
+            every=every, parameters=self.parameters, t0=self.t0)
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw the coordinates over a period, and the multipliers beside the unit circle.
@@ -156,7 +163,7 @@ def periodic_orbit(
     InputError
         For unusable arguments, with the allowed ones.
     GyrosparkError
-        If Newton's method does not converge: with what was reached.
+        If Newton's method does not converge: with what was reached. If it comes to an equilibrium.
     StepFailed
         When a step at the start finds no solution.
     """
@@ -213,13 +220,18 @@ class OrbitSearch:
         found = [now.size]
         while not self._closed(now, found):
             ahead = self._next(now) if len(found) <= most else None
-            if ahead is None and not self.phased:
+            near = self.phased and now.size < _NEAR * self._scale(now)
+            if ahead is None and not near:
                 raise self._failure(now, found)
-            if ahead is None or ahead.size > max(now.size / 2, self._least(now)):
+            if near and (ahead is None or ahead.size > max(now.size / 2, self._least(now))):
                 self.phased = False  # the place within a step may be what is missing
             if ahead is not None:
                 now = ahead
                 found.append(now.size)
+        way = float(np.linalg.norm(self._tangents(now)[2]) * abs(float(now.dt)))
+        if not self.timed and way <= _STILL * self._scale(now):
+            raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "
+                                 "the energy or a coordinate, or begin farther from it.")
         return self._result(now, found)
 
     def _failure(self, now: Guess, sizes: list[float]) -> GyrosparkError:
@@ -386,14 +398,15 @@ class OrbitSearch:
                             -np.round(np.abs(multipliers), 6)))
         return PeriodicOrbit(
             now.z[: self.stepper.n], now.z[self.stepper.n :], now.dt, self.steps, now.parameters,
-            multipliers[order], M, B, defect, len(sizes) - 1, tuple(sizes), self.stepper)
+            self.t0, multipliers[order], M, B, defect, len(sizes) - 1, tuple(sizes), self.stepper)
 
 
 def _fixed(
     stepper: Stepper, fix: str | Sequence[str] | None, free: str | None, *, timed: bool
 ) -> tuple[str, ...]:
     """Return what is fixed, checked."""
-    names = () if fix is None else (fix,) if isinstance(fix, str) else tuple(fix)
+    names = () if fix is None else (fix,) if isinstance(fix, str) else tuple(
+        as_items("fix", fix, "names"))
     system = stepper.manifest["system"]
     allowed = ["energy", "period", *system["coordinates"], *system["momenta"]]
     for name in names:
