@@ -4,7 +4,7 @@ The residuals r are predictions less data. Each iteration integrates once with t
 start and of all free parameters, so that J = ∂r/∂(θ, y) is exact, and takes a step of
 Levenberg and Marquardt. The start moves in coordinates y of the tangent space of the constraints,
 z = consistent(z0 + B y). Over a long horizon the phase of a fast motion is ambiguous: the first
-16 samples are fitted first, then 32, 64, and so on.
+samples, about as many as determine all unknowns, are fitted first, then twice as many, and so on.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_items, as_mapping, listed, shown, unknown
+from ...core.arguments import as_items, as_mapping, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
@@ -36,7 +36,7 @@ __all__ = ["Fit", "fit"]
 
 Array = NDArray[Any]
 
-#: Samples of the first horizon; each other has twice as many.
+#: Fewest samples of the first horizon; each other has twice as many.
 _FIRST = 4
 #: Iterations of a horizon that is not the last, and where it ends.
 _EARLY, _EARLY_TOLERANCE = 8, 1e-1
@@ -132,9 +132,8 @@ def with_sigma(value: float, sigma: float) -> str:
 def spelt(combination: Mapping[str, float]) -> str:
     """Return an undetermined combination in words."""
     if all(abs(weight - 1) < 1e-2 for weight in combination.values()):
-        first, *more = combination
-        return f"a common factor of {listed([first, *more]).replace(' or ', ' and ')}" if more \
-            else first
+        *names, last = combination
+        return f"a common factor of {', '.join(names)} and {last}" if names else last
     return "relative changes " + ", ".join(
         f"{weight:+.3g} of {name}" for name, weight in combination.items())
 
@@ -308,7 +307,8 @@ def fit(
     t0 : float
         Time of the start, at most ``t[0]``.
     horizons : sequence of int, optional
-        Numbers of samples that are fitted one after the other; by default 16, 32, 64, … and all.
+        Numbers of samples that are fitted one after the other; by default about as many as there
+        are unknowns, twice as many, and so on up to all. ``[]``: all at once.
     inputs, hold
         As of ``integrate``.
     max_iterations : int
@@ -352,12 +352,13 @@ def fit(
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
     rows = observation.checked(data, len(times))
-    size, at = _steps_at(np.array(times, dtype=float), float(t0), dt)
+    begin = float(as_real("t0", t0))
+    size, at = _steps_at(np.array(times, dtype=float), begin, dt)
     given = as_mapping("parameters", parameters, "{'m': 1.0}")
     names = _free(step, free, fixed)
     starts = "start" in names
     names = [name for name in names if name != "start"]
-    run = _first_run(step, q, p, size, int(at[-1]), given, float(t0), inputs, hold)
+    run = _first_run(step, q, p, size, int(at[-1]), given, begin, inputs, hold)
     fitting = Fitting(step, observation, run, at, rows, np.ones(1), names, starts)
     values = {name: float(x) for name, x in run.parameters.items()
               if name in step.parameter_domains
@@ -390,7 +391,7 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
         gaps = np.diff([t0, *times])
         least = float(gaps[gaps > 0].min(initial=np.inf))
         dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / least))
-    size = float(dt)
+    size = float(as_real("dt", dt))
     if not (np.isfinite(size) and size > 0):
         raise InputError(f"dt = {shown(dt)} is no time step; give a number of seconds above 0.")
     steps = (times - t0) / size
@@ -481,11 +482,11 @@ def _result(
     basis, halved = point.basis, fitting.residuals(point, 1)
     rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
     values = np.array([point.parameters[name] for name in free])
-    units = np.where(coordinates.positive, values, np.abs(values))
-    at = fitting.scaled(point, r, J, np.where(units > 0, units, np.inf))
-    noise = 1.0 if known else float(np.sqrt(at.r @ at.r / max(1, len(at.r) - len(at.units))))
-    held = determined(at, float(np.hypot(
-        noise, np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2)))))
+    scaled = (r / fitting.sigma).ravel()
+    noise = 1.0 if known else float(np.sqrt(scaled @ scaled / max(1, len(scaled) - J.shape[2])))
+    uncertain = float(np.hypot(noise, np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))))
+    at = fitting.scaled(point, r, J, coordinates.scales(point.parameters))
+    held = determined(at, uncertain)
     covariance = held.covariance * noise**2
     names = [*free, *(f"start[{k}]" for k in range(basis.shape[1]))]
     undetermined, parts = _combinations(held.null, free, values, basis, _start_sizes(point))

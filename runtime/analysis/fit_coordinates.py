@@ -83,7 +83,7 @@ class Coordinates:
     """Coordinates y of the free parameters, zero at the values where they are asked for."""
 
     def __init__(self, step: Stepper, free: Sequence[str], first: Mapping[str, float]) -> None:
-        self._first = dict(first)
+        self._first = {name: float(first[name]) for name in free}
         self.free = list(free)
         self._bodies = [Inertia(body.inertia) for body in bodies_of(step.manifest).values()
                         if {*body.inertia} <= {*free}]
@@ -137,11 +137,20 @@ class Coordinates:
         return float(np.abs(y / self.units(values)).max(initial=0.0)) / _LARGEST
 
     def units(self, values: Mapping[str, float]) -> Array:
-        """Return changes of y that are large; infinite for what is 0, and was 0 at first."""
+        """Return changes of y that are large; infinite for what was 0 at first."""
         found: list[float] = []
         for body in self._bodies:
             found += [float(np.abs(body.factor(values)).max())] * len(body.names)
-        for _, name, positive in self._single:
-            size = max(abs(values[name]), abs(self._first[name])) or np.inf
-            found.append(1.0 if positive else size)
+        found += [1.0 if positive else self._size(name, values)
+                  for _, name, positive in self._single]
         return np.array(found)
+
+    def scales(self, values: Mapping[str, float]) -> Array:
+        """Return changes of the parameters themselves that are large, as ``units`` of y."""
+        return np.array([self._size(name, values) for name in self.free])
+
+    def _size(self, name: str, values: Mapping[str, float]) -> float:
+        first = abs(self._first[name])
+        if self.positive[self.free.index(name)]:
+            return abs(values[name])
+        return max(abs(values[name]), first) if first else np.inf

@@ -88,6 +88,24 @@ def test_exact_data_give_exact_parameters():
     assert found.q == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "more"), [
+    (("EMS",), {}), (("IMS",), {}), (("LIIIA-B", 3), {}), (("Radau-L", 2), {}),
+    (("G-L", 2), {"real": "float"}), (("G-L", 2), {"real": "float128"}),
+    (("G-L", 2), {"frame": "symmetries"})])
+def test_every_scheme_and_type_fits_its_own_motion(scheme, more):
+    model = gs.load_model(ROOT / "examples" / "damped_top.toml")
+    step = gs.stepper(*scheme, system=model, **more)
+    parameters = model.parameters | {"gamma": 1.4e-3}
+    q, p = step.project(model.q0, model.p0, parameters=parameters)
+    run = step.integrate(q, p, dt=2e-3, steps=100, every=5, parameters=parameters)
+    found = gs.fit(step, run.t[1:], run.q[1:], q=q, p=1.02 * p, dt=2e-3,
+                   parameters=parameters | {"c": 3e-4, "I3": 9.5e-4}, free=["I3", "c", "start"])
+    assert found.converged
+    assert found.parameters["c"] == pytest.approx(4e-4, rel=1e-4)
+    assert found.parameters["I3"] == pytest.approx(9e-4, rel=1e-4)
+
+
 def test_the_sign_of_a_quaternion_does_not_matter():
     data = top().data(3)
     data[::3] *= -1
@@ -153,6 +171,18 @@ def test_what_has_no_effect_and_products_are_named():
     assert found.sigma["m"] == np.inf
     assert found.sigma["l"] < 1e-6
     assert found.parameters["g"] == pytest.approx(9.81, rel=1e-9)
+
+
+@pytest.mark.parametrize("first", [0.0, 1e-4])
+def test_a_damping_that_is_none_is_determined(first):
+    step, parameters = top().step, top().true | {"c": 0.0}
+    q, p = step.project(top().q, top().p, parameters=parameters)
+    run = step.integrate(q, p, dt=5e-3, steps=240, every=4, parameters=parameters)
+    noise = fits.NOISE * np.random.default_rng(0).normal(size=(60, 3))
+    found = top().fit(fits.turned(run.q[1:], noise), parameters=parameters | {"c": first},
+                      free=["c", "start"])
+    assert not found.undetermined
+    assert abs(found.parameters["c"]) < 4 * found.sigma["c"] < 1e-5
 
 
 def test_fewer_residuals_than_unknowns():
@@ -259,6 +289,8 @@ WRONG = [
     ({"horizons": [20, 10]}, "increase"),
     ({"horizons": [100]}, "up to 31"),
     ({"t0": 0.1}, "from t0"),
+    ({"t0": "now"}, "t0"),
+    ({"dt": "small"}, "dt"),
     ({"observe": lambda q, p: q}, "returned"),
     ({"observe": lambda q, p: (q, q, q)}, r"\(1, 2, 2\)"),
 ]
