@@ -193,6 +193,10 @@ class Fitting:
         return self.observation.residuals(self.data[: self.samples],
                                           *self.states(point, halvings))[0]
 
+    def scaled_residuals(self, point: Point) -> Array:
+        """Return residuals in standard deviations."""
+        return (self.residuals(point) / self.sigma).ravel()
+
     def truncation(self, point: Point) -> float:
         """Return what a step half as long changes, root mean square, in standard deviations."""
         changes = (self.residuals(point, 1) - self.residuals(point)) / self.sigma
@@ -249,8 +253,7 @@ class Fitting:
         """Return the point next to this with a start on the constraints."""
         if self.step.m:
             known = self.step.parameters_with_inputs(self.run.parameters, self.run.inputs)
-            made = self.step.consistent(q, p, parameters=known | parameters, t=self.run.t0)
-            q, p = made.q, made.p
+            q, p = self.step.project(q, p, parameters=known | parameters, t=self.run.t0)
         return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
 
     def fewest(self, point: Point) -> int:
@@ -372,8 +375,8 @@ def fit(
     for count in counts:
         last = count == counts[-1]
         fitting.samples = count
-        found = minimise(point, fitting.linearise, fitting.moved, fitting.excess,
-                         _TOLERANCE if last else _EARLY_TOLERANCE,
+        found = minimise(point, fitting.scaled_residuals, fitting.linearise, fitting.moved,
+                         fitting.excess, _TOLERANCE if last else _EARLY_TOLERANCE,
                          max_iterations if last else _EARLY, fitting.truncation(point))
         point, iterations = found.point, iterations + found.iterations
     return _result(fitting, point, iterations, counts, found.converged, known=sigma is not None)
@@ -439,8 +442,7 @@ def _first_run(
         plain = {name: x for name, x in numbers.items() if not isinstance(x, str)}
         rules = {name: 1.0 for name, x in numbers.items()
                  if isinstance(x, str) and name in step.parameter_domains}
-        made = step.consistent(q, p, parameters=plain | rules, t=t0)
-        q, p = made.q, made.p
+        q, p = step.project(q, p, parameters=plain | rules, t=t0)
     run = step.resolved(step.run_arguments(q, p, dt=dt, steps=steps, parameters=given, t0=t0,
                                            inputs=fed), quiet=True)
     refuse_run(run)

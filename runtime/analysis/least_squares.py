@@ -55,15 +55,16 @@ class Found(Generic[Point]):
 
 
 def minimise(
-    point: Point, linearise: Callable[[Point], Linear], moved: Callable[[Point, Array], Point],
-    excess: Callable[[Point, Array], float], tolerance: float, most: int, noise: float = 0.0,
+    point: Point, residuals: Callable[[Point], Array], linearise: Callable[[Point], Linear],
+    moved: Callable[[Point, Array], Point], excess: Callable[[Point, Array], float],
+    tolerance: float, most: int, noise: float = 0.0,
 ) -> Found[Point]:
     """Return where |r|² is least, from a point near to it.
 
     Parameters
     ----------
-    linearise : callable
-        The residuals at a point, linearised.
+    residuals, linearise : callable
+        The residuals at a point, and these linearised.
     moved : callable
         The point at y.
     excess : callable
@@ -95,8 +96,8 @@ def minimise(
             expected = float(g @ g - np.sum((g - s * part) ** 2))
             if expected <= tolerance * variance:
                 return Found(point, iteration, True)
-            trial = _tried(point, y, linearise, moved)
-            if trial is not None and cost - float(trial[1].r @ trial[1].r) > 1e-3 * expected:
+            trial = _tried(point, y, residuals, linearise, moved, cost - 1e-3 * expected)
+            if trial is not None:
                 break
             factor, failed = factor * _GROWTH, True
         point, at = trial
@@ -106,19 +107,29 @@ def minimise(
 
 
 def triangle(A: Array) -> Array:
-    """Return R of A = QR: as few rows as columns, and the same singular values."""
-    made: Any = np.linalg.qr(A, mode="r")
-    R: Array = made
+    """Return R of A = QR, at most as many rows as columns: the same singular values.
+
+    A few rows at a time, which LAPACK does on one thread: with two threads on 600 × 24 numbers, a
+    fit of a double body took 1.0 CPU seconds in place of 0.36.
+    """
+    rows = 2 * A.shape[1]
+    R: Array = A[:0]
+    for first in range(0, len(A), rows):
+        made: Any = np.linalg.qr(np.concatenate([R, A[first : first + rows]]), mode="r")
+        R = made
     return R
 
 
 def _tried(
-    point: Point, y: Array, linearise: Callable[[Point], Linear],
-    moved: Callable[[Point, Array], Point],
+    point: Point, y: Array, residuals: Callable[[Point], Array],
+    linearise: Callable[[Point], Linear], moved: Callable[[Point, Array], Point], below: float,
 ) -> tuple[Point, Linear] | None:
-    """Return the point at y, linearised; None where no motion leads on from it."""
+    """Return the point at y, linearised; None where |r|² is not below a bound or no motion is."""
     try:
         new = moved(point, y)
+        r = residuals(new)
+        if not float(r @ r) < below:
+            return None
         made = linearise(new)
     except GyrosparkError:  # a step too far, which damping shortens
         return None
