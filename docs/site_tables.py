@@ -38,7 +38,7 @@ API = {
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
     "derivatives": [
         "Tangents", "gyrospark.runtime.derivatives.tangent_run.TangentRows", "Gradient", "lyapunov",
-        "Lyapunov", "periodic_orbit", "PeriodicOrbit"],
+        "Lyapunov", "periodic_orbit", "PeriodicOrbit", "fit", "Fit"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
 }
 

@@ -140,13 +140,12 @@ def null_space(rows: Array, room: Array) -> Array:
             kept.append(made)
     normal = len(kept)
     # Units in the order of how far they are from what is spanned, so that none is lost.
+    apart = 1.0 - sum((v.astype(float) ** 2 for v in kept), np.zeros(size))
     while len(found) < size - normal:
-        rests = [unit - sum((v * v[i] for v in kept), 0 * unit) for i, unit in enumerate(units)]
-        sizes = [float(x @ x) for x in rests]
-        best = int(np.argmax(sizes))
-        made = _orthogonal(units[best], kept)
+        made = _orthogonal(units[int(np.argmax(apart))], kept)
         if made is None:
             break
+        apart -= made.astype(float) ** 2
         kept.append(made)
         found.append(made)
     return np.array(found).T.reshape(size, len(found)).copy()
