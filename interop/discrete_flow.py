@@ -143,14 +143,39 @@ class DiscreteFlow:
 
     # ------------------------------------------------------------ x from its parts
 
-    def parameters(self, given: Mapping[str, Any]) -> list[Any]:
-        """Return the values of a dict in the order of ``names``; rates left out are 0.
+    def parts(
+        self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any
+    ) -> list[tuple[Any, tuple[int, ...]]]:
+        """Return the parts of x, each with the shape that it has or is broadcast to.
 
         Raises
         ------
         InputError
-            For missing and unknown names, and for rules such as "m" in place of a number.
+            For other shapes, for missing and unknown names, and for rules such as "m" in place of
+            a number.
         """
+        n, count = self.n, len(self.input_names)
+        given: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (n,)), ("p", p, (n,))]
+        if isinstance(parameters, Mapping):
+            given += [(f"Parameter {name}", value, ())
+                      for name, value in zip(self.names, self.parameters(parameters), strict=True)]
+        else:
+            given.append(("parameters", parameters, (len(self.names),)))
+        if dt is None:
+            raise InputError("dt is not given; give it here or where this function is made.")
+        given += [("dt", dt, ()), ("t0", t0, ())]
+        if count and inputs is None:
+            raise InputError(f"inputs are not given; give {', '.join(self.input_names)}, "
+                             f"shape ({self.steps}, {count}) or ({count},).")
+        if inputs is not None:
+            given.append(("inputs", inputs, (self.steps, count)))
+        for name, value, shape in given:
+            if np.shape(value) not in ({shape, (count,)} if name == "inputs" else {shape}):
+                raise InputError(f"{name} has shape {np.shape(value)}; give shape {shape}.")
+        return [(value, shape) for _, value, shape in given]
+
+    def parameters(self, given: Mapping[str, Any]) -> list[Any]:
+        """Return the values of a dict in the order of ``names``; rates left out are 0."""
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
         for name, value in given.items():
             if name not in self.names:
