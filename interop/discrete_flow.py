@@ -32,10 +32,12 @@ from ..runtime.integration.consistency import refuse_singular_mass
 from ..runtime.integration.run_arguments import RunArguments, as_parameters
 from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["DiscreteFlow"]
+__all__ = ["SECOND_ORDER", "DiscreteFlow"]
 
 Array = NDArray[Any]
 
+#: What second derivatives may be: no kernels for them are generated.
+SECOND_ORDER = ("refuse", "differences")
 #: A start this near its projection, in ε of its size, is consistent and taken as it is.
 _CONSISTENT = 64
 #: Steps whose unknowns are kept at a time.

@@ -23,7 +23,7 @@ from ..core.arguments import choose
 from ..core.errors import InputError, MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
-from .discrete_flow import DiscreteFlow
+from .discrete_flow import SECOND_ORDER, DiscreteFlow
 
 try:
     import jax
@@ -36,9 +36,6 @@ except ImportError as error:
         f"gyrospark.interop.jax needs JAX; {install('jax')} brings it.") from error
 
 __all__ = ["Flow", "run", "step"]
-
-#: What a second derivative may be.
-SECOND_ORDER = ("refuse", "differences")
 
 
 def step(
