@@ -110,6 +110,12 @@ class DiscreteFlow:
         self._compile()
         return self._of_rows(self._adjoint, (w.shape[1], self.size), x, w)
 
+    def jacobian(self, x: Array) -> Array:
+        """Return F'(x), shape (rows, 2 n, size), by the fewer of tangents and adjoints."""
+        if self.size > 2 * self.n:
+            return self.adjoint(x, np.repeat(np.eye(2 * self.n)[None], len(x), axis=0))
+        return self.tangent(x, np.repeat(np.eye(self.size)[None], len(x), axis=0)).swapaxes(1, 2)
+
     def second(self, linear: Callable[..., Array], x: Array, v: Array, dx: Array) -> Array:
         """Return the derivative of ``linear(x, v)`` by x along dx: central differences, order 4.
 
@@ -146,7 +152,8 @@ class DiscreteFlow:
     # ------------------------------------------------------------ x from its parts
 
     def parts(
-        self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any
+        self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any,
+        shape_of: Callable[[Any], tuple[int, ...]] = np.shape,
     ) -> list[tuple[Any, tuple[int, ...]]]:
         """Return the parts of x, each with the shape that it has or is broadcast to.
 
@@ -172,8 +179,8 @@ class DiscreteFlow:
         if inputs is not None:
             given.append(("inputs", inputs, (self.steps, count)))
         for name, value, shape in given:
-            if np.shape(value) not in ({shape, (count,)} if name == "inputs" else {shape}):
-                raise InputError(f"{name} has shape {np.shape(value)}; give shape {shape}.")
+            if shape_of(value) not in ({shape, (count,)} if name == "inputs" else {shape}):
+                raise InputError(f"{name} has shape {shape_of(value)}; give shape {shape}.")
         return [(value, shape) for _, value, shape in given]
 
     def parameters(self, given: Mapping[str, Any]) -> list[Any]:
