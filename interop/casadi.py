@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.arguments import choose
-from ..core.errors import InputError, MissingDependencyError
+from ..core.errors import MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
-from .discrete_flow import SECOND_ORDER, DiscreteFlow
+from .discrete_flow import DiscreteFlow
+from .flow_function import FlowFunction, no_second_order
 
 try:
     import casadi
@@ -64,63 +64,31 @@ def run(
     InputError
         For a stepper of another type of numbers, and for a number of steps that is none.
     """
-    return Flow(DiscreteFlow(stepper, steps), dt, choose("second_order", second_order,
-                                                         SECOND_ORDER) == "differences")
+    return Flow(stepper, steps, dt, second_order)
 
 
-class Flow:
+class Flow(FlowFunction):
     """N steps as a CasADi function; see ``run``.
 
     Attributes
     ----------
     function : casadi.Function
-        x ↦ z, the vectors (q, p, parameters, dt, t0, inputs) ↦ (q, p) after N steps.
-    names : list of str
-        The parameters in the order of a vector of them.
-    failures : deque of str
-        Why the last results are NaN that are.
+        x ↦ z, the columns (q, p, parameters, dt, t0, inputs) ↦ (q, p) after N steps.
     """
 
-    def __init__(self, flow: DiscreteFlow, dt: Any, differences: bool) -> None:
-        self._flow, self._dt = flow, dt
-        self.names, self.failures = flow.names, flow.failures
-        self.function = _value(flow, differences)
+    def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
+        super().__init__(stepper, steps, dt, second_order)
+        self.function = _value(self._flow, self._differences)
 
-    def __call__(
-        self, q: Any, p: Any, parameters: Mapping[str, Any] | Any, *, dt: Any = None,
-        t0: Any = 0.0, inputs: Any = None,
-    ) -> tuple[Any, Any]:
-        """Return (q, p) after N steps; NaN where one of them fails, with the reason in ``failures``.
+    def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        return self.function(casadi.vertcat(*(_column(part, shape) for part, shape in parts)))
 
-        Parameters
-        ----------
-        q, p : column, shape (n,)
-            The start, which is projected onto the constraints: see ``Stepper.project``.
-        parameters : dict of scalars, or column in the order of ``names``
-            Without the inputs.
-        dt, t0 : scalar
-            Time step and time at the start.
-        inputs : matrix, shape (steps, inputs) or (inputs,)
-            The inputs of each step, or those of all.
-
-        Raises
-        ------
-        InputError
-            For names and shapes that are not those of the stepper.
-        """
-        parts = self._flow.parts(q, p, parameters, self._dt if dt is None else dt, t0, inputs,
-                                 _shape)
-        x = casadi.vertcat(*(_column(part, shape) for part, shape in parts))
-        z, n = self.function(x), self._flow.n
-        return z[:n], z[n:]
-
-
-def _shape(value: Any) -> tuple[int, ...]:
-    """Return a shape as NumPy has it: CasADi has columns of one number for scalars."""
-    if not isinstance(value, (casadi.MX, casadi.SX, casadi.DM)):
-        return np.shape(value)
-    rows, columns = value.shape
-    return () if rows == columns == 1 else (rows,) if columns == 1 else (rows, columns)
+    def _shape(self, value: Any) -> tuple[int, ...]:
+        """Return a shape as NumPy has it: CasADi has columns of one number for scalars."""
+        if not isinstance(value, (casadi.MX, casadi.SX, casadi.DM)):
+            return np.shape(value)
+        rows, columns = value.shape
+        return () if rows == columns == 1 else (rows,) if columns == 1 else (rows, columns)
 
 
 def _column(part: Any, shape: tuple[int, ...]) -> Any:
@@ -226,9 +194,8 @@ def _reverse(
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
         if not differences:
-            raise InputError(
-                "Second derivatives of steps are not generated yet; give IPOPT "
-                "hessian_approximation=\"limited-memory\", or take second_order=\"differences\".")
+            raise no_second_order(
+                ": IPOPT does without them by hessian_approximation=\"limited-memory\"")
         width = flow.size * count
         return _Function(
             name, _named(ins, [*shapes, (flow.size, count)]),

@@ -32,14 +32,14 @@ from ..runtime.integration.consistency import refuse_singular_mass
 from ..runtime.integration.run_arguments import RunArguments, as_parameters
 from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["SECOND_ORDER", "DiscreteFlow"]
+__all__ = ["DiscreteFlow"]
 
 Array = NDArray[Any]
 
-#: What second derivatives may be: no kernels for them are generated.
-SECOND_ORDER = ("refuse", "differences")
 #: A start this near its projection, in ε of its size, is consistent and taken as it is.
 _CONSISTENT = 64
+#: Tangents that cost as much as an adjoint.
+_MANY = 8
 #: Steps whose unknowns are kept at a time.
 _PIECE = 512
 #: Nodes and weights of the central difference of order 4; its step is ε^(1/5).
@@ -87,6 +87,8 @@ class DiscreteFlow:
             self.fields[name] = slice(self.size, self.size + width)
             self.size += width
         self.failures: deque[str] = deque(maxlen=16)
+        #: IMS and EMS do not: f oscillates at their truncation error, and p is not projected.
+        self._keeps_f = bool(stepper.manifest["scheme"]["keeps_momentum_constraint"])
         #: Places of q, p, θ, Δt, t0 and of a step's inputs in a direction of the compiled code.
         places = {name: 2 * self.n + i for i, name in enumerate(binding.parameter_names)}
         self._rows = len(places) + 2 * self.n + 2
@@ -111,8 +113,11 @@ class DiscreteFlow:
         return self._of_rows(self._adjoint, (w.shape[1], self.size), x, w)
 
     def jacobian(self, x: Array) -> Array:
-        """Return F'(x), shape (rows, 2 n, size), by the fewer of tangents and adjoints."""
-        if self.size > 2 * self.n:
+        """Return F'(x), shape (rows, 2 n, size), by tangents, or by adjoints for many inputs.
+
+        All tangents share one factorisation of a step, and each adjoint has its own.
+        """
+        if self.size > _MANY * 2 * self.n:
             return self.adjoint(x, np.repeat(np.eye(2 * self.n)[None], len(x), axis=0))
         return self.tangent(x, np.repeat(np.eye(self.size)[None], len(x), axis=0)).swapaxes(1, 2)
 
@@ -151,40 +156,14 @@ class DiscreteFlow:
 
     # ------------------------------------------------------------ x from its parts
 
-    def parts(
-        self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any,
-        shape_of: Callable[[Any], tuple[int, ...]] = np.shape,
-    ) -> list[tuple[Any, tuple[int, ...]]]:
-        """Return the parts of x, each with the shape that it has or is broadcast to.
+    def parameters(self, given: Mapping[str, Any]) -> list[Any]:
+        """Return the values of a dict in the order of ``names``; rates left out are 0.
 
         Raises
         ------
         InputError
-            For other shapes, for missing and unknown names, and for rules such as "m" in place of
-            a number.
+            For missing and unknown names, and for rules such as "m" in place of a number.
         """
-        n, count = self.n, len(self.input_names)
-        given: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (n,)), ("p", p, (n,))]
-        if isinstance(parameters, Mapping):
-            given += [(f"Parameter {name}", value, ())
-                      for name, value in zip(self.names, self.parameters(parameters), strict=True)]
-        else:
-            given.append(("parameters", parameters, (len(self.names),)))
-        if dt is None:
-            raise InputError("dt is not given; give it here or where this function is made.")
-        given += [("dt", dt, ()), ("t0", t0, ())]
-        if count and inputs is None:
-            raise InputError(f"inputs are not given; give {', '.join(self.input_names)}, "
-                             f"shape ({self.steps}, {count}) or ({count},).")
-        if inputs is not None:
-            given.append(("inputs", inputs, (self.steps, count)))
-        for name, value, shape in given:
-            if shape_of(value) not in ({shape, (count,)} if name == "inputs" else {shape}):
-                raise InputError(f"{name} has shape {shape_of(value)}; give shape {shape}.")
-        return [(value, shape) for _, value, shape in given]
-
-    def parameters(self, given: Mapping[str, Any]) -> list[Any]:
-        """Return the values of a dict in the order of ``names``; rates left out are 0."""
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
         for name, value in given.items():
             if name not in self.names:
@@ -229,20 +208,12 @@ class DiscreteFlow:
             "auto", None, 50, float(t0),
             Inputs(self.input_names, rows, 1) if self.input_names else None)
         refuse_singular_mass(binding, stepper.manifest, run)
-        return replace(run, **self._start(run))
-
-    def _start(self, run: RunArguments) -> dict[str, Array]:
-        """Return q and p on the constraints: as they are, if they are within 64 ε of them."""
-        stepper = self.stepper
         if not stepper.m:
-            return {}
-        near = dict(zip("qp", stepper._projected(
-            run.q, run.p, stepper.binding.parameters(run.parameters, run.t0)), strict=True))
-        if not stepper.manifest["scheme"]["keeps_momentum_constraint"]:
-            del near["p"]  # IMS and EMS: f oscillates at the truncation error
-        return {name: x for name, x in near.items()
-                if np.abs(x - getattr(run, name)).max() > _CONSISTENT * np.finfo(float).eps
-                * np.linalg.norm(x)}
+            return run
+        q, p = stepper._projected(run.q, run.p, binding.parameters(run.parameters, run.t0))
+        if not self._keeps_f:
+            p = run.p
+        return replace(run, q=_unless_near(run.q, q), p=_unless_near(run.p, p))
 
     def _value(self, x: Array) -> Array:
         run, binding = self._run(x), self.stepper.binding
@@ -325,7 +296,7 @@ class DiscreteFlow:
         dz = self.stepper.binding.new(self._rows, len(dx))
         dz[self._places] = dx.T
         made = space.projected(dz)
-        if not self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+        if not self._keeps_f:
             made[self.n : 2 * self.n] = dz[self.n : 2 * self.n]
         return np.ascontiguousarray(made)
 
@@ -333,7 +304,7 @@ class DiscreteFlow:
         """Return the transpose of ``_projected`` applied to cotangents, a row each."""
         if not self.stepper.m:
             return z_bar
-        if self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+        if self._keeps_f:
             return np.array([space.pulled_back(one) for one in z_bar])
         g, n = space.g, self.n
         G = g[:, :n]
@@ -347,6 +318,12 @@ class DiscreteFlow:
             size[self.fields[name]] = np.linalg.norm(x[self.fields[name]]) or 1.0
         size[self.fields["t0"]] = np.abs(x[self.fields["dt"]])
         return size
+
+
+def _unless_near(x: Array, projected: Array) -> Array:
+    """Return x if it is consistent up to round-off, else its projection."""
+    off = np.abs(projected - x).max()
+    return x if off <= _CONSISTENT * np.finfo(float).eps * np.linalg.norm(x) else projected
 
 
 def _single(steps: KeptSteps) -> Iterator[KeptSteps]:

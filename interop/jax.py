@@ -13,17 +13,17 @@ mapped, as in ``jacfwd``, all of them follow one run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ..core.arguments import choose
 from ..core.errors import InputError, MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
-from .discrete_flow import SECOND_ORDER, DiscreteFlow
+from .discrete_flow import DiscreteFlow
+from .flow_function import FlowFunction, no_second_order
 
 try:
     import jax
@@ -71,56 +71,19 @@ def run(
     InputError
         For a stepper of another type of numbers, and for a number of steps that is none.
     """
-    return Flow(DiscreteFlow(stepper, steps), dt, choose("second_order", second_order,
-                                                         SECOND_ORDER) == "differences")
+    return Flow(stepper, steps, dt, second_order)
 
 
-class Flow:
-    """N steps as a JAX function; see ``run``.
+class Flow(FlowFunction):
+    """N steps as a JAX function; see ``run``. JAX must compute in 64 bits."""
 
-    Attributes
-    ----------
-    names : list of str
-        The parameters in the order of an array of them.
-    failures : deque of str
-        Why the last results are NaN that are.
-    """
-
-    def __init__(self, flow: DiscreteFlow, dt: Any, differences: bool) -> None:
-        self._flow, self._dt, self._differences = flow, dt, differences
-        self.names, self.failures = flow.names, flow.failures
-
-    def __call__(
-        self, q: Any, p: Any, parameters: Mapping[str, Any] | Any, *, dt: Any = None,
-        t0: Any = 0.0, inputs: Any = None,
-    ) -> tuple[Any, Any]:
-        """Return (q, p) after N steps; NaN where one of them fails, with the reason in ``failures``.
-
-        Parameters
-        ----------
-        q, p : array, shape (n,)
-            The start, which is projected onto the constraints: see ``Stepper.project``.
-        parameters : dict of scalars, or array in the order of ``names``
-            Without the inputs.
-        dt, t0 : scalar
-            Time step and time at the start.
-        inputs : array, shape (steps, inputs) or (inputs,)
-            The inputs of each step, or those of all.
-
-        Raises
-        ------
-        InputError
-            For names and shapes that are not those of the stepper, and where JAX computes in
-            32 bits.
-        """
+    def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         if not jax.config.jax_enable_x64:
             raise InputError("JAX computes in 32 bits, and steps need 64; call "
                              "jax.config.update(\"jax_enable_x64\", True) first.")
-        parts = self._flow.parts(q, p, parameters, self._dt if dt is None else dt, t0, inputs)
         x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(part, dtype=jnp.float64), shape).ravel()
                              for part, shape in parts])
-        z = _value.bind(x[None], flow=self._flow, differences=self._differences)[0]
-        return z[: self._flow.n], z[self._flow.n :]
+        return _value.bind(x[None], flow=self._flow, differences=self._differences)[0]
 
 
 # ---------------------------------------------------------------- primitives
@@ -201,9 +164,7 @@ def _linear_jvp(
     found = [linear.bind(x, dv, **given)] if _along(dv) else []
     if _along(dx):
         if not differences:
-            raise InputError(
-                "Second derivatives of steps are not generated yet; with "
-                "second_order=\"differences\" they are differences of the first, which are exact.")
+            raise no_second_order()
         directions = jnp.broadcast_to(dx[:, None], (*v.shape[:2], dx.shape[-1]))
         found.append(second.bind(x, v, directions, **given))
     return value, sum(found[1:], found[0]) if found else ad.Zero.from_primal_value(value)

@@ -11,14 +11,13 @@ of directions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
-from ..core.arguments import choose
 from ..core.errors import InputError, MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
-from .discrete_flow import SECOND_ORDER, DiscreteFlow
+from .discrete_flow import DiscreteFlow
+from .flow_function import FlowFunction, no_second_order
 
 try:
     import torch
@@ -61,52 +60,15 @@ def run(
     InputError
         For a stepper of another type of numbers, and for a number of steps that is none.
     """
-    return Flow(DiscreteFlow(stepper, steps), dt, choose("second_order", second_order,
-                                                         SECOND_ORDER) == "differences")
+    return Flow(stepper, steps, dt, second_order)
 
 
-class Flow:
-    """N steps as a PyTorch function; see ``run``.
+class Flow(FlowFunction):
+    """N steps as a PyTorch function; see ``run``. Tensors are of double precision, on the CPU."""
 
-    Attributes
-    ----------
-    names : list of str
-        The parameters in the order of a tensor of them.
-    failures : deque of str
-        Why the last results are NaN that are.
-    """
-
-    def __init__(self, flow: DiscreteFlow, dt: Any, differences: bool) -> None:
-        self._flow, self._dt, self._differences = flow, dt, differences
-        self.names, self.failures = flow.names, flow.failures
-
-    def __call__(
-        self, q: Any, p: Any, parameters: Mapping[str, Any] | Any, *, dt: Any = None,
-        t0: Any = 0.0, inputs: Any = None,
-    ) -> tuple[Any, Any]:
-        """Return (q, p) after N steps; NaN where one of them fails, with the reason in ``failures``.
-
-        Parameters
-        ----------
-        q, p : tensor, shape (n,)
-            The start, which is projected onto the constraints: see ``Stepper.project``.
-        parameters : dict of scalars, or tensor in the order of ``names``
-            Without the inputs.
-        dt, t0 : scalar
-            Time step and time at the start.
-        inputs : tensor, shape (steps, inputs) or (inputs,)
-            The inputs of each step, or those of all.
-
-        Raises
-        ------
-        InputError
-            For names and shapes that are not those of the stepper, for tensors that are not of
-            double precision, or not in the memory of the CPU.
-        """
-        parts = self._flow.parts(q, p, parameters, self._dt if dt is None else dt, t0, inputs)
+    def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         x = torch.cat([_double(part).broadcast_to(shape).reshape(-1) for part, shape in parts])
-        z = _Value.apply(x[None], self._flow, self._differences)[0]
-        return z[: self._flow.n], z[self._flow.n :]
+        return _Value.apply(x[None], self._flow, self._differences)[0]
 
 
 def _double(part: Any) -> Any:
@@ -150,7 +112,7 @@ def _batch(function: Any, size: int, axes: tuple[Any, ...], given: tuple[Any, ..
     return found.reshape(*found.shape[:place], size, -1, *found.shape[place + 1 :]), place
 
 
-class _Value(Function):
+class _Value(Function):  # type: ignore[misc]
     """x, shape (rows, size) → F(x), shape (rows, 2 n)."""
 
     @staticmethod
@@ -178,7 +140,7 @@ class _Value(Function):
         return _batch(_Value, info.batch_size, in_dims, given)
 
 
-class _Linear(Function):
+class _Linear(Function):  # type: ignore[misc]
     """x and v → F'(x) v or F'(x)ᵀ v; linear in v."""
 
     @staticmethod
@@ -201,9 +163,7 @@ def _linear_jvp(ctx: Any, own: Any, second: Any, dx: Any, dv: Any) -> Any:
     found = [] if dv is None else [own.apply(x, dv, ctx.flow, ctx.differences)]
     if dx is not None:
         if not ctx.differences:
-            raise InputError(
-                "Second derivatives of steps are not generated yet; with "
-                "second_order=\"differences\" they are differences of the first, which are exact.")
+            raise no_second_order()
         directions = dx[:, None].expand(*v.shape[:2], dx.shape[-1])
         found.append(second.apply(x, v, directions, ctx.flow, ctx.differences))
     return sum(found[1:], found[0]) if found else None
