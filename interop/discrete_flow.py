@@ -182,7 +182,7 @@ class DiscreteFlow:
     def _of_rows(self, function: Callable[..., Array], shape: int | tuple[int, ...],
                  *arrays: Array) -> Array:
         made = np.full((len(arrays[0]), *np.atleast_1d(shape)), np.nan)
-        given = [np.asarray(array, dtype=float) for array in arrays]
+        given = [np.array(array, dtype=float) for array in arrays]  # compiled code may write
         for i, rows in enumerate(zip(*given, strict=True)):
             try:
                 with np.errstate(all="ignore"):

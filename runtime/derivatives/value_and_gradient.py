@@ -31,7 +31,8 @@ def objective(
                          "in place of \"q\" and \"p\".")
     loss = loss_of(loss)
     first = stepper.resolved(stepper.run_arguments(
-        q, p, dt=dt, steps=0, parameters=parameters, t0=options.get("t0", 0.0)))
+        q, p, dt=dt, steps=0, t0=options.get("t0", 0.0),
+        parameters=stepper.parameters_with_inputs(parameters, options.get("inputs"))))
     binding = stepper.derivative_binding
     space = TangentSpace(binding, binding.own.parameters(first.parameters, first.t0), first.q,
                          first.p, stepper.constraint_names)
@@ -62,7 +63,8 @@ def objective(
                 now[name], moved = part[0], True
         more = {key: value for key, value in options.items() if key not in ("t0", "inputs")}
         if stepper.m and moved:
-            found = stepper.consistent(*state, parameters=now, t=here["t0"])
+            found = stepper.consistent(*state, t=here["t0"],
+                                       parameters=stepper.parameters_with_inputs(now, inputs))
             state = found.q, found.p
         run = stepper.integrate(state[0], state[1], steps=steps, parameters=now, inputs=inputs,
                                 dt=here["dt"], t0=here["t0"], **more)

@@ -37,7 +37,7 @@ def test_one_step_has_the_derivatives_of_jvp_and_vjp(case):
     q, p, parameters, dt, t0 = start_of(case)
     step, n, inputs = stepper_of(case), flow.n, inputs_of(case, 1)
     more = {"dt": dt, "t0": t0, "inputs": None if inputs is None else inputs[0]}
-    q1, p1, back = step.vjp(q, p, parameters=parameters, **more)
+    *_, back = step.vjp(q, p, parameters=parameters, **more)
     dx, w = directions(x, 1)[0, 0], np.random.default_rng(1).normal(size=2 * n)
     gradient = back(w[:n], w[n:])
     dx[: 2 * n] = gradient.basis @ (gradient.basis.T @ dx[: 2 * n])
