@@ -134,6 +134,8 @@ def cotangents_of(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Arra
             raise unknown("kind of cotangents", name, ["q", "p"])
         part = made[:, :n] if name == "q" else made[:, n:]
         numbers = as_numbers(f"cotangents of {name}", array)
+        if not np.isfinite(numbers.astype(float)).all():
+            raise InputError(f"The cotangents of {name} are not finite; give numbers.")
         if numbers.shape == (n,):
             part[-1] = numbers
         elif numbers.shape == (rows, n):
