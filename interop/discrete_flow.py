@@ -59,9 +59,9 @@ class DiscreteFlow:
     names : list of str
         The parameters θ in the order of x: those of the stepper without its inputs.
     input_names : list of str
-        The inputs u, which each step has its own of.
+        The inputs u; each step has its own.
     fields : dict of str to slice
-        Where x has "q", "p", "parameters", "dt", "t0", "inputs".
+        The places in x of "q", "p", "parameters", "dt", "t0", "inputs".
     size : int
         Numbers in x.
     failures : deque of str
@@ -127,9 +127,8 @@ class DiscreteFlow:
         ``linear`` is ``tangent`` or ``adjoint``; dx has the shape (rows, k, size), a direction for
         each v. The directions of the start are projected onto the constraints.
         """
-        width = self.size if linear == self.adjoint else 2 * self.n
-
         self._compile()
+        width = self.size if linear == self.adjoint else 2 * self.n
 
         def row(x: Array, v: Array, dx: Array) -> Array:
             run = self._run(x)
