@@ -174,7 +174,7 @@ def gradient_of(
     w = rows[-1].copy()
     last = float(np.linalg.norm(rows.astype(float)))
     is_last = True
-    for steps in _backwards(stepper, run, as_bytes(memory), end):
+    for steps in backwards(stepper, run, as_bytes(memory), end):
         w, rows_here = _of_frame(frame, run, steps, rows, w, z_bar, is_last)
         is_last = False
         part = inputs_bar[steps.first : steps.first + steps.count]
@@ -249,7 +249,7 @@ def _warn_of_growth(stepper: Stepper, w: Array, last: float) -> None:
 # ------------------------------------------------------------------ the steps, from the last on
 
 
-def _backwards(
+def backwards(
     stepper: Stepper, run: RunArguments, memory: int | None, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
     """Yield the steps of a run in pieces, the last piece first."""
