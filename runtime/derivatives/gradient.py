@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from ..integration.run_arguments import RunArguments
 from .binding import KeptSteps
 from .frame import FrameMotion
 from .tangent_run import refuse_run, singular
-from .tangent_space import TangentSpace
+from .tangent_space import TangentSpace, null_space
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -62,10 +63,16 @@ class Gradient:
     value: Any
     q: Array
     p: Array
-    basis: Array
+    #: Derivatives of g and f by (q, p).
+    _normals: Array
     inputs: Array
     wrt: tuple[str, ...]
     _numbers: dict[str, Any]
+
+    @cached_property
+    def basis(self) -> Array:
+        """An orthonormal basis of the tangent space at the start, shape (2 n, 2 (n − m))."""
+        return null_space(self._normals)
 
     @property
     def start(self) -> Array:
@@ -195,7 +202,7 @@ def gradient_of(
     numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
     if run.inputs is not None:
         inputs_bar = _held(inputs_bar, run)
-    return Gradient(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.basis(), inputs_bar,
+    return Gradient(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs_bar,
                     wrt, numbers)
 
 

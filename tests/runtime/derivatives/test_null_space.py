@@ -14,7 +14,7 @@ def test_a_basis_is_orthonormal_and_complete(size, count, dependent):
     rows = np.random.default_rng(0).normal(size=(count, size))
     for k in range(dependent):
         rows[-1 - k] = rows[0] + (k + 1) * rows[1]
-    basis = null_space(rows, np.zeros((size, size)))
+    basis = null_space(rows)
     assert basis.shape == (size, size - count + dependent)
     assert np.abs(rows @ basis).max(initial=0) < 1e-14 * max(np.abs(rows).max(initial=1), 1)
     assert np.abs(basis.T @ basis - np.eye(basis.shape[1])).max() < 1e-15
