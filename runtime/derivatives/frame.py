@@ -50,6 +50,16 @@ class FrameMotion:
         """Return S after k steps."""
         return self._exponential(self._sum * (k * self.dt))
 
+    def in_space(self, k: int, z: Array, dz: Array, tangents: Array) -> tuple[Array, Array]:
+        """Return a state z of the frame after k steps, and directions there, in space.
+
+        ``dz`` has all rows of the directions.
+        """
+        if not self.moves:
+            return z, tangents
+        S = self.matrix(k)
+        return S @ z, S @ tangents + self.own_derivatives(k, z) @ dz
+
     def own_derivatives(self, k: int, z: Array) -> Array:
         """Return dS z by the rows of a direction, shape (2 n, rows), of a state z of the frame."""
         found: Array = self._new(2 * self.n, self._rows)

@@ -17,20 +17,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import shown, unknown
+from ...core.arguments import as_mapping, choose, shown, unknown
 from ...core.errors import InputError
 from ...core.warnings import warn
 from ..bindings.array_checks import as_numbers
 from ..integration.run_arguments import RunArguments
 from .binding import KeptSteps
 from .frame import FrameMotion
-from .tangent_run import refuse_run, singular
+from .kept_steps import refuse_run, singular, split
+from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Gradient", "as_bytes", "gradient_of", "names_of"]
+__all__ = ["Cotangents", "Gradient", "as_bytes", "cotangents_of", "gradient_of", "names_of"]
 
 Array = NDArray[Any]
 
@@ -129,76 +130,144 @@ def as_bytes(memory: Any) -> int | None:
     return int(float(match[1]) * _UNITS[match[2].lower()])
 
 
-def cotangents_of(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Array:
-    """Return cotangents of the stored states, a row of q and p for each.
+@dataclass(frozen=True)
+class Cotangents:
+    """Derivatives of a function of a run by its stored states, and by the times of these.
 
-    Of shape (n,) they are those of the last state.
+    Attributes
+    ----------
+    rows, times : array, shapes (rows, 2 n) and (rows,)
+        Of the states after whole steps that the run stores.
+    points : list of (Point, array of shape (2 n,), number)
+        The same of states within steps.
     """
+
+    rows: Array
+    times: Array
+    points: list[tuple[Point, Array, Any]]
+
+    @property
+    def size(self) -> float:
+        """Their norm."""
+        parts = [self.rows.ravel(), *(w for _, w, _ in self.points)]
+        return float(np.linalg.norm(np.concatenate(parts).astype(float)))
+
+
+def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) -> Cotangents:
+    """Return the cotangents of a trajectory whose rows are of these kinds.
+
+    Raises
+    ------
+    InputError
+        For other names and shapes, for what is not finite, for events without derivatives.
+    """
+    n, of_steps = stepper.n, len(kinds.of_steps)
+    events = given.get("events", {})
+    own = {name: array for name, array in given.items() if name != "events"}
+    w, s = _arrays(stepper, of_steps + len(kinds.points), own, "")
+    rows, times = stepper.binding.new(kinds.run.rows + 1, 2 * n), stepper.binding.new(
+        kinds.run.rows + 1)
+    rows[:of_steps], times[:of_steps] = w[:of_steps], s[:of_steps]
+    points = list(zip(kinds.points, w[of_steps:], s[of_steps:], strict=True))
+    for name, parts in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
+        choose("event", name, [*kinds.events, *kinds.refused])
+        at = kinds.event(name)
+        w, s = _arrays(stepper, len(at), parts, f" at the event {name}")
+        points += zip(at, w, s, strict=True)
+    return Cotangents(rows, times, points)
+
+
+def _arrays(
+    stepper: Stepper, rows: int, given: Mapping[str, Any], where: str
+) -> tuple[Array, Array]:
+    """Return cotangents of rows of (q, p) and of their times."""
     n, own = stepper.n, stepper.binding
-    made: Array = own.new(rows, 2 * n)
-    for name, array in given.items():
-        if name not in ("q", "p"):
-            raise unknown("kind of cotangents", name, ["q", "p"])
-        part = made[:, :n] if name == "q" else made[:, n:]
-        numbers = as_numbers(f"cotangents of {name}", array)
+    made, times = own.new(rows, 2 * n), own.new(rows)
+    for name, array in as_mapping("cotangents", given, "{'q': ...}").items():
+        if name not in ("q", "p", "t"):
+            raise unknown("kind of cotangents", name,
+                          ["q", "p", "t", *(() if where else ("events",))])
+        part = {"q": made[:, :n], "p": made[:, n:], "t": times}[name]
+        numbers, inner = as_numbers(f"cotangents of {name}", array), part.shape[1:]
         if not np.isfinite(numbers.astype(float)).all():
             raise InputError(f"The cotangents of {name} are not finite; give numbers.")
-        if numbers.shape == (n,):
-            part[-1] = numbers
-        elif numbers.shape == (rows, n):
-            part[:] = numbers
-        else:
-            raise InputError(f"The cotangents of {name} have the shape {numbers.shape}; give "
-                             f"({rows}, {n}), a row for each stored state, or ({n},) for the last.")
-    return made
+        if numbers.shape not in (inner, (rows, *inner)) or (numbers.shape == inner and not rows):
+            raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
+                             f"give {(rows, *inner)}, a row for each state, or {inner} for the "
+                             "last.")
+        part[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
+    return made, times
 
 
 def gradient_of(
-    stepper: Stepper, run: RunArguments, cotangents: Mapping[str, Any], wrt: tuple[str, ...],
+    stepper: Stepper, run: RunArguments, cotangents: Cotangents, wrt: tuple[str, ...],
     memory: Any = DEFAULT_MEMORY, value: Any = None, end: tuple[Array, Array] | None = None,
 ) -> Gradient:
-    """Return the gradient of a function of a checked run by its cotangents at the stored states.
+    """Return the gradient of a function of a checked run by its cotangents.
 
     ``end``, if given, is the last state of the run, which the steps must lead to.
 
     Raises
     ------
     InputError
-        For cotangents that are none, and for memory that is too little, with how much is needed.
+        For memory that is too little, with how much is needed; for events without derivatives.
     StepFailed
         As the run itself does: there is no partial gradient.
     """
     refuse_run(run)
     binding, n = stepper.derivative_binding, stepper.n
-    rows = cotangents_of(stepper, run.rows + 1, cotangents)
+    names = [*stepper.binding.parameter_names, "dt", "t0"]
+    fed = stepper.binding.input_names if run.inputs is not None else []
+    columns = [2 * n + names.index(u) for u in fed]
+    rows, points = cotangents.rows, cotangents.points
+    steps_of_points = np.array([point.step for point, *_ in points], int)
     frame = FrameMotion(binding, stepper.symmetries, run)
     z_bar = binding.own.new(binding.rows)
-    inputs_bar: Array = binding.own.new(run.steps if stepper.binding.input_names else 0,
-                                        len(stepper.binding.input_names))
-    if run.inputs is None:
-        inputs_bar = inputs_bar[:0]
+    z_bar[-1] = cotangents.times.sum()
+    z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
+    # a state behind the last whole step has inputs of its own
+    beyond = bool(len(points)) and int(steps_of_points.max()) == run.steps
+    inputs_bar: Array = binding.own.new((run.steps + beyond) if fed else 0, len(fed))
     parameters = binding.own.parameters(run.parameters, run.t0)
-    w = rows[-1].copy()
-    last = float(np.linalg.norm(rows.astype(float)))
-    is_last = True
-    for steps in backwards(stepper, run, as_bytes(memory), end):
-        w, rows_here = _of_frame(frame, run, steps, rows, w, z_bar, is_last)
-        is_last = False
-        part = inputs_bar[steps.first : steps.first + steps.count]
-        own_bar = binding.own.new(*part.shape) if len(inputs_bar) else part
-        status = binding.integrate_adjoint(run, parameters, steps, rows_here, run.every, w, z_bar,
-                                           own_bar)
-        if status:
-            raise singular(steps.first, status)
-        if len(inputs_bar):
-            part[:] = own_bar
-    if run.steps == 0:
-        w = rows[0].copy()
+
+    def of_points(step: int, q: Array, p: Array) -> Array:
+        """Return the cotangent of a state of the frame, of the points in the step behind it."""
+        found: Array = binding.own.new(binding.rows)
+        z = np.concatenate([q, p])
+        if frame.moves:
+            z = frame.matrix(step) @ z
+        for i in np.flatnonzero(steps_of_points == step):
+            found += cotangent_at(stepper, run, points[i][0], z, *points[i][1:])
+        if len(inputs_bar) and found.any():
+            inputs_bar[step] += found[columns]
+            found[columns] = 0
+        z_bar[2 * n :] += found[2 * n :]
+        return found[: 2 * n]
+
+    w: Array | None = None
+    for piece in backwards(stepper, run, as_bytes(memory), end):
+        for steps in reversed(split(piece, np.unique(steps_of_points))):
+            last = steps.first + steps.count
+            if w is None:
+                w = _of_frame(frame, steps, last, rows[-1] + of_points(
+                    last, steps.q[-1], steps.p[-1]), z_bar)
+            here = _of_stored(frame, run, steps, rows, z_bar)
+            own_bar = binding.own.new(steps.count if len(inputs_bar) else 0, len(fed))
+            status = binding.integrate_adjoint(run, parameters, steps, here, run.every, w, z_bar,
+                                               own_bar)
+            if status:
+                raise singular(steps.first, status)
+            if len(inputs_bar):
+                inputs_bar[steps.first : last] += own_bar
+            if (steps_of_points == steps.first).any():
+                w += _of_frame(frame, steps, steps.first, of_points(
+                    steps.first, steps.q[0], steps.p[0]), z_bar)
+    if w is None:
+        w = rows[0] + of_points(0, run.q, run.p)
     z_bar[: 2 * n] = w
-    _warn_of_growth(stepper, w, last)
+    _warn_of_growth(stepper, w, cotangents.size)
     space = TangentSpace(binding, parameters, run.q, run.p, stepper.constraint_names)
     z_bar = space.pulled_back(z_bar)
-    names = [*stepper.binding.parameter_names, "dt", "t0"]
     numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
     if run.inputs is not None:
         inputs_bar = _held(inputs_bar, run)
@@ -207,30 +276,30 @@ def gradient_of(
 
 
 def _of_frame(
-    frame: FrameMotion, run: RunArguments, steps: KeptSteps, rows: Array, w: Array, z_bar: Array,
-    is_last: bool,
-) -> tuple[Array, Array]:
-    """Return w and the cotangents of earlier states of these steps, in the frame."""
+    frame: FrameMotion, steps: KeptSteps, k: int, cotangent: Array, z_bar: Array
+) -> Array:
+    """Return the cotangent of the state of the frame after k steps, of that in space."""
+    if not frame.moves:
+        return cotangent
+    z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
+    z_bar[:] += frame.own_derivatives(k, z).T @ cotangent
+    made: Array = frame.matrix(k).T @ cotangent
+    return made
+
+
+def _of_stored(
+    frame: FrameMotion, run: RunArguments, steps: KeptSteps, rows: Array, z_bar: Array
+) -> Array:
+    """Return the cotangents of the states before these steps that are stored, in the frame."""
     first = steps.first // run.every
     here = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
     if steps.first % run.every:
         here[0] = 0  # the state is not stored: its row belongs to an earlier one
-    if not frame.moves:
-        return w, here
-
-    def back(k: int, cotangent: Array) -> Array:
-        z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
-        z_bar[:] += frame.own_derivatives(k, z).T @ cotangent
-        made: Array = frame.matrix(k).T @ cotangent
-        return made
-
-    if is_last:
-        w = back(steps.first + steps.count, w)
-    for i in range(len(here)):
+    for i in range(len(here) if frame.moves else 0):
         k = (first + i) * run.every
         if k >= steps.first:
-            here[i] = back(k, here[i])
-    return w, here
+            here[i] = _of_frame(frame, steps, k, here[i], z_bar)
+    return here
 
 
 def _held(inputs_bar: Array, run: RunArguments) -> Array:

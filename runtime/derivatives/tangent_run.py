@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import shown
-from ...core.errors import GyrosparkError, InputError
+from ...core.arguments import choose, shown
+from ...core.errors import InputError
 from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
 from .frame import FrameMotion
+from .kept_steps import pieces, refuse_run, singular, split
+from .points import Point, RunRows, rows_of, tangent_at
 from .tangent_space import Start, Tangents, TangentSpace
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
-    from .binding import KeptSteps
 
 __all__ = [
+    "EventTangents",
     "TangentRows",
     "pieces",
     "refuse_run",
@@ -32,10 +35,23 @@ __all__ = [
 
 Array = NDArray[Any]
 
-#: Steps that are kept at a time.
-_PIECE = 512
 #: Growth beyond which a derivative has lost its digits, in 1/ε.
 _LOST = 1e-3
+
+
+class EventTangents(dict[str, "TangentRows"]):
+    """The tangents of the crossings of each event; of one that has none, why."""
+
+    def __init__(self, found: dict[str, TangentRows], refused: dict[str, str]) -> None:
+        super().__init__(found)
+        self.refused = refused
+
+    def __missing__(self, name: str) -> TangentRows:
+        choose("event", name, [*self, *self.refused])
+        raise InputError(self.refused[name])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return EventTangents, (dict(self), self.refused)
 
 
 @dataclass(frozen=True)
@@ -50,12 +66,21 @@ class TangentRows:
         What each direction is: "start[0]", …, a parameter, "dt", "t0".
     start : array, shape (2 n, k)
         The directions at the first state.
+    t : array, shape (rows, k)
+        Derivatives of the times of the rows: 0 at times that were asked for.
+    events : dict of str to TangentRows
+        The same of the crossings of each event, at its own time. Events of quantities, and ones
+        that only touch their level, have none: ``events[name]`` says why.
     """
 
     q: Array
     p: Array
     names: list[str]
     start: Array
+    t: Array
+    #: The directions by all rows: q, p, parameters, dt, start time.
+    _directions: Array = field(repr=False)
+    events: EventTangents = field(default_factory=lambda: EventTangents({}, {}), repr=False)
 
     def __getitem__(self, name: str) -> Array:
         """Return the derivatives of (q, p) by one name, shape (rows, 2 n)."""
@@ -64,8 +89,14 @@ class TangentRows:
         k = self.names.index(name)
         return np.concatenate([self.q[:, :, k], self.p[:, :, k]], axis=1)
 
+    def _of_others(self, made: Array, t: Array) -> TangentRows:
+        n = self.q.shape[1]
+        return replace(self, q=made[:, :n], p=made[:, n:], t=t)
 
-def tangents_of(stepper: Stepper, run: RunArguments, wanted: Tangents) -> TangentRows:
+
+def tangents_of(
+    stepper: Stepper, run: RunArguments, wanted: Tangents | TangentRows
+) -> TangentRows:
     """Return the tangents of a checked run at the states that it stores.
 
     Raises
@@ -75,83 +106,117 @@ def tangents_of(stepper: Stepper, run: RunArguments, wanted: Tangents) -> Tangen
     StepFailed
         As the run itself does.
     """
+    return _followed(stepper, run, wanted, ())[0]
+
+
+def with_tangents(stepper: Stepper, wanted: Any, found: Trajectory) -> Trajectory:
+    """Return a trajectory that ``integrate`` returned with its tangents.
+
+    ``wanted`` are directions, or the tangents of the run at other rows.
+    """
+    if not isinstance(wanted, (Tangents, TangentRows)):
+        raise InputError(f"tangents = {shown(wanted)} are none; give gyrospark.Tangents(...).")
+    rows = rows_of(stepper, found, found._origin.run)
+    events = [point for points in rows.events.values() for point in points]
+    whole, q, t = _followed(stepper, rows.run, wanted, [*rows.points, *events])
+    own = whole._of_others(*_of_rows(rows, whole, q, t))
+    at, made = len(rows.points), dict[str, TangentRows]()
+    refused = dict(rows.refused)
+    for name, points in rows.events.items():
+        part = slice(at, at + len(points))
+        at += len(points)
+        why = [str(x) for x in q[part] if isinstance(x, InputError)]
+        if why:
+            refused[name] = why[0]
+        else:
+            made[name] = own._of_others(*_stacked(whole, q[part], t[part]))
+    return replace(found, tangents=replace(own, events=EventTangents(made, refused)))
+
+
+def _of_rows(rows: RunRows, whole: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
+    """Return directions and times' derivatives of each row: ends of steps, then points."""
+    count = len(rows.points)
+    for error in q[:count]:
+        if isinstance(error, InputError):
+            raise error
+    of_steps = np.concatenate([whole.q, whole.p], axis=1)[: len(rows.of_steps)]
+    made, times = _stacked(whole, q[:count], t[:count])
+    return (np.concatenate([of_steps, made]),
+            np.concatenate([whole.t[: len(of_steps)], times]))
+
+
+def _stacked(whole: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
+    rows, k = whole.start.shape
+    made, times = (np.zeros((len(q), *shape), whole.q.dtype) for shape in ((rows, k), (k,)))
+    for i, (row, time) in enumerate(zip(q, t, strict=True)):
+        made[i], times[i] = row, time
+    return made, times
+
+
+def _followed(
+    stepper: Stepper, run: RunArguments, wanted: Tangents | TangentRows, points: Sequence[Point]
+) -> tuple[TangentRows, list[Any], list[Any]]:
+    """Return the tangents of the stored states, and those of points and of their times.
+
+    In place of those of an event that has none is the error that says why.
+    """
     refuse_run(run)
     binding, n = stepper.derivative_binding, stepper.n
     own = binding.own
     kept_run = binding.begin(run)
     space = TangentSpace(binding, kept_run.parameters, run.q, run.p, stepper.constraint_names)
-    start = Start(space, wanted)
-    dz = np.ascontiguousarray(start.directions)
+    if isinstance(wanted, Tangents):
+        start = Start(space, wanted)
+        dz, names = np.ascontiguousarray(start.directions), start.names
+    else:
+        dz, names = wanted._directions, wanted.names
     count = dz.shape[1]
     tangents = dz[: 2 * n].copy()
     made = own.new(run.rows + 1, 2 * n, count)
     made[0] = tangents
     frame = FrameMotion(binding, stepper.symmetries, run)
-    for steps in pieces(stepper, run, kept_run):
-        first = steps.first // run.every
-        rows = own.new((steps.first + steps.count) // run.every - first, 2 * n, count)
-        status = binding.integrate_tangent(run, kept_run.parameters, steps, dz, run.every, rows,
-                                           tangents)
-        if status:
-            raise singular(steps.first, status)
-        for i, row in enumerate(rows):
-            k = (first + 1 + i) * run.every
-            made[first + 1 + i] = _in_space(frame, k, steps, row, dz)
-        if steps.first + steps.count == run.steps and run.steps % run.every:
-            made[-1] = _in_space(frame, run.steps, steps, tangents, dz)
-    warn_of_growth(stepper, made[-1], dz[: 2 * n], start.names)
-    return TangentRows(made[:, :n], made[:, n:], start.names, dz[: 2 * n])
+    found: list[Any] = [None] * len(points)
+    times: list[Any] = [None] * len(points)
+    steps_of_points = np.array([point.step for point in points], int)
+
+    def look(step: int, q: Array, p: Array) -> None:
+        """Find the points after so many steps, from the state (q, p) of the frame there."""
+        chosen = np.flatnonzero(steps_of_points == step)
+        if not len(chosen):
+            return
+        z, here = np.concatenate([q, p]), dz.copy()
+        z, here[: 2 * n] = frame.in_space(step, z, dz, tangents)
+        for i in chosen:
+            try:
+                found[i], times[i] = tangent_at(stepper, run, points[i], z, here)
+            except InputError as error:
+                found[i] = error
+
+    at, last = np.unique(steps_of_points), (run.q, run.p)
+    for piece in pieces(stepper, run, kept_run):
+        for steps in split(piece, at):
+            look(steps.first, steps.q[0], steps.p[0])
+            first, end = steps.first // run.every, steps.first + steps.count
+            rows = own.new(end // run.every - first, 2 * n, count)
+            status = binding.integrate_tangent(run, kept_run.parameters, steps, dz, run.every,
+                                               rows, tangents)
+            if status:
+                raise singular(steps.first, status)
+            for i, row in enumerate(rows):
+                k = (first + 1 + i) * run.every
+                made[first + 1 + i] = _in_space(frame, k, steps, row, dz)
+            if end == run.steps and run.steps % run.every:
+                made[-1] = _in_space(frame, run.steps, steps, tangents, dz)
+            last = steps.q[-1], steps.p[-1]
+    look(run.steps, *last)
+    warn_of_growth(stepper, made[-1], dz[: 2 * n], names)
+    of_times = dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2])
+    return TangentRows(made[:, :n], made[:, n:], names, dz[: 2 * n], of_times, dz), found, times
 
 
-def with_tangents(
-    stepper: Stepper, run: RunArguments, wanted: Any, found: Trajectory
-) -> Trajectory:
-    """Return a trajectory with its tangents."""
-    if not isinstance(wanted, Tangents):
-        raise InputError(f"tangents = {shown(wanted)} are none; give gyrospark.Tangents(...).")
-    if int(found.report.steps) != run.steps:
-        raise InputError("A run that an event ends has no tangents; leave the terminal event out.")
-    return replace(found, tangents=tangents_of(stepper, run, wanted))
-
-
-def _in_space(frame: FrameMotion, k: int, steps: KeptSteps, row: Array, dz: Array) -> Array:
-    if not frame.moves:
-        return row
+def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:
     z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
-    found: Array = frame.matrix(k) @ row + frame.own_derivatives(k, z) @ dz
-    return found
-
-
-def pieces(stepper: Stepper, run: RunArguments, kept: Any) -> Any:
-    """Yield the steps of a run, kept, a piece at a time."""
-    while kept.done < run.steps:
-        steps, status = kept.keep(min(_PIECE, run.steps - kept.done))
-        if status:
-            stepper.run(run)  # says why it fails, with everything before
-            raise singular(kept.done, status)
-        yield steps
-
-
-def refuse_run(run: RunArguments) -> None:
-    """Refuse runs whose steps are not all alike."""
-    if run.follow is not None:
-        raise InputError("A frame that follows the motion has no derivatives; give rates of the "
-                         "frame, or frame = \"start\".")
-    if run.stored_steps is not None:
-        raise InputError("There are no derivatives at t_eval; leave t_eval out, and give every.")
-    if run.solver == "python":
-        raise InputError("solver = 'python' has no derivatives; choose auto, newton or "
-                         "fixed-point.")
-    if run.tolerance is not None:
-        raise InputError(f"tolerance = {run.tolerance} stops a step before its equations hold, and "
-                         "derivatives are those of the equations; leave tolerance out.")
-
-
-def singular(step: int, status: int) -> GyrosparkError:
-    """Return the error of a step whose equations cannot be linearised."""
-    why = {2: "is singular", 3: "is not finite"}.get(status, f"fails with status {status}")
-    return GyrosparkError(f"The Jacobian of a step from step {step} on {why}, so that there are no "
-                          "derivatives; take a smaller dt.")
+    return frame.in_space(k, z, dz, row)[1]
 
 
 def warn_of_growth(stepper: Stepper, end: Array, start: Array, names: list[str]) -> None:

@@ -27,7 +27,8 @@ from .run_arguments import EnsembleArguments, RunArguments
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["between", "epsilon_of_times", "partial_steps", "run_together", "stored_steps_at"]
+__all__ = ["between", "epsilon_of_times", "partial_steps", "places_of", "refuse_forgotten",
+           "run_together", "stored_steps_at"]
 
 Array = NDArray[Any]
 
@@ -65,9 +66,9 @@ def _states_at(
     fill: Callable[[EnsembleStates], None],
 ) -> Trajectory:
     _refuse_of_another(stepper, trajectory)
-    _refuse_forgotten(stepper, trajectory)
+    refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
-    at = _places(stepper, trajectory.t, trajectory.dt, t)
+    at = places_of(stepper, trajectory.t, trajectory.dt, t)
     q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
     work = trajectory.work[at.rows].copy()
     multipliers = np.zeros((len(t), *trajectory.multipliers.shape[1:]), trajectory.q.dtype)
@@ -100,7 +101,7 @@ def stored_steps_at(stepper: Stepper, run: RunArguments, times: ArrayLike) -> Ar
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
     ends = stepper.binding.times(run.t0, run.dt, np.array([0, run.steps]))
-    at = _places(stepper, ends, run.dt, _times(stepper, times))
+    at = places_of(stepper, ends, run.dt, _times(stepper, times))
     stored_steps = np.unique(np.append(at.steps[at.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]
 
@@ -188,7 +189,7 @@ def _parts(trajectory: Trajectory, at: Places) -> list[tuple[int, Array]]:
     return found
 
 
-def _places(stepper: Stepper, stored: Array, dt: Any, t: Array) -> Places:
+def places_of(stepper: Stepper, stored: Array, dt: Any, t: Array) -> Places:
     """Return where the times are, or refuse those outside of the run."""
     ahead = 1 if dt > 0 else -1
     outside = (ahead * (t - stored[0]) < 0) | (ahead * (t - stored[-1]) > 0)
@@ -222,7 +223,7 @@ def _times(stepper: Stepper, times: ArrayLike) -> Array:
     return np.array(found, dtype=stepper.binding.number_type)
 
 
-def _refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
+def refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
     """Refuse a trajectory without the inputs of each step: one read from a file, or between steps.
     """
     changing = [name for name in stepper.binding.input_names
@@ -255,4 +256,5 @@ def _trajectory(
     states = States(binding, stepper.manifest, parameters, t, made.q, made.p, after_first,
                     made.iterations[1:], made.work)
     outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
-    return replace(trajectory, **outputs, _inputs=None)
+    origin = None if trajectory._origin is None else replace(trajectory._origin, between=True)
+    return replace(trajectory, **outputs, tangents=None, _inputs=None, _origin=origin)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
+from ...core.event import Event
 from ...core.exact_numbers import as_double, exact
 from ...core.registry import AIMS
 from ...core.warnings import warn
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
     from .frame_following import Follow
 
-__all__ = ["EnsembleArguments", "RawArguments", "RunArguments", "as_parameters", "checked_runs",
-           "refuse_auto", "refuse_choice", "step_count", "warn_of_negative"]
+__all__ = ["EnsembleArguments", "Origin", "RawArguments", "RunArguments", "as_parameters",
+           "checked_runs", "refuse_auto", "refuse_choice", "step_count", "warn_of_negative"]
 
 Array = NDArray[Any]
 
@@ -126,6 +127,15 @@ class RunArguments:
     def most(self, done: int, most: int) -> int:
         """Return how many of so many steps may be done with the same parameters."""
         return most if self.follow is None else min(most, self.follow.left(done))
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a trajectory comes from: its run and events; whether its rows are at times asked for."""
+
+    run: RunArguments
+    events: tuple[Event, ...] = ()
+    between: bool = False
 
 
 @dataclass(frozen=True)

@@ -91,6 +91,8 @@ class Trajectory(Shown):
     tangents: Any = field(default=None, repr=False)
     #: What inputs its steps had, where it is known: of what ``integrate`` returned.
     _inputs: Any = field(default=None, repr=False)
+    #: The arguments and events it was integrated with, where they are known.
+    _origin: Any = field(default=None, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
     _stepper: Any = field(default=None, repr=False)
 
@@ -288,13 +290,14 @@ class Trajectory(Shown):
                 "it; give gradient(..., stepper=...).")
         return maker.gradient(self, cotangents, **options)
 
-    def made_by(self, stepper: Maker) -> Trajectory:
-        """Return this trajectory, which then knows what made it."""
-        return replace(self, _stepper=stepper)
+    def made_by(self, stepper: Maker, origin: Any = None) -> Trajectory:
+        """Return this trajectory, which then knows what made it, and of which arguments."""
+        return replace(self, _stepper=stepper, _origin=origin)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the states alone: the code that made them is not theirs."""
-        return {**self.__dict__, "_stepper": None}
+        following = self._origin is not None and self._origin.run.follow is not None
+        return {**self.__dict__, "_stepper": None, **({"_origin": None} if following else {})}
 
     # ------------------------------------------------------------ file
 

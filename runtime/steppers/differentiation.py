@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_mapping, unknown
+from ...core.arguments import as_mapping, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.binding import SolverName
 from ..compilation.stepper_module import load_module
 from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
-from ..derivatives.frame import FrameMotion
-from ..derivatives.gradient import DEFAULT_MEMORY, Gradient, gradient_of, loss_of, names_of
-from ..derivatives.tangent_run import pieces, refuse_run, singular
+from ..derivatives.gradient import (
+    DEFAULT_MEMORY,
+    Gradient,
+    cotangents_of,
+    gradient_of,
+    loss_of,
+    names_of,
+)
+from ..derivatives.kept_steps import SingleStep
+from ..derivatives.points import RunRows, rows_of
 from ..derivatives.tangent_space import TangentSpace
+from ..integration.dense_output import refuse_forgotten
+from ..integration.run_arguments import Origin
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
 
@@ -127,21 +136,12 @@ class Differentiation(Evaluation):
             if name not in names:
                 raise unknown("name in d", name, names)
             dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, own.number)
-        x, start, end, space = self._kept_step(run)
+        kept, space = self._kept_step(run)
         if not project:
             space.refuse_off(dz[: 2 * n])
-        dz = np.ascontiguousarray(space.projected(dz))
-        status, made = binding.tangent(own.parameters(run.parameters, run.t0), run.dt, *start, x,
-                                       dz)
-        if status:
-            raise singular(0, status)
-        frame = FrameMotion(binding, self.symmetries, run)
-        if frame.moves:
-            made = frame.matrix(1) @ made + frame.own_derivatives(
-                1, np.concatenate(end)) @ dz
-            end = self._in_space(frame, end)
+        made = kept.tangent(space.projected(dz))
         made = made[:, 0] if flat else made
-        return *end, made[:n], made[n:]
+        return kept.end[:n], kept.end[n:], made[:n], made[n:]
 
     def vjp(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Any],
@@ -155,29 +155,19 @@ class Differentiation(Evaluation):
         """
         run = self._single(q, p, dt, parameters, t0, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
-        x, start, end, space = self._kept_step(run)
-        binding, n = self.derivative_binding, self.n
-        own = binding.own
-        frame = FrameMotion(binding, self.symmetries, run)
-        here = own.parameters(run.parameters, run.t0)
+        kept, space = self._kept_step(run)
+        own, n = self.derivative_binding.own, self.n
 
         def back(wq: ArrayLike, wp: ArrayLike) -> Gradient:
             w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
-            more = own.new(binding.rows)
-            if frame.moves:
-                more = frame.own_derivatives(1, np.concatenate(end)).T @ w
-                w = np.ascontiguousarray(frame.matrix(1).T @ w)
-            status, z_bar = binding.adjoint(here, run.dt, *start, x, w)
-            if status:
-                raise singular(0, status)
-            z_bar = space.pulled_back(z_bar + more)
+            z_bar = space.pulled_back(kept.adjoint(w))
             labels = [*own.parameter_names, "dt", "t0"]
             numbers = dict(zip(labels, z_bar[2 * n :].tolist(), strict=True))
             columns = [2 * n + labels.index(u) for u in own.input_names]
             return Gradient(None, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals,
                             z_bar[columns][None], names, numbers)
 
-        return *(self._in_space(frame, end) if frame.moves else end), back
+        return kept.end[:n], kept.end[n:], back
 
     def _single(
         self, q: ArrayLike, p: ArrayLike, dt: Number, parameters: Mapping[str, Any], t0: Number,
@@ -195,20 +185,12 @@ class Differentiation(Evaluation):
     def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
         raise NotImplementedError
 
-    def _kept_step(
-        self, run: RunArguments
-    ) -> tuple[Array, tuple[Array, Array], tuple[Array, Array], TangentSpace]:
-        """Return unknowns, start and end of one step, and the tangent space at its start."""
-        refuse_run(run)
-        kept = self.derivative_binding.begin(run)
-        (steps,) = pieces(self, run, kept)  # type: ignore[arg-type]
-        space = TangentSpace(self.derivative_binding, kept.parameters, run.q, run.p,
-                             self.constraint_names)
-        return steps.x[0].copy(), (run.q, run.p), (steps.q[1].copy(), steps.p[1].copy()), space
-
-    def _in_space(self, frame: FrameMotion, end: tuple[Array, Array]) -> tuple[Array, Array]:
-        z = frame.matrix(1) @ np.concatenate(end)
-        return z[: self.n], z[self.n :]
+    def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
+        """Return one step, and the tangent space at its start."""
+        stepper: Any = self
+        kept = SingleStep(stepper, run)
+        return kept, TangentSpace(self.derivative_binding, kept.parameters, run.q, run.p,
+                                  self.constraint_names)
 
     # ------------------------------------------------------------ runs
 
@@ -225,8 +207,10 @@ class Differentiation(Evaluation):
         run : Trajectory
             What this stepper integrated, or what was read of it. Its steps are done again.
         cotangents : mapping
-            "q" and "p": derivatives of the function by the stored states, shape (rows, n), or
-            (n,) for the last state alone.
+            "q" and "p": derivatives of the function by the rows of the run, shape (rows, n), or
+            (n,) for the last one alone; "t": by their times, (rows,), or a number. "events": the
+            same of crossings, {"x": {"t": ..., "q": ..., "p": ...}}. The last row of a run that a
+            terminal event ended moves with the event.
         loss : callable, optional
             In place of ``cotangents``: a function of the trajectory that returns its value and
             cotangents.
@@ -257,17 +241,25 @@ class Differentiation(Evaluation):
         value = None
         if loss is not None:
             value, cotangents = loss_of(loss)(run)
-        if run.events:
-            times = [t for c in run.events.values() for t in np.ravel(c.t)]
-            if times and float(run.t[-1]) in map(float, times):
-                raise InputError("The last state of this run is an event within a step; integrate "
-                                 "without the terminal event for a gradient.")
-        given: dict[str, Any] = dict(run.parameters)
-        arguments = self._resolved(
-            run.q[0], run.p[0], dt=run.dt, steps=int(run.report.steps), every=run.every,
-            parameters=given, t0=run.t[0], solver=solver, inputs=run._inputs)
-        return gradient_of(self, arguments, cotangents or {}, names, memory,  # type: ignore[arg-type]
-                           value, (run.q[-1], run.p[-1]))
+        kinds = self.rows_of(run, solver)
+        ended = bool(kinds.points)
+        return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents or {}),  # type: ignore[arg-type]
+                           names, memory, value, None if ended else (run.q[-1], run.p[-1]))
+
+    def rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
+        """Return the whole steps of a run that was integrated or stored, and what its rows are."""
+        if not isinstance(run, Trajectory):
+            raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
+        origin: Origin | None = run._origin
+        if origin is None:
+            refuse_forgotten(self, run)  # type: ignore[arg-type]
+            steps = int(np.rint(float((run.t[-1] - run.t[0]) / run.dt)))
+            arguments = self._resolved(
+                run.q[0], run.p[0], dt=run.dt, steps=steps, every=run.every, solver=solver,
+                parameters=dict(run.parameters), t0=run.t[0], inputs=run._inputs)
+        else:
+            arguments = origin.run if solver == "auto" else replace(origin.run, solver=solver)
+        return rows_of(self, run, arguments)  # type: ignore[arg-type]
 
     def value_and_gradient(
         self, loss: Callable[[Trajectory], tuple[Any, Mapping[str, ArrayLike]]], q: ArrayLike,

@@ -29,7 +29,13 @@ from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
 from ..integration.frame_following import follow_frame
-from ..integration.run_arguments import RunArguments, as_parameters, step_count, warn_of_negative
+from ..integration.run_arguments import (
+    Origin,
+    RunArguments,
+    as_parameters,
+    step_count,
+    warn_of_negative,
+)
 from ..integration.step_loop import integrate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
@@ -285,7 +291,9 @@ class Stepper(Differentiation):
             in the last place of its time. A terminal event ends the run: its state is the last
             row, behind the stored ones.
         tangents : Tangents, optional
-            Directions whose derivatives are computed along the run: ``Trajectory.tangents``.
+            Directions whose derivatives are computed along the run: ``Trajectory.tangents``, at
+            ``t_eval``, at events and in the last row of a terminal one too. A row at a given time
+            moves with dt and t0 by its part of a step alone.
 
         Raises
         ------
@@ -309,13 +317,14 @@ class Stepper(Differentiation):
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
         # Pilots have measured the error of a step that they have found.
         warned = not run.steps or choice is not None or self.warned(run)
-        found = observed(self, run, as_events(events, self.manifest["system"]),
-                         as_callback("progress", progress)).made_by(self)
+        asked = as_events(events, self.manifest["system"])
+        found = observed(self, run, asked, as_callback("progress", progress)).made_by(
+            self, Origin(run, asked))
         if not warned:
             self.rotations.warn_of(found)
-        if tangents is not None:
-            found = with_tangents(self, run, tangents, found)
-        return found if t_eval is None else self.at(found, t_eval)
+        if t_eval is not None:
+            found = self.at(found, t_eval)
+        return found if tangents is None else with_tangents(self, tangents, found)
 
     def integrate_ensemble(
         self,
@@ -394,7 +403,10 @@ class Stepper(Differentiation):
         InputError
             For times outside of the run, and for a trajectory of another stepper.
         """
-        return between(self, trajectory, times, workers)
+        found = between(self, trajectory, times, workers)
+        if trajectory.tangents is None:
+            return found
+        return with_tangents(self, trajectory.tangents, found)
 
     # ------------------------------------------------------------ inside
 

@@ -1,0 +1,112 @@
+"""Steps of a run that are kept for their derivatives: piece by piece, or a single one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import GyrosparkError, InputError
+from ..integration.run_arguments import RunArguments
+from .binding import KeptSteps
+from .frame import FrameMotion
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["SingleStep", "pieces", "refuse_run", "singular", "split"]
+
+Array = NDArray[Any]
+
+#: Steps that are kept at a time.
+_PIECE = 512
+
+
+def pieces(stepper: Stepper, run: RunArguments, kept: Any) -> Iterator[KeptSteps]:
+    """Yield the steps of a run, kept, a piece at a time."""
+    while kept.done < run.steps:
+        steps, status = kept.keep(min(_PIECE, run.steps - kept.done))
+        if status:
+            stepper.run(run)  # says why it fails, with everything before
+            raise singular(kept.done, status)
+        yield steps
+
+
+def split(steps: KeptSteps, at: Array) -> list[KeptSteps]:
+    """Return kept steps in parts that begin at these steps of the run, a rising sequence."""
+    inside = at[(at > steps.first) & (at < steps.first + steps.count)] - steps.first
+    ends = [0, *inside.tolist(), steps.count]
+    return [KeptSteps(steps.first + a, steps.q[a : b + 1], steps.p[a : b + 1], steps.x[a:b])
+            for a, b in pairwise(ends)]
+
+
+def refuse_run(run: RunArguments) -> None:
+    """Refuse runs whose steps are not all alike."""
+    if run.follow is not None:
+        raise InputError("A frame that follows the motion has no derivatives; give rates of the "
+                         "frame, or frame = \"start\".")
+    if run.stored_steps is not None:
+        raise InputError("There are no derivatives at the steps that are stored here; give every.")
+    if run.solver == "python":
+        raise InputError("solver = 'python' has no derivatives; choose auto, newton or "
+                         "fixed-point.")
+    if run.tolerance is not None:
+        raise InputError(f"tolerance = {run.tolerance} stops a step before its equations hold, and "
+                         "derivatives are those of the equations; leave tolerance out.")
+
+
+def singular(step: int, status: int) -> GyrosparkError:
+    """Return the error of a step whose equations cannot be linearised."""
+    why = {2: "is singular", 3: "is not finite"}.get(status, f"fails with status {status}")
+    return GyrosparkError(f"The Jacobian of a step from step {step} on {why}, so that there are no "
+                          "derivatives; take a smaller dt.")
+
+
+class SingleStep:
+    """One step from a state in space, and its derivatives by all rows of a direction.
+
+    Attributes
+    ----------
+    end : array, shape (2 n,)
+        The state (q, p) after the step, in space.
+    """
+
+    def __init__(self, stepper: Stepper, run: RunArguments) -> None:
+        refuse_run(run)
+        self._binding, self._run = stepper.derivative_binding, run
+        kept = self._binding.begin(run)
+        (steps,) = pieces(stepper, run, kept)
+        self.parameters = kept.parameters
+        self._x = steps.x[0].copy()
+        self._in_frame = np.concatenate([steps.q[1], steps.p[1]])
+        self._frame = FrameMotion(self._binding, stepper.symmetries, run)
+        self.end = (self._frame.matrix(1) @ self._in_frame if self._frame.moves
+                    else self._in_frame.copy())
+
+    def tangent(self, dz: Array) -> Array:
+        """Return the directions of the end, shape (2 n, k), of directions of all rows."""
+        run = self._run
+        status, made = self._binding.tangent(
+            self.parameters, run.dt, run.q, run.p, self._x, np.ascontiguousarray(dz))
+        if status:
+            raise singular(0, status)
+        if self._frame.moves:
+            made = (self._frame.matrix(1) @ made
+                    + self._frame.own_derivatives(1, self._in_frame) @ dz)
+        return made
+
+    def adjoint(self, w: Array) -> Array:
+        """Return the cotangent of all rows, of the cotangent w of the end."""
+        run, more = self._run, 0
+        if self._frame.moves:
+            more = self._frame.own_derivatives(1, self._in_frame).T @ w
+            w = self._frame.matrix(1).T @ w
+        status, z_bar = self._binding.adjoint(
+            self.parameters, run.dt, run.q, run.p, self._x, np.ascontiguousarray(w))
+        if status:
+            raise singular(0, status)
+        found: Array = z_bar + more
+        return found

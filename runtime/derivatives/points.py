@@ -1,0 +1,247 @@
+"""States of a run within its steps, and their derivatives: at given times, and at events.
+
+A state τ after the state z_j of step j is one step Φ_τ(z_j), that starts at t_j = t0 + j Δt. With
+v = ∂Φ_τ/∂τ and Z = dΦ_τ at fixed τ (along dz_j, dθ and dt_j) it moves by
+
+    dz = Z + v dτ,   dt = dt_j + dτ
+
+- at a fixed time: dτ = −dt_j = −dt0 − j dΔt;
+- at an event c(z) = 0: dτ = −c_z Z / (c_z v); c is a coordinate or a momentum less its level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.event import Event
+from ..events.location import ending
+from ..integration.dense_output import places_of
+from ..integration.run_arguments import Origin, RunArguments
+from ..results.crossings import Crossings
+from .kept_steps import SingleStep
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Point", "RunRows", "cotangent_at", "rows_of", "tangent_at"]
+
+Array = NDArray[Any]
+
+#: A value that changes more slowly than this share of |c_z| |v| only touches its level.
+_GRAZING = 1e-6
+
+
+@dataclass(frozen=True)
+class Point:
+    """A state of a run, ``tau`` after the state at the start of a step.
+
+    Attributes
+    ----------
+    step : int
+        Whole steps before it.
+    tau : number
+        In (0, Δt]; None at the start of the run.
+    normal : array, shape (2 n,), optional
+        The derivative of an event's value by (q, p); None at a fixed time.
+    name : str
+        Of the event.
+    """
+
+    step: int
+    tau: Any
+    normal: Array | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class RunRows:
+    """Of what kind the rows of a trajectory are.
+
+    Attributes
+    ----------
+    run : RunArguments
+        The whole steps of the run, up to its end or a terminal event.
+    points : list of Point
+        The rows that are within steps: all of them, or the last one.
+    at_times : bool
+        Whether all of them are.
+    events : dict of str to list of Point
+    refused : dict of str to str
+        Events that have no derivatives, and why.
+    """
+
+    run: RunArguments
+    points: list[Point] = field(default_factory=list)
+    at_times: bool = False
+    events: dict[str, list[Point]] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def of_steps(self) -> Array:
+        """Steps before each row that is the end of a step."""
+        if self.at_times:
+            return np.zeros(0, int)
+        steps = self.run.steps_of_rows(self.run.steps)
+        unstored = bool(self.points) and self.run.steps % self.run.every > 0
+        return steps[: len(steps) - unstored]
+
+    def event(self, name: str) -> list[Point]:
+        """Return the points of an event, or refuse one that has no derivatives."""
+        if name in self.refused:
+            raise InputError(self.refused[name])
+        return self.events[name]
+
+
+def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunRows:
+    """Return of what kind the rows of a trajectory are, which ``run`` leads to.
+
+    Raises
+    ------
+    InputError
+        For rows at other times than ends of steps, where it is not known what made them, and for a
+        terminal event that has no derivatives.
+    """
+    origin: Origin | None = trajectory._origin
+    if origin is None:
+        _refuse_other_times(stepper, trajectory, run)
+        return RunRows(run, refused=dict.fromkeys(
+            trajectory.events, "A trajectory that was stored does not know which quantities its "
+            "events are of; integrate again for derivatives of events."))
+    done = int(trajectory.report.steps)
+    run = replace(run.until(done), stored_steps=None, detector=None)
+    events: dict[str, list[Point]] = {}
+    refused: dict[str, str] = {}
+    for event in origin.events:
+        try:
+            events[event.name] = _of_event(stepper, run, event, trajectory.events[event.name])
+        except InputError as error:
+            refused[event.name] = str(error)
+    if origin.between:
+        return RunRows(replace(run, every=max(done, 1)), _at_times(stepper, run, trajectory.t),
+                       True, events, refused)
+    found = RunRows(run, [], False, events, refused)
+    last = ending(origin.events, trajectory.events, run.dt)
+    return found if last is None else replace(found, points=found.event(last)[-1:])
+
+
+def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
+    """Return the points at fixed times; a time between two steps belongs to the first of them."""
+    ends = stepper.binding.times(run.t0, run.dt, np.array([0, run.steps + 1]))
+    at = places_of(stepper, ends, run.dt, t)
+    return [_point(run, int(step), rest)
+            for step, rest in zip(at.steps, at.rest.tolist(), strict=True)]
+
+
+def _point(run: RunArguments, step: int, tau: Any) -> Point:
+    if tau:
+        return Point(step, tau)
+    return Point(step - 1, run.dt) if step else Point(0, None)
+
+
+def _of_event(
+    stepper: Stepper, run: RunArguments, event: Event, found: Crossings
+) -> list[Point]:
+    system = stepper.manifest["system"]
+    states = [*system["coordinates"], *system["momenta"]]
+    if event.quantity not in states or event.quantity in system.get("quantities", ()):
+        raise InputError(
+            f"The event {event.name!r} is of the quantity {event.quantity!r}, whose derivatives "
+            f"are not generated; take a coordinate or a momentum: {', '.join(states)}.")
+    normal = stepper.binding.new(2 * stepper.n)
+    normal[states.index(event.quantity)] = 1
+    rest = (found.t - stepper.binding.times(run.t0, run.dt, found.steps)).tolist()
+    points = [replace(_point(run, int(step), tau), normal=normal, name=event.name)
+              for step, tau in zip(found.steps, rest, strict=True)]
+    if any(point.tau is None for point in points):
+        raise InputError(f"The event {event.name!r} happens at the start itself, where it has no "
+                         "derivatives; start before it.")
+    return points
+
+
+def _refuse_other_times(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> None:
+    times = stepper.binding.times(run.t0, run.dt, run.steps_of_rows(run.steps))
+    if len(times) != len(trajectory.t) or not all(
+            abs(x - y) <= 1e-6 * abs(run.dt) for x, y in zip(times, trajectory.t, strict=True)):
+        raise InputError("Rows of this trajectory are not ends of its steps, and it does not know "
+                         "the run that they are of, for it was stored or belongs to a simulation; "
+                         "integrate again for derivatives.")
+
+
+def single_step(
+    stepper: Stepper, run: RunArguments, point: Point, z: Array
+) -> SingleStep:
+    """Return the step from a state z, in space, that leads to a point."""
+    n, parameters = stepper.n, run.parameters
+    if run.inputs is not None:
+        parameters = parameters | dict(zip(
+            run.inputs.names, run.inputs.at(point.step).tolist(), strict=True))
+    return SingleStep(stepper, replace(
+        run, q=z[:n].copy(), p=z[n:].copy(), dt=point.tau, steps=1, every=1,
+        t0=run.t0 + point.step * run.dt, inputs=None, parameters=parameters))
+
+
+def tangent_at(
+    stepper: Stepper, run: RunArguments, point: Point, z: Array, dz: Array
+) -> tuple[Array, Array]:
+    """Return the directions of a point, shape (2 n, k), and of its time, shape (k,).
+
+    ``dz`` has all rows, of which q and p are those of the state z before, both in space.
+    """
+    n, count = stepper.n, dz.shape[1]
+    if point.tau is None:
+        return dz[: 2 * n].copy(), dz[-1].copy()
+    here = stepper.binding.new(len(dz), count + 1)
+    here[:, :count] = dz
+    here[-2] = 0
+    here[-1, :count] += point.step * dz[-2]
+    here[-2, count] = 1
+    made = single_step(stepper, run, point, z).tangent(here)
+    Z, v, dt = made[:, :count], made[:, count], here[-1, :count]
+    d_tau = -dt if point.normal is None else -(point.normal @ Z) / _rate(point, v)
+    return Z + v[:, None] * d_tau, dt + d_tau
+
+
+def cotangent_at(
+    stepper: Stepper, run: RunArguments, point: Point, z: Array, w: Array, s: Any
+) -> Array:
+    """Return the cotangent of all rows, of those of the point, w, and of its time, s.
+
+    Its rows q and p are those of the state z before, in space.
+    """
+    if point.tau is None:
+        found = stepper.binding.new(stepper.derivative_binding.rows)
+        found[: len(w)] = w
+        found[-1] = s
+        return found
+    step = single_step(stepper, run, point, z)
+    if point.normal is None:
+        found = step.adjoint(w)
+        of_start = found[-1] - found[-2]
+    else:
+        unit = stepper.binding.new(stepper.derivative_binding.rows, 1)
+        unit[-2] = 1
+        v = step.tangent(unit)[:, 0]
+        found = step.adjoint(w - point.normal * ((w @ v + s) / _rate(point, v)))
+        of_start = found[-1] + s
+    found[-2:] = point.step * of_start, of_start
+    return found
+
+
+def _rate(point: Point, v: Array) -> Any:
+    """Return c_z v, or refuse an event whose value only touches its level."""
+    normal = point.normal
+    assert normal is not None
+    rate = normal @ v
+    sizes = [float(np.linalg.norm(x.astype(float))) for x in (normal, v)]
+    if not abs(float(rate)) >= _GRAZING * sizes[0] * sizes[1]:
+        raise InputError(
+            f"The event {point.name!r} has no derivatives: after step {point.step} its value only "
+            f"touches its level, at a rate of {float(rate):.1e}. Take another level, or leave this "
+            "crossing out.")
+    return rate
