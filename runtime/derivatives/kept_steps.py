@@ -100,13 +100,13 @@ class SingleStep:
 
     def adjoint(self, w: Array) -> Array:
         """Return the cotangent of all rows, of the cotangent w of the end."""
-        run, more = self._run, 0
+        run, whole = self._run, w
         if self._frame.moves:
-            more = self._frame.own_derivatives(1, self._in_frame).T @ w
             w = self._frame.matrix(1).T @ w
         status, z_bar = self._binding.adjoint(
             self.parameters, run.dt, run.q, run.p, self._x, np.ascontiguousarray(w))
         if status:
             raise singular(0, status)
-        found: Array = z_bar + more
-        return found
+        if self._frame.moves:
+            z_bar += self._frame.own_derivatives(1, self._in_frame).T @ whole
+        return z_bar

@@ -186,7 +186,7 @@ def _followed(
             return
         z, here = np.concatenate([q, p]), dz.copy()
         z, here[: 2 * n] = frame.in_space(step, z, dz, tangents)
-        for i in chosen:
+        for i in chosen.tolist():
             try:
                 found[i], times[i] = tangent_at(stepper, run, points[i], z, here)
             except InputError as error:

@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from driven_pendulum import DRIVEN, VALUES
 from gyrospark.runtime.bindings.array_checks import as_real
 
 x, y, px, py, t = sp.symbols("x y px py t", real=True)
@@ -16,13 +17,6 @@ m, g, length, c, a = sp.symbols("m g l c a", positive=True)
 u = sp.Symbol("u", real=True)
 v, w = sp.symbols("v w", real=True)
 
-#: A pendulum whose pivot moves, with a spring that time changes, damping and an input.
-DRIVEN = gs.System((x, y), (px, py), (m, g, length, c, a),
-                   H=(px**2 + py**2) / (2 * m) + m * g * y + a * sp.cos(3 * t) * x**2,
-                   constraints=[x**2 + (y - a * sp.sin(2 * t))**2 - length**2],
-                   forces=(-c * px * py + u, -c * py + sp.sin(5 * t)), time=t, inputs=(u,),
-                   name="driven")
-VALUES = {"m": 1.1, "g": 9.81, "l": 0.9, "c": 0.3, "a": 0.2, "u": 0.4}
 LAGRANGIAN = gs.System.from_lagrangian(
     m * (1 + x**2 / 3) * v**2 / 2 + m * w**2 / 2 + m * v * w * sp.cos(x - y) / 3 + a * x * v
     - m * g * y * sp.cos(x) + a * sp.cos(3 * t) * x * w, (x, y), (v, w), (m, g, a, c),

@@ -1,0 +1,208 @@
+"""Derivatives of states within steps: at given times, at events, at the end by an event."""
+
+from __future__ import annotations
+
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from driven_pendulum import DRIVEN, VALUES
+
+DT, T0 = 0.02, 0.3
+EVENTS = [gs.Event("x"), gs.Event("py", level=0.3, name="turn")]
+NAMES = ["m", "l", "a", "u"]
+ALL = gs.Tangents("all", NAMES, dt=True, t0=True)
+
+ASKED = {
+    "events": {"events": EVENTS},
+    "terminal": {"events": [gs.Event("x", terminal=True), EVENTS[1]], "every": 7},
+    "first step": {"events": [gs.Event("x", level=0.434, terminal=True)]},
+    "times": {"t_eval": [0.317, 0.47, 0.333, 0.61, 1.499]},
+}
+
+
+@cache
+def stepper():
+    return gs.stepper("G-L", stages=2, system=DRIVEN)
+
+
+@cache
+def start():
+    found = stepper().consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=T0)
+    return np.concatenate([found.q, found.p])
+
+
+@cache
+def energy_momentum():
+    return gs.stepper("EMS", system=DRIVEN)
+
+
+def integrated(step, z, values=(), dt=DT, t0=T0, steps=60, **options):
+    parameters = VALUES | dict(zip(NAMES, values, strict=False))
+    at = step.consistent(z[:2], z[2:], parameters=parameters, t=t0)
+    return step.integrate(at.q, at.p, dt=dt, steps=steps, t0=t0, parameters=parameters, **options)
+
+
+def numbers(run):
+    """All that has derivatives, as one vector."""
+    crossings = [part for one in run.events.values() for part in (one.t, one.q, one.p)]
+    return np.concatenate([np.ravel(part) for part in (run.t, run.q, run.p, *crossings)])
+
+
+def derivatives(run):
+    """The tangents of ``numbers``."""
+    rows = [run.tangents, *(run.tangents.events[name] for name in run.events)]
+    parts = [part for one in rows for part in (one.t, one.q, one.p)]
+    return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
+
+
+def cotangents(run, weights):
+    """The cotangents of weights @ numbers."""
+    rows = [run, *run.events.values()]
+    sizes = [part.shape for one in rows for part in (one.t, one.q, one.p)]
+    parts = iter(np.split(weights, np.cumsum([np.prod(size) for size in sizes])[:-1]))
+    made = [{name: next(parts).reshape(getattr(one, name).shape) for name in "tqp"} for one in rows]
+    return made[0] | {"events": dict(zip(run.events, made[1:], strict=True))}
+
+
+@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
+def test_rows_within_steps_have_tangents_and_gradients(asked):
+    """Along the start, parameters, dt and t0, against differences; gradients against tangents."""
+    step, z = stepper(), start()
+    run = integrated(step, z, **asked, tangents=ALL)
+    assert all(len(one) for one in list(run.events.values())[:1])
+    made, B = derivatives(run), run.tangents.start[:, :2]
+    point = np.concatenate([[0, 0], [VALUES[name] for name in NAMES], [DT, T0]])
+    for i, size in enumerate([1, 1, 1, 1, 1, 1, DT, 1]):
+        e = np.zeros(8)
+        e[i] = 1e-5 * size
+
+        def at(x):
+            return numbers(integrated(step, z + B @ x[:2], x[2:6], *x[6:], **asked))
+
+        slope = (8 * (at(point + e) - at(point - e)) - at(point + 2 * e) + at(point - 2 * e))
+        off = np.abs(slope / (12 * e[i]) - made[:, i]).max()
+        assert off <= 1e-8 * max(np.abs(made[:, i]).max(), 1), run.tangents.names[i]
+    weights = np.random.default_rng(0).normal(size=len(made))
+    expected = weights @ made
+    for memory in ("256 MB", "22 kB", "none"):
+        found = run.gradient(cotangents(run, weights), wrt=["start", *NAMES, "dt", "t0"],
+                             memory=memory).vector()
+        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_events_of_a_scheme_that_does_not_keep_the_momentum_constraint():
+    """By what leaves the start as it is; momenta within its steps have fewer digits."""
+    step, z = energy_momentum(), start()
+
+    def run_of(mass, u, dt, **options):
+        return step.integrate(z[:2], z[2:], dt=dt, steps=60, t0=T0, **ASKED["terminal"],
+                              parameters=VALUES | {"m": mass, "u": u}, **options)
+
+    point = np.array([VALUES["m"], VALUES["u"], DT])
+    run = run_of(*point, tangents=gs.Tangents(None, ["m", "u"], dt=True))
+    made = derivatives(run)
+    for i, e in enumerate(np.diag(1e-5 * np.array([1, 1, DT]))):
+        slope = (numbers(run_of(*(point + e))) - numbers(run_of(*(point - e)))) / (2 * e[i])
+        assert np.abs(slope - made[:, i]).max() <= 1e-6 * max(np.abs(made[:, i]).max(), 1)
+    weights = np.random.default_rng(0).normal(size=len(made))
+    found = run.gradient(cotangents(run, weights), wrt=["m", "u", "dt"]).vector()
+    assert np.abs(found - weights @ made).max() <= 1e-11 * np.abs(weights @ made).max()
+
+
+def test_states_asked_for_later_have_the_tangents_of_those_asked_for_at_once():
+    step, times = stepper(), [0.317, 1.2, 0.47]
+    run = integrated(step, start(), every=10, tangents=ALL)
+    later = run.at(times)
+    at_once = integrated(step, start(), t_eval=times, tangents=ALL)
+    assert (later.tangents.q == at_once.tangents.q).all()
+    assert not later.tangents.t.any()
+    copy = pickle.loads(pickle.dumps(at_once))
+    assert (copy.tangents.p == at_once.tangents.p).all()
+    w = {"q": np.ones(2)}
+    assert (step.gradient(copy, w).vector() == at_once.gradient(w).vector()).all()
+    assert (run.at([run.t[0]]).tangents.q[0] == run.tangents.q[0]).all()
+
+
+def test_inputs_of_the_step_that_an_event_ends_have_a_gradient():
+    """Also those of a step that is not whole."""
+    step, z = stepper(), start()
+    values = {name: value for name, value in VALUES.items() if name != "u"}
+    inputs = np.linspace(-1, 1, 20)[:, None]
+
+    def run_of(inputs):
+        return step.integrate(z[:2], z[2:], dt=DT, steps=60, hold=3, inputs=inputs, t0=T0,
+                              parameters=values,
+                              events=gs.Event("x", level=-0.2, terminal=True))
+
+    run = run_of(inputs)
+    gradient = run.gradient({"t": 1.0, "q": [1.0, 2.0]}, wrt="inputs").inputs
+    assert len(gradient) == run.report.steps // 3 + 1
+    for i in range(0, len(gradient)):
+        e = np.zeros((20, 1))
+        e[i] = 1e-4
+        slope = sum(sign * (r.t[-1] + r.q[-1] @ [1, 2]) for sign, r in (
+            (1, run_of(inputs + e)), (-1, run_of(inputs - e)))) / 2e-4
+        assert gradient[i, 0] == pytest.approx(slope, abs=1e-8)
+
+
+def test_events_in_a_moving_frame():
+    """The rates of a frame move the motion by its error alone."""
+    problem = gs.problems.fast_top()
+    parameters = problem.parameters | {"gamma": 0.0016}
+    moving, rest = gs.stepper("G-L", stages=3, frame="symmetries"), gs.stepper("G-L", stages=3)
+    rates = [symmetry.name for symmetry in moving.symmetries]
+    arguments = {"dt": 1e-3, "steps": 100, "events": gs.Event("q1", level=0.01)}
+    run = moving.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
+                           parameters=parameters | {"frame": "start"},
+                           tangents=gs.Tangents("all", ["I3", *rates]))
+    still = rest.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
+                           parameters=parameters, tangents=gs.Tangents("all", ["I3"]))
+    made, expected = derivatives(run), derivatives(still)
+    assert np.abs(made[:, :7] - expected).max() <= 1e-10 * np.abs(expected).max()
+    assert np.abs(made[:, 7:]).max() < 1e-11
+    weights = np.random.default_rng(0).normal(size=len(made))
+    found = run.gradient(cotangents(run, weights), wrt=["start", "I3", *rates]).vector()
+    assert np.abs(found - weights @ made).max() <= 1e-12 * np.abs(weights @ made).max()
+
+
+@cache
+def thrown():
+    """A body that is thrown: it touches its highest place."""
+    x, y, v, w = sp.symbols("x y v w", real=True)
+    system = gs.System((x, y), (v, w), (), (v**2 + w**2) / 2 + y, [], name="thrown",
+                       quantities={"height": y})
+    return gs.stepper("G-L", stages=1, system=system)
+
+
+@pytest.mark.parametrize("event", [gs.Event("y", level=0.5 - 1e-13, name="apex"),
+                                   gs.Event("height", level=0.25, name="apex")])
+def test_events_without_derivatives_are_refused_by_name(event):
+    """Those that only touch their level, and those of quantities."""
+    step = thrown()
+    arguments = {"dt": 0.03, "steps": 50, "parameters": {}, "tangents": gs.Tangents()}
+    begin = [0.1, 0.0], [1.0, 1.0]
+    run = step.integrate(*begin, **arguments, events=event)
+    assert run.tangents.q.shape == (51, 2, 4)
+    with pytest.raises(gs.InputError, match="apex"):
+        run.tangents.events["apex"]
+    with pytest.raises(gs.InputError, match="apex"):
+        run.gradient({"events": {"apex": {"t": np.ones(len(run.events["apex"]))}}})
+    ends = gs.Event(event.quantity, event.level, terminal=True, name="apex")
+    with pytest.raises(gs.InputError, match="apex"):
+        step.integrate(*begin, **arguments, events=ends)
+
+
+def test_unknown_events_are_refused():
+    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={},
+                             events=gs.Event("y", level=0.25), tangents=gs.Tangents())
+    with pytest.raises(gs.InputError, match="x"):
+        run.tangents.events["x"]
+    with pytest.raises(gs.InputError):
+        run.gradient({"events": {"x": {"t": [1.0]}}})
+    with pytest.raises(gs.InputError, match="shape"):
+        run.gradient({"events": {"y": {"t": [1.0, 2.0]}}})
