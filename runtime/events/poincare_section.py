@@ -18,6 +18,7 @@ from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import SolverName
 
 if TYPE_CHECKING:
+    from ..derivatives.tangent_space import Tangents
     from ..steppers.stepper import Stepper
 
 __all__ = ["Section", "section"]
@@ -39,6 +40,9 @@ class Section:
         Of which start each is.
     failures : dict of int to StepFailed
         Trajectories that ended early; their points until then are here.
+    tangents : list of TangentRows or None
+        Where they were asked for: for each start, the derivatives of its points and their times,
+        along the section; None where a trajectory failed.
     """
 
     event: Event
@@ -49,6 +53,7 @@ class Section:
     failures: dict[int, Any]
     _stepper: Stepper = field(repr=False)
     _parameters: list[dict[str, Any]] = field(repr=False)
+    tangents: list[Any] = field(default_factory=list, repr=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -101,7 +106,7 @@ def section(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, event: Event, dt: Number | ArrayLike,
     steps: int, parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
     t0: Number | ArrayLike = 0.0, solver: SolverName = "auto", tolerance: Number | None = None,
-    max_iterations: int = 50, workers: int | None = None,
+    max_iterations: int = 50, workers: int | None = None, tangents: Tangents | None = None,
 ) -> Section:
     """Return the Poincaré section of the motions from rows of q and p.
 
@@ -115,7 +120,8 @@ def section(
     Raises
     ------
     InputError
-        For what ``integrate_ensemble`` refuses, and for what is no event.
+        For what ``integrate_ensemble`` refuses, and for what is no event; for ``tangents`` of an
+        event of a quantity, and where a point only touches the level.
     """
     if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
@@ -126,10 +132,11 @@ def section(
     found = stepper.integrate_ensemble(
         q, p, dt=dt, steps=count, every=max(count, 1), parameters=parameters, t0=t0,
         solver=solver, tolerance=tolerance, max_iterations=max_iterations, workers=workers,
-        events=event)
+        events=event, tangents=tangents)
     own = [found.events[event.name][i] for i in range(len(found))]
     return Section(
         event, np.concatenate([one.t for one in own]), np.concatenate([one.q for one in own]),
         np.concatenate([one.p for one in own]),
         np.repeat(np.arange(len(own)), [len(one) for one in own]), found.failures, stepper,
-        [member.parameters for member in found.members])
+        [member.parameters for member in found.members],
+        [None if one is None else one.events[event.name] for one in found.tangents])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
@@ -14,17 +15,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import shown
 from ...core.errors import InputError, StepFailed, Stopped
-from ...core.event import as_events
+from ...core.event import Event, as_events
 from ...core.exact_numbers import Number
 from ...core.html import card, table
 from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_positive_count
 from ..bindings.inputs import Inputs, as_inputs
+from ..derivatives.tangent_run import TangentRows, with_tangents
+from ..derivatives.tangent_space import Tangents
 from ..events.detection import Levels
 from ..events.location import crossings_of, detectors_for
 from ..integration.failure import Diagnosis
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import (
+    Origin,
     RawArguments,
     checked_runs,
     refuse_auto,
@@ -61,6 +65,9 @@ class Ensemble:
     events : dict of str to CrossingsOfMany
         Where the events that were asked for happened: ``events["height"].first``, ``.count``, and
         the ``Crossings`` of trajectory i in ``events["height"][i]``.
+    tangents : list of TangentRows or None
+        Those of each trajectory, where ``integrate_ensemble(tangents=...)`` was asked for them;
+        None for one that failed.
     members : list of Trajectory
         Each trajectory by itself, up to its failed step if it has one; with it ``work`` and
         ``quantity(name)``. Made when first asked for.
@@ -75,6 +82,7 @@ class Ensemble:
     _name: str = field(repr=False)
     _make: Callable[[int], Trajectory] = field(repr=False)
     events: dict[str, CrossingsOfMany] = field(default_factory=dict, repr=False)
+    tangents: list[TangentRows | None] = field(default_factory=list, repr=False)
     _made: dict[str, list[Trajectory]] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -176,6 +184,7 @@ def integrate_members(
     events: Any,
     inputs: Any = None,
     hold: int = 1,
+    tangents: Tangents | None = None,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
@@ -204,7 +213,10 @@ def integrate_members(
         fill(computed)
         crossings = [] if levels is None else crossings_of(stepper, levels, runs,
                                                            computed.detectors, fill)
-    found = _ensemble(stepper, computed, crossings)
+        found = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
+        if tangents is not None:
+            found = _with_tangents(stepper, found, tangents, threads_of(workers),
+                                   lambda: interrupts.requested)
     if interrupts.requested:
         raise Stopped(f"Stopped with {sum(computed.stored):,} of {found.t.size:,} states; they are "
                       "in .ensemble.", interrupts.signal, ensemble=found)
@@ -223,7 +235,8 @@ def _levels(stepper: Stepper, events: Any) -> Levels | None:
 
 
 def _ensemble(
-    stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]]
+    stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]],
+    asked: tuple[Event, ...],
 ) -> Ensemble:
     """Return the stored states as arrays, NaN behind a failed step, and the failures."""
     binding, runs, rows = stepper.binding, computed.runs, computed.rows
@@ -243,13 +256,35 @@ def _ensemble(
     def member(i: int) -> Trajectory:
         made = trajectory_of(binding, stepper.manifest, runs[i], computed.rows_of(i),
                              computed.report(i), computed.q[i], computed.p[i])
-        return replace(made, events=crossings[i]) if crossings else made
+        return replace(made, events=crossings[i] if crossings else {},
+                       _origin=Origin(runs[i], asked))
 
     failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(computed.status[i])))
                 for i in np.flatnonzero(computed.status).tolist()}
     events = {name: CrossingsOfMany([one[name] for one in crossings])
               for name in (crossings[0] if crossings else ())}
     return Ensemble(t, q, p, multipliers, iterations, failures, stepper.name, member, events)
+
+
+def _with_tangents(
+    stepper: Stepper, ensemble: Ensemble, wanted: Tangents, threads: int, stop: Callable[[], bool]
+) -> Ensemble:
+    """Return an ensemble whose trajectories have their tangents, with the bits of each alone."""
+    _ = stepper.derivative_binding  # compiled once, before threads ask for it
+
+    def made(i: int) -> Trajectory | None:
+        if i in ensemble.failures or stop():
+            return None
+        return with_tangents(stepper, wanted, ensemble._make(i))
+
+    with ThreadPoolExecutor(min(threads, len(ensemble))) as pool:
+        found = list(pool.map(made, range(len(ensemble))))
+    tangents = [None if one is None else one.tangents for one in found]
+
+    def member(i: int) -> Trajectory:
+        return replace(ensemble._make(i), tangents=tangents[i])
+
+    return replace(ensemble, tangents=tangents, _make=member)
 
 
 def _with_frames(stepper: Stepper, given: RawArguments, inputs: Inputs | None) -> RawArguments:

@@ -343,6 +343,7 @@ class Stepper(Differentiation):
         max_iterations: int = 50,
         workers: int | None = None,
         events: Event | Sequence[Event] = (),
+        tangents: Tangents | None = None,
     ) -> Ensemble:
         """Integrate many trajectories; the leading axis of q, p is the trajectory.
 
@@ -360,6 +361,9 @@ class Stepper(Differentiation):
 
         ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused.
 
+        ``tangents`` are computed along each trajectory, on the same threads, with the bits of
+        ``integrate``: ``Ensemble.tangents[i]``, and ``.tangents`` of each member.
+
         The code of these lanes is compiled by the first call that needs it, and kept as the
         stepper is; without a compiler that call raises ``CompilerError``.
 
@@ -367,7 +371,7 @@ class Stepper(Differentiation):
         """
         choose("solver", solver, SOLVERS)
         return integrate_members(
-            self, q, p, dt, t0, parameters, workers, events, inputs, hold,
+            self, q, p, dt, t0, parameters, workers, events, inputs, hold, tangents,
             steps=steps, every=every, solver=solver, tolerance=tolerance,
             max_iterations=max_iterations,
         )

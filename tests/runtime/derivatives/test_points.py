@@ -206,3 +206,35 @@ def test_unknown_events_are_refused():
         run.gradient({"events": {"x": {"t": [1.0]}}})
     with pytest.raises(gs.InputError, match="shape"):
         run.gradient({"events": {"y": {"t": [1.0, 2.0]}}})
+
+
+def test_members_of_an_ensemble_have_the_derivatives_of_each_alone():
+    """Bit by bit in ends of steps; events have round-off of their times. One that fails has none.
+    """
+    step, z, forces = stepper(), start(), np.array([0.1, 1e300, -0.2, 0.3])[:, None]
+    arguments = {"dt": DT, "steps": 40, "t0": T0, "events": EVENTS, "tangents": ALL,
+                 "parameters": VALUES}
+    many = step.integrate_ensemble(np.tile(z[:2], (4, 1)), np.tile(z[2:], (4, 1)), **arguments,
+                                   workers=2, inputs={"u": forces})
+    assert [one is None for one in many.tangents] == [False, True, False, False]
+    for i in (0, 2, 3):
+        member = many.members[i]
+        alone = step.integrate(z[:2], z[2:], **arguments, inputs={"u": forces[i, 0]})
+        for name in ("q", "p", "t"):
+            assert (getattr(member.tangents, name) == getattr(alone.tangents, name)).all()
+        assert np.abs(derivatives(member) - derivatives(alone)).max() < 1e-11
+        w = {"q": np.cos(alone.q), "t": alone.t}
+        wrt = ["start", "inputs", "l"]
+        assert (step.gradient(member, w, wrt=wrt).vector()
+                == alone.gradient(w, wrt=wrt).vector()).all()
+
+
+def test_points_of_a_section_move_along_it():
+    step, z = thrown(), np.array([[0.1, 0.0], [0.2, 0.1]])
+    section = gs.section(step, z, np.ones((2, 2)), event=gs.Event("y", level=0.3), dt=0.03,
+                         steps=80, parameters={}, tangents=gs.Tangents(np.eye(4)))
+    assert len(section) == 4
+    for one, y in zip(section.tangents, z[:, 1], strict=True):
+        assert np.abs(one.q[:, 1]).max() < 1e-15
+        speed = np.sqrt(1 - 2 * (0.3 - y))  # there, by the energy; dt/dy = -1/w at the first point
+        assert one.t[0, 1] == pytest.approx(-1 / speed, rel=1e-13)
