@@ -238,3 +238,37 @@ def test_points_of_a_section_move_along_it():
         assert np.abs(one.q[:, 1]).max() < 1e-15
         speed = np.sqrt(1 - 2 * (0.3 - y))  # there, by the energy; dt/dy = -1/w at the first point
         assert one.t[0, 1] == pytest.approx(-1 / speed, rel=1e-13)
+
+
+def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
+    """Of a file, of a store and of a thinned one, bit by bit; by a later state where they begin."""
+    step, z = stepper(), start()
+    run = integrated(step, z, steps=50, every=5)
+    weights, wrt = np.sin(run.q), ["start", "l", "dt", "t0"]
+    expected = run.gradient({"q": weights}, wrt=wrt).vector()
+    loaded = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    assert (step.gradient(loaded, {"q": weights}, wrt=wrt).vector() == expected).all()
+    recording = gs.record(step, run.q[0], run.p[0], dt=DT, t0=T0, steps=50, every=5,
+                          parameters=VALUES, out=tmp_path / "run.zarr")
+    stored = recording.trajectory()
+    assert (step.gradient(stored, {"q": weights}, wrt=wrt).vector() == expected).all()
+    thin, later = recording.trajectory(thin=3), recording.trajectory(first=4)
+    some = run.gradient({"q": weights * (np.arange(11) % 3 == 0)[:, None]}, wrt=wrt).vector()
+    assert np.abs(step.gradient(thin, {"q": weights[::3]}, wrt=wrt).vector()
+                  - some).max() <= 1e-13 * np.abs(some).max()
+    alone = integrated(step, np.concatenate([later.q[0], later.p[0]]), t0=later.t[0], steps=30,
+                       every=5).gradient({"q": weights[4:]}, wrt="m")
+    assert step.gradient(later, {"q": weights[4:]}, wrt="m")["m"] == pytest.approx(alone["m"],
+                                                                                  rel=1e-12)
+
+
+@pytest.mark.parametrize("options", [
+    {"t_eval": [0.317, 0.47]}, {"events": gs.Event("x", terminal=True)},
+    {"inputs": np.linspace(0, 1, 60)[:, None]}], ids=lambda options: next(iter(options)))
+def test_stored_runs_that_lack_what_gradients_need_are_refused(options, tmp_path):
+    """Rows at other times, terminal events, inputs that change: files do not have them."""
+    step, z = stepper(), start()
+    run = step.integrate(z[:2], z[2:], dt=DT, steps=60, t0=T0, parameters=VALUES, **options)
+    loaded = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    with pytest.raises(gs.InputError, match=r"is not kept|does not know"):
+        step.gradient(loaded, {"q": [1.0, 0.0]})
