@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from ...core.arguments import shown
 from ...core.errors import GyrosparkError, InputError
 from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
+from ..results.tangent_rows import TangentRows
 from .frame import FrameMotion
 from .tangent_space import Start, Tangents, TangentSpace
 
@@ -36,33 +37,6 @@ Array = NDArray[Any]
 _PIECE = 512
 #: Growth beyond which a derivative has lost its digits, in 1/ε.
 _LOST = 1e-3
-
-
-@dataclass(frozen=True)
-class TangentRows:
-    """Directions at each stored state of a run.
-
-    Attributes
-    ----------
-    q, p : array, shape (rows, n, k)
-        Derivatives of q and p along each of the k directions.
-    names : list of str
-        What each direction is: "start[0]", …, a parameter, "dt", "t0".
-    start : array, shape (2 n, k)
-        The directions at the first state.
-    """
-
-    q: Array
-    p: Array
-    names: list[str]
-    start: Array
-
-    def __getitem__(self, name: str) -> Array:
-        """Return the derivatives of (q, p) by one name, shape (rows, 2 n)."""
-        if name not in self.names:
-            raise InputError(f"{name!r} is none of the directions {', '.join(self.names)}.")
-        k = self.names.index(name)
-        return np.concatenate([self.q[:, :, k], self.p[:, :, k]], axis=1)
 
 
 def tangents_of(stepper: Stepper, run: RunArguments, wanted: Tangents) -> TangentRows:
