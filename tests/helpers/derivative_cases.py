@@ -94,7 +94,7 @@ def free_case() -> Case:
     body = gs.problems.free_body()
     parameters = {k: v for k, v in body.parameters.items() if k != "mgl"}
     parameters["gamma"] = gs.gamma_m(body.inertia)
-    return Case(tuple(body.q0), tuple(body.p0), parameters, 2e-2,
+    return Case(tuple(body.q0), tuple(body.p0), parameters, 1e-2,
                 options={"rep": "gamma", "system": "free_body"})
 
 
