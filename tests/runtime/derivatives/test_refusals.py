@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -47,9 +49,10 @@ def test_unknown_names(gl3, run, call, words):
 
 def test_directions_that_leave_the_constraints(gl3):
     """With the constraint's name; they can be projected."""
-    with refused("leaves the constraint"):
+    (name,) = map(re.escape, gl3.constraint_names)
+    with refused(f"'{name}'"):
         jvp(gl3, dq=TOP.q0)
-    with refused("leaves the constraint"):
+    with refused(f"'{name}'"):
         gl3.integrate(TOP.q0, TOP.p0, **START, steps=1,
                       tangents=gs.Tangents(start=np.concatenate([TOP.q0, ZERO])))
     *_, dq, _ = gl3.jvp(TOP.q0, TOP.p0, TOP.q0, ZERO, **START, project=True)
@@ -77,7 +80,7 @@ def test_shapes(gl3, run):
 
 
 @pytest.mark.parametrize(("memory", "words"), [
-    ("1 kB", r"1,000 bytes are too few.*need [\d,]+"), ("much", "much"), (-3, "-3")])
+    ("1 kB", r"1,000.*need [\d,]+"), ("much", "much"), (-3, "-3")])
 def test_memory(gl3, run, memory, words):
     with refused(words):
         gl3.gradient(run, {"q": TOP.q0}, memory=memory)
