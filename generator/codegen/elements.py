@@ -27,7 +27,7 @@ from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
 from ..systems.repeated_structure import ElementSystem, ElementTemplate, Structure
 from .program import Derived, Elements
 
-__all__ = ["elements_of"]
+__all__ = ["NUMBERS", "Emitter", "Placed", "elements_of", "local_inputs", "term_kernels"]
 
 #: What a kernel is needed for: numbers (Newton, reports), lanes (fixed-point iteration), or both.
 NUMBERS, LANES, BOTH = "numbers", "lanes", "both"
@@ -38,7 +38,7 @@ Placed = tuple[Kernel, str]
 
 def elements_of(structure: Structure, derived: Derived) -> Elements:
     """Return the tables and kernels of the element templates of a system."""
-    scheme, emit = derived.scheme, _Emitter(derived.constants, derived.real)
+    scheme, emit = derived.scheme, Emitter(derived.constants, derived.real)
     forms = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
     used = sorted({c for form in forms for i in form.instances for c in i.constants})
     place = {c: at for at, c in enumerate(used)}
@@ -108,7 +108,7 @@ def _form(name: str, form: ElementTemplate, place: dict[int, int]) -> dict[str, 
     }
 
 
-class _Emitter:
+class Emitter:
     """Emits each kernel of a form twice: for numbers and for lanes."""
 
     def __init__(self, constants: Constants, real: Real) -> None:
@@ -130,7 +130,10 @@ class _Emitter:
         return emitted
 
 
-def _inputs(form: ElementTemplate, **more: Sequence[sp.Symbol]) -> dict[str, Sequence[sp.Symbol]]:
+def local_inputs(
+    form: ElementTemplate, **more: Sequence[sp.Symbol]
+) -> dict[str, Sequence[sp.Symbol]]:
+    """Return the inputs of a kernel of a template: coordinates, momenta, constants."""
     return {"q": form.q, "p": form.p, **more, "k": form.constants}
 
 
@@ -141,7 +144,7 @@ def term_kernels(form: ElementTemplate, *, between: bool, constrained: bool) -> 
     constraint on the momenta.
     """
     part = form.system
-    at = _inputs(form)
+    at = local_inputs(form)
     gradients: dict[str, Any] = {"H_q": part.H_q} if form.q else {}
     if form.p:
         gradients = {"H_p": part.H_p} | gradients
@@ -175,15 +178,15 @@ def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
             for a in range(len(form.q))]
     weighted = sum((x * g for x, g in zip(lam, form.expressions, strict=True)), sp.Integer(0))
     K = symmetric_jacobian(gradient(weighted, form.q), form.q)
-    at = _inputs(form)
+    at = local_inputs(form)
     kernels = [
         (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), BOTH),
-        (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", _inputs(form, d=d),
+        (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", local_inputs(form, d=d),
                 {"dg": [increment_of(g, form.q, d, form.time) for g in form.expressions]}), BOTH),
         (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
-        (Kernel("reaction", "G^T lambda", _inputs(form, **{"lambda": lam}), {"force": pull}),
+        (Kernel("reaction", "G^T lambda", local_inputs(form, **{"lambda": lam}), {"force": pull}),
          NUMBERS if between else BOTH),
-        (Kernel("curvature", "K = d(G^T lambda)/dq", _inputs(form, **{"lambda": lam}), {"K": K}),
+        (Kernel("curvature", "K = d(G^T lambda)/dq", local_inputs(form, **{"lambda": lam}), {"K": K}),
          NUMBERS),
     ]
     if form.time is not None:

@@ -92,7 +92,8 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     """
     program = describe(derived, elements)
     context = {field.name: getattr(program, field.name) for field in fields(program)}
-    context |= {"full": program.profile == "full", "iteration": program.iteration}
+    context |= {"full": program.profile == "full", "iteration": program.iteration,
+                "derivative_parts": program.derivatives.parts if program.derivatives else []}
     kind = "control" if program.profile == "control" else "stepper"
     header, source = (fitted(_environment().get_template(f"{kind}.{ending}.jinja").render(context))
                       for ending in "hc")
@@ -135,7 +136,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
                                   parts.used_constants if parts else ())
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
     constants_c = {str(s): printer(e) for e, s in needed.items()}
-    derivatives = derivatives_of(derived, constants_c) if derived.derivatives else None
+    derivatives = derivatives_of(derived, constants_c, parts) if derived.derivatives else None
     more = derivatives.functions if derivatives else frozenset[str]()
     functions = printer.functions.union(
         *(k.functions for k in known if not k.name.startswith("lanes_")),

@@ -226,6 +226,8 @@ class Derivatives:
     #: The column of each input; -1 of one that nothing depends on.
     inputs: list[int]
     functions: frozenset[str]
+    #: Of a system of element templates, each template with its kernels by name.
+    parts: list[dict[str, Any]]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,12 @@
 
 #include "gyrospark/run/advance.h"
 
+#if GS_ELEMENTS
+#define IF_ELEMENTS(...) __VA_ARGS__
+#else
+#define IF_ELEMENTS(...)
+#endif
+
 /* Memory of derivatives, in the caller's memory from its first multiple of 64 bytes on. */
 typedef struct {
     work_t work;
@@ -11,8 +17,8 @@ typedef struct {
     linearisation_t l;
     real chain[CHAIN + 1]; /* nonzero derivatives of the constants by the parameters */
     real z[Z], w[2*N], q1[N], p1[N], multipliers[ROOM];
-#if GS_CONSTRAINED
-    real G[M][N], g_c[M][E], f_q[M][N], f_p[M][N], f_c[M][E]; /* at one state */
+#if GS_CONSTRAINED && GS_ELEMENTS
+    hidden_t hidden;
 #endif
 } derivatives_t;
 
@@ -135,13 +141,30 @@ void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N
     enum { ROWS = 2*N + PARAMETERS + 2 };
     prepare_derivatives(parameters, d);
     const constants *at = AT(&d->work.constants, start_time(parameters));
-    hidden_derivative(at, q, p, d->f_q, d->f_p, d->f_c);
-    constraint_jacobian(at, q, d->G);
-    constraint_by_constants(at, q, d->g_c);
+#if GS_ELEMENTS
+    (void)linearise_hidden(at, q, p, &d->hidden);
     for (int m = 0; m < M; ++m) {
-        rows_by_parameters(d, d->G[m], NULL, d->g_c[m], g_z + m*ROWS);
-        rows_by_parameters(d, d->f_q[m], d->f_p[m], d->f_c[m], f_z + m*ROWS);
+        real unit[M] = { 0 }, by_q[N] = { 0 }, by_p[N] = { 0 }, by_c[E] = { 0 };
+        unit[m] = 1;
+        place_transposed(at, q, unit, by_q, by_c);
+        rows_by_parameters(d, by_q, NULL, by_c, g_z + m*ROWS);
+        for (int a = 0; a < N; ++a)
+            by_q[a] = 0;
+        for (int e = 0; e < E; ++e)
+            by_c[e] = 0;
+        add_hidden_transposed(at, &d->hidden, unit, by_q, by_p, by_c);
+        rows_by_parameters(d, by_q, by_p, by_c, f_z + m*ROWS);
     }
+#else
+    real G[M][N], g_c[M][E], f_q[M][N], f_p[M][N], f_c[M][E];
+    hidden_derivative(at, q, p, f_q, f_p, f_c);
+    constraint_jacobian(at, q, G);
+    constraint_by_constants(at, q, g_c);
+    for (int m = 0; m < M; ++m) {
+        rows_by_parameters(d, G[m], NULL, g_c[m], g_z + m*ROWS);
+        rows_by_parameters(d, f_q[m], f_p[m], f_c[m], f_z + m*ROWS);
+    }
+#endif
 }
 #endif
 
@@ -150,6 +173,7 @@ static int linearise_step(derivatives_t *d, real t, real dt, const real q[N], co
     const real x[U], const real q1[N], const real p1[N])
 {
     d->c = d->work.constants;
+    IF_ELEMENTS(d->l.w = &d->work;)
     return linearise(&d->c, t, dt, q, p, x, q1, p1, &d->l);
 }
 

@@ -1,0 +1,86 @@
+/* Element templates: the hidden constraints f = G v + g_t, v = H_p, and transposed band solutions. */
+#ifndef GS_DERIVATIVES_HIDDEN_ELEMENTS_H
+#define GS_DERIVATIVES_HIDDEN_ELEMENTS_H
+
+#include "gyrospark/linear_algebra/band_lu.h"
+
+/* b <- J^-T b from the factors; b is in the scheme's order, `forward` is work space. */
+static void band_substitute_transposed(const real *restrict J, const int *restrict exponents,
+    const int *restrict pivots, real *restrict b, real *restrict forward)
+{
+    for (int e = 0; e < U; ++e)
+        forward[position[e]] = b[e];
+    for (int k = 0; k < U; ++k) {
+        const int right = k + 2*BAND < U ? 2*BAND : U - 1 - k;
+        const real *upper = J + (size_t)k*WIDTH + BAND;
+        const real value = forward[k] /= upper[0];
+        for (int e = 1; e <= right; ++e)
+            forward[k + e] -= upper[e]*value;
+    }
+    for (int k = U - 1; k >= 0; --k) {
+        const int below = k + BAND < U ? k + BAND : U - 1;
+        real value = forward[k];
+        for (int i = k + 1; i <= below; ++i)
+            value -= J[(size_t)i*WIDTH + (size_t)(BAND + k - i)]*forward[i];
+        forward[k] = forward[pivots[k]];
+        forward[pivots[k]] = value;
+    }
+    for (int e = 0; e < U; ++e)
+        b[e] = MATH(ldexp)(forward[position[e]], -exponents[position[e]]);
+}
+
+#if GS_CONSTRAINED
+/* A state on the constraints, its velocity, and the factors of W = G H_pp G^T. */
+typedef struct {
+    real q[N], p[N], v[N], W[FACTOR];
+} hidden_t;
+
+static int linearise_hidden(const constants *c, const real q[N], const real p[N], hidden_t *s)
+{
+    for (int a = 0; a < N; ++a) {
+        s->q[a] = q[a];
+        s->p[a] = p[a];
+    }
+    velocity(c, q, p, s->v);
+    schur(c, q, p, s->W);
+    factor(s->W);
+    return isfinite(norm(FACTOR, s->W)) ? OK : SINGULAR;
+}
+
+/* df += G dv + d(G v + g_t), with dv the derivative of H_p */
+static void add_hidden_times(const constants *c, const hidden_t *s, const real *dq,
+    const real *dp, const real *dc, real *df)
+{
+    const real t = 0; /* H_p depends on the time among the constants alone */
+    real force[N] = { 0 }, dv[N] = { 0 };
+    rates_times(c, s->q, s->p, &t, dq, dp, dc, 0, force, dv);
+    place_times(c, s->q, dv, NULL, df);
+    velocity_times(c, s->q, s->v, dq, dc, df);
+}
+
+static void add_hidden_transposed(const constants *c, const hidden_t *s, const real *f, real *q,
+    real *p, real *c_bar)
+{
+    const real t = 0, force[N] = { 0 };
+    real v_bar[N] = { 0 };
+    place_transposed(c, s->q, f, v_bar, NULL);
+    rates_transposed(c, s->q, s->p, &t, force, v_bar, 0, q, p, c_bar);
+    velocity_transposed(c, s->q, s->v, f, q, c_bar);
+}
+
+/* mu <- W^-1 f_p (before - p): the impulse of the projection along G^T from `before` to p */
+static void impulse_between(const constants *c, const hidden_t *s, const real before[N],
+    const real p[N], real mu[M])
+{
+    const real zero[N] = { 0 }, no_constants[E] = { 0 };
+    real change[N];
+    for (int a = 0; a < N; ++a)
+        change[a] = before[a] - p[a];
+    for (int m = 0; m < M; ++m)
+        mu[m] = 0;
+    add_hidden_times(c, s, zero, change, no_constants, mu);
+    substitute(s->W, mu);
+}
+#endif
+
+#endif
