@@ -27,7 +27,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import gyrospark as gs
+from .. import references
+from ..api import stepper
+from ..core.errors import InputWarning
+from ..generator.multibody import example_models as models
+from ..generator.multibody.model import Model
+from ..runtime.derivatives.tangent_space import Tangents
+from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["Accuracy", "Subject", "measure", "subjects"]
 
@@ -44,12 +50,12 @@ class Subject:
     name: str
     scheme: str
     stages: int
-    model: gs.Model
+    model: Model
     dt: float
 
-    def stepper(self, real: Any) -> gs.Stepper:
+    def stepper(self, real: Any) -> Stepper:
         """Return the compiled stepper."""
-        return gs.stepper(self.scheme, self.stages, system=self.model,  # type: ignore[arg-type]
+        return stepper(self.scheme, self.stages, system=self.model,  # type: ignore[arg-type]
                           real=real)
 
     @property
@@ -77,14 +83,14 @@ class Accuracy:
 
 def subjects(names: Sequence[str] = ()) -> Iterator[Subject]:
     """Yield the reference problems and the models, or those of the names."""
-    for name in gs.references.names():
+    for name in references.names():
         if not names or name in names:
-            problem = gs.references.reference(name)
+            problem = references.reference(name)
             first = problem.attempts[0]
             yield Subject(name, first.scheme, first.stages or 0, problem.make(),
                           float(problem.seconds) / first.steps[-1])
-    for name in gs.models.__all__:
-        if (not names or name in names) and callable(make := getattr(gs.models, name)):
+    for name in models.__all__:
+        if (not names or name in names) and callable(make := getattr(models, name)):
             model = make()
             yield Subject(name, "G-L", 2, model, model.dt or 1e-3)
 
@@ -119,14 +125,14 @@ def measure(subject: Subject, real: str = "double") -> Accuracy:
 class _Step:
     """One step and its derivatives."""
 
-    def __init__(self, step: gs.Stepper, q: Array, p: Array, values: Mapping[str, Any], dt: Any,
+    def __init__(self, step: Stepper, q: Array, p: Array, values: Mapping[str, Any], dt: Any,
                  t0: Any) -> None:
         self.step, self.q, self.p, self.values, self.dt, self.t0 = step, q, p, values, dt, t0
 
     def tangents(self) -> tuple[Array, Array]:
         """Return the basis at the start and its images."""
         run = self.step.integrate(self.q, self.p, dt=self.dt, steps=1, t0=self.t0,
-                                  parameters=self.values, tangents=gs.Tangents())
+                                  parameters=self.values, tangents=Tangents())
         return run.tangents.start, np.concatenate([run.tangents.q[-1], run.tangents.p[-1]])
 
     def basis(self) -> Array:
@@ -235,7 +241,7 @@ def main() -> None:
     found = []
     for subject in subjects(given.names):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", gs.InputWarning)  # of rotations a step
+            warnings.simplefilter("ignore", InputWarning)  # of rotations a step
             one = measure(subject, given.real)
         found.append(asdict(one))
         cells = ("–" if (x := getattr(one, name)) is None else f"{x:.1e}" for name in columns)

@@ -17,7 +17,7 @@ SCHEMES = [("G-L", 2), ("G-L", 3), ("LIIIA-B", 3), ("Radau-L", 2), ("IMS", None)
 SYMMETRIC = [s for s in SCHEMES if s[0] in ("G-L", "LIIIA-B")]
 
 x, y, px, py, t, u, v, w = sp.symbols("x y px py t u v w", real=True)
-m, grav, l, c, a, stiff = sp.symbols("m g l c a k", positive=True)
+m, grav, length, c, a, stiff = sp.symbols("m g l c a k", positive=True)
 
 
 @dataclass(frozen=True)
@@ -43,25 +43,26 @@ class Case:
 
 
 def forced_system() -> gs.System:
-    """A pendulum whose length changes, on a driven pivot, with drag, a driven force and an input."""
+    """A pendulum on a driven pivot, with drag, a driven force and an input."""
     H = (px**2 + py**2) / (2 * m) + m * grav * y + a * sp.cos(3 * t) * x**2
-    constraint = x**2 + (y - a * sp.sin(2 * t))**2 - l**2
-    return gs.System((x, y), (px, py), (m, grav, l, c, a), H, [constraint], time=t, inputs=(u,),
-                     forces=(-c * px * py + u, -c * py + sp.sin(5 * t)), name="driven_pendulum")
+    constraint = x**2 + (y - a * sp.sin(2 * t))**2 - length**2
+    forces = (-c * px * py + u, -c * py + sp.sin(5 * t))
+    return gs.System((x, y), (px, py), (m, grav, length, c, a), H, [constraint], forces=forces,
+                     time=t, inputs=(u,), name="driven_pendulum")
 
 
 def conservative_system() -> gs.System:
     """A point on an ellipse with a quartic potential: forces vary, nothing is quadratic."""
     H = (px**2 + py**2) / (2 * m) + stiff * x**4 / 4 + grav * y * x
-    return gs.System((x, y), (px, py), (m, stiff, grav, l), H, [x**2 / l**2 + y**2 - 1],
+    return gs.System((x, y), (px, py), (m, stiff, grav, length), H, [x**2 / length**2 + y**2 - 1],
                      name="ellipse")
 
 
 def driven_system() -> gs.System:
     """The same on an ellipse that breathes: g depends on the time."""
     H = (px**2 + py**2) / (2 * m) + stiff * x**4 / 4 + grav * y * x
-    return gs.System((x, y), (px, py), (m, stiff, grav, l), H,
-                     [x**2 / (l + sp.sin(2 * t) / 4)**2 + y**2 - 1], time=t, name="breathing")
+    return gs.System((x, y), (px, py), (m, stiff, grav, length), H,
+                     [x**2 / (length + sp.sin(2 * t) / 4)**2 + y**2 - 1], time=t, name="breathing")
 
 
 def lagrangian_system() -> gs.System:
@@ -75,8 +76,8 @@ def lagrangian_system() -> gs.System:
 def constrained_lagrangian_system() -> gs.System:
     """A pendulum with a mass matrix that depends on q."""
     L = m * (1 + x**2 / 3) * v**2 / 2 + m * w**2 / 2 - m * grav * y
-    return gs.System.from_lagrangian(L, (x, y), (v, w), (m, grav, l), [x**2 + y**2 - l**2],
-                                     name="heavy_bob")
+    return gs.System.from_lagrangian(L, (x, y), (v, w), (m, grav, length),
+                                     [x**2 + y**2 - length**2], name="heavy_bob")
 
 
 def top_case(rep: str, frame: bool = False) -> Case:
@@ -86,7 +87,8 @@ def top_case(rep: str, frame: bool = False) -> Case:
     if not frame:
         return Case(tuple(top.q0), tuple(top.p0), parameters, 2e-3, options={"rep": rep})
     return Case(tuple(top.q0), tuple(top.p0), parameters | {"omega_body": 90.0}, 2e-3,
-                options={"rep": rep, "frame": "symmetries"}, by=(("I1", "I2"), ("I3",), ("mgl",), (rep,), ("omega_body",)))
+                options={"rep": rep, "frame": "symmetries"},
+                by=(("I1", "I2"), ("I3",), ("mgl",), (rep,), ("omega_body",)))
 
 
 def free_case() -> Case:

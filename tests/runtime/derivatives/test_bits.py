@@ -32,9 +32,9 @@ def test_checkpoints_have_the_bits_of_a_gradient(gl3, swing):
     run, w = swing
     whole, pieces = (gl3.gradient(run, w, memory=memory) for memory in ("256 MB", "1 MB"))
     assert equal(whole, pieces)
-    odd = gl3.integrate(TOP.q0, TOP.p0, **RUN | {"steps": 4001, "every": 7})
+    odd = gl3.integrate(TOP.q0, TOP.p0, **RUN | {"steps": 3001, "every": 7})
     ends = {"q": np.ones(odd.q.shape), "p": odd.p}
-    assert equal(gl3.gradient(odd, ends), gl3.gradient(odd, ends, memory="800 kB"))
+    assert equal(gl3.gradient(odd, ends), gl3.gradient(odd, ends, memory="700 kB"))
 
 
 def test_running_backwards_has_the_digits_of_a_gradient(gl3, swing):
