@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from .generator.multibody.multibody import Multibody
     from .generator.multibody.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
+    from .runtime.analysis.lyapunov import Lyapunov, lyapunov
+    from .runtime.analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
     from .runtime.derivatives.gradient import Gradient
     from .runtime.derivatives.tangent_space import Tangents
     from .runtime.events.poincare_section import Section, section
@@ -111,6 +113,10 @@ _HOMES = {
     "Section": "runtime.events.poincare_section",
     "section": "runtime.events.poincare_section",
     "Simulation": "runtime.steppers.simulation",
+    "Lyapunov": "runtime.analysis.lyapunov",
+    "lyapunov": "runtime.analysis.lyapunov",
+    "PeriodicOrbit": "runtime.analysis.periodic_orbit",
+    "periodic_orbit": "runtime.analysis.periodic_orbit",
     "Gradient": "runtime.derivatives.gradient",
     "Tangents": "runtime.derivatives.tangent_space",
     "Stepper": "runtime.steppers.stepper",
@@ -142,9 +148,11 @@ __all__ = [
     "GyrosparkError",
     "InputError",
     "InputWarning",
+    "Lyapunov",
     "MissingDependencyError",
     "Model",
     "Multibody",
+    "PeriodicOrbit",
     "Projection",
     "Recording",
     "Section",
@@ -173,10 +181,12 @@ __all__ = [
     "gamma_m_tilde",
     "load_model",
     "load_urdf",
+    "lyapunov",
     "models",
     "momentum",
     "open_recording",
     "open_sweep",
+    "periodic_orbit",
     "problems",
     "read_urdf",
     "record",

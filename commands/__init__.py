@@ -1,9 +1,9 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
     generate, include, models, verify, run, sweep, export, reproduce, bench, cache   the commands
-    reference                 one of the commands, too; models has ``examples`` in it
+    lyapunov, reference       commands, too; models has ``examples`` in it
     options                   options that several of them share
-    run/                      ``run``: command, choices, outputs, report
+    run/                      ``run``: command, starts, choices, outputs, report
 
 Exit codes: 0 done, 1 a check failed or a step did not converge, 2 bad input or environment (one
 sentence on stderr, no traceback), 130 interrupted.
@@ -30,6 +30,7 @@ from .cache import cache
 from .export import export
 from .generate import generate
 from .include import include
+from .lyapunov import lyapunov
 from .models import examples, models
 from .reference import reference
 from .reproduce import reproduce
@@ -53,8 +54,8 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, include, models, examples, verify, run, sweep, export, reproduce, bench,
-                reference, cache):
+for command in (generate, include, models, examples, verify, run, lyapunov, sweep, export,
+                reproduce, bench, reference, cache):
     gyrospark.add_command(command)
 
 

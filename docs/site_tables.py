@@ -26,7 +26,8 @@ API = {
         "gyrospark.runtime.results.joint_motion.JointMotion",
         "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "Event",
         "Tangents", "Gradient",
-        "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
+        "Crossings", "section", "Section", "lyapunov", "Lyapunov", "periodic_orbit",
+        "PeriodicOrbit", "GyrosparkError", "InputError", "InputWarning",
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],
     "systems": [
@@ -37,6 +38,7 @@ API = {
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
+    "derivatives": ["Tangents", "Gradient"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
 }
 

@@ -10,5 +10,7 @@ A package imports only from packages above it.
     results/      trajectories, diagnostics, crossings, tables, files
     integration/  the step loop, its arguments, dense output, failed steps
     events/       detection and location of events, Poincaré sections
+    derivatives/  tangents and adjoints of steps and runs, gradients
     steppers/     steppers, simulations, ensembles
+    analysis/     Lyapunov exponents, periodic orbits
 """

@@ -1,6 +1,7 @@
 """``gyrospark run``.
 
     command  the options, and the run
+    starts   the stepper and the start of what is named
     choices  steps, γ, α and a moving frame, chosen as the options ask
     outputs  where the states go: memory and .npz, or a store
     report   the result as JSON and as text

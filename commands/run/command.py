@@ -6,21 +6,19 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import click
 
-from ...core.arguments import listed, proposal
-from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped
+from ...core.arguments import listed
+from ...core.errors import GyrosparkError, StepFailed, Stopped
 from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
-from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES, Entry, entry_named
+from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES
 from ...core.warnings import capture_warnings, warn
-from ...generator.spec import is_model_file
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.compilation.manifest import manifest_warnings
 from ...runtime.plotting.scene import check_bodies
-from ...runtime.steppers.run_defaults import RunDefaults
 from ..options import (
     DEFAULT,
     Grouped,
@@ -28,7 +26,6 @@ from ..options import (
     euler_options,
     json_option,
     real_number,
-    spec_from,
     stepper_options,
     whole_number,
     with_default_scheme,
@@ -43,12 +40,9 @@ from .report import (
     result_of,
     warn_of_rest,
 )
+from .starts import projected, started
 
-if TYPE_CHECKING:
-    from ...runtime.rigid_body.problems import Problem
-    from ...runtime.steppers.stepper import Stepper
-
-__all__ = ["run"]
+__all__ = ["progress_bar", "run"]
 
 #: Below this many steps a run is over before a bar would be seen.
 _BAR_FROM = 20_000
@@ -165,17 +159,11 @@ def run(
     gyrospark run free-body --dt 0.01 --t-end 20 --set inertia=1,2,3 \\
         --set angular_velocity=0.01,5,0.01 --animate flip.gif
     """
-    entry = None if is_model_file(problem) else entry_named(problem)
-    options = {} if entry is None else _options(entry, settings)
-    chosen = entry.make(**options) if entry is not None and entry.kind == "problem" else None
     check_targets(out, plot, page, film, resume=resume)
     angles = Angles.checked(euler, out, degrees=degrees)
     choice, note = with_default_scheme(choice)
     choice["frame"] = "symmetries" if frames else None
-    if chosen is not None:
-        step, start = _stepper(chosen, choice), RunDefaults.of_problem(chosen)
-    else:
-        step, start = _model(problem, entry, options, settings, reference, choice)
+    chosen, step, start = started(problem, settings, choice, reference=reference)
     if page is not None:
         check_bodies(step.manifest)
     angles.check_bodies(step.manifest)
@@ -187,7 +175,7 @@ def run(
     (q0, p0), moved = start.state, 0.0
     if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
-        q0, p0, moved = _projected(step, start, parameters, begin)
+        q0, p0, moved = projected(step, start, parameters, begin)
     how: dict[str, Any] = {
         "solver": solver,
         "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
@@ -214,7 +202,7 @@ def run(
     drawn = None if seed is None else whole_number("--seed", seed)
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
-            with _progress(count, quiet=as_json) as progress, capture_warnings() as captured:
+            with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
                                     progress=progress, angles=angles)
             trouble = done.trouble
@@ -262,84 +250,12 @@ run.help = (run.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
     "(MODELS)", listed(MODELS)).replace("(DEFAULT)", DEFAULT)
 
 
-def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Return the settings as arguments of what makes a problem or a model."""
-    allowed = entry.options if settings else []
-    arguments: dict[str, Any] = {}
-    for setting in settings:
-        key, sign, value = setting.partition("=")
-        if not sign or key not in allowed:
-            raise InputError(
-                f"--set {setting!r} does not fit {entry.name}; write KEY=VALUE with KEY among "
-                f"{', '.join(allowed) or 'none: it takes no settings'}{proposal(key, allowed)}. "
-                "(Masses, lengths and the like are keys of a model file, "
-                f"{_file_like(entry.name)}; in Python they are parameters of a run.)"
-            )
-        numbers = [real_number(f"--set {key}", part) for part in value.split(",")]
-        arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
-    return arguments
-
-
-def _file_like(name: str) -> str:
-    """Return an example of the same name, or one to begin with."""
-    own = f"examples/{name}.toml"
-    there = Path(__file__).parents[2].joinpath(own).is_file()
-    return own if there else "such as examples/pendulum.toml"
-
-
-def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
-    """Return the stepper of a built-in problem."""
-    from ...api import stepper_of
-
-    spec = spec_from(**{**choice, "system": choice["system"] or problem.system})
-    if spec.model is not None:
-        raise InputError(f"--system {str(spec.model)!r} has a start of its own; run it in place of "
-                         f"{problem.name}.")
-    return stepper_of(spec)
-
-
-def _model(
-    name: str, entry: Entry | None, options: dict[str, Any], settings: tuple[str, ...],
-    reference: bool, choice: dict[str, Any],
-) -> tuple[Stepper, RunDefaults]:
-    """Return the stepper of a named model, or of a model file, and the numbers of it."""
-    from ...api import model_stepper, named_model_stepper
-
-    if choice["system"] is not None:
-        raise InputError(f"--system {choice['system']!r} is given besides {name!r}; give one.")
-    if reference:
-        raise InputError(f"--reference is for the problems of the paper, not for {name!r}; run it "
-                         "with more stages and compare.")
-    if entry is not None:
-        return named_model_stepper(spec_from(**{**choice, "system": entry.name}), entry.name,
-                                   options)
-    changes = {}
-    for setting in settings:
-        key, sign, value = setting.partition("=")
-        if not sign:
-            raise InputError(f"--set {setting!r} has no value; write KEY=VALUE, such as k=3.")
-        changes[key.strip()] = value.strip()
-    return model_stepper(spec_from(**{**choice, "system": name}), settings=changes)
-
-
-def _projected(
-    step: Stepper, start: RunDefaults, parameters: dict[str, float], t0: Any
-) -> tuple[Any, Any, float]:
-    """Return the start on the constraints, and how far it was from there if a reader shall know.
-
-    A number typed with all its digits is not worth a word.
-    """
-    q, p = step.project(*start.state, parameters=parameters, t=t0)
-    moved = max((abs(float(new) - float(old)) for new, old in zip([*q, *p], [*start.q0, *start.p0],
-                                                            strict=True)), default=0.0)
-    size = max(map(abs, (*start.q0, *start.p0)))
-    return q, p, moved if moved > 1e-12 * size else 0.0
-
-
 @contextmanager
-def _progress(steps: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Yield a callback that moves a progress bar; None without a terminal."""
-    if quiet or steps < _BAR_FROM or sys.stderr is None or not sys.stderr.isatty():
+def progress_bar(
+    steps: int, *, quiet: bool, least: int = _BAR_FROM
+) -> Iterator[Callable[[int], None] | None]:
+    """Yield a callback that moves a progress bar; None without a terminal, or for few steps."""
+    if quiet or steps < least or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console

@@ -4,6 +4,8 @@
     program          the C program as one typed description
     mass_tables      the elimination of the mass matrix of a Lagrangian
     elements         a system as sums over element templates
+    element_derivatives  kernels of element templates for derivatives of a step
+    derivatives      tangents and adjoints of a stepper
     lane_iteration   the fixed-point iteration of profile full, on lanes
     plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
     solver_costs     what an iteration of either solver costs, counted

@@ -5,17 +5,31 @@ from __future__ import annotations
 import sympy as sp
 
 from ..kernels.c_printer import CPrinter
-from ..kernels.kernel import emit_kernel
+from ..kernels.kernel import Target, emit_kernel
 from ..schemes.derivative_kernels import derivative_kernels, time_columns
+from ..schemes.step_equations import common_kernels
 from ..symbolic.derivatives import derivative
+from ..systems.lagrangian import LagrangianSystem
 from .element_derivatives import element_derivatives
-from .program import Derivatives, Derived, Elements
+from .program import Derivatives, Derived, Elements, LaneIteration
 
 __all__ = ["derivatives_of"]
 
 
+#: Kernels of a linearisation.
+_ON_LANES = {
+    "hessian", "constraint_jacobian", "constraint_curvature", "rates_by_constants",
+    "force_by_constants", "constraint_by_constants", "hidden_derivative", "mean_jacobian",
+    "mean_curvature", "mean_constraint", "mean_rates_derivative", "mean_constraint_by_start"}
+
+#: Unknowns and coordinates up to which steps are linearised on lanes: the adjoint of each unit
+#: vector is then cheaper than one adjoint on numbers, and J of all lanes fits in the cache.
+_MOST_UNKNOWNS, _MOST_COORDINATES = 48, 8
+
+
 def derivatives_of(
-    derived: Derived, constants_c: dict[str, str], elements: Elements | None
+    derived: Derived, constants_c: dict[str, str], elements: Elements | None,
+    iteration: LaneIteration | None,
 ) -> Derivatives:
     """Return the derivatives of a stepper whose C has these constants."""
     scheme, system, real = derived.scheme, derived.system, derived.real
@@ -24,8 +38,18 @@ def derivatives_of(
     times = time_columns(scheme)
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     parts = [] if elements is None else element_derivatives(derived, elements)
-    kernels = [] if parts else [emit_kernel(k, derived.constants, real)
-                                for k in derivative_kernels(scheme, columns)]
+    own = [] if parts else derivative_kernels(scheme, columns)
+    kernels = [emit_kernel(k, derived.constants, real) for k in own]
+    lanes = []
+    if (iteration is not None and not parts and not isinstance(system, LagrangianSystem)
+            and not real.wide and scheme.size <= _MOST_UNKNOWNS
+            and system.n <= _MOST_COORDINATES):
+        known = {k.name for k in iteration.kernels}
+        lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
+                 for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
+                 if k.name in _ON_LANES and f"lanes_{k.name}" not in known]
+        used = {"hidden_derivative", "constraint_by_constants"}  # of one state
+        kernels = [k for k in kernels if k.name in used]
     called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters})
     chain = [(i, j, printer.number(d)) for i, (_, e) in enumerate(constants)
@@ -40,5 +64,6 @@ def derivatives_of(
         inputs=[places.get(str(u), -1) for u in system.inputs],
         functions=frozenset(printer.functions).union(*(k.functions for k in called)),
         parts=parts,
+        lanes=lanes,
     )
 

@@ -1,7 +1,7 @@
 """Kernels of element templates that derivatives of a step need beside those of the step itself.
 
 Each is local: derivatives by the constants of one instance, and behind them by the times of
-``time_columns``. ``templates/derivative_elements.c.jinja`` gathers directions and scatters products.
+``time_columns``. ``derivative_elements.c.jinja`` gathers directions and scatters products.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import sympy as sp
 
 from ..kernels.statements import Kernel
-from ..schemes.derivative_kernels import derivatives_by, time_columns
+from ..schemes.derivative_kernels import by_each, time_columns
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..schemes.system_differences import mean_gradient_of, mean_slopes_of, time_input, vector
 from ..systems.jacobians import jacobian
@@ -44,7 +44,7 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
 def _by(
     form: ElementTemplate, expressions: Sequence[sp.Expr], times: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
-    return derivatives_by(expressions, [*form.constants, *times])
+    return by_each(expressions, [*form.constants, *times])
 
 
 def _kept(kernels: Sequence[Kernel]) -> list[Placed]:

@@ -186,8 +186,8 @@ def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
         (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
         (Kernel("reaction", "G^T lambda", local_inputs(form, **{"lambda": lam}), {"force": pull}),
          NUMBERS if between else BOTH),
-        (Kernel("curvature", "K = d(G^T lambda)/dq", local_inputs(form, **{"lambda": lam}), {"K": K}),
-         NUMBERS),
+        (Kernel("curvature", "K = d(G^T lambda)/dq", local_inputs(form, **{"lambda": lam}),
+                {"K": K}), NUMBERS),
     ]
     if form.time is not None:
         rates = [row[0] for row in jacobian(form.expressions, [form.time])]

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -19,7 +19,7 @@ import sympy as sp
 from ..._version import __version__
 from ...core.real_types import REALS, Real, round_binary
 from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
-from ..kernels.c_printer import SWITCHES, CPrinter
+from ..kernels.c_printer import ON_LANES, SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
 from ..kernels.statements import Kernel
 from ..schemes.frame_kernels import FrameRotation
@@ -136,8 +136,13 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
                                   parts.used_constants if parts else ())
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
     constants_c = {str(s): printer(e) for e, s in needed.items()}
-    derivatives = derivatives_of(derived, constants_c, parts) if derived.derivatives else None
+    derivatives = (derivatives_of(derived, constants_c, parts, lanes) if derived.derivatives
+                   else None)
     more = derivatives.functions if derivatives else frozenset[str]()
+    if derivatives and lanes:
+        called = more.union(*(k.functions for k in derivatives.lanes))
+        lanes = replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
+                        switches=sorted({*lanes.switches, *(called & ON_LANES)}))
     functions = printer.functions.union(
         *(k.functions for k in known if not k.name.startswith("lanes_")),
         quantities.functions if quantities else (), more)

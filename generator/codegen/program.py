@@ -228,6 +228,8 @@ class Derivatives:
     functions: frozenset[str]
     #: Of a system of element templates, each template with its kernels by name.
     parts: list[dict[str, Any]]
+    #: Kernels on lanes, where as many steps are linearised at once as there are lanes.
+    lanes: list[EmittedKernel]
 
 
 @dataclass(frozen=True)

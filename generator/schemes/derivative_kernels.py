@@ -22,7 +22,7 @@ from .lagrangian_midpoint import LagrangianEMS
 from .step_equations import MeanScheme, SparkScheme
 from .system_differences import TIME_STEP, time_input, vector
 
-__all__ = ["derivative_kernels", "derivatives_by", "time_columns"]
+__all__ = ["by_each", "derivative_kernels", "time_columns"]
 
 Rows = list[list[sp.Expr]]
 
@@ -53,7 +53,8 @@ def derivative_kernels(
     return _mean_kernels(scheme, columns)
 
 
-def derivatives_by(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:
+def by_each(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:
+    """Return the derivative of each expression (row) by each symbol (column), in plain form."""
     return [[derivative(e, x) for x in columns] for e in expressions]
 
 
@@ -64,7 +65,7 @@ def _spark_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]
     return [
         *_rates(system, columns),
         Kernel("force_by_constants", "d(G^T lambda)/dc", {"q": q, "lambda": lam},
-               {"force_c": derivatives_by(_force(system, lam), columns)}),
+               {"force_c": by_each(_force(system, lam), columns)}),
         *_constraint_kernels(system, columns),
     ]
 
@@ -73,18 +74,18 @@ def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Ke
     """Return the kernels of the manifold g = 0, f = 0."""
     q = {"q": list(system.q)}
     by_constants = Kernel("constraint_by_constants", "dg/dc", q,
-                          {"g_c": derivatives_by(system.constraints, columns)})
+                          {"g_c": by_each(system.constraints, columns)})
     if isinstance(system, LagrangianSystem):
         hidden = Kernel("velocity_constraint", "derivatives of G v + g_t by q and c at fixed v",
                         q | {"v": list(system.velocities)},
                         {"f_q": jacobian(system.hidden, system.q),
-                         "f_c": derivatives_by(system.hidden, columns)})
+                         "f_c": by_each(system.hidden, columns)})
     else:
         hidden = Kernel("hidden_derivative", "derivatives of f(q, p) by q, p and c",
                         q | {"p": list(system.p)},
                         {"f_q": jacobian(system.hidden, system.q),
                          "f_p": jacobian(system.hidden, system.p),
-                         "f_c": derivatives_by(system.hidden, columns)})
+                         "f_c": by_each(system.hidden, columns)})
     return [by_constants, hidden]
 
 
@@ -94,14 +95,15 @@ def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
         at = {"q": list(system.q), "v": list(system.velocities)}
         return [
             Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", at,
-                   {"momentum_c": derivatives_by(system.L_v, columns)}, factors=not system.is_long),
+                   {"momentum_c": by_each(system.L_v, columns)}, factors=not system.is_long),
             Kernel("generalised_force_by_constants", "d(dL/dq + F)/dc at fixed v",
-                   at | time_input(system), {"R_c": derivatives_by(system.generalised_force, columns)},
+                   at | time_input(system), {"R_c": by_each(system.generalised_force, columns)},
                    factors=not system.is_long),
         ]
     state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
     return [Kernel("rates_by_constants", "derivatives of dH/dq - F and dH/dp by constants", state,
-                   {"H_qc": derivatives_by(system.minus_p_rate, columns), "H_pc": derivatives_by(system.H_p, columns)})]
+                   {"H_qc": by_each(system.minus_p_rate, columns),
+                    "H_pc": by_each(system.H_p, columns)})]
 
 
 def _force(system: System, lam: list[sp.Symbol]) -> list[sp.Expr]:
@@ -123,7 +125,8 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
         kernels = [Kernel(
             "mean_rates_derivative", "derivatives of D_q - F and D_p by qm, pm and constants", at,
             {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm), "D_pq": jacobian(D_p, qm),
-             "D_pp": jacobian(D_p, pm), "D_qc": derivatives_by(D_q, columns), "D_pc": derivatives_by(D_p, columns)})]
+             "D_pp": jacobian(D_p, pm), "D_qc": by_each(D_q, columns),
+              "D_pc": by_each(D_p, columns)})]
     if not system.m:
         return kernels
     lam = vector("lambda", system.m)
@@ -133,7 +136,7 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
     return [
         *kernels,
         Kernel("mean_constraint_by_start", "derivatives of G^T lambda by qm and constants",
-               between, {"K": jacobian(force, qm), "force_c": derivatives_by(force, columns)}),
+               between, {"K": jacobian(force, qm), "force_c": by_each(force, columns)}),
         *_constraint_kernels(system, columns),
     ]
 
@@ -146,11 +149,11 @@ def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) ->
     momentum = {"q": list(system.q), "v": list(system.velocities)}
     kernels = [
         Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", momentum,
-               {"momentum_c": derivatives_by(system.L_v, columns)}),
+               {"momentum_c": by_each(system.L_v, columns)}),
         Kernel("mean_generalised_force_by_state", "derivatives of R by qm, v0, v1 and constants",
                at | time_input(system),
-               {"R_q": derivatives_by(R, scheme.means[0]), "R_v0": derivatives_by(R, before), "R_v1": derivatives_by(R, after),
-                "R_c": derivatives_by(R, columns)}),
+               {"R_q": by_each(R, scheme.means[0]), "R_v0": by_each(R, before),
+                "R_v1": by_each(R, after), "R_c": by_each(R, columns)}),
     ]
     return [Kernel(k.name, k.doc, k.inputs, k.outputs, factors=not system.is_long)
             for k in kernels]

@@ -1,1 +1,9 @@
-"""Derivatives of steps and runs: tangents, adjoints, gradients."""
+"""Derivatives of steps and runs: tangents, adjoints, gradients.
+
+    frame               states of a co-moving frame in space, and their derivatives
+    tangent_space       directions of a start on the constraints
+    binding             the compiled module of derivatives; steps with their unknowns
+    tangent_run         tangents along a run
+    gradient            gradients of functions of a run
+    value_and_gradient  a function of a vector with its gradient, for optimisers
+"""

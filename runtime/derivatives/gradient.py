@@ -134,11 +134,15 @@ def cotangents_of(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Arra
             raise unknown("kind of cotangents", name, ["q", "p"])
         part = made[:, :n] if name == "q" else made[:, n:]
         numbers = as_numbers(f"cotangents of {name}", array)
-        if numbers.shape not in ((n,), (rows, n)):
+        if not np.isfinite(numbers.astype(float)).all():
+            raise InputError(f"The cotangents of {name} are not finite; give numbers.")
+        if numbers.shape == (n,):
+            part[-1] = numbers
+        elif numbers.shape == (rows, n):
+            part[:] = numbers
+        else:
             raise InputError(f"The cotangents of {name} have the shape {numbers.shape}; give "
                              f"({rows}, {n}), a row for each stored state, or ({n},) for the last.")
-        rows_given = part[-1] if numbers.ndim == 1 else part
-        rows_given[...] = own.array(f"cotangents of {name}", numbers, numbers.shape)
     return made
 
 

@@ -30,13 +30,15 @@ def objective(
         raise InputError("x has coordinates of the tangent space for the start: ask for \"start\" "
                          "in place of \"q\" and \"p\".")
     loss = loss_of(loss)
+    held = options.get("inputs")
     first = stepper.resolved(stepper.run_arguments(
-        q, p, dt=dt, steps=0, parameters=parameters, t0=options.get("t0", 0.0)))
+        q, p, dt=dt, steps=0, t0=options.get("t0", 0.0),
+        parameters=stepper.parameters_with_inputs(parameters, held)))
     binding = stepper.derivative_binding
     space = TangentSpace(binding, binding.own.parameters(first.parameters, first.t0), first.q,
                          first.p, stepper.constraint_names)
     basis = space.basis()
-    shape = np.shape(options.get("inputs", np.zeros((0, 0))))
+    shape = np.shape(np.zeros((0, 0)) if held is None else held)
     sizes = {"start": basis.shape[1], "inputs": int(np.prod(shape))}
 
     def evaluate(x: ArrayLike) -> tuple[float, Array]:
@@ -47,7 +49,7 @@ def objective(
                              "numbers.")
         here: dict[str, Any] = {"dt": dt, "t0": options.get("t0", 0.0)}
         now, state, moved, at = dict(parameters), (first.q, first.p), False, 0
-        inputs = options.get("inputs")
+        inputs = held
         for name in wrt:
             part = given[at : at + sizes.get(name, 1)]
             at += len(part)
@@ -62,7 +64,8 @@ def objective(
                 now[name], moved = part[0], True
         more = {key: value for key, value in options.items() if key not in ("t0", "inputs")}
         if stepper.m and moved:
-            found = stepper.consistent(*state, parameters=now, t=here["t0"])
+            found = stepper.consistent(
+                *state, t=here["t0"], parameters=stepper.parameters_with_inputs(now, held))
             state = found.q, found.p
         run = stepper.integrate(state[0], state[1], steps=steps, parameters=now, inputs=inputs,
                                 dt=here["dt"], t0=here["t0"], **more)

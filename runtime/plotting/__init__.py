@@ -2,6 +2,7 @@
 
     figure            a figure that Jupyter shows
     trajectory_plots  figures of trajectories, Poincaré sections and ensembles
+    analysis_plots    figures of Lyapunov exponents and periodic orbits
     motion_plots      figures of a body, a joint, phase portraits
     scene             bodies and joints in space
     animation         a film

@@ -1,8 +1,9 @@
 """Steppers: one trajectory or many.
 
-    stepper       a compiled stepper, the class of the contract
-    evaluation    energy, constraints and the equations of a step at a state
-    run_defaults  parameters and start of a model, for its runs
-    simulation    a trajectory that is held between calls
-    ensemble      many trajectories on threads
+    stepper          a compiled stepper, the class of the contract
+    evaluation       energy, constraints and the equations of a step at a state
+    differentiation  derivatives of a step and of functions of a run
+    run_defaults     parameters and start of a model, for its runs
+    simulation       a trajectory that is held between calls
+    ensemble         many trajectories on threads
 """

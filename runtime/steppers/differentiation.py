@@ -14,7 +14,6 @@ from ...core.arguments import as_mapping, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ..bindings.array_checks import as_numbers, as_real
-from ..bindings.binary128_binding import QuadBinding
 from ..bindings.binding import SolverName
 from ..compilation.stepper_module import load_module
 from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
@@ -72,7 +71,7 @@ class Differentiation(Evaluation):
                 files = self._derive()
                 own = self._bound(load_module(self.name, files, "derivatives"))
                 self._derive = Known(tuple(sorted(files.items())))
-                quad = isinstance(self.binding, QuadBinding)
+                quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_binding.append(kind(own, self.binding))
         return self._derivative_binding[0]

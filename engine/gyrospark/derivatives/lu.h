@@ -3,6 +3,7 @@
 #define GS_DERIVATIVES_LU_H
 
 #include "gyrospark/linear_algebra/dense_lu.h"
+#include "gyrospark/simd/vector.h"
 
 /* Exponents of the row scales, then row exchanges: as many of both as rows. */
 typedef int pivots_t;
@@ -20,125 +21,172 @@ static inline void solve_with(int n, const real *A, const pivots_t *pivots, real
     (void)lu_substitute(n, A, pivots, pivots + n, b);
 }
 
-/* b <- A^-T b: the transposes of the factors in reverse order, at a stride between entries. */
-static inline void substitute_transposed(int n, const real *A, int stride, const int *exponents,
-    const int *exchanges, real *b)
+/* b <- A^-T b: the transposes of the factors in reverse order */
+static inline void solve_transposed_with(int n, const real *A, const pivots_t *pivots, real *b)
 {
+    const pivots_t *exchanges = pivots + n;
     for (int i = 0; i < n; ++i) {
-        const real value = b[i] /= A[(i*n + i)*stride];
+        const real value = b[i] /= A[i*n + i];
         for (int j = i + 1; j < n; ++j)
-            b[j] -= A[(i*n + j)*stride]*value;
+            b[j] -= A[i*n + j]*value;
     }
     for (int i = n - 1; i > 0; --i)
         for (int j = 0; j < i; ++j)
-            b[j] -= A[(i*n + j)*stride]*b[i];
+            b[j] -= A[i*n + j]*b[i];
     for (int k = n - 1; k >= 0; --k) {
         const real value = b[exchanges[k]];
         b[exchanges[k]] = b[k];
         b[k] = value;
     }
     for (int i = 0; i < n; ++i)
-        b[i] = MATH(ldexp)(b[i], -exponents[i]);
-}
-
-static inline void solve_transposed_with(int n, const real *A, const pivots_t *pivots, real *b)
-{
-    substitute_transposed(n, A, 1, pivots, pivots + n, b);
+        b[i] = MATH(ldexp)(b[i], -pivots[i]);
 }
 
 #if GS_DERIVATIVES_IN_LANES
 /* Largest growth of a row in an elimination without pivoting; a lane beyond is pivoted. */
-#define MAX_GROWTH 1000
+enum { MAX_GROWTH = 1000 };
 
-/* The same for each lane, and whether this lane was pivoted: in row 0. */
+/* Of each row: exponents and exchanges of the lanes that were pivoted; which these are, in row 0. */
 typedef struct {
     int pivoted[LANES], exponent[LANES], exchange[LANES];
 } lanes_pivots_t;
 
-/* Pivoted factors of one lane of A, which is the matrix. */
-NOINLINE int factorise_lane(int n, const lanes *A, int lane, real *dense, lanes *factors,
-    lanes_pivots_t *pivots)
+/* Copies lane i of the factors to `dense`, and its pivots. */
+static void copy_lane(int n, const lanes *A, int i, const lanes_pivots_t *rows, real *dense,
+    pivots_t *pivots)
 {
-    int exponents[U], exchanges[U];
-    long products;
     for (int e = 0; e < n*n; ++e)
-        dense[e] = lane_get(&A[e], lane);
-    const int status = lu_factorise(n, dense, exponents, exchanges, &products);
-    for (int e = 0; e < n*n && status == OK; ++e)
-        lane_set(&factors[e], lane, dense[e]);
-    for (int i = 0; i < n; ++i) {
-        pivots[i].exponent[lane] = exponents[i];
-        pivots[i].exchange[lane] = exchanges[i];
+        dense[e] = lane_get(&A[e], i);
+    for (int k = 0; k < n; ++k) {
+        pivots[k] = rows[k].exponent[i];
+        pivots[n + k] = rows[k].exchange[i];
     }
-    pivots[0].pivoted[lane] = 1;
+}
+
+/* Factorises one lane of A with pivoting. */
+NOINLINE int factorise_lane(int n, const lanes *A, int i, lanes *factors, lanes_pivots_t *rows)
+{
+    real dense[U*U];
+    pivots_t pivots[2*U] = { 0 };
+    for (int e = 0; e < n*n; ++e)
+        dense[e] = lane_get(&A[e], i);
+    const int status = factorise(n, dense, pivots);
+    for (int e = 0; e < n*n; ++e)
+        lane_set(&factors[e], i, dense[e]);
+    for (int k = 0; k < n; ++k) {
+        rows[k].exponent[i] = pivots[k];
+        rows[k].exchange[i] = pivots[n + k];
+    }
+    rows[0].pivoted[i] = 1;
     return status;
 }
 
 /*
- * A = L U without pivoting: J is the unit matrix plus O(h), and the Schur complement of the
- * multipliers is regular. The diagonal holds the inverse pivots. A lane in which a row grows by more
- * than MAX_GROWTH is factorised with pivoting.
+ * A = L U without pivoting; the diagonal holds the inverse pivots. J is the unit matrix plus O(h),
+ * and the Schur complement of the multipliers is regular, so that rows grow little. A lane in which
+ * one grows by more than MAX_GROWTH is factorised with pivoting.
  */
-static int lanes_factorise_growing(int n, lanes *A, lanes_pivots_t *pivots, lanes *copy,
-    real *dense)
+static int lanes_factorise(int n, lanes *A, lanes_pivots_t *rows)
 {
+    lanes copy[U*U];
     lanes_mask grown = splat(0) > splat(1);
     for (int e = 0; e < n*n; ++e)
         copy[e] = A[e];
     for (int k = 0; k < n; ++k) {
-        const lanes inverse = 1/A[k*n + k];
-        for (int i = k + 1; i < n; ++i) {
-            lanes *restrict row = A + i*n;
-            const lanes *restrict upper = A + k*n, factor = row[k]*inverse;
-            row[k] = factor;
-            for (int j = k + 1; j < n; ++j)
-                row[j] -= factor*upper[j];
-        }
+        const lanes *restrict upper = A + k*n;
         lanes before = splat(0), after = splat(0);
         for (int j = 0; j < n; ++j) {
             before = lanes_larger(before, lanes_larger(copy[k*n + j], -copy[k*n + j]));
             if (j >= k)
-                after = lanes_larger(after, lanes_larger(A[k*n + j], -A[k*n + j]));
+                after = lanes_larger(after, lanes_larger(upper[j], -upper[j]));
         }
-        grown |= lanes_mask_not(after <= MAX_GROWTH*before);
+        const lanes inverse = 1/upper[k];
+        grown |= lanes_mask_not(after <= MAX_GROWTH*before)
+            | lanes_mask_not(inverse - inverse >= splat(0)); /* the latter is not finite */
+        for (int i = k + 1; i < n; ++i) {
+            lanes *restrict row = A + i*n;
+            const lanes factor = row[k]*inverse;
+            row[k] = factor;
+            for (int j = k + 1; j < n; ++j)
+                row[j] -= factor*upper[j];
+        }
         A[k*n + k] = inverse;
-        for (int j = 0; j < n; ++j)
-            grown |= lanes_mask_not(A[k*n + j] - A[k*n + j] >= splat(0)); /* not finite */
     }
     int status = OK;
-    for (int lane = 0; lane < LANES; ++lane) {
-        pivots[0].pivoted[lane] = 0;
-        if (mask_get(&grown, lane)) {
-            const int found = factorise_lane(n, copy, lane, dense, A, pivots);
+    for (int i = 0; i < LANES; ++i) {
+        rows[0].pivoted[i] = 0;
+        if (mask_get(&grown, i)) {
+            const int found = factorise_lane(n, copy, i, A, rows);
             status = status == OK ? found : status;
         }
     }
     return status;
 }
 
-/* b <- A^-1 b or A^-T b in the lanes that were pivoted; `given` is the right-hand side. */
-NOINLINE void solve_pivoted(int n, const lanes *A, const lanes_pivots_t *pivots, int transposed,
+/* The solutions of lanes that were pivoted, of the right-hand side `given`. */
+NOINLINE void solve_pivoted(int n, const lanes *A, const lanes_pivots_t *rows, int transposed,
     const lanes *given, lanes *b)
 {
-    for (int lane = 0; lane < LANES; ++lane) {
-        int exponents[U], exchanges[U];
-        real dense[U];
-        if (!pivots[0].pivoted[lane])
+    real dense[U*U], x[U];
+    pivots_t pivots[2*U];
+    for (int i = 0; i < LANES; ++i) {
+        if (!rows[0].pivoted[i])
             continue;
-        for (int i = 0; i < n; ++i) {
-            exponents[i] = pivots[i].exponent[lane];
-            exchanges[i] = pivots[i].exchange[lane];
-            dense[i] = lane_get(&given[i], lane);
-        }
-        const real *factors = (const real *)A + lane;
+        copy_lane(n, A, i, rows, dense, pivots);
+        for (int e = 0; e < n; ++e)
+            x[e] = lane_get(&given[e], i);
         if (transposed)
-            substitute_transposed(n, factors, LANES, exponents, exchanges, dense);
+            solve_transposed_with(n, dense, pivots, x);
         else
-            for (int i = 0; i < n; ++i)
-                dense[i] = NAN; /* only transposed systems are solved in lanes */
-        for (int i = 0; i < n; ++i)
-            lane_set(&b[i], lane, dense[i]);
+            solve_with(n, dense, pivots, x);
+        for (int e = 0; e < n; ++e)
+            lane_set(&b[e], i, x[e]);
     }
+}
+
+static int any_pivoted(const lanes_pivots_t *rows)
+{
+    int found = 0;
+    for (int i = 0; i < LANES; ++i)
+        found |= rows[0].pivoted[i];
+    return found;
+}
+
+/* b <- A^-1 b */
+static void lanes_solve_with(int n, const lanes *A, const lanes_pivots_t *rows, lanes *b)
+{
+    lanes given[U];
+    for (int i = 0; i < n; ++i)
+        given[i] = b[i];
+    for (int i = 1; i < n; ++i)
+        for (int j = 0; j < i; ++j)
+            b[i] -= A[i*n + j]*b[j];
+    for (int i = n - 1; i >= 0; --i) {
+        for (int j = i + 1; j < n; ++j)
+            b[i] -= A[i*n + j]*b[j];
+        b[i] *= A[i*n + i];
+    }
+    if (any_pivoted(rows))
+        solve_pivoted(n, A, rows, 0, given, b);
+}
+
+/* b <- A^-T b */
+static void lanes_solve_transposed_with(int n, const lanes *A, const lanes_pivots_t *rows,
+    lanes *b)
+{
+    lanes given[U];
+    for (int i = 0; i < n; ++i)
+        given[i] = b[i];
+    for (int i = 0; i < n; ++i) {
+        const lanes value = b[i] *= A[i*n + i];
+        for (int j = i + 1; j < n; ++j)
+            b[j] -= A[i*n + j]*value;
+    }
+    for (int i = n - 1; i > 0; --i)
+        for (int j = 0; j < i; ++j)
+            b[j] -= A[i*n + j]*b[i];
+    if (any_pivoted(rows))
+        solve_pivoted(n, A, rows, 1, given, b);
 }
 #endif
 

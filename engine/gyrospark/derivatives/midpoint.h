@@ -4,6 +4,7 @@
  * the start moves the mean values.
  */
 
+#if !GS_DERIVATIVES_IN_LANES
 /* dz1 <- the derivative of (q1, p1) along dz: rows q, p, constants, t0, h. */
 static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
     NUMBER dz1[2*N])
@@ -31,6 +32,7 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
     for (int a = 0; a < 2*N; ++a)
         dz1[a] = dz[a] + dx[a];
 }
+#endif
 
 /* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
 static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])

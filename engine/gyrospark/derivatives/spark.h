@@ -7,6 +7,7 @@
  * once at the solution x; docs/theory/derivatives.md has the equations.
  */
 
+#if !GS_DERIVATIVES_IN_LANES
 /* dz1 <- the derivative of (q1, p1) along dz: rows q, p, constants, t0, h. */
 static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
     NUMBER dz1[2*N])
@@ -100,6 +101,7 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
         dz1[N + a] = dp1[a];
     }
 }
+#endif
 
 /* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
 static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])

@@ -13,10 +13,17 @@
 /* Memory of derivatives, in the caller's memory from its first multiple of 64 bytes on. */
 typedef struct {
     work_t work;
+#if GS_DERIVATIVES_IN_LANES
+    lanes_constants lane_constants;
+    lanes_linearisation_t l;
+    lanes matrix[2*N][Z]; /* derivatives of the ends of LANES steps */
+    real rows[LANES][2*N*Z]; /* the same, step by step */
+#else
     constants c;
     linearisation_t l;
+#endif
     real chain[CHAIN + 1]; /* nonzero derivatives of the constants by the parameters */
-    real z[Z], w[2*N], q1[N], p1[N], multipliers[ROOM];
+    real z[Z], w[2*N], q[2*N], p[2*N], multipliers[ROOM];
 #if GS_CONSTRAINED && GS_ELEMENTS
     hidden_t hidden;
 #endif
@@ -168,24 +175,110 @@ void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N
 }
 #endif
 
-/* Linearises the step from (q, p) at the time t; its end is (q1, p1). */
-static int linearise_step(derivatives_t *d, real t, real dt, const real q[N], const real p[N],
-    const real x[U], const real q1[N], const real p1[N])
+#if GS_DERIVATIVES_IN_LANES
+/* Steps that are linearised together */
+enum { TOGETHER_STEPS = LANES };
+
+/*
+ * Linearises `count` steps, at most LANES, one in each lane; the others repeat the first. Row a of
+ * each matrix is the adjoint of the unit vector a, so that a step alone has the same derivatives as
+ * among others, and the sequence of steps takes no more than products with small matrices.
+ */
+static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) long first,
+    real start, real dt, int count, const real *q, const real *p, const real *x)
 {
-    d->c = d->work.constants;
-    IF_ELEMENTS(d->l.w = &d->work;)
-    return linearise(&d->c, t, dt, q, p, x, q1, p1, &d->l);
+    lanes q0[N], p0[N], q1[N], p1[N], unknowns[U], t = splat(0);
+    d->lane_constants._used = LANES;
+    for (int i = 0; i < LANES; ++i) {
+        const int j = i < count ? i : 0;
+        IF_INPUTS(set_step_inputs(&d->work.constants, inputs, 0, first + j);)
+        set_constants(&d->lane_constants, i, &d->work.constants);
+        lane_set(&t, i, start + (real)(first + j)*dt);
+        for (int a = 0; a < N; ++a) {
+            lane_set(&q0[a], i, q[j*N + a]);
+            lane_set(&p0[a], i, p[j*N + a]);
+            lane_set(&q1[a], i, q[(j + 1)*N + a]);
+            lane_set(&p1[a], i, p[(j + 1)*N + a]);
+        }
+        for (int e = 0; e < U; ++e)
+            lane_set(&unknowns[e], i, x[j*U + e]);
+    }
+    const int status = lanes_linearise(&d->lane_constants, t, splat(dt), q0, p0, unknowns, q1, p1,
+        &d->l);
+    for (int a = 0; a < 2*N && status == OK; ++a) {
+        lanes unit[2*N];
+        for (int b = 0; b < 2*N; ++b)
+            unit[b] = splat(a == b);
+        lanes_step_adjoint(&d->l, unit, d->matrix[a]);
+    }
+    for (int i = 0; i < count && status == OK; ++i)
+        for (int e = 0; e < 2*N*Z; ++e)
+            d->rows[i][e] = lane_get(&d->matrix[0][0] + e, i);
+    return status;
 }
 
-/* The same of a single step, whose end is computed. */
+/* dz1 <- the derivative of the end of step i along z */
+static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N])
+{
+    for (int a = 0; a < 2*N; ++a) {
+        real sum = 0;
+        for (int e = 0; e < Z; ++e)
+            sum += d->rows[i][a*Z + e]*z[e];
+        dz1[a] = sum;
+    }
+}
+
+/* z <- the cotangent of the start of step i, of the cotangent w of its end */
+static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], real z[Z])
+{
+    for (int e = 0; e < Z; ++e)
+        z[e] = 0;
+    for (int a = 0; a < 2*N; ++a)
+        for (int e = 0; e < Z; ++e)
+            z[e] += d->rows[i][a*Z + e]*w[a];
+}
+#else
+enum { TOGETHER_STEPS = 1 };
+
+/* Linearises the step from row 0 of q and p to row 1, step `first` of a run. */
+static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) long first,
+    real start, real dt, int count, const real *q, const real *p, const real *x)
+{
+    (void)count;
+    IF_INPUTS(set_step_inputs(&d->work.constants, inputs, 0, first);)
+    d->c = d->work.constants;
+    IF_ELEMENTS(d->l.w = &d->work;)
+    return linearise(&d->c, start + (real)first*dt, dt, q, p, x, q + N, p + N, &d->l);
+}
+
+static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N])
+{
+    (void)i;
+    step_tangent(&d->l, z, dz1);
+}
+
+static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], real z[Z])
+{
+    (void)i;
+    step_adjoint(&d->l, w, z);
+}
+#endif
+
+/* Linearises a single step, whose end is computed. */
 static int linearise_single(const parameters_t *parameters, real dt, const real q[N],
     const real p[N], const real x[U], derivatives_t *d)
 {
     prepare_derivatives(parameters, d);
     d->work.t = start_time(parameters);
     IF_TIME(d->work.step = dt;)
-    const int status = finish(&d->work, dt, q, p, x, d->q1, d->p1, d->multipliers);
-    return status == OK ? linearise_step(d, d->work.t, dt, q, p, x, d->q1, d->p1) : status;
+    const int status = finish(&d->work, dt, q, p, x, d->q + N, d->p + N, d->multipliers);
+    for (int a = 0; a < N; ++a) {
+        d->q[a] = q[a];
+        d->p[a] = p[a];
+    }
+    IF_INPUTS(const inputs_t none = { 0 };)
+    return status == OK ? linearise_steps(d, IF_INPUTS(&none,) 0, d->work.t, dt, 1, d->q, d->p, x)
+        : status;
 }
 
 int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
@@ -195,7 +288,7 @@ int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], cons
     const int status = linearise_single(parameters, dt, q, p, x, d);
     for (int k = 0; k < count && status == OK; ++k) {
         to_constants(d, dz + k, count, d->z);
-        step_tangent(&d->l, d->z, d->w);
+        step_tangent_of(d, 0, d->z, d->w);
         for (int a = 0; a < 2*N; ++a)
             dz1[a*count + k] = d->w[a];
     }
@@ -209,7 +302,7 @@ int NAME(adjoint)(const parameters_t *parameters, real dt, const real q[N], cons
     const int status = linearise_single(parameters, dt, q, p, x, d);
     if (status != OK)
         return status;
-    step_adjoint(&d->l, w, d->z);
+    step_adjoint_of(d, 0, w, d->z);
     for (int a = 0; a < 2*N; ++a)
         z_bar[a] += d->z[a];
     add_to_parameters(d, d->z, z_bar);
@@ -226,25 +319,28 @@ int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
     IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
     prepare_derivatives(parameters, d);
     const real start = start_time(parameters);
-    for (long j = 0; j < steps; ++j, q += N, p += N, x += U) {
-        const real t = start + (real)(first + j)*dt;
-        IF_INPUTS(set_step_inputs(&d->work.constants, &own, 0, first + j);)
-        const int status = linearise_step(d, t, dt, q, p, x, q + N, p + N);
+    for (long j = 0; j < steps; j += TOGETHER_STEPS) {
+        const int together = steps - j < TOGETHER_STEPS ? (int)(steps - j) : TOGETHER_STEPS;
+        const int status = linearise_steps(d, IF_INPUTS(
+            &own,) first + j, start, dt, together, q + j*N, p + j*N, x + j*U);
         if (status != OK)
             return status;
-        for (int k = 0; k < count; ++k) {
-            to_constants(d, dz + k, count, d->z);
-            d->z[DT0] += (real)(first + j)*d->z[DH];
-            for (int a = 0; a < 2*N; ++a)
-                d->z[a] = tangents[a*count + k];
-            step_tangent(&d->l, d->z, d->w);
-            for (int a = 0; a < 2*N; ++a)
-                tangents[a*count + k] = d->w[a];
+        for (int i = 0; i < together; ++i) {
+            const long step = first + j + i;
+            for (int k = 0; k < count; ++k) {
+                to_constants(d, dz + k, count, d->z);
+                d->z[DT0] += (real)step*d->z[DH];
+                for (int a = 0; a < 2*N; ++a)
+                    d->z[a] = tangents[a*count + k];
+                step_tangent_of(d, i, d->z, d->w);
+                for (int a = 0; a < 2*N; ++a)
+                    tangents[a*count + k] = d->w[a];
+            }
+            if ((step + 1) % every != 0 || rows == NULL)
+                continue;
+            for (int e = 0; e < 2*N*count; ++e)
+                *rows++ = tangents[e];
         }
-        if ((first + j + 1) % every != 0 || rows == NULL)
-            continue;
-        for (int e = 0; e < 2*N*count; ++e)
-            *rows++ = tangents[e];
     }
     return OK;
 }
@@ -264,29 +360,31 @@ int NAME(integrate_adjoint)(const parameters_t *parameters, IF_INPUTS(
     IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
     prepare_derivatives(parameters, d);
     const real start = start_time(parameters);
-    for (long j = steps - 1; j >= 0; --j) {
-        const real t = start + (real)(first + j)*dt;
-        IF_INPUTS(set_step_inputs(&d->work.constants, &own, 0, first + j);)
-        const int status = linearise_step(d, t, dt, q + j*N, p + j*N, x + j*U, q + (j + 1)*N,
-            p + (j + 1)*N);
+    for (long end = steps; end > 0;) { /* blocks are those of integrate_tangent */
+        const long j = (end - 1)/TOGETHER_STEPS*TOGETHER_STEPS;
+        const int status = linearise_steps(d, IF_INPUTS(
+            &own,) first + j, start, dt, (int)(end - j), q + j*N, p + j*N, x + j*U);
         if (status != OK)
             return status;
-        step_adjoint(&d->l, w, d->z);
-        d->z[DH] += (real)(first + j)*d->z[DT0];
+        for (; end > j; --end) {
+            const long step = first + end - 1;
+            step_adjoint_of(d, (int)(end - 1 - j), w, d->z);
+            d->z[DH] += (real)step*d->z[DT0];
 #if GS_INPUTS
-        for (int i = 0; i < INPUTS && inputs_bar != NULL; ++i) {
-            const int place = input_constant[i];
-            inputs_bar[j*INPUTS + i] = place < 0 ? 0 : d->z[2*N + place];
-            if (place >= 0 && inputs != NULL)
-                d->z[2*N + place] = 0;
-        }
+            for (int i = 0; i < INPUTS && inputs_bar != NULL; ++i) {
+                const int place = input_constant[i];
+                inputs_bar[(end - 1)*INPUTS + i] = place < 0 ? 0 : d->z[2*N + place];
+                if (place >= 0 && inputs != NULL)
+                    d->z[2*N + place] = 0;
+            }
 #endif
-        add_to_parameters(d, d->z, z_bar);
-        for (int a = 0; a < 2*N; ++a)
-            w[a] = d->z[a];
-        if (cotangents != NULL && (first + j) % every == 0)
+            add_to_parameters(d, d->z, z_bar);
             for (int a = 0; a < 2*N; ++a)
-                w[a] += cotangents[((first + j)/every - first/every)*2*N + a];
+                w[a] = d->z[a];
+            if (cotangents != NULL && step % every == 0)
+                for (int a = 0; a < 2*N; ++a)
+                    w[a] += cotangents[(step/every - first/every)*2*N + a];
+        }
     }
     return OK;
 }

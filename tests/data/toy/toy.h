@@ -18,6 +18,7 @@
  *   TOY_DECLARED      1 for frames/trajectory.h: functions of run/begin_advance.h come before it
  *   TOY_LANES         1: template headers work on lanes, 0: on numbers
  *   TOY_SINGLE        1: template headers are of one trajectory, 0: of a batch
+ *   TOY_DERIVATIVES   above 0 for headers of derivatives: see derivatives.h
  *   TOY_BEFORE        template headers that come before: 1 state.h, 2 constraints.h, 3 update.h,
  *                     4 work.h, 5 select.h
  */
@@ -55,8 +56,18 @@
 #ifndef TOY_LANES
 #define TOY_LANES 0
 #endif
+#ifndef TOY_DERIVATIVES
+#define TOY_DERIVATIVES 0
+#endif
 #ifndef TOY_BEFORE
 #define TOY_BEFORE 0
+#endif
+
+#if TOY_DERIVATIVES && TOY_LANES && !defined(GS_DERIVATIVES_IN_LANES)
+#define GS_DERIVATIVES_IN_LANES 1
+#elif defined(GS_DERIVATIVES_IN_LANES)
+#undef TOY_LANES
+#define TOY_LANES 1
 #endif
 
 #define GS_ENGINE 1
@@ -382,6 +393,10 @@ static inline void second_rates(const constants *c, const real *q, const real *p
 #if TOY_BEFORE > 4
 #include "gyrospark/predictor/select.h"
 #endif
+#endif
+
+#if TOY_DERIVATIVES
+#include "derivatives.h"
 #endif
 
 #endif

@@ -1,0 +1,126 @@
+"""``gyrospark lyapunov``: Lyapunov exponents of a problem or a model."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..core.arguments import listed
+from ..core.registry import MODELS, PROBLEMS
+from .options import (
+    check_picture,
+    completing,
+    json_option,
+    real_number,
+    stepper_options,
+    whole_number,
+    with_default_scheme,
+)
+from .run.choices import parameters_for, step_for
+from .run.command import progress_bar
+from .run.starts import projected, started
+
+if TYPE_CHECKING:
+    from ..runtime.analysis.lyapunov import Lyapunov
+
+__all__ = ["lyapunov"]
+
+#: Below this many steps the work is over before a bar would be seen.
+_BAR_FROM = 5_000
+
+
+@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
+@stepper_options
+@click.option("--dt", metavar="DT", help="Time step in seconds (default: the model file's).")
+@click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
+@click.option("--t-end", metavar="T",
+              help="Time of the last state in seconds, in place of --steps.")
+@click.option("--t0", metavar="T", default="0", show_default=True,
+              help="Time at the start in seconds, for forces that depend on it.")
+@click.option("--every", metavar="R", default="10", show_default=True,
+              help="Steps between two QR decompositions.")
+@click.option("--count", metavar="K", help="How many exponents, the largest first (default: all).")
+@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
+              help="As of gyrospark run: an argument of the problem, or of a model file a "
+                   "parameter or a key.")
+@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+              help="Draw the running exponents and MEGNO (.png, .svg, .pdf).")
+@json_option
+def lyapunov(
+    problem: str, dt: str | None, steps: str | None, t_end: str | None, t0: str, every: str,
+    count: str | None, settings: tuple[str, ...], plot: Path | None, as_json: bool, **choice: Any,
+) -> int:
+    """Compute the Lyapunov exponents of PROBLEM: one of the paper's, (PROBLEMS); one of gs.models,
+    (MODELS); or a model file (.toml). Statistical errors, MEGNO (2 where a motion is regular, λ t/2
+    where it is chaotic) and the largest finite-time exponent are reported beside them.
+
+    \b
+    gyrospark lyapunov examples/double_pendulum.toml --dt 0.01 --t-end 60 --plot exponents.png
+    gyrospark lyapunov examples/pendulum.toml --scheme G-L --stages 2 --dt 0.01 --steps 20000
+    gyrospark lyapunov double_pendulum --t-end 20 --count 2
+    gyrospark lyapunov fast-top --dt 1e-3 --steps 5000 --json
+    """
+    from ..runtime.analysis.lyapunov import lyapunov as exponents_of
+
+    if plot is not None:
+        check_picture(plot)
+    between = whole_number("--every", every)
+    wanted = None if count is None else whole_number("--count", count)
+    choice, note = with_default_scheme(choice)
+    _, step, start = started(problem, settings, choice)
+    if not as_json:
+        for line in note:
+            click.echo(line)
+    parameters, begin = parameters_for(step, start, None, None), real_number("--t0", t0)
+    q, p, _ = projected(step, start, parameters, begin)
+    size, number, _ = step_for(
+        step, start, {"q": q, "p": p, "t0": begin, "parameters": parameters},
+        {"dt": dt, "error": None, "steps": steps, "t_end": t_end}, False)
+    with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:
+        found = exponents_of(step, q, p, dt=size, steps=number, parameters=parameters, t0=begin,
+                             every=between, count=wanted, progress=progress)
+    result = _result(found)
+    if plot is not None:
+        found.plot(plot)
+        result["plot"] = str(plot)
+    click.echo(json.dumps(result, indent=2) if as_json else _text(result))
+    return 0
+
+
+lyapunov.help = (lyapunov.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
+    "(MODELS)", listed(MODELS))
+
+
+def _result(found: Lyapunov) -> dict[str, Any]:
+    """Return the numbers; null for those that a run with --count, or a short one, has not."""
+    def number(value: float) -> float | None:
+        return None if value != value else float(value)
+
+    return {
+        "stepper": found.name, "dt": float(found.dt), "steps": found.steps, "every": found.every,
+        "time": float(found.times[-1]), "exponents": [float(x) for x in found.exponents],
+        "errors": [number(x) for x in found.errors], "megno": found.megno, "ftle": found.ftle,
+        "pairing": number(found.pairing), "volume_rate": number(found.volume_rate),
+        "symplectic_defect": found.symplectic_defect,
+    }
+
+
+def _text(result: dict[str, Any]) -> str:
+    lines = [f"{result['stepper']}: {result['steps']:,} steps of {result['dt']:g} s, QR every "
+             f"{result['every']}"]
+    lines += [f"  λ{i:<3} {value:12.6f} ± {'?' if error is None else f'{error:.2g}'} /s"
+              for i, (value, error) in enumerate(zip(result["exponents"], result["errors"],
+                                                     strict=True), 1)]
+    lines += [f"  MEGNO                     {result['megno']:.6g}",
+              f"  finite-time exponent      {result['ftle']:.6g} /s",
+              f"  symplectic defect         {result['symplectic_defect']:.1e}"]
+    if result["pairing"] is not None:
+        lines += [f"  pairs sum to              {result['pairing']:.1e} /s",
+                  f"  rate of phase volume      {result['volume_rate']:.1e} /s"]
+    if "plot" in result:
+        lines.append(f"  picture                   {result['plot']}")
+    return "\n".join(lines)

@@ -1,0 +1,105 @@
+"""The stepper and the start of a problem, a named model or a model file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...core.arguments import proposal
+from ...core.errors import InputError
+from ...core.registry import Entry, entry_named
+from ...generator.spec import is_model_file
+from ...runtime.steppers.run_defaults import RunDefaults
+from ..options import real_number, spec_from
+
+if TYPE_CHECKING:
+    from ...runtime.rigid_body.problems import Problem
+    from ...runtime.steppers.stepper import Stepper
+
+__all__ = ["projected", "started"]
+
+
+def started(
+    problem: str, settings: tuple[str, ...], choice: dict[str, Any], *, reference: bool = False
+) -> tuple[Problem | None, Stepper, RunDefaults]:
+    """Return the problem if it is one of the paper's, the stepper, and the numbers of the start."""
+    entry = None if is_model_file(problem) else entry_named(problem)
+    options = {} if entry is None else _options(entry, settings)
+    if entry is not None and entry.kind == "problem":
+        chosen = entry.make(**options)
+        return chosen, _stepper(chosen, choice), RunDefaults.of_problem(chosen)
+    return None, *_model(problem, entry, options, settings, reference, choice)
+
+
+def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
+    """Return the settings as arguments of what makes a problem or a model."""
+    allowed = entry.options if settings else []
+    arguments: dict[str, Any] = {}
+    for setting in settings:
+        key, sign, value = setting.partition("=")
+        if not sign or key not in allowed:
+            raise InputError(
+                f"--set {setting!r} does not fit {entry.name}; write KEY=VALUE with KEY among "
+                f"{', '.join(allowed) or 'none: it takes no settings'}{proposal(key, allowed)}. "
+                "(Masses, lengths and the like are keys of a model file, "
+                f"{_file_like(entry.name)}; in Python they are parameters of a run.)"
+            )
+        numbers = [real_number(f"--set {key}", part) for part in value.split(",")]
+        arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
+    return arguments
+
+
+def _file_like(name: str) -> str:
+    """Return an example of the same name, or one to begin with."""
+    own = f"examples/{name}.toml"
+    there = Path(__file__).parents[2].joinpath(own).is_file()
+    return own if there else "such as examples/pendulum.toml"
+
+
+def _stepper(problem: Problem, choice: dict[str, Any]) -> Stepper:
+    """Return the stepper of a built-in problem."""
+    from ...api import stepper_of
+
+    spec = spec_from(**{**choice, "system": choice["system"] or problem.system})
+    if spec.model is not None:
+        raise InputError(f"--system {str(spec.model)!r} has a start of its own; run it in place of "
+                         f"{problem.name}.")
+    return stepper_of(spec)
+
+
+def _model(
+    name: str, entry: Entry | None, options: dict[str, Any], settings: tuple[str, ...],
+    reference: bool, choice: dict[str, Any],
+) -> tuple[Stepper, RunDefaults]:
+    """Return the stepper of a named model, or of a model file, and the numbers of it."""
+    from ...api import model_stepper, named_model_stepper
+
+    if choice["system"] is not None:
+        raise InputError(f"--system {choice['system']!r} is given besides {name!r}; give one.")
+    if reference:
+        raise InputError(f"--reference is for the problems of the paper, not for {name!r}; run it "
+                         "with more stages and compare.")
+    if entry is not None:
+        return named_model_stepper(spec_from(**{**choice, "system": entry.name}), entry.name,
+                                   options)
+    changes = {}
+    for setting in settings:
+        key, sign, value = setting.partition("=")
+        if not sign:
+            raise InputError(f"--set {setting!r} has no value; write KEY=VALUE, such as k=3.")
+        changes[key.strip()] = value.strip()
+    return model_stepper(spec_from(**{**choice, "system": name}), settings=changes)
+
+
+def projected(
+    step: Stepper, start: RunDefaults, parameters: dict[str, float], t0: Any
+) -> tuple[Any, Any, float]:
+    """Return the start on the constraints, and how far it was from there if a reader shall know.
+
+    A number typed with all its digits is not worth a word.
+    """
+    q, p = step.project(*start.state, parameters=parameters, t=t0)
+    moved = max((abs(float(new) - float(old)) for new, old in zip([*q, *p], [*start.q0, *start.p0],
+                                                            strict=True)), default=0.0)
+    size = max(map(abs, (*start.q0, *start.p0)))
+    return q, p, moved if moved > 1e-12 * size else 0.0

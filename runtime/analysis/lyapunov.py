@@ -1,0 +1,321 @@
+"""Lyapunov exponents of a run by QR (Benettin et al., Meccanica 15, 1980), MEGNO, finite-time ones.
+
+Directions V are taken along by the derivative of each step; after every r steps V = Q R, and the
+exponents are the means of log R_ii over time. Q is orthonormal in the coordinates of
+``unitary_frame``, and its columns begin as an isotropic flag. The derivative of a symplectic step
+keeps both, so that R_ii and R_jj with i + j = 2 (n − m) + 1 are inverse to each other after any
+time: exponents are pairs ± λ to round-off. In a Euclidean norm they are pairs but for a term c/t.
+
+MEGNO is Y = (2/t) ∫ s d log|δ|, and its mean over time tends to 2 where a motion is regular, to
+λ t/2 where it is chaotic (Cincotta, Simó, Astron. Astrophys. Suppl. 147, 2000). Covariant vectors
+are found backwards through the stored R (Ginelli et al., Phys. Rev. Lett. 99, 130601, 2007).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_flag, few, shown
+from ...core.errors import InputError
+from ...core.exact_numbers import Number
+from ...core.warnings import warn
+from ..bindings.array_checks import as_callback, as_positive_count
+from ..bindings.binding import SolverName
+from ..derivatives.tangent_run import pieces, refuse_run, singular
+from .unitary_frame import UnitaryFrame, canonical_form, isotropic_flag
+
+if TYPE_CHECKING:
+    from ..derivatives.binding import KeptSteps
+    from ..integration.run_arguments import RunArguments
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Lyapunov", "lyapunov"]
+
+Array = NDArray[Any]
+
+#: Most blocks, and least, whose means give statistical errors.
+_BLOCKS = 32, 4
+#: Growth ratio of directions between two decompositions that leaves half of the digits.
+_SPREAD = 1e8
+
+
+@dataclass(frozen=True, eq=False)
+class Lyapunov:
+    """Lyapunov exponents of a run, with what shows how far they have converged.
+
+    Attributes
+    ----------
+    exponents : array, shape (k,)
+        Means of log R_ii over time, in 1/s, in the order of the directions: falling but for
+        statistical errors.
+    errors : array, shape (k,)
+        Standard errors from means over blocks of time, the largest of 4, 8, 16 and 32 blocks; NaN
+        with fewer than 4 decompositions.
+    times : array, shape (rows,)
+        Times since the start, |t − t0|, at each decomposition.
+    running : array, shape (rows, k)
+        The exponents up to each time.
+    megno : float
+        The mean over time of Y = (2/t) ∫ s d log|δ| of the first direction.
+    running_megno : array, shape (rows,)
+        The same up to each time.
+    ftle : float
+        log σ_max(Φ')/t at the end, in the kinetic metric made compatible with Ω: the largest
+        growth of any direction; with ``count`` of those that were taken along.
+    running_ftle : array, shape (rows,)
+    volume_rate : float
+        ½ log(det(VᵀΩV)/det(V₀ᵀΩV₀))/t of all directions, in 1/s: the sum of all exponents, 0 for a
+        Hamiltonian system; NaN with ``count``.
+    symplectic_defect : float
+        The largest change of Ω(v_i, v_j) between two decompositions in parts of |v_i||v_j|.
+    covariant : array, shape (rows + 1, 2 n, k), or None
+        Covariant Lyapunov vectors of the start and each row, of length 1 in the metric, with
+        ``covariant=True``. Those near both ends have not converged.
+    dt : number
+    steps, every : int
+    """
+
+    exponents: Array
+    errors: Array
+    times: Array
+    running: Array
+    megno: float
+    running_megno: Array
+    ftle: float
+    running_ftle: Array
+    volume_rate: float
+    symplectic_defect: float
+    covariant: Array | None = field(repr=False)
+    dt: Any
+    steps: int
+    every: int
+    name: str
+
+    @property
+    def pairing(self) -> float:
+        """The largest |λ_i + λ_j| of a pair, i + j = 2 (n − m) + 1; NaN with ``count``."""
+        if np.isnan(self.volume_rate):
+            return float("nan")
+        return float(np.abs(self.exponents + self.exponents[::-1]).max())
+
+    def __repr__(self) -> str:
+        values = few(f"{value:.4g} ± {error:.1g}"
+                     for value, error in zip(self.exponents, self.errors, strict=True))
+        return (f"<Lyapunov of {self.name}: {values} /s over {self.times[-1]:.6g} s; MEGNO "
+                f"{self.megno:.4g}>")
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw the running exponents and MEGNO against time.
+
+        Returns a matplotlib figure, which Jupyter shows, and writes it where a path is given.
+        """
+        from ..plotting.analysis_plots import draw_exponents  # matplotlib is optional
+
+        return draw_exponents(self, path)
+
+
+def lyapunov(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+    parameters: Mapping[str, Any], count: int | None = None, every: int = 10, t0: Number = 0.0,
+    inputs: Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
+    solver: SolverName = "auto", covariant: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Lyapunov:
+    """Return the Lyapunov exponents of the run from (q, p).
+
+    λ_i = lim (1/t) Σ log R_ii. The directions are tangent to the constraints; there are
+    2 (n − m) exponents.
+
+    Parameters
+    ----------
+    q, p, dt, steps, parameters, t0, inputs, hold, solver
+        As of ``Stepper.integrate``.
+    count : int, optional
+        How many exponents, from the largest on; all by default.
+    every : int
+        Steps between two QR decompositions.
+    covariant : bool
+        Compute covariant Lyapunov vectors too; 2 n k numbers are kept for each row, and back.
+    progress : callable, optional
+        Called now and then with the number of steps done.
+
+    Raises
+    ------
+    InputError
+        For what ``integrate`` refuses, for a ``count`` beyond 2 (n − m), and for steps whose
+        derivatives are not defined.
+    StepFailed
+        When a step finds no solution.
+
+    Notes
+    -----
+    The arithmetic of exponents is in double, in steppers of wider types too. A stepper in a
+    co-moving frame gives those of the motion in its frame, which are the same.
+    """
+    if not hasattr(stepper, "integrate_ensemble"):
+        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
+                         "returned.")
+    every = as_positive_count("every", every, least=1)
+    as_positive_count("steps", steps, least=1)
+    size = 2 * (stepper.n - stepper.m)
+    wanted = size if count is None else as_positive_count("count", count, least=1)
+    if wanted > size or not size:
+        raise InputError(f"count = {wanted} is more than the dimension 2 (n − m) = {size} of the "
+                         f"tangent spaces of {stepper.name}"
+                         + (f"; give at most {size}." if size else ": nothing moves."))
+    keep, report = as_flag("covariant", covariant), as_callback("progress", progress)
+    run = stepper.resolved(stepper.run_arguments(
+        q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0, inputs=inputs,
+        hold=hold, solver=solver), quiet=True)
+    refuse_run(run)
+    stepper.warned(run)
+    found = Benettin(stepper, run, wanted, keep)
+    for done in found.advance():
+        if report is not None:
+            report(done)
+    return found.result()
+
+
+class Benettin:
+    """Directions along a run, with a QR decomposition after every so many steps."""
+
+    def __init__(self, stepper: Stepper, run: RunArguments, count: int, keep: bool) -> None:
+        self.stepper, self.run, self.binding = stepper, run, stepper.derivative_binding
+        self.keep, self._kept_run = keep, stepper.derivative_binding.begin(run)
+        self.frame = self._frame(0, run.q, run.p)
+        self.unit = isotropic_flag(self.frame.J)[:, :count]
+        self.full = count == len(self.frame.J)
+        self.V = self._directions()
+        self.start_volume = self._log_volume()
+        self.ends: list[int] = []
+        self.logs: list[Array] = []
+        self.largest: list[float] = []
+        self.product, self.scale, self.volume, self.defect = np.eye(count), 0.0, 0.0, 0.0
+        self.spread = 1.0
+        self.units, self.factors = [self.V], list[Array]()
+
+    def advance(self) -> Iterator[int]:
+        """Do the run; yield how many steps are done, now and then."""
+        every = self.run.every
+        for steps in pieces(self.stepper, self.run, self._kept_run):
+            done, last = 0, steps.first + steps.count
+            while done < steps.count:
+                at = steps.first + done
+                ahead = min(every - at % every, steps.count - done)
+                self._carry(_part(steps, done, ahead))
+                done += ahead
+                if (at + ahead) % every == 0 or at + ahead == self.run.steps:
+                    self._decompose(at + ahead, steps.q[done], steps.p[done])
+            yield last
+        if self.spread > _SPREAD:
+            warn(f"Between two decompositions directions grow {self.spread:.1e} times more than "
+                 f"others, which leaves them fewer than half of their digits; give an every below "
+                 f"{every}, or a smaller dt.")
+
+    def _carry(self, steps: KeptSteps) -> None:
+        """Advance the directions by kept steps."""
+        own = self.binding.own
+        still, none = own.new(self.binding.rows, self.V.shape[1]), own.new(1)
+        status = self.binding.integrate_tangent(
+            self.run, self._kept_run.parameters, steps, still, steps.first + steps.count + 1, none,
+            self.V)
+        if status:
+            raise singular(steps.first, status)
+
+    def _decompose(self, step: int, q: Array, p: Array) -> None:
+        before, form = self.unit, self.frame.J
+        self.frame = self._frame(step, q, p)
+        c = self.frame.coordinates(self.V)
+        if not np.isfinite(c).all():
+            raise InputError(f"Directions are not finite after {step:,} steps; give an every below "
+                             f"{self.run.every}, or a smaller dt.")
+        sizes = np.linalg.norm(c, axis=0)
+        change = c.T @ self.frame.J @ c - before.T @ form @ before
+        self.defect = max(self.defect, float(np.abs(change / np.outer(sizes, sizes)).max()))
+        if self.full:
+            self.volume += self._log_volume() - self.start_volume
+        Q, R = np.linalg.qr(c)
+        signs = np.where(np.diag(R) < 0, -1.0, 1.0)
+        self.unit, R = Q * signs, R * signs[:, None]
+        growth = np.diag(R)
+        self.spread = max(self.spread, float(growth.max() / growth.min()))
+        self.product = R @ self.product
+        size = float(np.linalg.norm(self.product, 2))
+        self.product, self.scale = self.product / size, self.scale + float(np.log(size))
+        self.ends.append(step)
+        self.logs.append(np.log(growth))
+        self.largest.append(self.scale)
+        self.V = self._directions()
+        if self.full:
+            self.start_volume = self._log_volume()
+        if self.keep:
+            self.units.append(self.V.copy())
+            self.factors.append(R)
+
+    def _frame(self, step: int, q: Array, p: Array) -> UnitaryFrame:
+        run = self.run.at_step(min(step, self.run.steps - 1))
+        t = self.run.t0 + step * self.run.dt
+        return UnitaryFrame(self.binding, run.parameters, t, q, p)
+
+    def _directions(self) -> Array:
+        found: Array = np.ascontiguousarray(
+            self.binding.own.converted(self.frame.directions(self.unit)))
+        return found
+
+    def _log_volume(self) -> float:
+        """Return ½ log|det(VᵀΩV)|, 0 where V does not span the space."""
+        if not self.full:
+            return 0.0
+        V = self.V.astype(float)
+        return float(np.linalg.slogdet(V.T @ canonical_form(self.binding.n) @ V)[1]) / 2
+
+    def result(self) -> Lyapunov:
+        """Return what the run has given."""
+        logs, dt = np.array(self.logs), abs(float(self.run.dt))
+        times = np.array(self.ends) * dt
+        lengths = np.diff(times, prepend=0.0)
+        running = np.cumsum(logs, axis=0) / times[:, None]
+        Y = 2 * np.cumsum(logs[:, 0] * (times - lengths / 2)) / times
+        megno = np.cumsum(Y * lengths) / times
+        ftle = np.array(self.largest) / times
+        return Lyapunov(
+            running[-1].copy(), _errors(logs, lengths), times, running, float(megno[-1]), megno,
+            float(ftle[-1]), ftle, self.volume / times[-1] if self.full else float("nan"),
+            self.defect, self._covariant() if self.keep else None, self.run.dt, self.run.steps,
+            self.run.every, self.stepper.name)
+
+    def _covariant(self) -> Array:
+        """Return covariant vectors V C: C is triangular, and R C of a row is that of the next."""
+        C: Array = np.eye(self.unit.shape[1])
+        found = [self.units[-1].astype(float) @ C]
+        for V, R in zip(reversed(self.units[:-1]), reversed(self.factors), strict=True):
+            C = np.linalg.solve(R, C)
+            C /= np.linalg.norm(C, axis=0)
+            found.append(V.astype(float) @ C)
+        return np.array(found[::-1])
+
+
+def _part(steps: KeptSteps, begin: int, count: int) -> KeptSteps:
+    """Return some steps of a piece."""
+    rows, ends = slice(begin, begin + count), slice(begin, begin + count + 1)
+    return replace(steps, first=steps.first + begin, q=steps.q[ends], p=steps.p[ends],
+                   x=steps.x[rows])
+
+
+def _errors(logs: Array, lengths: Array) -> Array:
+    """Return standard errors of the means of logs over time, by means over blocks."""
+    most, fewest = _BLOCKS
+    found: Array = np.full(logs.shape[1], np.nan)
+    blocks = fewest
+    while blocks <= min(most, len(logs)):
+        edges = np.arange(blocks) * len(logs) // blocks
+        means = np.add.reduceat(logs, edges) / np.add.reduceat(lengths, edges)[:, None]
+        found = np.fmax(found, means.std(axis=0, ddof=1) / np.sqrt(blocks))
+        blocks *= 2
+    return found

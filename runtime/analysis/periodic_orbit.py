@@ -1,0 +1,426 @@
+"""Periodic orbits of the discrete motion, z = Φ_h^N(z), by Newton's method in T(T*M).
+
+Unknowns are y in z + B y, where B is a basis of the tangent space at z, the time step h unless the
+period is fixed, and a parameter if one is free:
+
+    Bᵀ (Φ_h^N(z) − z) = 0,   v·B y = 0,   c(z) = c(z_0)
+
+with v the rate of change along the orbit, and with what is fixed, such as the energy. Orbits of a
+Hamiltonian system are families, whose members differ in energy and period; kept energy makes one of
+these equations follow from the others. Symmetries add families. So the least squares solution of
+least norm is taken, without singular values that are round-off of the residual.
+
+A symplectic map keeps no energy exactly, and instead of a family it has pairs of isolated orbits,
+at two places within a step. Between these |Φ_h^N(z) − z| is of the order e^(−c/h). Where that is
+below 1e-7, it is what is reached; where it is larger, the phase v·B y is left free.
+
+The monodromy matrix M = BᵀΦ' has the Floquet multipliers as its eigenvalues. For a Hamiltonian
+system MᵀΩM = Ω, and 1 is a double eigenvalue with one eigenvector: of its digits a half is known.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_items, few, shown, unknown
+from ...core.errors import GyrosparkError, InputError
+from ...core.exact_numbers import Number
+from ..bindings.array_checks import as_positive_count
+from ..derivatives.tangent_space import Tangents
+from .unitary_frame import canonical_form, tangent_projection
+
+if TYPE_CHECKING:
+    from ..derivatives.tangent_run import TangentRows
+    from ..results.trajectory import Trajectory
+    from ..steppers.stepper import Stepper
+
+__all__ = ["PeriodicOrbit", "periodic_orbit"]
+
+Array = NDArray[Any]
+
+#: Singular values below this multiple of the relative residual, within bounds, are none.
+_RESIDUAL_SHARE, _LEAST, _MOST = 10.0, 1e-12, 1e-3
+#: A closed orbit is closed to so many ε of a state; an iteration may stagnate at so many a √step.
+_CLOSED, _STAGNATED = 8, 64
+#: Halvings of a Newton increment that makes the residual larger.
+_HALVINGS = 6
+#: Residuals below this part of a state may stagnate or grow.
+_SMALL = 1e-7
+#: From below this part on, the phase is left free where an iteration stagnates.
+_NEAR = 1e-3
+#: A state that moves by less than this part of it in a period does not move.
+_STILL = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicOrbit:
+    """A periodic orbit of a stepper: after ``steps`` steps of ``dt`` it is where it began.
+
+    Attributes
+    ----------
+    q, p : array, shape (n,)
+        A state of the orbit.
+    dt : number
+    steps : int
+    parameters : dict
+        With the value found, where one was free.
+    t0 : number
+        Time of the state, for what depends on it.
+    multipliers : array of complex, shape (2 (n − m),)
+        Floquet multipliers, the largest first.
+    monodromy : array, shape (2 (n − m), 2 (n − m))
+        The derivative of the map z → Φ_h^N(z) in the basis.
+    basis : array, shape (2 n, 2 (n − m))
+        Orthonormal basis of the tangent space at (q, p), rows q and p.
+    symplectic_defect : float
+        |MᵀωM − ω| in parts of |M|², with ω = BᵀΩB.
+    iterations : int
+        Newton iterations.
+    residuals : tuple of float
+        |Φ_h^N(z) − z| at the start and after each of them.
+    """
+
+    q: Array
+    p: Array
+    dt: Any
+    steps: int
+    parameters: dict[str, Any]
+    t0: Any
+    multipliers: Array
+    monodromy: Array = field(repr=False)
+    basis: Array = field(repr=False)
+    symplectic_defect: float
+    iterations: int
+    residuals: tuple[float, ...]
+    _stepper: Stepper = field(repr=False)
+
+    @property
+    def period(self) -> Any:
+        """The time steps · dt of one revolution."""
+        return self.steps * self.dt
+
+    def __repr__(self) -> str:
+        values = few(_text(value) for value in self.multipliers if value.imag >= 0)
+        return (f"<PeriodicOrbit of {self._stepper.name}: period {float(self.period):.12g} s, "
+                f"{self.steps:,} steps; multipliers {values}; closed to {self.residuals[-1]:.1e} "
+                f"after {self.iterations} iterations>")
+
+    def run(self, periods: int = 1, every: int = 1) -> Trajectory:
+        """Return the trajectory of so many revolutions."""
+        return self._stepper.integrate(
+            self.q, self.p, dt=self.dt, steps=as_positive_count("periods", periods) * self.steps,
+            every=every, parameters=self.parameters, t0=self.t0)
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw the coordinates over a period, and the multipliers beside the unit circle.
+
+        Returns a matplotlib figure, which Jupyter shows, and writes it where a path is given.
+        """
+        from ..plotting.analysis_plots import draw_orbit  # matplotlib is optional
+
+        return draw_orbit(self, path)
+
+
+def periodic_orbit(
+    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+    parameters: Mapping[str, Any], fix: str | Sequence[str] | None = "energy",
+    free: str | None = None, t0: Number = 0.0, max_iterations: int = 20,
+) -> PeriodicOrbit:
+    """Return the periodic orbit z = Φ_h^N(z) near (q, p), with a period near steps · dt.
+
+    Parameters
+    ----------
+    q, p : array_like, shape (n,)
+        A state near the orbit, on the constraints.
+    dt : number
+        The time step to begin with; it is solved for, unless the period is fixed.
+    steps : int
+        Steps N of a period.
+    parameters : mapping
+        As of ``Stepper.integrate``.
+    fix : str, sequence of str, or None
+        Which orbit of a family: "energy" keeps that of (q, p), "period" keeps dt, the name of a
+        coordinate or momentum keeps its value. Two of them with ``free``. None where the orbit is
+        isolated: limit cycles of systems with damping. A system that depends on time has the
+        period of its driving force: "period".
+    free : str, optional
+        A parameter that is solved for too.
+    t0 : number
+        Time at the start, for what depends on it.
+    max_iterations : int
+        Newton iterations, each one run of N steps with tangents, and more where it is damped.
+
+    Raises
+    ------
+    InputError
+        For unusable arguments, with the allowed ones.
+    GyrosparkError
+        If Newton's method does not converge: with what was reached. If it comes to an equilibrium.
+    StepFailed
+        When a step at the start finds no solution.
+    """
+    if not hasattr(stepper, "integrate_ensemble"):
+        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
+                         "returned.")
+    search = OrbitSearch(stepper, q, p, dt=dt, steps=as_positive_count("steps", steps, least=1),
+                         parameters=parameters, fix=fix, free=free, t0=t0)
+    return search.orbit(as_positive_count("max_iterations", max_iterations, least=1))
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A state z = (q, p), time step and parameters, with Φ_h^N(z) − z and tangents."""
+
+    z: Array
+    dt: Any
+    parameters: dict[str, Any]
+    gap: Array
+    tangents: TangentRows
+
+    @property
+    def size(self) -> float:
+        """|Φ_h^N(z) − z|."""
+        return float(np.linalg.norm(self.gap.astype(float)))
+
+
+class OrbitSearch:
+    """Newton's method for one orbit."""
+
+    def __init__(
+        self, stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
+        parameters: Mapping[str, Any], fix: str | Sequence[str] | None, free: str | None,
+        t0: Number,
+    ) -> None:
+        run = stepper.resolved(stepper.run_arguments(q, p, dt=dt, steps=steps, t0=t0,
+                                                     parameters=parameters), quiet=True)
+        self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
+        self.start = run
+        self.timed = stepper.binding.time is not None
+        self.phased = not self.timed
+        self.fixed = _fixed(stepper, fix, free, timed=self.timed)
+        if free is not None and free not in stepper.parameter_domains:
+            raise unknown("parameter", free, stepper.parameter_domains)
+        z = np.concatenate([run.q, run.p])
+        self.wanted = {name: self._value(name, z, run.parameters) for name in self.fixed
+                       if name != "period"}
+        self.epsilon = float(stepper.binding.epsilon)
+
+    def orbit(self, most: int) -> PeriodicOrbit:
+        """Return the orbit."""
+        start = self.start
+        now = self._evaluated(start.q, start.p, start.dt, dict(start.parameters))
+        found = [now.size]
+        while not self._closed(now, found):
+            ahead = self._next(now) if len(found) <= most else None
+            near = self.phased and now.size < _NEAR * self._scale(now)
+            if ahead is None and not near:
+                raise self._failure(now, found)
+            if near and (ahead is None or ahead.size > max(now.size / 2, self._least(now))):
+                self.phased = False  # the place within a step may be what is missing
+            if ahead is not None:
+                now = ahead
+                found.append(now.size)
+        way = float(np.linalg.norm(self._tangents(now)[2]) * abs(float(now.dt)))
+        if not self.timed and way <= _STILL * self._scale(now):
+            raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "
+                                 "the energy or a coordinate, or begin farther from it.")
+        return self._result(now, found)
+
+    def _failure(self, now: Guess, sizes: list[float]) -> GyrosparkError:
+        return GyrosparkError(
+            f"Newton's method found no periodic orbit of {self.steps:,} steps: after "
+            f"{len(sizes) - 1} iterations the end is off the start by {sizes[-1]:.2e} "
+            f"({min(sizes):.2e} at best, {sizes[0]:.2e} at first), with dt = {float(now.dt):.6g}; "
+            "give a state and a dt nearer to an orbit, more steps, or something else to fix.")
+
+    def _closed(self, now: Guess, sizes: list[float]) -> bool:
+        """Whether the end is the start to round-off, or near it and no nearer than before."""
+        if self._residual(now) <= _CLOSED * self.epsilon * self._scale(now):
+            return True
+        return len(sizes) > 1 and sizes[-1] >= sizes[-2] / 2 and now.size <= self._least(now)
+
+    def _least(self, now: Guess) -> float:
+        """Return the gap below which an iteration may stagnate."""
+        least = _STAGNATED * self.epsilon * math.sqrt(self.steps)
+        return self._scale(now) * (max(_SMALL, least) if self.phased else least)
+
+    def _next(self, now: Guess) -> Guess | None:
+        """Return the guess after a Newton increment, halved while the residual grows."""
+        increment, B = self._increment(now)
+        before, part = self._residual(now), 1.0
+        for _ in range(_HALVINGS + 1):
+            moved = self._moved(now, B, increment * part)
+            if moved is not None and self._residual(moved) < max(
+                    before, _SMALL * self._scale(now)):
+                return moved
+            part /= 2
+        return None
+
+    def _increment(self, now: Guess) -> tuple[Array, Array]:
+        """Return (dy, dh, dθ), and the basis B."""
+        Phi, B, by_step, by_parameter = self._tangents(now)
+        dim = B.shape[1]
+        columns = [B.T @ Phi - np.eye(dim)]
+        rows_of = [B]  # derivatives of (q, p) by the unknowns, at the start
+        if "period" not in self.fixed:
+            columns.append((B.T @ by_step)[:, None])
+            rows_of.append(np.zeros((2 * self.stepper.n, 1)))
+        if self.free is not None:
+            columns.append((B.T @ (by_parameter[1] - by_parameter[0]))[:, None])
+            rows_of.append(by_parameter[0][:, None])
+        A, D = np.hstack(columns), np.hstack(rows_of)
+        right = [*(-B.T @ now.gap.astype(float))]
+        if self.phased:
+            A = np.vstack([A, np.pad(by_step @ B / self.steps, (0, A.shape[1] - dim))])
+            right.append(0.0)
+        for name in self.wanted:
+            row = self._slope(name, now, D)
+            A = np.vstack([A, row])
+            right.append(-float(self._value(name, now.z, now.parameters) - self.wanted[name]))
+        norms = np.linalg.norm(A, axis=0)
+        norms[norms == 0] = 1.0
+        share = _RESIDUAL_SHARE * now.size / self._scale(now)
+        least = min(max(share, _LEAST), _MOST) if self.phased else _LEAST
+        return np.linalg.lstsq(A / norms, np.array(right), rcond=least)[0] / norms, B
+
+    def _moved(self, now: Guess, B: Array, increment: Array) -> Guess | None:
+        """Return the guess after an increment; None where it leads nowhere."""
+        binding, dim = self.stepper.binding, B.shape[1]
+        rest = list(increment[dim:])
+        dt = now.dt
+        if "period" not in self.fixed:
+            dt = now.dt + binding.number(Fraction(rest.pop(0)))
+        parameters = dict(now.parameters)
+        if self.free is not None:
+            parameters[self.free] += binding.number(Fraction(rest.pop(0)))
+        if not float(dt) * float(now.dt) > 0:
+            return None
+        z = now.z + binding.converted(B @ increment[:dim])
+        n = self.stepper.n
+        try:
+            q, p = self.stepper.project(z[:n], z[n:], parameters=parameters, t=self.t0)
+            return self._evaluated(q, p, dt, parameters)
+        except GyrosparkError:  # no constraints, or no step, that far away: half as far
+            return None
+
+    def _evaluated(self, q: Array, p: Array, dt: Any, parameters: dict[str, Any]) -> Guess:
+        run = self.stepper.integrate(
+            q, p, dt=dt, steps=self.steps, every=self.steps, parameters=parameters, t0=self.t0,
+            tangents=Tangents(start="all", dt=True,
+                              parameters=() if self.free is None else (self.free,)))
+        assert run.tangents is not None
+        start, end = (np.concatenate(state) for state in ((run.q[0], run.p[0]), self._kept(run)))
+        return Guess(start, dt, parameters, end - start, run.tangents)
+
+    def _kept(self, run: Trajectory) -> tuple[Array, Array]:
+        """Return the end on the constraints, which some schemes keep of g alone."""
+        if self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+            return run.q[-1], run.p[-1]
+        return self.stepper.project(run.q[-1], run.p[-1], parameters=run.parameters, t=run.t[-1])
+
+    def _tangents(self, now: Guess) -> tuple[Array, Array, Array, Array]:
+        """Return Φ'B, B, ∂Φ^N/∂h, and the derivatives of start and end by the free parameter."""
+        names, start = now.tangents.names, now.tangents.start.astype(float)
+        end = np.concatenate([now.tangents.q[-1], now.tangents.p[-1]]).astype(float)
+        dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
+        if not self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+            binding, n = self.stepper.derivative_binding, self.stepper.n
+            z = now.z + now.gap
+            end = tangent_projection(binding, binding.own.parameters(now.parameters, self.t0),
+                                     z[:n].copy(), z[n:].copy())[1] @ end
+        return (end[:, :dim], start[:, :dim], end[:, names.index("dt")],
+                np.array([start[:, k], end[:, k]]))
+
+    def _value(self, name: str, z: Array, parameters: Mapping[str, Any]) -> Any:
+        n = self.stepper.n
+        if name == "energy":
+            return self.stepper.energy(z[:n], z[n:], parameters=parameters, t=self.t0)[()]
+        return z[self._names().index(name)]
+
+    def _slope(self, name: str, now: Guess, D: Array) -> Array:
+        """Return the derivative of what is fixed by the unknowns, of the energy by differences."""
+        if name != "energy":
+            found: Array = D[self._names().index(name)]
+            return found
+        n, scale = self.stepper.n, 1e-5 * self._scale(now)
+        sizes = scale / np.maximum(np.linalg.norm(D, axis=0), 1e-300)
+        sizes[np.linalg.norm(D, axis=0) == 0] = 0
+        z = self.stepper.binding.converted((D * sizes).T)
+        rows = np.concatenate([now.z + z, now.z - z])
+        H = self.stepper.energy(rows[:, :n], rows[:, n:], parameters=now.parameters, t=self.t0)
+        k = D.shape[1]
+        difference = (H[:k] - H[k:]).astype(float)
+        slopes: Array = np.divide(difference, 2 * sizes, out=np.zeros(k), where=sizes > 0)
+        if self.free is not None:
+            slopes[-1] += self._energy_by_parameter(now)
+        return slopes
+
+    def _energy_by_parameter(self, now: Guess) -> float:
+        value = float(now.parameters[self.free or ""])
+        size = 1e-5 * (abs(value) or 1.0)
+        both = [float(self._value("energy", now.z, now.parameters | {
+            self.free or "": now.parameters[self.free or ""] + sign * size})) for sign in (1, -1)]
+        return (both[0] - both[1]) / (2 * size)
+
+    def _names(self) -> list[str]:
+        system = self.stepper.manifest["system"]
+        return [*system["coordinates"], *system["momenta"]]
+
+    def _scale(self, now: Guess) -> float:
+        return max(float(np.linalg.norm(now.z.astype(float))), 1e-300)
+
+    def _off(self, now: Guess) -> float:
+        """Return how far what is fixed is from where it was, in parts of it."""
+        found = 0.0
+        for name, wanted in self.wanted.items():
+            value = float(self._value(name, now.z, now.parameters) - wanted)
+            found = max(found, abs(value) / max(abs(float(wanted)), self._scale(now)))
+        return found
+
+    def _residual(self, now: Guess) -> float:
+        return math.hypot(now.size, self._off(now) * self._scale(now))
+
+    def _result(self, now: Guess, sizes: list[float]) -> PeriodicOrbit:
+        Phi, B, *_ = self._tangents(now)
+        M = B.T @ Phi
+        omega = B.T @ canonical_form(self.stepper.n) @ B
+        defect = float(np.abs(M.T @ omega @ M - omega).max() / max(np.abs(M).max(), 1.0) ** 2)
+        multipliers = np.linalg.eigvals(M).astype(complex)
+        order = np.lexsort((-multipliers.imag, np.round(multipliers.real, 6),
+                            -np.round(np.abs(multipliers), 6)))
+        return PeriodicOrbit(
+            now.z[: self.stepper.n], now.z[self.stepper.n :], now.dt, self.steps, now.parameters,
+            self.t0, multipliers[order], M, B, defect, len(sizes) - 1, tuple(sizes), self.stepper)
+
+
+def _fixed(
+    stepper: Stepper, fix: str | Sequence[str] | None, free: str | None, *, timed: bool
+) -> tuple[str, ...]:
+    """Return what is fixed, checked."""
+    names = () if fix is None else (fix,) if isinstance(fix, str) else tuple(
+        as_items("fix", fix, "names"))
+    system = stepper.manifest["system"]
+    allowed = ["energy", "period", *system["coordinates"], *system["momenta"]]
+    for name in names:
+        if name not in allowed:
+            raise unknown("name in fix", name, allowed)
+    if timed and "period" not in names:
+        raise InputError(f"fix = {shown(fix)} leaves the period free, but {stepper.name} depends "
+                         "on time: its orbits have the period of what drives it; give "
+                         "fix='period'.")
+    return names
+
+
+def _text(value: complex) -> str:
+    """Return a multiplier, or a pair of them, in few digits."""
+    if value.imag < 1e-6:
+        return f"{value.real:.6g}"
+    return f"{value.real:.6g} ± {value.imag:.6g}i"

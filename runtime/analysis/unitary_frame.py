@@ -1,0 +1,140 @@
+"""Coordinates of the tangent spaces of T*M: the symplectic form is J, the metric the identity.
+
+The kinetic metric of directions (dq, dp), with the second as unit of time,
+
+    |(dq, dp)|² = dqᵀ M dq + dpᵀ M⁻¹ dp,   M⁻¹ = H_pp,
+
+is compatible with Ω in R²ⁿ, where M^(1/2) dq, M^(-1/2) dp are canonical and orthonormal. It is not
+on a tangent space {G dq = 0, f_q dq + f_p dp = 0}. There Ω is a skew matrix W in an orthonormal
+basis, and its polar decomposition W = J (WᵀW)^(1/2) gives the nearest compatible metric, with
+|y|² = yᵀ (WᵀW)^(1/2) y (McDuff, Salamon, Introduction to Symplectic Topology, section 2.5). A
+symplectic map between two such spaces is a symplectic matrix, whose singular values are pairs σ,
+1/σ at any time, not in the limit only.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..derivatives.binding import DerivativeBinding
+
+__all__ = ["UnitaryFrame", "canonical_form", "isotropic_flag", "tangent_projection"]
+
+Array = NDArray[Any]
+
+#: Least eigenvalue of H_pp in parts of the largest: coordinates without inertia have finite length.
+_LEAST = 1e-12
+
+
+class UnitaryFrame:
+    """Coordinates c of the directions at a state (q, p) at time t; in double.
+
+    Attributes
+    ----------
+    J : array, shape (2 d, 2 d)
+        The symplectic form: orthogonal and skew; d = n − m.
+    """
+
+    def __init__(
+        self, binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
+    ) -> None:
+        n = binding.n
+        rows, onto = tangent_projection(binding, binding.own.parameters(parameters, t), q, p)
+        sizes, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
+        sizes = np.abs(sizes)
+        roots = np.sqrt(np.maximum(sizes, max(_LEAST * sizes.max(), np.finfo(float).tiny)))
+        root, inverse = (axes * roots) @ axes.T, (axes / roots) @ axes.T
+        to_unit, from_unit = _blocks(inverse, root), _blocks(root, inverse)
+        normals = (rows @ from_unit).T
+        basis = np.linalg.qr(normals, mode="complete")[0][:, normals.shape[1] :]
+        W = basis.T @ canonical_form(n) @ basis
+        _, stretches, turns = np.linalg.svd(W)
+        root = (turns.T * np.sqrt(stretches)) @ turns
+        inverse = (turns.T / np.sqrt(stretches)) @ turns
+        self.J = inverse @ W @ inverse
+        self._to = root @ basis.T @ to_unit @ onto
+        self._from = from_unit @ basis @ inverse
+
+    def coordinates(self, directions: Array) -> Array:
+        """Return c of directions (rows q and p, a column each), projected onto the space."""
+        found: Array = self._to @ directions.astype(float)
+        return found
+
+    def directions(self, c: Array) -> Array:
+        """Return the directions with these coordinates."""
+        found: Array = self._from @ c
+        return found
+
+
+def tangent_projection(
+    binding: DerivativeBinding, parameters: Any, q: Array, p: Array
+) -> tuple[Array, Array]:
+    """Return the normals of the tangent space, 2 m rows, and the projection onto it, in double.
+
+    It moves dq along Gᵀ and then dp along Gᵀ: so does ``project`` with states, and Ω of directions
+    with G dq = 0 does not change. IMS and EMS need it, whose steps keep g and not f.
+    """
+    n = binding.n
+    g, f = (rows[:, : 2 * n].astype(float)
+            for rows in binding.constraint_derivatives(parameters, q, p))
+    G, unit = g[:, :n], np.eye(n)
+    along = unit - G.T @ np.linalg.solve(G @ G.T, G)
+    lift = G.T @ np.linalg.inv(f[:, n:] @ G.T)
+    onto = _blocks(along, unit - lift @ f[:, n:])
+    onto[n:, :n] = -lift @ f[:, :n] @ along
+    return np.concatenate([g, f]), onto
+
+
+def canonical_form(n: int) -> Array:
+    """Return Ω with Ω(u, v) = u_q·v_p − u_p·v_q, shape (2 n, 2 n)."""
+    found = np.zeros((2 * n, 2 * n))
+    found[:n, n:], found[n:, :n] = np.eye(n), -np.eye(n)
+    return found
+
+
+def isotropic_flag(J: Array, seed: int = 0) -> Array:
+    """Return orthonormal columns v_1..v_d, J v_d..J v_1, the first half without J v_i.
+
+    The span of the last 2 d − k is then the Ω-complement of that of the first k. A symplectic
+    matrix keeps this, so that the diagonal of R in its QR decomposition is pairs r, 1/r. The
+    directions are random, for no exponent shall be missed.
+    """
+    size, random, found = len(J), np.random.default_rng(seed), list[Array]()
+    for _ in range(size // 2):
+        v = random.standard_normal(size)
+        for _twice in range(2):
+            for u in found:
+                v -= u * (u @ v) + J @ u * ((J @ u) @ v)
+        found.append(v / np.linalg.norm(v))
+    return np.array([*found, *(J @ v for v in reversed(found))]).T.reshape(size, size)
+
+
+def _blocks(first: Array, second: Array) -> Array:
+    """Return the matrix with two square blocks of equal size on its diagonal."""
+    n = len(first)
+    found = np.zeros((2 * n, 2 * n))
+    found[:n, :n], found[n:, n:] = first, second
+    return found
+
+
+def _inverse_mass(
+    binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
+) -> Array:
+    """Return H_pp by second differences, exact but for rounding where H is quadratic in p."""
+    primal, n = binding.primal, binding.n
+    size = float(np.abs(p.astype(float)).max(initial=0.0)) or 1.0
+    moves = [np.zeros(n), *np.eye(n)]
+    pairs = [(i, j) for i in range(n) for j in range(i + 1)]
+    moves += [moves[i + 1] + moves[j + 1] for i, j in pairs]
+    rows = primal.converted(np.array(moves) * size) + p
+    H = primal.hamiltonian(primal.parameters(parameters, t), np.repeat(q[None], len(rows), axis=0),
+                           rows)
+    H = (H - H[0]).astype(float)
+    found = np.zeros((n, n))
+    for (i, j), value in zip(pairs, H[n + 1 :], strict=True):
+        found[i, j] = found[j, i] = (value - H[i + 1] - H[j + 1]) / size**2
+    return found

@@ -1,0 +1,105 @@
+/*
+ * What headers of derivatives expect beside the toy: sizes and declarations of kernels, which no test
+ * calls. TOY_DERIVATIVES says what comes before: 1 nothing, 2 directions.h, 3 the linearisation, 4 the
+ * step; nothing guards these templates.
+ */
+#include "gyrospark/derivatives/lu.h"
+
+#if GS_SPARK
+#if !GS_ELEMENTS
+#include "gyrospark/spark/jacobian.h"
+#endif
+#include "gyrospark/spark/step_end.h"
+#define TIMES GS_TIME_DEPENDENT
+#else
+#if !GS_ELEMENTS
+#include "gyrospark/midpoint/jacobian.h"
+#endif
+#include "gyrospark/midpoint/step_end.h"
+#define TIMES (2*GS_TIME_DEPENDENT)
+#endif
+enum { E = 5 + TIMES, PARAMETERS = 6, CHAIN = 2, DT0 = 2*N + E - TIMES, DH, Z };
+static const int chain_constant[CHAIN] = { 0, 1 }, chain_parameter[CHAIN] = { 0, 1 };
+static const int input_constant[INPUTS] = { 4 };
+void constants_by_parameters(const parameters_t *par, real *chain);
+
+#define STATE const TYPED(constants) *c, const NUMBER *q, const NUMBER *p
+#define MEANS const TYPED(constants) *c, const NUMBER *qm, const NUMBER *pm, const NUMBER *dq, \
+    const NUMBER *dp, const NUMBER *t
+#define MATRICES NUMBER (*qq)[N], NUMBER (*qp)[N], NUMBER (*pq)[N], NUMBER (*pp)[N]
+
+#if GS_LAGRANGIAN
+void momentum_by_constants(const constants *c, const real *q, const real *v, real (*b)[E]);
+void generalised_force_by_constants(const constants *c, const real *q, const real *v,
+    const real *t, real (*R)[E]);
+void mean_generalised_force_by_state(const constants *c, const real *qm, const real *dq,
+    const real *v0, const real *v1, const real *t, real (*R_q)[N], real (*R_v0)[N],
+    real (*R_v1)[N], real (*R_c)[E]);
+void velocity_constraint(const constants *c, const real *q, const real *v, real (*f_q)[N],
+    real (*f_c)[E]);
+#include "gyrospark/derivatives/lagrangian.h"
+#else
+void TYPED(rates_by_constants)(STATE, const NUMBER *t, NUMBER (*qc)[E], NUMBER (*pc)[E]);
+void TYPED(mean_rates_derivative)(MEANS, MATRICES, NUMBER (*qc)[E], NUMBER (*pc)[E]);
+void TYPED(hidden_derivative)(STATE, NUMBER (*f_q)[N], NUMBER (*f_p)[N], NUMBER (*f_c)[E]);
+#endif
+void TYPED(force_by_constants)(const TYPED(constants) *c, const NUMBER *q, const NUMBER *lambda,
+    NUMBER (*force_c)[E]);
+void TYPED(constraint_by_constants)(const TYPED(constants) *c, const NUMBER *q, NUMBER (*g_c)[E]);
+void TYPED(mean_constraint_by_start)(const TYPED(constants) *c, const NUMBER *qm,
+    const NUMBER *dq, const NUMBER *lambda, NUMBER (*K)[N], NUMBER (*force_c)[E]);
+#if TOY_LANES
+void hidden_derivative(const constants *c, const real *q, const real *p, real (*f_q)[N],
+    real (*f_p)[N], real (*f_c)[E]);
+void constraint_by_constants(const constants *c, const real *q, real (*g_c)[E]);
+#define TYPED_AT(c, t) LANES_AT(c, t)
+#define TYPED_BETWEEN(c, t, step) LANES_BETWEEN(c, t, step)
+#else
+#define TYPED_AT(c, t) AT(c, t)
+#define TYPED_BETWEEN(c, t, step) BETWEEN(c, t, step)
+#endif
+
+#if GS_ELEMENTS
+#define DIRECTION const real *dq, const real *dp, const real *dc, int forced, real *a, real *b
+#define COTANGENT const real *a, const real *b, int forced, real *q_bar, real *p_bar, real *c_bar
+void rates_times(STATE, const real *t, DIRECTION);
+void rates_transposed(STATE, const real *t, COTANGENT);
+void mean_rates_times(MEANS, const real *to_q, const real *to_p, const real *dc, int forced,
+    real *a, real *b);
+void mean_rates_transposed(MEANS, COTANGENT);
+#define ONE(f) void f##_times(const constants *c, const real *q, const real *dq, const real *dc, \
+    real *out); void f##_transposed(const constants *c, const real *q, const real *from, \
+    real *q_bar, real *c_bar)
+#define TWO(f) void f##_times(const constants *c, const real *q, const real *x, const real *dq, \
+    const real *dc, real *out); void f##_transposed(const constants *c, const real *q, \
+    const real *x, const real *from, real *q_bar, real *c_bar)
+ONE(place);
+TWO(velocity);
+TWO(pull);
+void mean_pull_times(const constants *c, const real *qm, const real *dq, const real *lambda,
+    const real *to_q, const real *dc, real *out);
+void mean_pull_transposed(const constants *c, const real *qm, const real *dq, const real *lambda,
+    const real *from, real *q_bar, real *c_bar);
+#endif
+
+#if TOY_DERIVATIVES > 1
+#include "gyrospark/derivatives/directions.h"
+#endif
+#if TOY_DERIVATIVES > 2
+#if GS_ELEMENTS && GS_SPARK
+#include "gyrospark/derivatives/spark_elements.h"
+#elif GS_ELEMENTS
+#include "gyrospark/derivatives/midpoint_elements.h"
+#elif GS_SPARK
+#include "gyrospark/derivatives/spark_dense.h"
+#else
+#include "gyrospark/derivatives/midpoint_dense.h"
+#endif
+#endif
+#if TOY_DERIVATIVES > 3
+#if GS_SPARK
+#include "gyrospark/derivatives/spark.h"
+#else
+#include "gyrospark/derivatives/midpoint.h"
+#endif
+#endif

@@ -1,0 +1,232 @@
+"""Tangents and adjoints: against differences in 113 bits, and against each other."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.runtime.bindings.array_checks import as_real
+
+x, y, px, py, t = sp.symbols("x y px py t", real=True)
+m, g, length, c, a = sp.symbols("m g l c a", positive=True)
+u = sp.Symbol("u", real=True)
+v, w = sp.symbols("v w", real=True)
+
+#: A pendulum whose pivot moves, with a spring that time changes, damping and an input.
+DRIVEN = gs.System((x, y), (px, py), (m, g, length, c, a),
+                   H=(px**2 + py**2) / (2 * m) + m * g * y + a * sp.cos(3 * t) * x**2,
+                   constraints=[x**2 + (y - a * sp.sin(2 * t))**2 - length**2],
+                   forces=(-c * px * py + u, -c * py + sp.sin(5 * t)), time=t, inputs=(u,),
+                   name="driven")
+VALUES = {"m": 1.1, "g": 9.81, "l": 0.9, "c": 0.3, "a": 0.2, "u": 0.4}
+LAGRANGIAN = gs.System.from_lagrangian(
+    m * (1 + x**2 / 3) * v**2 / 2 + m * w**2 / 2 + m * v * w * sp.cos(x - y) / 3 + a * x * v
+    - m * g * y * sp.cos(x) + a * sp.cos(3 * t) * x * w, (x, y), (v, w), (m, g, a, c),
+    forces=(-c * v * w, -c * w), time=t, name="lagrangian")
+CONSTRAINED = gs.System.from_lagrangian(
+    m * (1 + x**2 / 3) * v**2 / 2 + m * w**2 / 2 - m * g * y, (x, y), (v, w), (m, g, length),
+    constraints=[x**2 + y**2 - length**2], name="constrained")
+
+CASES = {
+    "driven, G-L": ("G-L", 2, DRIVEN, VALUES),
+    "driven, EMS": ("EMS", None, DRIVEN, VALUES),
+    "Lagrangian, EMS": ("EMS", None, LAGRANGIAN, VALUES),
+    "constrained Lagrangian, Radau-L": ("Radau-L", 2, CONSTRAINED, VALUES),
+    "element templates, LIIIA-B": ("LIIIA-B", 2, "double_top", None),
+    "element templates, IMS": ("IMS", None, "double_top", None),
+}
+
+
+def step_in_113_bits(step, q, p, values, dt, t0):
+    """Return unknowns and end of a step by Newton's method."""
+    b = step.binding
+    parameters = b.parameters(values, t0)
+    unknowns, work = b.new(step.unknowns), b.work()
+    status = b.function("T1")(parameters, b.options(None, 60, "newton"), dt, b.pointer(q),
+                              b.pointer(p), b.pointer(unknowns), b.ffi.new("int *"), work)
+    assert status == 0
+    status, q1, p1, _ = b.finish(parameters, dt, q, p, unknowns, work)
+    assert status == 0
+    return unknowns, np.concatenate([q1, p1])
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_tangents_are_limits_of_differences(case):
+    """In 113 bits, along every row of a direction; differences of fourth order of 2⁻³⁶."""
+    scheme, stages, system, values = CASES[case]
+    q, p = [0.5, -0.8], [0.3, 0.4]
+    if values is None:
+        model = getattr(gs.models, system)()
+        system, values, q, p = model.system, model.parameters, model.q0, model.p0
+    step = gs.stepper(scheme, stages=stages, system=system, real="float128")
+    binding, n = step.derivative_binding, step.n
+    number = step.binding.number
+    names = binding.own.parameter_names
+    values = {name: as_real(name, values[name], number) for name in names}
+    dt, t0 = as_real("dt", 0.02, number), as_real("t0", 0.3, number)
+    start = step.consistent(q, p, parameters=values, t=t0)
+    z = np.concatenate([step.binding.array("q", start.q, (n,)),
+                        step.binding.array("p", start.p, (n,))])
+    unknowns, _ = step_in_113_bits(step, z[:n].copy(), z[n:].copy(), values, dt, t0)
+    unit = binding.own.new(binding.rows, binding.rows)
+    unit[np.arange(binding.rows), np.arange(binding.rows)] = 1
+    parameters = binding.own.parameters(values, t0)
+    status, ends = binding.tangent(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns, unit)
+    assert status == 0
+
+    def end(place, change):
+        state, here, size, time = z.copy(), dict(values), dt, t0
+        if place < 2 * n:
+            state[place] += change
+        elif place < binding.rows - 2:
+            here[names[place - 2 * n]] += change
+        elif place == binding.rows - 2:
+            size = size + change
+        else:
+            time = time + change
+        return step_in_113_bits(step, state[:n].copy(), state[n:].copy(), here, size, time)[1]
+
+    scales = [1] * (2 * n) + [abs(values[name]) or 1 for name in names] + [dt, dt]
+    largest = max(abs(e) * s for row in ends for e, s in zip(row, scales, strict=True))
+    h = as_real("h", 2.0**-36, number)
+    places = range(binding.rows - (step.binding.time is None))
+    for place in places if n < 4 else [0, n, 2 * n, 2 * n + 3, 2 * n + len(names)]:
+        e = h * scales[place]
+        slope = (8 * (end(place, e) - end(place, -e)) - (end(place, 2 * e) - end(place, -2 * e))
+                 ) / 12
+        off = max(abs(d - e * made) for d, made in zip(slope, ends[:, place], strict=True))
+        assert off <= 1e-21 * h * largest, place
+    weights = np.array([as_real("w", k % 5 - 2, number) for k in range(2 * n)], dtype=object)
+    status, cotangent = binding.adjoint(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns,
+                                        weights)
+    assert status == 0
+    expected = weights @ ends
+    assert max(abs(expected - cotangent)) <= 1e-30 * max(abs(expected))
+
+
+@pytest.fixture(scope="module")
+def top():
+    step, problem = gs.stepper("G-L", stages=3), gs.problems.fast_top()
+    return step, problem, problem.parameters | {"gamma": 0.0016}
+
+
+def test_a_gradient_is_the_same_however_it_is_computed(top):
+    """Checkpoints have the bits; running backwards has them but for round-off; so have tangents."""
+    step, problem, parameters = top
+    arguments = {"dt": 1e-3, "steps": 300, "every": 7, "parameters": parameters}
+    run = step.integrate(problem.q0, problem.p0, **arguments,
+                         tangents=gs.Tangents("all", ["I3", "mgl"], dt=True))
+    plain = step.integrate(problem.q0, problem.p0, **arguments)
+    assert (run.q == plain.q).all()
+    assert (run.p == plain.p).all()
+    cotangents = {"q": np.sin(run.q), "p": run.p}
+    wrt = ["start", "I3", "mgl", "dt"]
+    kept = run.gradient(cotangents, wrt=wrt)
+    assert (run.gradient(cotangents, wrt=wrt, memory="2 MB").vector() == kept.vector()).all()
+    by_tangents = (np.einsum("rn,rnk->k", cotangents["q"], run.tangents.q)
+                   + np.einsum("rn,rnk->k", cotangents["p"], run.tangents.p))
+    assert np.abs(by_tangents - kept.vector()).max() <= 1e-12 * np.abs(by_tangents).max()
+    backwards = run.gradient(cotangents, wrt=wrt, memory="none")
+    assert np.abs(backwards.vector() - kept.vector()).max() <= 1e-11 * np.abs(by_tangents).max()
+    other = pickle.loads(pickle.dumps(step))
+    assert (other.gradient(run, cotangents, wrt=wrt).vector() == kept.vector()).all()
+
+
+def test_checkpoints_of_many_pieces_have_the_same_bits(top):
+    step, problem, parameters = top
+    run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=3000, every=3000,
+                         parameters=parameters)
+    whole = run.gradient({"q": run.q[-1]})
+    with pytest.raises(gs.InputError, match="1,000"):
+        run.gradient({"q": run.q[-1]}, memory="1 kB")
+    assert (run.gradient({"q": run.q[-1]}, memory="0.8 MB").vector() == whole.vector()).all()
+
+
+def test_a_step_has_the_derivatives_of_a_run(top):
+    step, problem, parameters = top
+    run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=1, parameters=parameters,
+                         tangents=gs.Tangents("all", ["I3"]))
+    start, n = run.tangents.start, step.n
+    *_, dq, dp = step.jvp(problem.q0, problem.p0, start[:n, :6], start[n:, :6], dt=1e-3,
+                          parameters=parameters)
+    assert (dq == run.tangents.q[-1][:, :6]).all()
+    assert (dp == run.tangents.p[-1][:, :6]).all()
+    q1, p1, back = step.vjp(problem.q0, problem.p0, dt=1e-3, parameters=parameters)
+    assert (q1 == run.q[-1]).all()
+    assert (p1 == run.p[-1]).all()
+    gradient = back([1, 2, 3, 4], [4, 3, 2, 1])
+    expected = (np.array([1, 2, 3, 4, 4, 3, 2, 1])
+                @ np.concatenate([run.tangents.q[-1], run.tangents.p[-1]]))
+    assert np.allclose(gradient.start, expected[:6], rtol=0, atol=1e-13)
+    assert gradient["I3"] == pytest.approx(expected[6], rel=1e-12)
+
+
+def test_inputs_and_moving_constraints():
+    """A length moves the start too; each row of inputs has its gradient; by differences."""
+    step = gs.stepper("G-L", stages=2, system=DRIVEN)
+    values = {name: value for name, value in VALUES.items() if name != "u"}
+    inputs = np.linspace(-1, 1, 5)[:, None]
+
+    def loss(run):
+        return run.q[-1] @ run.q[-1] + run.p[-1, 0], {"q": 2 * run.q[-1], "p": [1.0, 0.0]}
+
+    start = step.consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=0.3)
+    wrt = ["start", "inputs", "l", "m", "dt"]
+    f = step.value_and_gradient(loss, start.q, start.p, wrt=wrt, parameters=values, dt=0.02,
+                                steps=10, inputs=inputs, hold=2, t0=0.3)
+    at = np.concatenate([[0.0, 0.0], inputs[:, 0], [values["l"], values["m"], 0.02]])
+    _, gradient = f(at)
+    for i, size in enumerate([1, 1, 1, 1, 1, 1, 1, 1, 1, 0.02]):
+        e = np.zeros(len(at))
+        e[i] = 1e-5 * size
+        slope = (f(at + e)[0] - f(at - e)[0]) / (2 * e[i])
+        assert gradient[i] == pytest.approx(slope, rel=2e-7, abs=2e-7), i
+
+
+def test_frames_have_the_derivatives_of_the_motion_at_rest(top):
+    """The rates of a frame change the error of a run alone: derivatives by them are tiny."""
+    step, problem, parameters = top
+    moving = gs.stepper("G-L", stages=3, frame="symmetries")
+    names = [symmetry.name for symmetry in moving.symmetries]
+    run = moving.integrate(problem.q0, problem.p0, dt=1e-3, steps=50,
+                           parameters=parameters | {"frame": "start"},
+                           tangents=gs.Tangents("all", ["I3", *names], dt=True))
+    rest = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=50, parameters=parameters,
+                          tangents=gs.Tangents("all", ["I3"], dt=True))
+    for name in ("start[0]", "start[5]", "I3", "dt"):
+        size = np.abs(rest.tangents[name]).max()
+        assert np.abs(run.tangents[name] - rest.tangents[name]).max() <= 1e-7 * size
+    assert all(np.abs(run.tangents[name]).max() < 1e-10 for name in names)
+    cotangents = {"q": run.q**2, "p": run.p}
+    expected = (np.einsum("rn,rnk->k", cotangents["q"], run.tangents.q)
+                + np.einsum("rn,rnk->k", cotangents["p"], run.tangents.p))
+    found = run.gradient(cotangents, wrt=["start", "I3", *names, "dt"]).vector()
+    assert np.abs(found - expected).max() <= 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("call", [
+    lambda step, run, P: step.jvp(run.q[0], run.p[0], [1, 0, 0, 0], [0, 0, 0, 0], dt=1e-3,
+                                  parameters=P),
+    lambda step, run, P: run.gradient({"q": run.q[-1]}, wrt=["I4"]),
+    lambda step, run, P: run.gradient({"q": run.q[-1][:3]}),
+    lambda step, run, P: run.gradient({"v": run.q[-1]}),
+    lambda step, run, P: run.gradient({"q": np.full(4, np.nan)}),
+    lambda step, run, P: run.gradient({"q": run.q[-1]}, memory="much"),
+    lambda step, run, P: run.gradient(),
+    lambda step, run, P: step.integrate(run.q[0], run.p[0], dt=1e-3, steps=2, parameters=P,
+                                        tangents=gs.Tangents(start="some")),
+    lambda step, run, P: step.integrate(run.q[0], run.p[0], dt=1e-3, steps=2, parameters=P,
+                                        tangents=gs.Tangents(None, ["I9"])),
+    lambda step, run, P: step.integrate(run.q[0], run.p[0], dt=1e-3, steps=2, parameters=P,
+                                        tolerance=1e-3, tangents=gs.Tangents()),
+    lambda step, run, P: gs.Stepper(step.name, step.files).gradient(run, {"q": run.q[-1]}),
+])
+def test_bad_input_is_refused(top, call):
+    step, problem, parameters = top
+    run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=2, parameters=parameters)
+    with pytest.raises(gs.InputError):
+        call(step, run, parameters)
