@@ -9,6 +9,7 @@ import pytest
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP, refused
+from input_systems import pendulum, stepper
 
 START = {"dt": 1e-3, "parameters": PARAMETERS}
 #: Tangent to |q| = 1, and to qᵀp = 0 where dp is 0 and the top is at rest.
@@ -129,3 +130,17 @@ def test_gradients_need_one_source(gl3, run):
         gl3.gradient(run)
     with refused("function"):
         gl3.gradient(run, loss=3.0)
+
+
+def test_inputs_of_each_step_are_no_direction():
+    """Where rows of inputs are given, a parameter of their name has no effect."""
+    step = stepper(pendulum)
+    rows = np.ones((3, 2))
+    run = {"dt": 0.01, "steps": 3, "parameters": {"k": 9.81, "push": 1.0, "pull": 1.0}}
+    start = [0.6, -0.8], [0.4, 0.3]
+    with refused("'push'"):
+        step.integrate(*start, inputs=rows, **run, tangents=gs.Tangents(parameters=["push"]))
+    constant = step.integrate(*start, **run, tangents=gs.Tangents(parameters=["push"]))
+    fed = step.integrate(*start, inputs=rows, **run).gradient({"q": [1.0, 0.0]})
+    assert fed["push"] == 0
+    assert abs(fed.inputs[:, 0].sum() - constant.tangents["push"][-1, 0]) < 1e-16
