@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from .generator.multibody.multibody import Multibody
     from .generator.multibody.rigid_body import body_system, rotation_matrix
     from .generator.systems.system import System
+    from .runtime.analysis.fit import Fit, fit
     from .runtime.analysis.lyapunov import Lyapunov, lyapunov
     from .runtime.analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
     from .runtime.derivatives.gradient import Gradient
@@ -113,6 +114,8 @@ _HOMES = {
     "Section": "runtime.events.poincare_section",
     "section": "runtime.events.poincare_section",
     "Simulation": "runtime.steppers.simulation",
+    "Fit": "runtime.analysis.fit",
+    "fit": "runtime.analysis.fit",
     "Lyapunov": "runtime.analysis.lyapunov",
     "lyapunov": "runtime.analysis.lyapunov",
     "PeriodicOrbit": "runtime.analysis.periodic_orbit",
@@ -142,6 +145,7 @@ __all__ = [
     "Crossings",
     "Ensemble",
     "Event",
+    "Fit",
     "FrameChoice",
     "GammaChoice",
     "Gradient",
@@ -173,6 +177,7 @@ __all__ = [
     "cite",
     "consistent",
     "exact",
+    "fit",
     "from_mechanics",
     "gamma_fast",
     "gamma_h",

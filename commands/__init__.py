@@ -1,7 +1,7 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
     generate, include, models, verify, run, sweep, export, reproduce, bench, cache   the commands
-    lyapunov, reference       commands, too; models has ``examples`` in it
+    fit, lyapunov, reference  commands, too; models has ``examples`` in it
     options                   options that several of them share
     run/                      ``run``: command, starts, choices, outputs, report
 
@@ -28,6 +28,7 @@ from ..core.progress import terminal_messages
 from .bench import bench
 from .cache import cache
 from .export import export
+from .fit import fit
 from .generate import generate
 from .include import include
 from .lyapunov import lyapunov
@@ -54,7 +55,7 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, include, models, examples, verify, run, lyapunov, sweep, export,
+for command in (generate, include, models, examples, verify, run, fit, lyapunov, sweep, export,
                 reproduce, bench, reference, cache):
     gyrospark.add_command(command)
 

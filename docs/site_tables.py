@@ -25,9 +25,7 @@ API = {
         "stepper", "Stepper", "Trajectory", "gyrospark.runtime.results.body_motion.BodyMotion",
         "gyrospark.runtime.results.joint_motion.JointMotion",
         "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "Event",
-        "Tangents", "Gradient",
-        "Crossings", "section", "Section", "lyapunov", "Lyapunov", "periodic_orbit",
-        "PeriodicOrbit", "GyrosparkError", "InputError", "InputWarning",
+        "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],
     "systems": [
@@ -38,7 +36,9 @@ API = {
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
-    "derivatives": ["Tangents", "Gradient"],
+    "derivatives": [
+        "Tangents", "gyrospark.runtime.derivatives.tangent_run.TangentRows", "Gradient", "lyapunov",
+        "Lyapunov", "periodic_orbit", "PeriodicOrbit", "fit", "Fit"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
 }
 

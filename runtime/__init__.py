@@ -12,5 +12,5 @@ A package imports only from packages above it.
     events/       detection and location of events, Poincaré sections
     derivatives/  tangents and adjoints of steps and runs, gradients
     steppers/     steppers, simulations, ensembles
-    analysis/     Lyapunov exponents, periodic orbits
+    analysis/     fits, Lyapunov exponents, periodic orbits
 """

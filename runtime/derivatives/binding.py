@@ -39,9 +39,11 @@ class KeptSteps:
 class DerivativeBinding:
     """Calls into the module of derivatives; ``own`` makes its structs, ``primal`` integrates."""
 
-    def __init__(self, own: Binding, primal: Binding) -> None:
+    def __init__(self, own: Binding, primal: Binding, keeps_momentum: bool) -> None:
         self.own, self.primal = own, primal
         self.n = own.n
+        #: Whether the scheme keeps f(q, p) = 0.
+        self.keeps_momentum = keeps_momentum
         #: Rows of a direction: q, p, parameters, dt, start time.
         self.rows = 2 * own.n + len(own.parameter_names) + 2
         self._size = int(own.function("derivative_size")())

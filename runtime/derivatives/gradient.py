@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from ..integration.run_arguments import RunArguments
 from .binding import KeptSteps
 from .frame import FrameMotion
 from .tangent_run import refuse_run, singular
-from .tangent_space import TangentSpace
+from .tangent_space import TangentSpace, null_space
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -62,10 +63,16 @@ class Gradient:
     value: Any
     q: Array
     p: Array
-    basis: Array
+    #: Derivatives of g and f by (q, p).
+    _normals: Array
     inputs: Array
     wrt: tuple[str, ...]
     _numbers: dict[str, Any]
+
+    @cached_property
+    def basis(self) -> Array:
+        """An orthonormal basis of the tangent space at the start, shape (2 n, 2 (n − m))."""
+        return null_space(self._normals)
 
     @property
     def start(self) -> Array:
@@ -174,7 +181,7 @@ def gradient_of(
     w = rows[-1].copy()
     last = float(np.linalg.norm(rows.astype(float)))
     is_last = True
-    for steps in _backwards(stepper, run, as_bytes(memory), end):
+    for steps in backwards(stepper, run, as_bytes(memory), end):
         w, rows_here = _of_frame(frame, run, steps, rows, w, z_bar, is_last)
         is_last = False
         part = inputs_bar[steps.first : steps.first + steps.count]
@@ -195,7 +202,7 @@ def gradient_of(
     numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
     if run.inputs is not None:
         inputs_bar = _held(inputs_bar, run)
-    return Gradient(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.basis(), inputs_bar,
+    return Gradient(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs_bar,
                     wrt, numbers)
 
 
@@ -249,7 +256,7 @@ def _warn_of_growth(stepper: Stepper, w: Array, last: float) -> None:
 # ------------------------------------------------------------------ the steps, from the last on
 
 
-def _backwards(
+def backwards(
     stepper: Stepper, run: RunArguments, memory: int | None, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
     """Yield the steps of a run in pieces, the last piece first."""

@@ -5,6 +5,8 @@ G dq = 0 and f_q dq + f_p dp = 0. A parameter or a start time that moves g or f 
 too, by the derivative of the projection (``consistent``) at a consistent state,
 
     dq ← dq − Gᵀ(GGᵀ)⁻¹ (G dq + g_θ dθ),   dp ← dp − GᵀW⁻¹ (f_q dq + f_p dp + f_θ dθ),  W = f_p Gᵀ
+
+IMS and EMS do not keep f = 0: there dp stays as it is.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from ..bindings.array_checks import as_numbers
 if TYPE_CHECKING:
     from .binding import DerivativeBinding
 
-__all__ = ["Start", "TangentSpace", "Tangents"]
+__all__ = ["Start", "TangentSpace", "Tangents", "null_space"]
 
 Array = NDArray[Any]
 
@@ -76,6 +78,8 @@ class TangentSpace:
             return found
         G = self._G
         found[:n] -= G.T @ solved(G @ G.T, self.g @ found)
+        if not self.binding.keeps_momentum:
+            return found
         found[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ found)
         return found
 
@@ -85,14 +89,20 @@ class TangentSpace:
         if not len(self.g):
             return found
         G = self._G
-        found -= self.f.T @ solved((self._f_p @ G.T).T, G @ found[n : 2 * n])
+        if self.binding.keeps_momentum:
+            found -= self.f.T @ solved((self._f_p @ G.T).T, G @ found[n : 2 * n])
         found -= self.g.T @ solved(G @ G.T, G @ found[:n])
         return found
 
+    @property
+    def normals(self) -> Array:
+        """The derivatives of g and f by (q, p), shape (2 m, 2 n)."""
+        rows: Array = np.concatenate([self.g, self.f])[:, : 2 * self.n]
+        return rows
+
     def basis(self) -> Array:
         """Return an orthonormal basis of the tangent space, shape (2 n, 2 (n − m))."""
-        rows = np.concatenate([self.g, self.f])[:, : 2 * self.n]
-        return null_space(rows, self.binding.own.new(2 * self.n, 2 * self.n))
+        return null_space(self.normals)
 
     def refuse_off(self, directions: Array) -> None:
         """Refuse directions of q that leave g = 0, naming the constraint."""
@@ -126,13 +136,11 @@ def solved(A: Array, b: Array) -> Array:
     return x
 
 
-def null_space(rows: Array, room: Array) -> Array:
+def null_space(rows: Array) -> Array:
     """Return an orthonormal basis of {x: rows x = 0}, by Gram-Schmidt done twice; of any type."""
-    size, found = len(room), list[Array]()
+    size, found = rows.shape[1], list[Array]()
     left = [*rows]
-    units = [room[i] for i in range(size)]
-    for i, unit in enumerate(units):
-        unit[i] = 1
+    units = [*np.eye(size, dtype=int).astype(rows.dtype)]
     kept: list[Array] = []
     for row in left:
         made = _orthogonal(row, kept)
@@ -140,13 +148,12 @@ def null_space(rows: Array, room: Array) -> Array:
             kept.append(made)
     normal = len(kept)
     # Units in the order of how far they are from what is spanned, so that none is lost.
+    apart = 1.0 - sum((v.astype(float) ** 2 for v in kept), np.zeros(size))
     while len(found) < size - normal:
-        rests = [unit - sum((v * v[i] for v in kept), 0 * unit) for i, unit in enumerate(units)]
-        sizes = [float(x @ x) for x in rests]
-        best = int(np.argmax(sizes))
-        made = _orthogonal(units[best], kept)
+        made = _orthogonal(units[int(np.argmax(apart))], kept)
         if made is None:
             break
+        apart -= made.astype(float) ** 2
         kept.append(made)
         found.append(made)
     return np.array(found).T.reshape(size, len(found)).copy()

@@ -73,7 +73,8 @@ class Differentiation(Evaluation):
                 self._derive = Known(tuple(sorted(files.items())))
                 quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
-                self._derivative_binding.append(kind(own, self.binding))
+                self._derivative_binding.append(kind(
+                    own, self.binding, self.manifest["scheme"]["keeps_momentum_constraint"]))
         return self._derivative_binding[0]
 
     def portable_derive(self) -> Derive | None:
@@ -173,7 +174,7 @@ class Differentiation(Evaluation):
             labels = [*own.parameter_names, "dt", "t0"]
             numbers = dict(zip(labels, z_bar[2 * n :].tolist(), strict=True))
             columns = [2 * n + labels.index(u) for u in own.input_names]
-            return Gradient(None, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.basis(),
+            return Gradient(None, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals,
                             z_bar[columns][None], names, numbers)
 
         return *(self._in_space(frame, end) if frame.moves else end), back

@@ -1,0 +1,154 @@
+"""``gyrospark fit``: parameters and the start of a motion from measured data."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from ..core.arguments import few, listed
+from ..core.errors import InputError
+from ..core.registry import MODELS, PROBLEMS
+from .options import (
+    completing,
+    json_option,
+    real_number,
+    stepper_options,
+    with_default_scheme,
+)
+from .run.choices import parameters_for
+from .run.starts import projected, started
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..runtime.analysis.fit import Fit
+
+__all__ = ["fit"]
+
+
+@click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
+@click.argument("data", metavar="DATA.csv", type=click.Path(path_type=Path))
+@stepper_options
+@click.option("--observe", metavar="NAME,...", default="attitude", show_default=True,
+              help="What is measured: attitude (of all bodies), 'upper attitude' (of one), q, p, "
+                   "or names of coordinates and momenta.")
+@click.option("--free", metavar="NAME,...",
+              help="What is fitted: parameters, and start (default: all, without γ and α).")
+@click.option("--fixed", metavar="NAME,...", help="What is not fitted.")
+@click.option("--dt", metavar="DT",
+              help="Time step in seconds; it divides the times of all samples (default: the "
+                   "smallest distance of two).")
+@click.option("--t0", metavar="T", default="0", show_default=True,
+              help="Time of the start in seconds, at most that of the first sample.")
+@click.option("--sigma", metavar="SIGMA",
+              help="One standard deviation of the noise, of attitudes in rad (default: that of the "
+                   "residuals).")
+@click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
+              help="As of gyrospark run: first guesses of the parameters of a model file, and keys "
+                   "such as start.angular_velocity='[0, 0, 40]'.")
+@json_option
+def fit(
+    problem: str, data: Path, observe: str, free: str | None, fixed: str | None, dt: str | None,
+    t0: str, sigma: str | None, settings: tuple[str, ...], as_json: bool, **choice: Any,
+) -> int:
+    """Fit parameters and the start of PROBLEM to measured data: one of the paper's problems,
+    (PROBLEMS); one of gs.models, (MODELS); or a model file (.toml), whose values are the first
+    guess.
+
+    The first line of DATA.csv names its columns: time, and those of what is measured, as
+    ``gyrospark run --out`` writes them; of an attitude the four coordinates of its quaternion,
+    scalar first. Other columns are ignored. Combinations of parameters that the data do not
+    determine are named. Exit code 1 if the fit has not converged.
+
+    \b
+    gyrospark run examples/damped_top.toml --dt 5e-3 --steps 240 --every 4 --out seen.csv
+    gyrospark fit examples/damped_top.toml seen.csv --dt 5e-3 --set c=1e-4 --free c,start
+    gyrospark fit examples/damped_top.toml seen.csv --dt 5e-3 --fixed mgl --sigma 2e-3 --json
+    gyrospark fit examples/pendulum.toml swing.csv --observe x,y --free l,g,start
+    """
+    from ..runtime.analysis.fit import fit as fitted
+    from ..runtime.analysis.observations import observation_of
+
+    choice, note = with_default_scheme(choice)
+    _, step, start = started(problem, settings, choice)
+    observed = _names(observe)
+    names = observation_of(step, observed).names
+    times, rows = _read(data, names)
+    begin = real_number("--t0", t0)
+    parameters = parameters_for(step, start, None, None)
+    q, p, _ = projected(step, start, parameters, begin)
+    found = fitted(
+        step, times, rows, q=q, p=p, parameters=parameters, observe=observed, t0=begin,
+        dt=None if dt is None else real_number("--dt", dt),
+        free=None if free is None else _names(free), fixed=_names(fixed or ""),
+        sigma=None if sigma is None else real_number("--sigma", sigma))
+    text = "\n".join([*note, repr(found)[1:-1]])
+    click.echo(json.dumps(_result(found), indent=2) if as_json else text)
+    return 0 if found.converged else 1
+
+
+fit.help = (fit.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
+    "(MODELS)", listed(MODELS))
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the times and the named columns of a CSV file.
+
+    Raises
+    ------
+    InputError
+        For a file without these columns, and for entries that are no numbers.
+    """
+    wanted = ["time", *names]
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            lines = [line for line in csv.reader(file) if line]
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise InputError(f"{str(path)!r} cannot be read as a table: {error}.") from None
+    if len(lines) < 2:
+        raise InputError(f"{str(path)!r} has no samples; give a line of names, "
+                         f"{','.join(wanted)}, and a line for each sample.")
+    header = [name.strip() for name in lines[0]]
+    for name in wanted:
+        if name not in header:
+            raise InputError(f"{str(path)!r} has no column {name!r}, but {few(header)}; name its "
+                             f"columns {','.join(wanted)}, or choose others with --observe.")
+    columns = [header.index(name) for name in wanted]
+    made = np.empty((len(lines) - 1, len(columns)))
+    for i, line in enumerate(lines[1:]):
+        for j, column in enumerate(columns):
+            text = line[column].strip() if column < len(line) else ""
+            made[i, j] = _number(text)
+            if not math.isfinite(made[i, j]):
+                raise InputError(f"{str(path)!r}, line {i + 2}: {header[column]} is {text!r}, no "
+                                 "finite number; leave out lines with missing samples.")
+    return made[:, 0], made[:, 1:]
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _result(found: Fit) -> dict[str, Any]:
+    """Return the numbers; null for standard deviations of what is not determined."""
+    return {
+        "converged": found.converged, "samples": len(found.residuals), "rms": found.rms,
+        "truncation": found.truncation, "iterations": found.iterations,
+        "horizons": found.horizons, "parameters": found.parameters,
+        "sigma": {name: x if math.isfinite(x) else None for name, x in found.sigma.items()},
+        "undetermined": found.undetermined, "q": found.q.tolist(), "p": found.p.tolist(),
+    }

@@ -1,0 +1,212 @@
+"""Steps and runs as CasADi functions, with exact Jacobians, tangents and adjoints.
+
+    import gyrospark.interop.casadi as gc
+
+    advance = gc.step(stepper, dt=0.01)
+    q1, p1 = advance(q, p, parameters, inputs=u)        # MX, DM or numbers
+
+CasADi calls Python for them: such functions do not generate C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import MissingDependencyError
+from ..core.extras import install
+from ..runtime.steppers.stepper import Stepper
+from .discrete_flow import DiscreteFlow
+from .flow_function import FlowFunction, no_second_order
+
+try:
+    import casadi
+except ImportError as error:
+    raise MissingDependencyError(
+        f"gyrospark.interop.casadi needs CasADi; {install('casadi')} brings it.") from error
+
+__all__ = ["Flow", "run", "step"]
+
+Array = NDArray[Any]
+
+
+def step(stepper: Stepper, *, dt: Any = None, second_order: str = "refuse") -> Flow:
+    """Return one step of a stepper as a CasADi function: ``f(q, p, parameters)`` → (q1, p1).
+
+    ``dt`` is the time step of calls that give none. See ``run``, of which it is ``steps=1``.
+    """
+    return run(stepper, steps=1, dt=dt, second_order=second_order)
+
+
+def run(
+    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "refuse"
+) -> Flow:
+    """Return a run of a stepper as a CasADi function: (q, p) after ``steps`` steps.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        With real="double".
+    steps : int
+        Number of steps.
+    dt : float, optional
+        Time step of calls that give none.
+    second_order : {"refuse", "differences"}
+        Second derivatives, as the exact Hessian of IPOPT asks for: "differences" are central
+        differences of order 4 of the exact first derivatives. With "refuse" give IPOPT
+        ``hessian_approximation="limited-memory"``.
+
+    Raises
+    ------
+    InputError
+        For a stepper of another type of numbers, and for a number of steps that is none.
+    """
+    return Flow(stepper, steps, dt, second_order)
+
+
+class Flow(FlowFunction):
+    """N steps as a CasADi function; see ``run``.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        x ↦ z, the columns (q, p, parameters, dt, t0, inputs) ↦ (q, p) after N steps.
+    """
+
+    def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
+        super().__init__(stepper, steps, dt, second_order)
+        self.function = _value(self._flow, self._differences)
+
+    def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        return self.function(casadi.vertcat(*(_column(part, shape) for part, shape in parts)))
+
+    def _shape(self, value: Any) -> tuple[int, ...]:
+        """Return a shape as NumPy has it: CasADi has columns of one number for scalars."""
+        if not isinstance(value, (casadi.MX, casadi.SX, casadi.DM)):
+            return np.shape(value)
+        rows, columns = value.shape
+        return () if rows == columns == 1 else (rows,) if columns == 1 else (rows, columns)
+
+
+def _column(part: Any, shape: tuple[int, ...]) -> Any:
+    """Return a part of x as a column; inputs row by row."""
+    if not isinstance(part, (casadi.MX, casadi.SX, casadi.DM)):
+        part = casadi.DM(np.asarray(part, dtype=float))
+    if len(shape) == 2 and part.shape != shape:  # the same inputs in each step
+        return casadi.vertcat(*[part] * shape[0])
+    return casadi.vec(part.T) if len(shape) == 2 else part
+
+
+# ---------------------------------------------------------------- functions of CasADi
+
+
+class _Function(casadi.Callback):  # type: ignore[misc]
+    """A function of columns and matrices by a NumPy function of arrays."""
+
+    def __init__(
+        self, name: str, ins: Mapping[str, tuple[int, int]], outs: Mapping[str, tuple[int, int]],
+        compute: Callable[..., tuple[Array, ...]],
+        derivatives: Mapping[str, Callable[..., Any]] | None = None,
+    ) -> None:
+        super().__init__()
+        self._ins, self._outs, self._compute = dict(ins), dict(outs), compute
+        self._derivatives = dict(derivatives or {})
+        self._made: list[Any] = []  # CasADi does not keep the functions that it is given
+        self.construct(name)
+
+    def get_n_in(self) -> int:
+        return len(self._ins)
+
+    def get_n_out(self) -> int:
+        return len(self._outs)
+
+    def get_name_in(self, i: int) -> str:
+        return list(self._ins)[i]
+
+    def get_name_out(self, i: int) -> str:
+        return list(self._outs)[i]
+
+    def get_sparsity_in(self, i: int) -> Any:
+        return casadi.Sparsity.dense(*list(self._ins.values())[i])
+
+    def get_sparsity_out(self, i: int) -> Any:
+        return casadi.Sparsity.dense(*list(self._outs.values())[i])
+
+    def eval(self, arguments: Any) -> list[Any]:
+        return [casadi.DM(array) for array in self._compute(*(a.full() for a in arguments))]
+
+    def has_jacobian(self) -> bool:
+        return "jacobian" in self._derivatives
+
+    def has_forward(self, count: int) -> bool:
+        return "forward" in self._derivatives
+
+    def has_reverse(self, count: int) -> bool:
+        return "reverse" in self._derivatives
+
+    def get_jacobian(self, *given: Any) -> Any:
+        return self._derived("jacobian", *given)
+
+    def get_forward(self, count: int, *given: Any) -> Any:
+        return self._derived("forward", *given, count)
+
+    def get_reverse(self, count: int, *given: Any) -> Any:
+        return self._derived("reverse", *given, count)
+
+    def _derived(
+        self, kind: str, name: str, ins: list[str], outs: list[str], options: Any, *count: int
+    ) -> Any:
+        self._made.append(self._derivatives[kind](name, ins, outs, *count))
+        return self._made[-1]
+
+
+def _named(names: list[str], shapes: list[tuple[int, int]]) -> dict[str, tuple[int, int]]:
+    return dict(zip(names, shapes, strict=True))
+
+
+def _value(flow: DiscreteFlow, differences: bool) -> Any:
+    x, z = (flow.size, 1), (2 * flow.n, 1)
+
+    def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
+        return _Function(name, _named(ins, [x, z]), _named(outs, [(z[0], x[0])]),
+                         lambda x, z: (flow.jacobian(x.T)[0],))
+
+    def forward(name: str, ins: list[str], outs: list[str], count: int) -> Any:
+        return _Function(
+            name, _named(ins, [x, z, (x[0], count)]), _named(outs, [(z[0], count)]),
+            lambda x, z, dx: (flow.tangent(x.T, dx.T[None])[0].T,))
+
+    def reverse(name: str, ins: list[str], outs: list[str], count: int) -> Any:
+        return _reverse(flow, differences, name, ins, outs, count)
+
+    return _Function("gyrospark_run", {"x": x}, {"z": z}, lambda x: (flow.value(x.T).T,),
+                     {"jacobian": jacobian, "forward": forward, "reverse": reverse})
+
+
+def _reverse(
+    flow: DiscreteFlow, differences: bool, name: str, ins: list[str], outs: list[str], count: int
+) -> Any:
+    """Return x, z, w ↦ F'(x)ᵀ w; its Jacobian is one of second order."""
+    shapes = [(flow.size, 1), (2 * flow.n, 1), (2 * flow.n, count)]
+
+    def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
+        if not differences:
+            raise no_second_order(
+                ": IPOPT does without them by hessian_approximation=\"limited-memory\"")
+        width = flow.size * count
+        return _Function(
+            name, _named(ins, [*shapes, (flow.size, count)]),
+            _named(outs, [(width, rows * columns) for rows, columns in shapes]), second)
+
+    def second(x: Array, z: Array, w: Array, found: Array) -> tuple[Array, ...]:
+        first = flow.jacobian(x.T)[0].T
+        unit = np.eye(flow.size)[None]
+        by_x = np.concatenate([flow.second(flow.adjoint, x.T, np.repeat(
+            one[None, None], flow.size, axis=1), unit)[0].T for one in w.T])
+        return by_x, np.zeros((len(by_x), len(z))), np.kron(np.eye(count), first)
+
+    return _Function(name, _named(ins, shapes), _named(outs, [(flow.size, count)]),
+                     lambda x, z, w: (flow.adjoint(x.T, w.T[None])[0].T,), {"jacobian": jacobian})

@@ -1,0 +1,332 @@
+"""N steps as a function of one vector, its tangent and its adjoint: what other libraries call.
+
+    F(x) = Φᴺ(π(q, p); θ, Δt, t0, u),   x = (q, p, θ, Δt, t0, u_1 … u_N)
+
+π is the projection onto the constraints (``Stepper.project``): libraries differentiate along every
+coordinate, and optimisers leave the constraints on their way. At a consistent start the derivatives
+are exact. Off the constraints they are those at the projected start, which differ from the
+derivative of F by the order of the distance.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.arguments import shown, unknown
+from ..core.errors import GyrosparkError, InputError
+from ..runtime.bindings.array_checks import as_positive_count
+from ..runtime.bindings.binding import REASONS
+from ..runtime.bindings.inputs import Inputs
+from ..runtime.derivatives.binding import KeptRun, KeptSteps
+from ..runtime.derivatives.frame import FrameMotion
+from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
+from ..runtime.derivatives.tangent_run import singular
+from ..runtime.derivatives.tangent_space import TangentSpace, solved
+from ..runtime.integration.consistency import refuse_singular_mass
+from ..runtime.integration.run_arguments import RunArguments, as_parameters
+from ..runtime.steppers.stepper import Stepper
+
+__all__ = ["DiscreteFlow"]
+
+Array = NDArray[Any]
+
+#: A start this near its projection, in ε of its size, is consistent and taken as it is.
+_CONSISTENT = 64
+#: Tangents that cost as much as an adjoint.
+_MANY = 8
+#: Steps whose unknowns are kept at a time.
+_PIECE = 512
+#: Nodes and weights of the central difference of order 4; its step is ε^(1/5).
+_DIFFERENCE = ((1, 2 / 3), (2, -1 / 12))
+
+
+class DiscreteFlow:
+    """N steps of a stepper as a function F of one vector x, for rows of many x.
+
+    Calls from several threads are safe: each makes its own memory.
+
+    Attributes
+    ----------
+    stepper : Stepper
+    steps : int
+        N.
+    names : list of str
+        The parameters θ in the order of x: those of the stepper without its inputs.
+    input_names : list of str
+        The inputs u; each step has its own.
+    fields : dict of str to slice
+        The places in x of "q", "p", "parameters", "dt", "t0", "inputs".
+    size : int
+        Numbers in x.
+    failures : deque of str
+        Why the last rows failed that are NaN.
+    """
+
+    def __init__(self, stepper: Stepper, steps: int) -> None:
+        if not isinstance(stepper, Stepper):
+            raise InputError(f"step = {shown(stepper)} is no stepper; give one of "
+                             "gyrospark.stepper(...).")
+        if stepper.manifest["real"] != "double":
+            raise InputError(f"{stepper.name} computes in {stepper.manifest['real']}, and other "
+                             "libraries in double; give a stepper with real=\"double\".")
+        self.stepper = stepper
+        self.steps = as_positive_count("steps", steps, least=1)
+        binding = stepper.binding
+        self.n, self.input_names = stepper.n, binding.input_names
+        self.names = [name for name in binding.parameter_names if name not in self.input_names]
+        self.fields: dict[str, slice] = {}
+        self.size = 0
+        for name, width in (("q", self.n), ("p", self.n), ("parameters", len(self.names)),
+                            ("dt", 1), ("t0", 1), ("inputs", self.steps * len(self.input_names))):
+            self.fields[name] = slice(self.size, self.size + width)
+            self.size += width
+        self.failures: deque[str] = deque(maxlen=16)
+        #: IMS and EMS do not: f oscillates at their truncation error, and p is not projected.
+        self._keeps_f = bool(stepper.manifest["scheme"]["keeps_momentum_constraint"])
+        #: Places of q, p, θ, Δt, t0 and of a step's inputs in a direction of the compiled code.
+        places = {name: 2 * self.n + i for i, name in enumerate(binding.parameter_names)}
+        self._rows = len(places) + 2 * self.n + 2
+        self._places = np.array([*range(2 * self.n), *(places[name] for name in self.names),
+                                 self._rows - 2, self._rows - 1])
+        self._input_places = np.array([places[name] for name in self.input_names], dtype=int)
+
+    # ------------------------------------------------------------ F, F'dx, F'ᵀw
+
+    def value(self, x: Array) -> Array:
+        """Return F of each row of x: shape (rows, 2 n), q beside p; NaN where a step fails."""
+        return self._of_rows(self._value, 2 * self.n, x)
+
+    def tangent(self, x: Array, dx: Array) -> Array:
+        """Return F'(x) dx, shape (rows, k, 2 n), of directions dx, shape (rows, k, size)."""
+        self._compile()
+        return self._of_rows(self._tangent, (dx.shape[1], 2 * self.n), x, dx)
+
+    def adjoint(self, x: Array, w: Array) -> Array:
+        """Return F'(x)ᵀ w, shape (rows, k, size), of cotangents w, shape (rows, k, 2 n)."""
+        self._compile()
+        return self._of_rows(self._adjoint, (w.shape[1], self.size), x, w)
+
+    def jacobian(self, x: Array) -> Array:
+        """Return F'(x), shape (rows, 2 n, size), by tangents, or by adjoints for many inputs.
+
+        All tangents share one factorisation of a step, and each adjoint has its own.
+        """
+        if self.size > _MANY * 2 * self.n:
+            return self.adjoint(x, np.repeat(np.eye(2 * self.n)[None], len(x), axis=0))
+        return self.tangent(x, np.repeat(np.eye(self.size)[None], len(x), axis=0)).swapaxes(1, 2)
+
+    def second(self, linear: Callable[..., Array], x: Array, v: Array, dx: Array) -> Array:
+        """Return the derivative of ``linear(x, v)`` by x along dx: central differences, order 4.
+
+        ``linear`` is ``tangent`` or ``adjoint``; dx has the shape (rows, k, size), a direction for
+        each v. The directions of the start are projected onto the constraints.
+        """
+        self._compile()
+        width = self.size if linear == self.adjoint else 2 * self.n
+
+        def row(x: Array, v: Array, dx: Array) -> Array:
+            run = self._run(x)
+            at = np.concatenate([run.q, run.p, x[2 * self.n :]])
+            projected = self._projected(self._kept(run)[1], dx[:, : self._places.size])
+            along = np.concatenate([projected.T[:, self._places],
+                                    dx[:, self._places.size :]], axis=1)
+            size = self._sizes(at)
+            step = np.finfo(float).eps ** 0.2 / np.maximum(
+                (np.abs(along) / size).max(axis=1, initial=0), np.finfo(float).tiny)
+            step[~along.any(axis=1)] = 1
+            found = np.zeros((len(v), width))
+            for node, weight in _DIFFERENCE:
+                for sign in (1, -1):
+                    moved = at + sign * node * step[:, None] * along
+                    found += sign * weight / step[:, None] * linear(moved, v[:, None])[:, 0]
+            return found
+
+        return self._of_rows(row, (v.shape[1], width), x, v, dx)
+
+    def _compile(self) -> None:
+        """Compile the derivatives: a compiler that fails is no failure of a row."""
+        _ = self.stepper.derivative_binding
+
+    # ------------------------------------------------------------ x from its parts
+
+    def parameters(self, given: Mapping[str, Any]) -> list[Any]:
+        """Return the values of a dict in the order of ``names``; rates left out are 0.
+
+        Raises
+        ------
+        InputError
+            For missing and unknown names, and for rules such as "m" in place of a number.
+        """
+        rates = {symmetry.name for symmetry in self.stepper.symmetries}
+        for name, value in given.items():
+            if name not in self.names:
+                raise unknown("parameter", name, self.names)
+            if isinstance(value, str):
+                raise InputError(f"Parameter {name} = {value!r} is a rule, which has no "
+                                 "derivatives; give a number, such as gs.gamma_m(inertia).")
+        missing = [name for name in self.names if name not in given and name not in rates]
+        if missing:
+            raise InputError(f"Parameter {missing[0]!r} is not given; this stepper needs "
+                             f"{', '.join(name for name in self.names if name not in rates)}.")
+        return [given.get(name, 0.0) for name in self.names]
+
+    # ------------------------------------------------------------ one row
+
+    def _of_rows(self, function: Callable[..., Array], shape: int | tuple[int, ...],
+                 *arrays: Array) -> Array:
+        made = np.full((len(arrays[0]), *np.atleast_1d(shape)), np.nan)
+        given = [np.array(array, dtype=float) for array in arrays]  # compiled code may write
+        for i, rows in enumerate(zip(*given, strict=True)):
+            try:
+                with np.errstate(all="ignore"):
+                    made[i] = function(*rows)
+            except (GyrosparkError, np.linalg.LinAlgError) as error:
+                self.failures.append(str(error))
+        return made
+
+    def _run(self, x: Array) -> RunArguments:
+        """Return the run of one x, whose start is projected."""
+        stepper, binding = self.stepper, self.stepper.binding
+        q, p, parameters, (dt,), (t0,), inputs = (x[place] for place in self.fields.values())
+        if not np.isfinite(x).all():
+            raise InputError("x has entries that are not finite.")
+        if not dt:
+            raise InputError("dt = 0 is no time step; give another number.")
+        values = dict(zip(self.names, parameters.tolist(), strict=True))
+        rows = np.ascontiguousarray(inputs.reshape(1, self.steps, -1))
+        values |= dict(zip(self.input_names, rows[0, 0].tolist(), strict=True))
+        run = RunArguments(
+            q.copy(), p.copy(), float(dt), self.steps, self.steps,
+            as_parameters(values, stepper.parameter_domains, binding.number, stepper.symmetries),
+            "auto", None, 50, float(t0),
+            Inputs(self.input_names, rows, 1) if self.input_names else None)
+        refuse_singular_mass(binding, stepper.manifest, run)
+        if not stepper.m:
+            return run
+        q, p = stepper._projected(run.q, run.p, binding.parameters(run.parameters, run.t0))
+        if not self._keeps_f:
+            p = run.p
+        return replace(run, q=_unless_near(run.q, q), p=_unless_near(run.p, p))
+
+    def _value(self, x: Array) -> Array:
+        run, binding = self._run(x), self.stepper.binding
+        none, report = binding.new(0), binding.report()
+        status = binding.integrate(
+            binding.parameters(run.parameters, run.t0),
+            binding.options(None, run.max_iterations, run.solver), run.dt, run.steps, run.every,
+            run.q, run.p, (none, none, none, np.zeros(0, np.intc), none), report, binding.work(),
+            run.inputs)
+        if status:
+            raise self._failed(int(report.steps), status)
+        return np.concatenate([run.q, run.p])
+
+    def _failed(self, done: int, status: int) -> GyrosparkError:
+        return GyrosparkError(f"Step {done + 1} of {self.steps} failed: {REASONS[status]}.")
+
+    def _kept(self, run: RunArguments) -> tuple[KeptRun, TangentSpace]:
+        binding = self.stepper.derivative_binding
+        kept = binding.begin(run)
+        return kept, TangentSpace(binding, kept.parameters, run.q, run.p,
+                                  self.stepper.constraint_names)
+
+    def _tangent(self, x: Array, dx: Array) -> Array:
+        run, binding = self._run(x), self.stepper.derivative_binding
+        kept, space = self._kept(run)
+        own, count = self._places.size, len(dx)
+        u = dx[:, own:].reshape(count, self.steps, -1)
+        dz = self._projected(space, dx[:, :own])
+        tangents = dz[: 2 * self.n].copy()
+        none = binding.own.new(0)
+        steps = None
+        for steps in self._pieces(kept):
+            for part in _single(steps) if u.any() else (steps,):
+                dz[self._input_places] = u[:, part.first].T if u.size else 0
+                status = binding.integrate_tangent(run, kept.parameters, part, dz, self.steps,
+                                                   none, tangents)
+                if status:
+                    raise singular(part.first, status)
+        frame = FrameMotion(binding, self.stepper.symmetries, run)
+        if frame.moves:
+            tangents = frame.matrix(self.steps) @ tangents + frame.own_derivatives(
+                self.steps, np.concatenate([kept.q, kept.p])) @ dz
+        return tangents.T
+
+    def _pieces(self, kept: KeptRun) -> Iterator[KeptSteps]:
+        while kept.done < self.steps:
+            steps, status = kept.keep(min(_PIECE, self.steps - kept.done))
+            if status:
+                raise self._failed(kept.done, status)
+            yield steps
+
+    def _adjoint(self, x: Array, w: Array) -> Array:
+        run, binding = self._run(x), self.stepper.derivative_binding
+        kept, space = self._kept(run)
+        frame = FrameMotion(binding, self.stepper.symmetries, run)
+        count, inputs = len(w), len(self.input_names)
+        z_bar, ends = binding.own.new(count, self._rows), w.copy()
+        u_bar = binding.own.new(count, self.steps, inputs)
+        is_last, none = True, binding.own.new(0)
+        for steps in backwards(self.stepper, run, as_bytes(DEFAULT_MEMORY), None):
+            if is_last and frame.moves:
+                last = np.concatenate([steps.q[-1], steps.p[-1]])
+                z_bar += ends @ frame.own_derivatives(self.steps, last)
+                ends = np.ascontiguousarray(ends @ frame.matrix(self.steps))
+            is_last = False
+            for one, own, inputs_bar in zip(ends, z_bar, u_bar, strict=True):
+                status = binding.integrate_adjoint(
+                    run, kept.parameters, steps, none, self.steps, one, own,
+                    inputs_bar[steps.first : steps.first + steps.count])
+                if status:
+                    raise singular(steps.first, status)
+        z_bar[:, : 2 * self.n] = ends
+        pulled = self._pulled_back(space, z_bar)
+        return np.concatenate([pulled[:, self._places], u_bar.reshape(count, -1)], axis=1)
+
+    # ------------------------------------------------------------ the derivative of the projection
+
+    def _projected(self, space: TangentSpace, dx: Array) -> Array:
+        """Return directions of the compiled code, in columns, of a start that is projected."""
+        dz = self.stepper.binding.new(self._rows, len(dx))
+        dz[self._places] = dx.T
+        made = space.projected(dz)
+        if not self._keeps_f:
+            made[self.n : 2 * self.n] = dz[self.n : 2 * self.n]
+        return np.ascontiguousarray(made)
+
+    def _pulled_back(self, space: TangentSpace, z_bar: Array) -> Array:
+        """Return the transpose of ``_projected`` applied to cotangents, a row each."""
+        if not self.stepper.m:
+            return z_bar
+        if self._keeps_f:
+            return np.array([space.pulled_back(one) for one in z_bar])
+        g, n = space.g, self.n
+        G = g[:, :n]
+        made: Array = z_bar - (g.T @ solved(G @ G.T, G @ z_bar[:, :n].T)).T
+        return made
+
+    def _sizes(self, x: Array) -> Array:
+        """Return the size of each entry of x, in which a difference is small."""
+        size = np.where(x == 0, 1.0, np.abs(x))
+        for name in ("q", "p"):
+            size[self.fields[name]] = np.linalg.norm(x[self.fields[name]]) or 1.0
+        size[self.fields["t0"]] = np.abs(x[self.fields["dt"]])
+        return size
+
+
+def _unless_near(x: Array, projected: Array) -> Array:
+    """Return x if it is consistent up to round-off, else its projection."""
+    off = np.abs(projected - x).max()
+    return x if off <= _CONSISTENT * np.finfo(float).eps * np.linalg.norm(x) else projected
+
+
+def _single(steps: KeptSteps) -> Iterator[KeptSteps]:
+    """Yield each of some kept steps by itself."""
+    for i in range(steps.count):
+        yield KeptSteps(steps.first + i, steps.q[i : i + 2], steps.p[i : i + 2],
+                        steps.x[i : i + 1])

@@ -1,0 +1,104 @@
+"""What the functions of all libraries have in common: their arguments, and refusals."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..core.arguments import choose
+from ..core.errors import InputError
+from ..runtime.steppers.stepper import Stepper
+from .discrete_flow import DiscreteFlow
+
+__all__ = ["FlowFunction", "no_second_order"]
+
+#: What second derivatives may be: no kernels for them are generated.
+_SECOND_ORDER = ("refuse", "differences")
+
+
+class FlowFunction(ABC):
+    """N steps of a stepper as a function of a library: (q, p, parameters) → (q, p).
+
+    Attributes
+    ----------
+    names : list of str
+        The parameters in the order of an array of them.
+    failures : deque of str
+        Why the last results are NaN that are.
+    """
+
+    def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
+        self._differences = choose("second_order", second_order, _SECOND_ORDER) == "differences"
+        self._flow, self._dt = DiscreteFlow(stepper, steps), dt
+        self.names, self.failures = self._flow.names, self._flow.failures
+
+    def __call__(
+        self, q: Any, p: Any, parameters: Mapping[str, Any] | Any, *, dt: Any = None,
+        t0: Any = 0.0, inputs: Any = None,
+    ) -> tuple[Any, Any]:
+        """Return (q, p) after N steps; NaN where one fails, with the reason in ``failures``.
+
+        Parameters
+        ----------
+        q, p : array, shape (n,)
+            The start, which is projected onto the constraints: see ``Stepper.project``.
+        parameters : dict of scalars, or array in the order of ``names``
+            Without the inputs.
+        dt, t0 : scalar
+            Time step and time at the start.
+        inputs : array, shape (steps, inputs) or (inputs,)
+            The inputs of each step, or those of all.
+
+        Raises
+        ------
+        InputError
+            For names, shapes and types of numbers that are not those of the stepper.
+        """
+        z = self._evaluate(self._parts(q, p, parameters, self._dt if dt is None else dt, t0,
+                                       inputs))
+        return z[: self._flow.n], z[self._flow.n :]
+
+    @abstractmethod
+    def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        """Return F of parts of x, each of which has a shape or is broadcast to it."""
+
+    def _shape(self, value: Any) -> tuple[int, ...]:
+        return np.shape(value)
+
+    def _parts(
+        self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any
+    ) -> list[tuple[Any, tuple[int, ...]]]:
+        flow, count = self._flow, len(self._flow.input_names)
+        given: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (flow.n,)), ("p", p, (flow.n,))]
+        if isinstance(parameters, Mapping):
+            given += [(f"Parameter {name}", value, ()) for name, value in
+                      zip(self.names, flow.parameters(parameters), strict=True)]
+        else:
+            given.append(("parameters", parameters, (len(self.names),)))
+        if dt is None:
+            raise InputError("dt is not given; give it here or where this function is made.")
+        given += [("dt", dt, ()), ("t0", t0, ())]
+        if count and inputs is None:
+            raise InputError(f"inputs are not given; give {', '.join(flow.input_names)}, "
+                             f"shape ({flow.steps}, {count}) or ({count},).")
+        if inputs is not None:
+            given.append(("inputs", inputs, (flow.steps, count)))
+        for name, value, shape in given:
+            found, allowed = self._shape(value), {shape}
+            if name == "inputs":
+                allowed.add((count,))
+            if shape[-1:] == (1,):  # one number, which CasADi has no other shape for
+                allowed.add(())
+            if found not in allowed:
+                raise InputError(f"{name} has shape {found}; give shape {shape}.")
+        return [(value, shape) for _, value, shape in given]
+
+
+def no_second_order(cure: str = "") -> InputError:
+    """Return the refusal of a second derivative; ``cure`` is one of the library."""
+    return InputError(f"Second derivatives of steps are not generated yet{cure}; with "
+                      "second_order=\"differences\" they are differences of the first, which are "
+                      "exact.")

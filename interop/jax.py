@@ -1,0 +1,194 @@
+"""Steps and runs as JAX functions: jit, vmap, grad, jvp, jacfwd, jacrev.
+
+    import gyrospark.interop.jax as gj
+
+    advance = gj.step(stepper, dt=1e-3)
+    q1, p1 = advance(q, p, parameters)
+
+Three primitives, F, F'(x) dx and F'(x)ᵀ w. The second is the derivative of the first, the third is
+the transpose of the second: JAX composes every first derivative of these rules. Each has an axis of
+points x and an axis of directions, and ``vmap`` makes one of them longer. Where only directions are
+mapped, as in ``jacfwd``, all of them follow one run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..core.errors import InputError, MissingDependencyError
+from ..core.extras import install
+from ..runtime.steppers.stepper import Stepper
+from .discrete_flow import DiscreteFlow
+from .flow_function import FlowFunction, no_second_order
+
+try:
+    import jax
+    import jax.numpy as jnp
+    from jax.core import ShapedArray
+    from jax.extend.core import Primitive
+    from jax.interpreters import ad, batching, mlir
+except ImportError as error:
+    raise MissingDependencyError(
+        f"gyrospark.interop.jax needs JAX; {install('jax')} brings it.") from error
+
+__all__ = ["Flow", "run", "step"]
+
+
+def step(
+    stepper: Stepper, *, dt: Any = None, second_order: str = "refuse"
+) -> Flow:
+    """Return one step of a stepper as a JAX function: ``f(q, p, parameters)`` → (q1, p1).
+
+    ``dt`` is the time step of calls that give none. See ``run``, of which it is ``steps=1``.
+    """
+    return run(stepper, steps=1, dt=dt, second_order=second_order)
+
+
+def run(
+    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "refuse"
+) -> Flow:
+    """Return a run of a stepper as a JAX function of its start: (q, p) after ``steps`` steps.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        With real="double".
+    steps : int
+        Number of steps.
+    dt : float, optional
+        Time step of calls that give none.
+    second_order : {"refuse", "differences"}
+        Second derivatives, ``jax.hessian`` for example: "differences" are central differences of
+        order 4 of the exact first derivatives, about ten digits where a run is not sensitive. The
+        start is moved along the constraints alone.
+
+    Raises
+    ------
+    InputError
+        For a stepper of another type of numbers, and for a number of steps that is none.
+    """
+    return Flow(stepper, steps, dt, second_order)
+
+
+class Flow(FlowFunction):
+    """N steps as a JAX function; see ``run``. JAX must compute in 64 bits."""
+
+    def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        if not jax.config.jax_enable_x64:
+            raise InputError("JAX computes in 32 bits, and steps need 64; call "
+                             "jax.config.update(\"jax_enable_x64\", True) first.")
+        x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(part, dtype=jnp.float64), shape).ravel()
+                             for part, shape in parts])
+        return _value.bind(x[None], flow=self._flow, differences=self._differences)[0]
+
+
+# ---------------------------------------------------------------- primitives
+
+#: x, shape (rows, size) → F(x), shape (rows, 2 n).
+_value = Primitive("gyrospark_run")
+#: x and dx, shape (rows, k, size) → F'(x) dx, shape (rows, k, 2 n).
+_tangent = Primitive("gyrospark_tangent")
+#: x and w, shape (rows, k, 2 n) → F'(x)ᵀ w, shape (rows, k, size).
+_adjoint = Primitive("gyrospark_adjoint")
+#: x, v and dx, shape (rows, k, …) → the derivative of one of these two at v by x along dx.
+_second_tangent = Primitive("gyrospark_second_tangent")
+_second_adjoint = Primitive("gyrospark_second_adjoint")
+
+
+def _of_flow(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None:
+    """Register how a primitive is computed, in Python and in compiled programs."""
+    def shape(x: Any, *others: Any, flow: DiscreteFlow) -> tuple[int, ...]:
+        width = flow.size if is_adjoint else 2 * flow.n
+        return (*(others[0].shape[:2] if others else x.shape[:1]), width)
+
+    def compute(*arrays: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return call(flow, *map(np.asarray, arrays))
+
+    def lowered(*arrays: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return jax.pure_callback(
+            partial(compute, flow=flow, differences=differences),
+            jax.ShapeDtypeStruct(shape(*arrays, flow=flow), jnp.float64), *arrays)
+
+    def abstract(*arrays: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return ShapedArray(shape(*arrays, flow=flow), jnp.dtype("float64"))
+
+    def implement(*arrays: Any, **given: Any) -> Any:
+        return jnp.asarray(compute(*arrays, **given))
+
+    primitive.def_impl(implement)
+    primitive.def_abstract_eval(abstract)
+    mlir.register_lowering(primitive, mlir.lower_fun(lowered, multiple_results=False))
+    batching.primitive_batchers[primitive] = partial(_batch, primitive)
+
+
+def _batch(
+    primitive: Any, arrays: Sequence[Any], axes: Sequence[int | None], **given: Any
+) -> tuple[Any, int]:
+    """Make the axis of points longer; where x is the same for all, that of directions."""
+    size = next(array.shape[axis] for array, axis in zip(arrays, axes, strict=True)
+                if axis is not None)
+    place = 0 if axes[0] is not None else 1  # of the mapped axis, before the one it is merged with
+    made = []
+    for i, (array, axis) in enumerate(zip(arrays, axes, strict=True)):
+        if i == 0 and axis is None:
+            made.append(array)
+            continue
+        array = (jnp.moveaxis(array, axis, place) if axis is not None else jnp.broadcast_to(
+            jnp.expand_dims(array, place), (*array.shape[:place], size, *array.shape[place:])))
+        made.append(array.reshape(*array.shape[:place], -1, *array.shape[place + 2 :]))
+    found = primitive.bind(*made, **given)
+    return found.reshape(*found.shape[:place], size, -1, *found.shape[place + 1 :]), place
+
+
+def _along(tangent: Any) -> bool:
+    return type(tangent) is not ad.Zero
+
+
+def _value_jvp(primals: Any, tangents: Any, **given: Any) -> Any:
+    (x,), (dx,) = primals, tangents
+    value = _value.bind(x, **given)
+    return value, _tangent.bind(x, dx[:, None], **given)[:, 0]
+
+
+def _linear_jvp(
+    linear: Any, second: Any, primals: Any, tangents: Any, *, flow: DiscreteFlow, differences: bool
+) -> Any:
+    """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
+    (x, v), (dx, dv) = primals, tangents
+    given = {"flow": flow, "differences": differences}
+    value = linear.bind(x, v, **given)
+    found = [linear.bind(x, dv, **given)] if _along(dv) else []
+    if _along(dx):
+        if not differences:
+            raise no_second_order()
+        directions = jnp.broadcast_to(dx[:, None], (*v.shape[:2], dx.shape[-1]))
+        found.append(second.bind(x, v, directions, **given))
+    return value, sum(found[1:], found[0]) if found else ad.Zero.from_primal_value(value)
+
+
+def _transpose(other: Any, cotangent: Any, x: Any, v: Any, **given: Any) -> Any:
+    """The transpose of F'(x) v by v is F'(x)ᵀ, and the other way round."""
+    found = other.bind(x, cotangent, **given) if _along(cotangent) else ad.Zero(v.aval)
+    return None, found
+
+
+def _refuse_transpose(*arrays: Any, **given: Any) -> Any:
+    raise InputError("Second derivatives of steps are taken forward over reverse: use jax.hessian, "
+                     "or jacfwd of jacrev.")
+
+
+_of_flow(_value, DiscreteFlow.value, is_adjoint=False)
+_of_flow(_tangent, DiscreteFlow.tangent, is_adjoint=False)
+_of_flow(_adjoint, DiscreteFlow.adjoint, is_adjoint=True)
+_of_flow(_second_tangent, lambda flow, *xs: flow.second(flow.tangent, *xs), is_adjoint=False)
+_of_flow(_second_adjoint, lambda flow, *xs: flow.second(flow.adjoint, *xs), is_adjoint=True)
+ad.primitive_jvps[_value] = _value_jvp
+for _one, _other, _second in ((_tangent, _adjoint, _second_tangent),
+                              (_adjoint, _tangent, _second_adjoint)):
+    ad.primitive_jvps[_one] = partial(_linear_jvp, _one, _second)
+    ad.primitive_transposes[_one] = partial(_transpose, _other)
+    ad.primitive_transposes[_second] = _refuse_transpose

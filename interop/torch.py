@@ -1,0 +1,233 @@
+"""Steps and runs as PyTorch functions, in double: backward, jvp, ``torch.func``, vmap.
+
+    import gyrospark.interop.torch as gt
+
+    advance = gt.step(stepper, dt=1e-3)
+    q1, p1 = advance(q, p, parameters)
+
+Three functions as in ``jax``: F, F'(x) dx and F'(x)ᵀ w, each with an axis of points x and an axis
+of directions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.errors import InputError, MissingDependencyError
+from ..core.extras import install
+from ..runtime.steppers.stepper import Stepper
+from .discrete_flow import DiscreteFlow
+from .flow_function import FlowFunction, no_second_order
+
+try:
+    import torch
+    from torch.autograd import Function
+except ImportError as error:
+    raise MissingDependencyError(
+        f"gyrospark.interop.torch needs PyTorch; {install('torch')} brings it.") from error
+
+__all__ = ["Flow", "run", "step"]
+
+
+def step(stepper: Stepper, *, dt: Any = None, second_order: str = "refuse") -> Flow:
+    """Return one step of a stepper as a PyTorch function: ``f(q, p, parameters)`` → (q1, p1).
+
+    ``dt`` is the time step of calls that give none. See ``run``, of which it is ``steps=1``.
+    """
+    return run(stepper, steps=1, dt=dt, second_order=second_order)
+
+
+def run(
+    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "refuse"
+) -> Flow:
+    """Return a run of a stepper as a PyTorch function: (q, p) after ``steps`` steps.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        With real="double".
+    steps : int
+        Number of steps.
+    dt : float, optional
+        Time step of calls that give none.
+    second_order : {"refuse", "differences"}
+        Second derivatives, forward over reverse (``torch.func.hessian``): "differences" are central
+        differences of order 4 of the exact first derivatives, about ten digits where a run is not
+        sensitive. The start is moved along the constraints alone.
+
+    Raises
+    ------
+    InputError
+        For a stepper of another type of numbers, and for a number of steps that is none.
+    """
+    return Flow(stepper, steps, dt, second_order)
+
+
+class Flow(FlowFunction):
+    """N steps as a PyTorch function; see ``run``. Tensors are of double precision, on the CPU."""
+
+    def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        x = torch.cat([_double(part).broadcast_to(shape).reshape(-1) for part, shape in parts])
+        return _Value.apply(x[None], self._flow, self._differences)[0]
+
+
+def _double(part: Any) -> Any:
+    """Return a part of x as a tensor; tensors must be of double precision, on the CPU."""
+    if not isinstance(part, torch.Tensor):
+        return torch.as_tensor(part, dtype=torch.float64)
+    if part.dtype is not torch.float64 or part.device.type != "cpu":
+        raise InputError(f"A tensor is {part.dtype} on {part.device}; steps take torch.float64 on "
+                         "the CPU: x.double().cpu().")
+    return part
+
+
+# ---------------------------------------------------------------- functions of torch.autograd
+
+
+def _computed(function: Any, *tensors: Any) -> Any:
+    return torch.from_numpy(function(*(tensor.detach().numpy() for tensor in tensors)))
+
+
+def _save(ctx: Any, given: tuple[Any, ...]) -> None:
+    *tensors, ctx.flow, ctx.differences = given
+    ctx.save_for_backward(*tensors)
+    ctx.save_for_forward(*tensors)
+    ctx.set_materialize_grads(False)
+
+
+def _batch(function: Any, size: int, axes: tuple[Any, ...], given: tuple[Any, ...]) -> Any:
+    """Make the axis of points longer; where x is the same for all, that of directions."""
+    *tensors, flow, differences = given
+    place = 0 if axes[0] is not None else 1  # of the mapped axis, before the one it is merged with
+    made = []
+    for i, (tensor, axis) in enumerate(zip(tensors, axes[: len(tensors)], strict=True)):
+        if i == 0 and axis is None:
+            made.append(tensor)
+            continue
+        one = (tensor.movedim(axis, place) if axis is not None
+               else tensor.unsqueeze(place).expand(*tensor.shape[:place], size,
+                                                   *tensor.shape[place:]))
+        made.append(one.reshape(*one.shape[:place], -1, *one.shape[place + 2 :]))
+    found = function.apply(*made, flow, differences)
+    return found.reshape(*found.shape[:place], size, -1, *found.shape[place + 1 :]), place
+
+
+class _Value(Function):  # type: ignore[misc]
+    """x, shape (rows, size) → F(x), shape (rows, 2 n)."""
+
+    @staticmethod
+    def forward(x: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return _computed(flow.value, x)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        _save(ctx, inputs)
+
+    @staticmethod
+    def backward(ctx: Any, w: Any) -> Any:
+        if w is None:
+            return None, None, None
+        (x,) = ctx.saved_tensors
+        return _Adjoint.apply(x, w[:, None], ctx.flow, ctx.differences)[:, 0], None, None
+
+    @staticmethod
+    def jvp(ctx: Any, dx: Any, *_: Any) -> Any:
+        (x,) = ctx.saved_tensors
+        return _Tangent.apply(x, dx[:, None], ctx.flow, ctx.differences)[:, 0]
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
+        return _batch(_Value, info.batch_size, in_dims, given)
+
+
+class _Linear(Function):  # type: ignore[misc]
+    """x and v → F'(x) v or F'(x)ᵀ v; linear in v."""
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        _save(ctx, inputs)
+
+
+def _transposed(ctx: Any, other: Any, cotangent: Any) -> Any:
+    if ctx.needs_input_grad[0]:
+        raise InputError("Second derivatives of steps are taken forward over reverse: use "
+                         "torch.func.hessian, or jacfwd of jacrev.")
+    if cotangent is None or not ctx.needs_input_grad[1]:
+        return None, None, None, None
+    return None, other.apply(ctx.saved_tensors[0], cotangent, ctx.flow, ctx.differences), None, None
+
+
+def _linear_jvp(ctx: Any, own: Any, second: Any, dx: Any, dv: Any) -> Any:
+    """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
+    x, v = ctx.saved_tensors
+    found = [] if dv is None else [own.apply(x, dv, ctx.flow, ctx.differences)]
+    if dx is not None:
+        if not ctx.differences:
+            raise no_second_order()
+        directions = dx[:, None].expand(*v.shape[:2], dx.shape[-1])
+        found.append(second.apply(x, v, directions, ctx.flow, ctx.differences))
+    return sum(found[1:], found[0]) if found else None
+
+
+class _Tangent(_Linear):
+    """x and dx, shape (rows, k, size) → F'(x) dx, shape (rows, k, 2 n)."""
+
+    @staticmethod
+    def forward(x: Any, dx: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return _computed(flow.tangent, x, dx)
+
+    @staticmethod
+    def backward(ctx: Any, w: Any) -> Any:
+        return _transposed(ctx, _Adjoint, w)
+
+    @staticmethod
+    def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
+        return _linear_jvp(ctx, _Tangent, _SecondTangent, dx, dv)
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
+        return _batch(_Tangent, info.batch_size, in_dims, given)
+
+
+class _Adjoint(_Linear):
+    """x and w, shape (rows, k, 2 n) → F'(x)ᵀ w, shape (rows, k, size)."""
+
+    @staticmethod
+    def forward(x: Any, w: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return _computed(flow.adjoint, x, w)
+
+    @staticmethod
+    def backward(ctx: Any, dv: Any) -> Any:
+        return _transposed(ctx, _Tangent, dv)
+
+    @staticmethod
+    def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
+        return _linear_jvp(ctx, _Adjoint, _SecondAdjoint, dx, dv)
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
+        return _batch(_Adjoint, info.batch_size, in_dims, given)
+
+
+class _SecondTangent(_Linear):
+    """x, v and dx, shape (rows, k, …) → the derivative of F'(x) v by x along dx."""
+
+    @staticmethod
+    def forward(x: Any, v: Any, dx: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return _computed(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
+        return _batch(_SecondTangent, info.batch_size, in_dims, given)
+
+
+class _SecondAdjoint(_Linear):
+    """x, w and dx, shape (rows, k, …) → the derivative of F'(x)ᵀ w by x along dx."""
+
+    @staticmethod
+    def forward(x: Any, w: Any, dx: Any, flow: DiscreteFlow, differences: bool) -> Any:
+        return _computed(lambda *xs: flow.second(flow.adjoint, *xs), x, w, dx)
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
+        return _batch(_SecondAdjoint, info.batch_size, in_dims, given)

@@ -1,0 +1,526 @@
+"""Fits: parameters and start of a motion from measured data, by least squares with exact tangents.
+
+The residuals r are predictions less data. Each iteration integrates once with the tangents of the
+start and of all free parameters, so that J = ∂r/∂(θ, y) is exact, and takes a step of
+Levenberg and Marquardt. The start moves in coordinates y of the tangent space of the constraints,
+z = consistent(z0 + B y). Over a long horizon the phase of a fast motion is ambiguous: the first
+samples, about as many as determine all unknowns, are fitted first, then twice as many, and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_items, as_mapping, shown, unknown
+from ...core.errors import InputError
+from ...core.exact_numbers import Number
+from ..bindings.array_checks import as_numbers, as_positive_count, as_real
+from ..bindings.inputs import Inputs, as_inputs
+from ..derivatives.tangent_run import refuse_run, tangents_of
+from ..derivatives.tangent_space import Tangents
+from ..rigid_body.gamma_rules import is_inertia_parameter
+from .fit_coordinates import Coordinates
+from .least_squares import Linear, determined, minimise, reduced
+from .observations import Observation, Observe, observation_of
+
+if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Fit", "fit"]
+
+Array = NDArray[Any]
+
+#: Fewest samples of the first horizon; each other has twice as many.
+_FIRST = 4
+#: Iterations of a horizon that is not the last, and where it ends.
+_EARLY, _EARLY_TOLERANCE = 8, 1e-1
+#: A step ends the last horizon when it is below 1e-4 of a standard deviation.
+_TOLERANCE = 1e-8
+#: How far a time may be from a whole number of steps, in steps.
+_OFF_GRID = 1e-3
+#: Share of a combination below which a name is not part of it.
+_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters and a start that fit data.
+
+    Attributes
+    ----------
+    parameters : dict of str to float
+        All parameters, the fitted ones among them; without inputs that change.
+    q, p : array, shape (n,)
+        The start at ``t0``.
+    names : list of str
+        What was fitted: parameters, and start[0], start[1], … of the columns of ``basis``.
+    covariance : array, shape (names, names)
+        Of the estimates, in units of the parameters, σ²(JᵀJ)⁺ over the determined directions: what
+        is ``undetermined`` has no part in it.
+    sigma : dict of str to float
+        One standard deviation of each name; infinite where it is part of an undetermined
+        combination.
+    undetermined : list of dict of str to float
+        Combinations that the data do not determine, each as relative changes of parameters (of a
+        parameter that is 0, the change itself) and of the "start" (the larger of |dq|/|q| and
+        |dp|/|p|) that leave the predictions as they are: of a common factor all are 1. The values
+        are then one choice of many.
+    residuals : array, shape (samples, columns)
+        Predictions less data; of an attitude three columns, the rotation vector in rad.
+    rms : float
+        Root mean square of the residuals.
+    truncation : float
+        Root mean square of what a step half as long changes in the predictions: a fit can be no
+        better than this.
+    basis : array, shape (2 n, k)
+        Directions of (q, p) that start[0], start[1], … are coordinates of.
+    horizons : list of int
+        The numbers of samples that were fitted one after the other.
+    iterations : int
+        Runs with tangents that were accepted, of all horizons.
+    converged : bool
+        Whether the last horizon ended at a minimum, not at ``max_iterations``.
+    """
+
+    parameters: dict[str, float]
+    q: Array
+    p: Array
+    names: list[str]
+    covariance: Array
+    sigma: dict[str, float]
+    undetermined: list[dict[str, float]]
+    residuals: Array
+    rms: float
+    truncation: float
+    basis: Array
+    horizons: list[int]
+    iterations: int
+    converged: bool
+
+    def __repr__(self) -> str:
+        rows, columns = self.residuals.shape
+        state = "" if self.converged else ", not converged"
+        lines = [f"<Fit of {rows} samples in {columns} columns: rms {self.rms:.3g}, truncation "
+                 f"{self.truncation:.1g}, {self.iterations} iterations{state}"]
+        for name, sigma in self.sigma.items():
+            if name in self.parameters:
+                lines.append(f"  {name} = {with_sigma(self.parameters[name], sigma)}")
+        starts = sum(name not in self.parameters for name in self.names)
+        if starts:
+            lines.append(f"  start: {starts} coordinates")
+        lines += [f"  undetermined: {spelt(one)}" for one in self.undetermined]
+        return "\n".join(lines) + ">"
+
+
+def with_sigma(value: float, sigma: float) -> str:
+    """Return a value with its standard deviation, to two digits of that."""
+    if not np.isfinite(sigma):
+        return f"{value:.6g} (not determined)"
+    if sigma == 0:
+        return f"{value:.9g}"
+    digits = max(1, min(15, int(np.floor(np.log10(abs(value) or sigma))
+                                - np.floor(np.log10(sigma))) + 2))
+    return f"{value:.{digits}g} ± {sigma:.2g}"
+
+
+def spelt(combination: Mapping[str, float]) -> str:
+    """Return an undetermined combination in words."""
+    if all(abs(weight - 1) < 1e-2 for weight in combination.values()):
+        *names, last = combination
+        return f"a common factor of {', '.join(names)} and {last}" if names else last
+    return "relative changes " + ", ".join(
+        f"{weight:+.3g} of {name}" for name, weight in combination.items())
+
+
+@dataclass
+class Point:
+    """Parameters and a start; once it is linearised, the basis of its tangent space, and sizes.
+
+    ``sizes`` are largest |q| and |p| of the samples, for each coordinate and momentum.
+    """
+
+    parameters: dict[str, float]
+    q: Array
+    p: Array
+    basis: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    sizes: Array = field(default_factory=lambda: np.zeros(0))
+
+
+class Fitting:
+    """The data of a fit as functions of a point, over the first samples."""
+
+    def __init__(
+        self, step: Stepper, observation: Observation, run: RunArguments, at: Array, data: Array,
+        sigma: Array, free: Sequence[str], start: bool,
+    ) -> None:
+        self.step, self.observation, self.run = step, observation, run
+        self.at, self.data, self.sigma = at, data, sigma
+        self.start, self.coordinates = start, Coordinates(step, free, run.parameters)
+        self.free = list(free)
+        self.samples = len(at)
+
+    def arguments(self, point: Point, halvings: int = 0) -> tuple[RunArguments, Array]:
+        """Return the run of the first samples, and the row of each of them."""
+        factor = 2**halvings
+        at = self.at[: self.samples] * factor
+        last = int(at[-1])
+        every = max(1, int(np.gcd.reduce(at)))
+        inputs = self.run.inputs if not halvings or self.run.inputs is None else (
+            self.run.inputs.refined(factor))
+        changed = replace(self.run, q=self.step.binding.array("q", point.q, point.q.shape),
+                          p=self.step.binding.array("p", point.p, point.p.shape), steps=last,
+                          every=every, dt=self.run.dt / factor, inputs=inputs,
+                          parameters=self.run.parameters | {
+                              name: as_real(name, point.parameters[name], self.step.binding.number)
+                              for name in self.free})
+        return changed, at // every
+
+    def states(self, point: Point, halvings: int = 0) -> tuple[Array, Array]:
+        """Return q and p of the samples."""
+        run, rows = self.arguments(point, halvings)
+        found = self.step.run(run)
+        q, p = (np.asarray(x[rows], dtype=float) for x in (found.q, found.p))
+        return q, p
+
+    def residuals(self, point: Point, halvings: int = 0) -> Array:
+        """Return residuals of the samples, shape (rows, c)."""
+        return self.observation.residuals(self.data[: self.samples],
+                                          *self.states(point, halvings))[0]
+
+    def scaled_residuals(self, point: Point) -> Array:
+        """Return residuals in standard deviations."""
+        return (self.residuals(point) / self.sigma).ravel()
+
+    def truncation(self, point: Point) -> float:
+        """Return what a step half as long changes, root mean square, in standard deviations."""
+        changes = (self.residuals(point, 1) - self.residuals(point)) / self.sigma
+        return float(np.sqrt(np.mean(changes**2)))
+
+    def derivatives(self, point: Point) -> tuple[Array, Array]:
+        """Return residuals (rows, c), and J by free parameters and start, (rows, c, k).
+
+        The point is given its basis and sizes.
+        """
+        q, p = self.states(point)
+        r, by_q, by_p = self.observation.residuals(self.data[: self.samples], q, p)
+        run, rows = self.arguments(point)
+        wanted = Tangents(start="all" if self.start else None, parameters=self.free)
+        tangents = tangents_of(self.step, run, wanted)
+        dq, dp = (np.asarray(x[rows], dtype=float) for x in (tangents.q, tangents.p))
+        J = by_q @ dq + by_p @ dp
+        starts = J.shape[2] - len(self.free)
+        point.basis = np.asarray(tangents.start[:, :starts], dtype=float)
+        largest = [float(np.linalg.norm(x, axis=1).max()) or 1.0 for x in (q, p)]
+        point.sizes = np.repeat(largest, self.step.n)
+        return r, J[:, :, [*range(starts, J.shape[2]), *range(starts)]]
+
+    def linearise(self, point: Point) -> Linear:
+        """Return residuals in standard deviations, linearised in the coordinates of a step."""
+        r, J = self.derivatives(point)
+        count = len(self.free)
+        J = np.concatenate([J[:, :, :count] @ self.coordinates.jacobian(point.parameters),
+                            J[:, :, count:]], axis=2)
+        return self.scaled(point, r, J, self.coordinates.units(point.parameters))
+
+    def scaled(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
+        """Return residuals in standard deviations, with the units of the start behind others."""
+        flat = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
+        relative = point.basis / point.sizes[:, None]
+        units = np.concatenate([units, 1 / np.linalg.norm(relative, axis=0)])
+        unknown = ~np.isfinite(units)  # of what is 0: as large as all others are in effect
+        effects = np.linalg.norm(flat, axis=0)
+        units[unknown] = np.max(effects[~unknown] * units[~unknown], initial=0.0) / np.where(
+            effects[unknown] > 0, effects[unknown], 1.0)
+        units[units == 0] = 1.0
+        return Linear((r / self.sigma).ravel(), flat, units)
+
+    def moved(self, point: Point, y: Array) -> Point:
+        """Return the point at y, on the constraints."""
+        count = len(self.free)
+        parameters = self.coordinates.moved(point.parameters, y[:count])
+        z = np.concatenate([point.q, point.p])
+        if self.start:
+            z = z + point.basis @ y[count:]
+        return self.consistent(parameters, z[: self.step.n], z[self.step.n :])
+
+    def consistent(self, parameters: dict[str, float], q: Array, p: Array) -> Point:
+        """Return the point next to this with a start on the constraints."""
+        if self.step.m:
+            known = self.step.parameters_with_inputs(self.run.parameters, self.run.inputs)
+            q, p = self.step.project(q, p, parameters=known | parameters, t=self.run.t0)
+        return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
+
+    def fewest(self, point: Point) -> int:
+        """Return how many samples have as many residuals as there are unknowns, and some."""
+        self.samples = 1
+        columns = int(self.residuals(point).shape[1])
+        unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.start
+        return max(_FIRST, -(-unknowns // columns) + 1)
+
+    def excess(self, point: Point, y: Array) -> float:
+        """Return by how much y is longer than a step may be."""
+        return self.coordinates.excess(point.parameters, y[: len(self.free)])
+
+
+def fit(
+    step: Stepper, t: ArrayLike, data: ArrayLike, *, q: ArrayLike, p: ArrayLike,
+    parameters: Mapping[str, Any], observe: str | Sequence[str] | Observe = "attitude",
+    dt: Number | None = None, free: Sequence[str] | None = None, fixed: Sequence[str] = (),
+    sigma: ArrayLike | None = None, t0: float = 0.0, horizons: Sequence[int] | None = None,
+    inputs: Mapping[str, Any] | ArrayLike | None = None, hold: int = 1, max_iterations: int = 50,
+) -> Fit:
+    """Fit parameters and the start of a motion to data: minimise Σ ((prediction − data)/σ)².
+
+    Parameters
+    ----------
+    step : Stepper
+        It integrates the motion, and its tangents are the exact derivatives of that.
+    t : array_like, shape (N,)
+        Times of the samples in seconds, increasing, each a whole number of steps from ``t0``, to a
+        thousandth of a step.
+    data : array_like, shape (N, columns)
+        A row for each sample. Of attitudes unit quaternions from body to space axes, scalar first,
+        of either sign.
+    q, p : array_like, shape (n,)
+        The start at ``t0``, a first guess of it where it is free. It is moved onto the constraints.
+    parameters : mapping
+        All parameters as of ``integrate``; first guesses of the free ones. γ by a rule ("m") keeps
+        the value that it has for the first guess: it changes no motion beyond truncation.
+    observe : {"attitude", "q", "p"}, or name, or a sequence of them, or callable
+        What the columns of data are: the attitudes of all bodies, four columns each, or of one,
+        "upper attitude"; all coordinates or momenta; a coordinate or a momentum by name. A function
+        of q and p, rows of states of shape (N, n), returns (values, by_q, by_p) of the shapes
+        (N, columns), (N, columns, n) and (N, columns, n): what the data measure, and its
+        derivatives.
+    dt : float, optional
+        Time step; by default the smallest distance of two samples.
+    free : sequence of str, optional
+        Names of parameters, and "start". By default all but ``fixed``, inputs, γ and α.
+    fixed : sequence of str
+        What is not fitted.
+    sigma : float or array_like, shape (columns,), optional
+        One standard deviation of the noise, of attitudes three numbers in rad. By default that of
+        the residuals.
+    t0 : float
+        Time of the start, at most ``t[0]``.
+    horizons : sequence of int, optional
+        Numbers of samples that are fitted one after the other; by default about as many as there
+        are unknowns, twice as many, and so on up to all. ``[]``: all at once.
+    inputs, hold
+        As of ``integrate``.
+    max_iterations : int
+        Of the last horizon.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        For unknown names, with the nearest; for data of another shape, and for NaN; for times
+        between steps.
+    StepFailed
+        When the first guess, or what the shorter horizons lead to, has a step without a solution.
+
+    Notes
+    -----
+    Positive parameters are fitted by their logarithms. Three principal moments of a body are fitted
+    as I_i = Σ_{j≠i} d_j², six entries of an inverse tensor as those of (tr(Σ) − Σ)⁻¹, Σ = LLᵀ, so
+    that they are those of a body (Wensing, Kim, Slotine, IEEE Robot. Autom. Lett. 3, 2018); first
+    guesses that are not are moved there. The start moves along the tangent space of the
+    constraints, and is made consistent after each step.
+
+    Examples
+    --------
+    >>> import gyrospark as gs, numpy as np
+    >>> step = gs.stepper("G-L", 2)
+    >>> top = gs.problems.fast_top()
+    >>> true = top.parameters | {"gamma": 1.6e-3}
+    >>> run = step.integrate(top.q0, top.p0, dt=1e-3, steps=64, every=2, parameters=true)
+    >>> guess = true | {"I3": 1.1*true["I3"]}
+    >>> found = gs.fit(step, run.t[1:], run.q[1:], q=top.q0, p=top.p0, parameters=guess, dt=1e-3,
+    ...                free=["I3", "start"])
+    >>> round(found.parameters["I3"], 12)
+    0.0008
+    """
+    observation = observation_of(step, observe)
+    times = as_numbers("t", t)
+    if times.ndim != 1 or not len(times):
+        raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
+    rows = observation.checked(data, len(times))
+    begin = float(as_real("t0", t0))
+    size, at = _steps_at(np.array(times, dtype=float), begin, dt)
+    given = as_mapping("parameters", parameters, "{'m': 1.0}")
+    names = _free(step, free, fixed)
+    starts = "start" in names
+    names = [name for name in names if name != "start"]
+    run = _first_run(step, q, p, size, int(at[-1]), given, begin, inputs, hold)
+    fitting = Fitting(step, observation, run, at, rows, np.ones(1), names, starts)
+    values = {name: float(x) for name, x in run.parameters.items()
+              if name in step.parameter_domains
+              and not (run.inputs is not None and name in step.binding.input_names)}
+    values = fitting.coordinates.inside(values)
+    point = fitting.consistent(values, np.asarray(run.q, float), np.asarray(run.p, float))
+    if sigma is not None:
+        fitting.sigma = _sigma(sigma, fitting, point)
+    counts = _horizons(horizons, len(times), fitting.fewest(point))
+    iterations = 0
+    for count in counts:
+        last = count == counts[-1]
+        fitting.samples = count
+        found = minimise(point, fitting.scaled_residuals, fitting.linearise, fitting.moved,
+                         fitting.excess, _TOLERANCE if last else _EARLY_TOLERANCE,
+                         max_iterations if last else _EARLY, fitting.truncation(point))
+        point, iterations = found.point, iterations + found.iterations
+    return _result(fitting, point, iterations, counts, found.converged, known=sigma is not None)
+
+
+def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
+    """Return dt and the number of steps to each time."""
+    if not np.isfinite(times).all():
+        raise InputError("A time in t is not finite; leave out samples that are missing.")
+    apart = np.diff(times)
+    if (apart <= 0).any() or times[0] < t0:
+        raise InputError("The times in t do not increase from t0; sort the samples, one for each "
+                         "time, and give t0 at most the first of them.")
+    if dt is None:
+        gaps = np.diff([t0, *times])
+        least = float(gaps[gaps > 0].min(initial=np.inf))
+        dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / least))
+    size = float(as_real("dt", dt))
+    if not (np.isfinite(size) and size > 0):
+        raise InputError(f"dt = {shown(dt)} is no time step; give a number of seconds above 0.")
+    steps = (times - t0) / size
+    found = np.rint(steps).astype(int)
+    worst = int(np.argmax(np.abs(steps - found)))
+    if abs(steps[worst] - found[worst]) > _OFF_GRID:
+        raise InputError(f"t[{worst}] = {times[worst]:.9g} s is {steps[worst]:.6g} steps of "
+                         f"dt = {size:g} s from t0: no whole number. Give a dt that divides the "
+                         "times of all samples.")
+    return dt, found
+
+
+def _free(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> list[str]:
+    """Return the names that are fitted."""
+    known = [name for name in step.parameter_domains if name not in step.binding.input_names]
+    allowed = [*known, "start"]
+    fixed = as_items("fixed", [fixed] if isinstance(fixed, str) else fixed, "names")
+    for name in fixed:
+        if name not in allowed:
+            raise unknown("name in fixed", name, allowed)
+    if free is None:
+        found = [name for name in allowed if not is_inertia_parameter(name)]
+    else:
+        found = as_items("free", [free] if isinstance(free, str) else free, "names")
+    for name in found:
+        if name not in allowed:
+            raise unknown("name in free", name, allowed)
+    both = [name for name in found if name in fixed]
+    if free is not None and both:
+        raise InputError(f"{both[0]!r} is in free and in fixed; give it in one of them.")
+    found = [name for name in dict.fromkeys(found) if name not in fixed]
+    if not found:
+        raise InputError(f"Nothing is free; choose among {', '.join(allowed)}.")
+    return found
+
+
+def _first_run(
+    step: Stepper, q: ArrayLike, p: ArrayLike, dt: Any, steps: int, given: dict[str, Any],
+    t0: float, inputs: Any, hold: int,
+) -> RunArguments:
+    """Return the run of the first guess, its start on the constraints."""
+    fed: Inputs | None = as_inputs(inputs, step.binding, steps, hold)
+    numbers = step.parameters_with_inputs(given, fed)
+    if step.m:
+        plain = {name: x for name, x in numbers.items() if not isinstance(x, str)}
+        rules = {name: 1.0 for name, x in numbers.items()
+                 if isinstance(x, str) and name in step.parameter_domains}
+        q, p = step.project(q, p, parameters=plain | rules, t=t0)
+    run = step.resolved(step.run_arguments(q, p, dt=dt, steps=steps, parameters=given, t0=t0,
+                                           inputs=fed), quiet=True)
+    refuse_run(run)
+    return run
+
+
+def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
+    """Return one standard deviation for each column of residuals."""
+    fitting.samples = 1
+    columns = fitting.residuals(point).shape[1]
+    given = np.array(as_numbers("sigma", sigma), dtype=float)
+    if given.shape not in ((), (1,), (columns,)) or not (np.isfinite(given) & (given > 0)).all():
+        raise InputError(f"sigma = {shown(sigma)} is no noise; give a number above 0, or one for "
+                         f"each of {columns} columns of residuals.")
+    made: Array = np.broadcast_to(given, (columns,)).copy()
+    return made
+
+
+def _horizons(horizons: Sequence[int] | None, samples: int, fewest: int) -> list[int]:
+    """Return increasing numbers of samples, the last of them all."""
+    if horizons is None:
+        found = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]
+    else:
+        found = [as_positive_count("horizon", x, least=1) for x in as_items(
+            "horizons", horizons, "numbers of samples")]
+        if found != sorted(found) or (found and found[-1] > samples):
+            raise InputError(f"horizons = {shown(horizons)} do not increase up to {samples}, the "
+                             "number of samples; give for example [16, 64, 256].")
+    return [*(x for x in found if x < samples), samples]
+
+
+def _result(
+    fitting: Fitting, point: Point, iterations: int, horizons: list[int], converged: bool, *,
+    known: bool,
+) -> Fit:
+    """Return the fit at the minimum that was found; ``known`` is whether σ was given."""
+    free, coordinates = fitting.free, fitting.coordinates
+    r, J = fitting.derivatives(point)
+    basis, halved = point.basis, fitting.residuals(point, 1)
+    rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
+    values = np.array([point.parameters[name] for name in free])
+    scaled = (r / fitting.sigma).ravel()
+    noise = 1.0 if known else float(np.sqrt(scaled @ scaled / max(1, len(scaled) - J.shape[2])))
+    uncertain = float(np.hypot(noise, np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))))
+    at = fitting.scaled(point, r, J, coordinates.scales(point.parameters))
+    held = determined(at, uncertain)
+    covariance = held.covariance * noise**2
+    names = [*free, *(f"start[{k}]" for k in range(basis.shape[1]))]
+    undetermined, parts = _combinations(held.null, free, values, basis, _start_sizes(point))
+    sigma = {name: float("inf") if name in parts else float(np.sqrt(variance))
+             for name, variance in zip(names, np.diag(covariance), strict=True)}
+    return Fit(dict(point.parameters), point.q, point.p, names, covariance, sigma, undetermined, r,
+               rms, truncation, basis, horizons, iterations, converged)
+
+
+def _start_sizes(point: Point) -> Array:
+    """Return |q| and |p| of the start, for each coordinate and momentum; of its motion at rest."""
+    own = np.repeat([np.linalg.norm(x) for x in (point.q, point.p)], len(point.q))
+    return np.where(own > 1e-6 * point.sizes, own, point.sizes)
+
+
+def _combinations(
+    null: Array, free: list[str], values: Array, basis: Array, sizes: Array
+) -> tuple[list[dict[str, float]], set[str]]:
+    """Return undetermined directions by names, and which names are part of any."""
+    count, n = len(free), len(sizes) // 2
+    starts = basis @ null[count:] / sizes[:, None]
+    relative = null[:count] / np.where(values == 0, 1.0, values)[:, None]
+    found: list[dict[str, float]] = []
+    parts: set[str] = set()
+    for row in reduced(np.concatenate([relative, starts])):
+        weights = dict(zip(free, row[:count].tolist(), strict=True))
+        if basis.shape[1]:
+            weights["start"] = float(max(np.linalg.norm(row[count : count + n]),
+                                         np.linalg.norm(row[count + n :])))
+        found.append({name: x for name, x in weights.items() if abs(x) > _SHARE})
+        parts |= {*found[-1]}
+    if "start" in parts:
+        moves = np.abs(null[count:]).max(axis=1)
+        parts |= {f"start[{k}]" for k, x in enumerate(moves) if x > _SHARE * moves.max()}
+    return found, parts

@@ -1,0 +1,60 @@
+"""Flows of systems with a frame, with inputs, with time, and starts of them: rows of x."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+import gyrospark as gs
+import input_systems
+import time_lagrangians
+from gyrospark.interop.discrete_flow import DiscreteFlow
+
+CASES = ["top", "framed", "IMS", "pushed", "lifted"]
+TOP = gs.problems.fast_top()
+PARAMETERS = TOP.parameters | {"gamma": 0.0016}
+
+
+@cache
+def stepper_of(case):
+    """Return the stepper of a case."""
+    if case == "pushed":
+        return input_systems.stepper(input_systems.pendulum)
+    if case == "lifted":
+        return gs.stepper("G-L", 2, system=time_lagrangians.lifted())
+    if case == "IMS":
+        return gs.stepper("IMS", rep="gamma")
+    return gs.stepper("G-L", 2, rep="gamma",
+                      **({"frame": "symmetries"} if case == "framed" else {}))
+
+
+def start_of(case):
+    """Return q, p, parameters, dt and t0 of a case; its start is consistent."""
+    if case == "pushed":
+        return np.array([0.6, 0.8]), np.array([-0.8, 0.6]), {"k": 1.3}, 0.05, 0.0
+    if case == "lifted":
+        q, p = time_lagrangians.start_of_lifted(stepper_of(case))
+        return q, p, time_lagrangians.PARAMETERS["bead"], 0.01, 0.3
+    rates = {"omega_body": 50.0} if case == "framed" else {}
+    return np.array(TOP.q0), np.array(TOP.p0), PARAMETERS | rates, 1e-3, 0.0
+
+
+def inputs_of(case, steps):
+    """Return inputs of each step, or None for a system that has none."""
+    return np.random.default_rng(3).normal(size=(steps, 2)) if case == "pushed" else None
+
+
+def flow_of(case, steps):
+    """Return a flow and x of the start."""
+    flow, (q, p, parameters, dt, t0) = DiscreteFlow(stepper_of(case), steps), start_of(case)
+    inputs = inputs_of(case, steps)
+    x = np.concatenate([q, p, flow.parameters(parameters), [dt, t0],
+                        [] if inputs is None else inputs.ravel()])
+    return flow, x
+
+
+def directions(x, count, seed=0):
+    """Return directions of the size of x, shape (1, count, size)."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(1, count, x.size)) * np.maximum(np.abs(x), 0.1)

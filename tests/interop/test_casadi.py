@@ -1,0 +1,104 @@
+"""Steps as CasADi functions: Jacobians, both modes, Hessians, and Opti."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flows import PARAMETERS, TOP, flow_of, inputs_of, start_of, stepper_of
+from gyrospark.core.errors import InputError
+
+casadi = pytest.importorskip("casadi", reason="CasADi is not installed: the extra casadi brings it")
+
+import gyrospark.interop.casadi as gc  # noqa: E402
+
+THETA = np.array([*TOP.parameters.values(), 0.0016])
+Q, P = np.array(TOP.q0), np.array(TOP.p0)
+
+
+def close(found, wanted, tolerance=1e-12):
+    return np.abs(np.asarray(found) - wanted).max() <= tolerance * np.abs(wanted).max()
+
+
+def of_theta(make, steps=12, **more):
+    """Return a CasADi function of the parameters: what ``make(F, theta)`` makes of F(theta)."""
+    flow = gc.run(stepper_of("top"), steps=steps, dt=1e-3, **more)
+    theta = casadi.MX.sym("theta", 5)
+    made = make(casadi.vertcat(*flow(Q, P, theta)), theta)
+    return casadi.Function("f", [theta], [made])(THETA).full()
+
+
+def test_values_and_derivatives_are_those_of_the_flow():
+    flow, x = flow_of("top", 12)
+    J = flow.jacobian(x[None])[0, :, 8:13]
+    v, w = np.random.default_rng(0).normal(size=(5, 3)), np.arange(1.0, 9)
+    assert np.array_equal(of_theta(lambda F, theta: F)[:, 0], flow.value(x[None])[0])
+    assert close(of_theta(casadi.jacobian), J)
+    assert close(of_theta(lambda F, theta: casadi.jtimes(F, theta, v)), J @ v)
+    assert close(of_theta(lambda F, theta: casadi.gradient(casadi.dot(w, F), theta))[:, 0], w @ J)
+    by_name = gc.step(stepper_of("top"))(Q, P, PARAMETERS, dt=1e-3)
+    assert np.array_equal(casadi.vertcat(*by_name).full()[:, 0],
+                          flow_of("top", 1)[0].value(x[None])[0])
+
+
+def test_inputs_of_a_run():
+    flow, x = flow_of("pushed", 3)
+    q, p, parameters, dt, _ = start_of("pushed")
+    function, u = gc.run(stepper_of("pushed"), steps=3, dt=dt), casadi.MX.sym("u", 2, 3)
+    F = casadi.vertcat(*function(q, p, parameters, inputs=u.T))
+    found = casadi.Function("f", [u], [F, casadi.jacobian(F, u)])
+    value, J = found(inputs_of("pushed", 3).T)
+    assert np.array_equal(value.full()[:, 0], flow.value(x[None])[0])
+    assert close(J.full(), flow.jacobian(x[None])[0][:, flow.fields["inputs"]])
+    row = np.array([0.3, -0.2])
+    held = casadi.vertcat(*function(q, p, parameters, inputs=row))
+    alike, _ = found(np.tile(row, (3, 1)).T)
+    assert np.array_equal(casadi.evalf(held).full(), alike.full())
+
+
+def test_second_derivatives_are_refused_or_differences():
+    w = np.arange(1.0, 9)
+    hessian = lambda F, theta: casadi.hessian(casadi.dot(w, F), theta)[0]  # noqa: E731
+    with pytest.raises(RuntimeError, match="second_order"):  # CasADi's, with our sentence
+        of_theta(hessian)
+    flow, x = flow_of("top", 12)
+    wanted = flow.second(flow.adjoint, x[None], np.tile(w, (1, 5, 1)),
+                         np.eye(flow.size)[None, 8:13])[0, :, 8:13]
+    scale = np.outer(THETA, THETA)
+    assert close(of_theta(hessian, second_order="differences") * scale, wanted * scale, 1e-8)
+
+
+def test_a_failed_step_is_nan():
+    flow = gc.step(stepper_of("top"), dt=1e-3)
+    assert np.isnan(flow(Q, P, -THETA)[0].full()).all()
+    assert "I1" in flow.failures[-1]
+    with pytest.raises(InputError, match="q has shape"):
+        flow(casadi.MX.sym("q", 3), P, THETA)
+
+
+@pytest.mark.parametrize("second_order", ["refuse", "differences"])
+def test_opti_swings_a_pendulum(second_order):
+    """From below to a given angle at rest; the controls, integrated again, lead there."""
+    step, count, angle = stepper_of("pushed"), 6, 0.8
+    advance = gc.step(step, dt=0.2, second_order=second_order)
+    opti = casadi.Opti()
+    q, p, u = opti.variable(2, count + 1), opti.variable(2, count + 1), opti.variable(2, count)
+    opti.subject_to(q[:, 0] == [0, -1])
+    opti.subject_to(p[:, 0] == 0)
+    for k in range(count):
+        q1, p1 = advance(q[:, k], p[:, k], {"k": 1.3}, inputs=u[:, k])
+        opti.subject_to(q[:, k + 1] == q1)
+        opti.subject_to(p[:, k + 1] == p1)
+    opti.subject_to(q[0, count] == np.sin(angle))  # one coordinate, one momentum: n − m
+    opti.subject_to(p[0, count] == 0)
+    opti.minimize(casadi.sumsqr(u))
+    opti.set_initial(q, np.tile([[0.0], [-1.0]], count + 1))
+    opti.set_initial(u, 0.1)
+    own = {"hessian_approximation": "limited-memory"} if second_order == "refuse" else {}
+    opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes"} | own)
+    found = opti.solve()
+    run = step.integrate([0, -1], [0, 0], dt=0.2, steps=count, parameters={"k": 1.3},
+                         inputs=found.value(u).T)
+    assert np.abs(run.q.T - found.value(q)).max() < 1e-8
+    assert np.abs(run.q[-1] - [np.sin(angle), -np.cos(angle)]).max() < 1e-7
+    assert found.value(casadi.sumsqr(u)) == pytest.approx(opti.value(opti.f))

@@ -1,0 +1,228 @@
+"""N steps as a function of a vector: its value, its tangents, its adjoints, where it fails."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import mpmath
+import numpy as np
+import pytest
+
+import gyrospark as gs
+import input_systems
+from flows import CASES, directions, flow_of, inputs_of, start_of, stepper_of
+from gyrospark.core.errors import InputError
+from gyrospark.interop.discrete_flow import DiscreteFlow
+
+
+def close(found, wanted, tolerance):
+    """Whether two arrays agree, relative to the largest entry."""
+    return np.abs(found - wanted).max() <= tolerance * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("steps", [1, 12])
+@pytest.mark.parametrize("case", CASES)
+def test_the_value_has_the_bits_of_integrate(case, steps):
+    flow, x = flow_of(case, steps)
+    q, p, parameters, dt, t0 = start_of(case)
+    run = stepper_of(case).integrate(q, p, dt=dt, t0=t0, steps=steps, parameters=parameters,
+                                     inputs=inputs_of(case, steps))
+    assert np.array_equal(flow.value(x[None])[0], np.concatenate([run.q[-1], run.p[-1]]))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_step_has_the_derivatives_of_jvp_and_vjp(case):
+    """Along directions that are tangent to the constraints; ``vjp`` projects the others, too."""
+    flow, x = flow_of(case, 1)
+    q, p, parameters, dt, t0 = start_of(case)
+    step, n, inputs = stepper_of(case), flow.n, inputs_of(case, 1)
+    more = {"dt": dt, "t0": t0, "inputs": None if inputs is None else inputs[0]}
+    *_, back = step.vjp(q, p, parameters=parameters, **more)
+    dx, w = directions(x, 1)[0, 0], np.random.default_rng(1).normal(size=2 * n)
+    gradient = back(w[:n], w[n:])
+    dx[: 2 * n] = gradient.basis @ (gradient.basis.T @ dx[: 2 * n])
+    names = [*flow.names, "dt", "t0", *flow.input_names]
+    *_, dq1, dp1 = step.jvp(q, p, dx[:n], dx[n : 2 * n], parameters=parameters, **more,
+                            d=dict(zip(names, dx[2 * n :], strict=True)))
+    assert close(flow.tangent(x[None], dx[None, None])[0, 0], np.concatenate([dq1, dp1]), 1e-13)
+    found = flow.adjoint(x[None], w[None, None])[0, 0]
+    assert close(gradient.basis.T @ found[: 2 * n], gradient.start, 1e-13)
+    wanted = np.array([gradient[name] for name in names[: len(names) - len(flow.input_names)]])
+    assert close(found[2 * n : 2 * n + len(wanted)], wanted, 1e-13)
+    if inputs is not None:
+        assert close(found[flow.fields["inputs"]], gradient.inputs[0], 1e-13)
+
+
+@pytest.mark.parametrize("case", ["top", "framed", "lifted"])
+def test_a_run_has_the_derivatives_of_runs(case):
+    flow, x = flow_of(case, 12)
+    q, p, parameters, dt, t0 = start_of(case)
+    step, n = stepper_of(case), flow.n
+    names = [*flow.names, "dt", "t0"]
+    run = step.integrate(q, p, dt=dt, t0=t0, steps=12, parameters=parameters, tangents=gs.Tangents(
+        start="all", parameters=flow.names, dt=True, t0=True))
+    dx = np.zeros((1, len(run.tangents.names), flow.size))
+    dx[0, :, : 2 * n] = run.tangents.start.T
+    dx[0, -len(names) :, 2 * n :] = np.eye(len(names))
+    ends = np.concatenate([run.tangents.q[-1], run.tangents.p[-1]])
+    sizes = np.abs(ends).max(axis=0) + 1e-300
+    assert close(flow.tangent(x[None], dx)[0].T / sizes, ends / sizes, 1e-12)
+    w = np.random.default_rng(1).normal(size=2 * n)
+    gradient = step.gradient(run, {"q": w[:n], "p": w[n:]}, wrt=names)
+    found = flow.adjoint(x[None], w[None, None])[0, 0]
+    assert close(found[2 * n :], gradient.vector(), 1e-12)
+
+
+@pytest.mark.parametrize("steps", [1, 12])
+@pytest.mark.parametrize("case", CASES)
+def test_the_adjoint_is_the_transpose_of_the_tangent(case, steps):
+    flow, x = flow_of(case, steps)
+    dx, w = directions(x, 4), np.random.default_rng(1).normal(size=(1, 3, 2 * flow.n))
+    ahead = np.einsum("ki,ji->kj", flow.tangent(x[None], dx)[0], w[0])
+    back = np.einsum("ki,ji->kj", dx[0], flow.adjoint(x[None], w)[0])
+    assert close(back, ahead, 1e-12)
+    J = flow.jacobian(x[None])[0]
+    assert close(J @ dx[0].T, flow.tangent(x[None], dx)[0].T, 1e-12)
+
+
+def test_the_jacobian_of_many_inputs_is_made_of_adjoints():
+    flow, x = flow_of("pushed", 20)
+    assert flow.size > 32
+    dx = directions(x, 2)
+    assert close(flow.jacobian(x[None])[0] @ dx[0].T, flow.tangent(x[None], dx)[0].T, 1e-12)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_tangents_are_the_limit_of_differences(case):
+    """In every direction, off the constraints too: F projects its start; IMS leaves p as it is."""
+    flow, x = flow_of(case, 12)
+    dx = directions(x, 3)
+    if case == "framed":  # a frame that rotates about the axis of a body is for I1 = I2
+        dx[..., flow.names.index("I2") + 8] = dx[..., flow.names.index("I1") + 8]
+    h = 2e-5
+    ends = [flow.value(x + sign * h * dx[0]) for sign in (2, 1, -1, -2)]
+    differences = (8 * (ends[1] - ends[2]) - (ends[0] - ends[3])) / (12 * h)
+    assert close(flow.tangent(x[None], dx)[0], differences, 1e-8)
+
+
+def test_a_start_off_the_constraints_is_projected():
+    flow, x = flow_of("top", 3)
+    q, p, parameters, *_ = start_of("top")
+    far = x.copy()
+    far[:4] *= 1.1
+    near = np.concatenate(stepper_of("top").project(1.1 * q, p, parameters=parameters))
+    there = np.concatenate([near, x[8:]])
+    dx = directions(x, 2)
+    assert close(flow.value(far[None]), flow.value(there[None]), 1e-14)
+    assert close(flow.tangent(far[None], dx), flow.tangent(there[None], dx), 1e-13)
+
+
+def test_a_row_that_fails_is_nan_and_says_why():
+    flow, x = flow_of("top", 3)
+    rows = np.repeat(x[None], 5, axis=0)
+    rows[1, flow.fields["parameters"].start] = -1
+    rows[2, flow.fields["dt"]] = 1e6
+    rows[3, 0] = np.nan
+    dx, w = np.ones((5, 1, flow.size)), np.ones((5, 1, 8))
+    for found in (flow.value(rows), flow.tangent(rows, dx), flow.adjoint(rows, w)):
+        assert np.isnan(found[1:4]).all()
+        assert np.isfinite(found[[0, 4]]).all()
+        assert np.array_equal(found[0], found[4])
+    assert len(flow.failures) == 9
+    assert "I1" in flow.failures[0]
+    assert "Step 1" in flow.failures[1]
+
+
+def test_a_step_of_no_length_and_a_state_that_cannot_be_projected_are_failures():
+    flow, x = flow_of("pushed", 2)
+    still, centre = x.copy(), x.copy()
+    still[flow.fields["dt"]] = 0
+    centre[:2] = 0
+    assert np.isnan(flow.value(np.array([still, centre]))).all()
+    assert "dt" in flow.failures[0]
+
+
+def test_second_derivatives_are_those_of_more_digits():
+    """Differences of the adjoint in double against those in 113 bits."""
+    flow, x = flow_of("pushed", 1)
+    w = np.random.default_rng(1).normal(size=4)
+    fine = input_systems.stepper(input_systems.pendulum, real="float128")
+    q, p, parameters, dt, _ = start_of("pushed")
+    q, p = fine.project(q, p, parameters=parameters | {"push": 0, "pull": 0})
+    (inputs,) = inputs_of("pushed", 1)
+
+    def gradient(k, u):
+        *_, back = fine.vjp(q, p, dt=dt, parameters={"k": k}, inputs=u)
+        found = back(w[:2], w[2:])
+        return np.array([found["k"], *found.inputs[0]])
+
+    def second(place):
+        ends = []
+        for sign in (1, -1):
+            at = np.array([parameters["k"], *inputs], dtype=object)
+            at[place] += sign * mpmath.mpf("1e-9")
+            ends.append(gradient(at[0], at[1:]))
+        return ((ends[0] - ends[1]) / 2e-9).astype(float)
+
+    places = [flow.fields["parameters"].start, *range(*flow.fields["inputs"].indices(flow.size))]
+    with mpmath.workprec(113):
+        wanted = np.array([second(i) for i in range(3)])
+    dx = np.eye(flow.size)[None, places]
+    found = flow.second(flow.adjoint, x[None], np.repeat(w[None, None], 3, axis=1), dx)[0]
+    assert close(found[:, places], wanted, 1e-9)
+    along = flow.second(flow.tangent, x[None], dx, dx[:, ::-1])[0] @ w
+    assert close(along, wanted[range(3), range(2, -1, -1)], 1e-9)
+
+
+def test_second_derivatives_along_a_curve_on_the_constraints():
+    """d²/ds² of wᵀF on a great circle, against differences of wᵀF'."""
+    flow, x = flow_of("top", 3)
+    q = x[:4]
+    across = np.array([-q[1], q[0], -q[3], q[2]])
+    w = np.random.default_rng(1).normal(size=(1, 1, 8))
+
+    def curve(s):
+        return np.concatenate([np.cos(s) * q + np.sin(s) * across, 0 * q, x[8:]])
+
+    def slope(s):
+        tangent = np.concatenate([-np.sin(s) * q + np.cos(s) * across, np.zeros(flow.size - 4)])
+        return float(flow.adjoint(curve(s)[None], w)[0, 0] @ tangent)
+
+    h = 1e-3
+    wanted = (8 * (slope(h) - slope(-h)) - (slope(2 * h) - slope(-2 * h))) / (12 * h)
+    dx = np.concatenate([across, np.zeros(flow.size - 4)])
+    bend = np.concatenate([-q, np.zeros(flow.size - 4)])
+    at = curve(0)[None]
+    found = (flow.second(flow.adjoint, at, w, dx[None, None])[0, 0] @ dx
+             + flow.adjoint(at, w)[0, 0] @ bend)
+    assert abs(found - wanted) <= 1e-9 * abs(wanted)
+
+
+def test_threads_share_nothing():
+    flow, x = flow_of("top", 12)
+    rows = x * (1 + 1e-3 * np.arange(8)[:, None] * (np.arange(x.size) == 8))
+    w = np.ones((8, 1, 8))
+    one = flow.adjoint(rows, w)
+    with ThreadPoolExecutor(4) as pool:
+        many = list(pool.map(lambda i: flow.adjoint(rows[i : i + 1], w[:1]), range(8)))
+    assert np.array_equal(np.concatenate(many), one)
+
+
+def test_parameters_are_refused_by_name():
+    flow, _ = flow_of("top", 1)
+    *_, parameters, _, _ = start_of("top")
+    for wrong, word in (({"I4": 1.0}, "I4"), ({"gamma": "m"}, "rule")):
+        with pytest.raises(InputError, match=word):
+            flow.parameters(parameters | wrong)
+    with pytest.raises(InputError, match="mgl"):
+        flow.parameters({name: x for name, x in parameters.items() if name != "mgl"})
+    framed, _ = flow_of("framed", 1)
+    assert framed.parameters(parameters)[-1] == 0.0
+
+
+@pytest.mark.parametrize(("make", "steps", "word"), [
+    (lambda: "G-L", 1, "stepper"), (lambda: stepper_of("top"), 0, "steps"),
+    (lambda: input_systems.stepper(input_systems.pendulum, real="float128"), 1, "double")])
+def test_other_steppers_are_refused(make, steps, word):
+    with pytest.raises(InputError, match=word):
+        DiscreteFlow(make(), steps)

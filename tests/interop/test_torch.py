@@ -1,0 +1,130 @@
+"""Steps as PyTorch functions: backward, forward mode, torch.func."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flows import PARAMETERS, TOP, flow_of, inputs_of, start_of, stepper_of
+from gyrospark.core.errors import InputError
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: the extra torch brings it")
+
+import gyrospark.interop.torch as gt  # noqa: E402
+
+#: PyTorch calls functions of its own that it deprecates.
+pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
+
+
+def tensor(values):
+    return torch.tensor(np.array(values, dtype=float))
+
+
+THETA = tensor([*TOP.parameters.values(), 0.0016])
+Q, P = tensor(TOP.q0), tensor(TOP.p0)
+
+
+def top(steps=12, **more):
+    """Return (q, p) of the fast top, and its concatenation, as functions of q, p and a tensor."""
+    flow = gt.run(stepper_of("top"), steps=steps, dt=1e-3, **more)
+    return flow, lambda q, p, theta: torch.cat(flow(q, p, theta))
+
+
+def close(found, wanted, tolerance=1e-12):
+    found, wanted = np.asarray(found), np.asarray(wanted)
+    return np.abs(found - wanted).max() <= tolerance * np.abs(wanted).max()
+
+
+def test_values_and_jacobians_are_those_of_the_flow():
+    flow, x = flow_of("top", 12)
+    _, F = top()
+    assert np.array_equal(F(Q, P, THETA), flow.value(x[None])[0])
+    wanted = np.split(flow.jacobian(x[None])[0], [4, 8, 13], axis=1)[:3]
+    for jacobian in (torch.func.jacfwd, torch.func.jacrev):
+        found = jacobian(F, (0, 1, 2))(Q, P, THETA)
+        assert all(close(one, other) for one, other in zip(found, wanted, strict=True))
+    by_hand = torch.autograd.functional.jacobian(F, (Q, P, THETA))
+    assert all(close(one, other) for one, other in zip(by_hand, wanted, strict=True))
+
+
+def test_backward_and_dual_numbers_are_transposes():
+    _, F = top()
+    given = [x.clone().requires_grad_() for x in (Q, P, THETA)]
+    w = tensor(np.arange(1.0, 9))
+    (F(*given) @ w).backward()
+    directions = [x.flip(0) for x in (Q, P, THETA)]
+    with torch.autograd.forward_ad.dual_level():
+        duals = map(torch.autograd.forward_ad.make_dual, (Q, P, THETA), directions)
+        ahead = torch.autograd.forward_ad.unpack_dual(F(*duals)).tangent
+    back = sum(x.grad @ dx for x, dx in zip(given, directions, strict=True))
+    assert close(back, ahead @ w)
+    once = THETA.clone().requires_grad_()
+    F(Q, P, once)[0].backward()
+    assert close(once.grad, torch.func.grad(lambda theta: F(Q, P, theta)[0])(THETA))
+
+
+def test_pytorch_checks_the_gradient():
+    flow = gt.step(stepper_of("top"), dt=1e-3)
+    scale = torch.ones(5, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda s: torch.cat(flow(Q, P, THETA * s)), scale, eps=1e-5,
+                                    atol=1e-8, rtol=1e-4, check_forward_ad=True)
+
+
+def test_maps_have_the_bits_of_single_calls():
+    _, F = top()
+    many = THETA * (1 + 0.01 * torch.arange(3)[:, None])
+    gradient = torch.func.grad(lambda q, p, theta: ((F(q, p, theta) - 0.5) ** 2).sum(), (0, 2))
+    functions = [F, lambda *z: gradient(*z)[0], lambda *z: gradient(*z)[1],
+                 torch.func.jacfwd(F, 2), torch.func.jacrev(F, 2)]
+    for function in functions:
+        one = torch.stack([function(Q, P, theta) for theta in many])
+        assert torch.equal(torch.func.vmap(function, (None, None, 0))(Q, P, many), one)
+        beside = torch.func.vmap(function, (None, None, 1), out_dims=1)(Q, P, many.T)
+        assert torch.equal(beside.movedim(1, 0), one)
+
+
+def test_inputs_dt_and_parameters_by_name():
+    flow, x = flow_of("pushed", 3)
+    function = gt.run(stepper_of("pushed"), steps=3)
+    q, p, parameters, dt, _ = start_of("pushed")
+    k, h, u = (tensor(one).requires_grad_() for one in (parameters["k"], dt,
+                                                        inputs_of("pushed", 3)))
+    w = np.arange(1.0, 5)
+    (torch.cat(function(q, p, {"k": k}, dt=h, inputs=u)) @ tensor(w)).backward()
+    wanted = flow.adjoint(x[None], w[None, None])[0, 0]
+    assert close([k.grad, h.grad, *u.grad.ravel()], wanted[[4, 5, *range(7, 13)]])
+
+
+def test_second_derivatives_are_refused_or_differences():
+    _, F = top()
+    w = tensor(np.arange(1.0, 9))
+    with pytest.raises(InputError, match="differences"):
+        torch.func.hessian(lambda theta: F(Q, P, theta) @ w)(THETA)
+    _, F = top(second_order="differences")
+    loss = lambda theta: F(Q, P, theta) @ w  # noqa: E731
+    scale = np.outer(THETA, THETA)
+    inner, x = flow_of("top", 12)
+    wanted = inner.second(inner.adjoint, x[None], np.tile(w, (1, 5, 1)),
+                          np.eye(inner.size)[None, 8:13])[0, :, 8:13]
+    for hessian in (torch.func.hessian(loss), torch.func.jacfwd(torch.func.jacfwd(loss))):
+        assert close(np.asarray(hessian(THETA)) * scale, wanted * scale, 1e-8)
+    for reverse in (torch.func.jacrev(torch.func.jacrev(loss)),
+                    lambda theta: torch.autograd.functional.hessian(loss, theta)):
+        with pytest.raises(InputError, match=r"torch\.func\.hessian"):
+            reverse(THETA)
+
+
+def test_a_failed_step_is_nan():
+    flow, _ = top()
+    found = torch.func.vmap(lambda theta: flow(Q, P, theta)[0])(torch.stack([THETA, -THETA]))
+    assert torch.isfinite(found[0]).all()
+    assert torch.isnan(found[1]).all()
+    assert "I1" in flow.failures[-1]
+
+
+def test_tensors_are_double_and_on_the_cpu():
+    flow, _ = top()
+    for other in (Q.float(), Q.to("meta")):
+        with pytest.raises(InputError, match="float64"):
+            flow(other, P, THETA)
+    assert flow(list(map(float, Q)), P, PARAMETERS)[0].dtype is torch.float64

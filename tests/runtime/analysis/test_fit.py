@@ -1,0 +1,331 @@
+"""gs.fit: what made the data is found within its standard deviation, or named as undetermined."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from functools import cache
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import refused
+from gyrospark.benchmarks import fits
+from gyrospark.runtime.analysis.fit_coordinates import Coordinates
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+from processes import ROOT
+
+top = cache(fits.damped_top)
+double = cache(fits.double_body)
+
+
+@cache
+def top_fit():
+    return top().fit(top().data(3))
+
+
+@cache
+def pendulum():
+    model = gs.load_model(ROOT / "examples" / "pendulum.toml")
+    step = gs.stepper("G-L", 2, system=model)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=120, every=4,
+                         parameters=model.parameters)
+    return step, model, run
+
+
+def fit_pendulum(data=None, observe=("x", "y"), free=("l", "g", "start"), guess=None, **more):
+    step, model, run = pendulum()
+    parameters = dict(model.parameters) | (guess or {"l": 0.6, "g": 8.0})
+    return gs.fit(step, run.t, run.q if data is None else data, observe=observe, free=free,
+                  parameters=parameters, **{"q": [0.6, 0.01], "p": [0.02, 0.1], "dt": 0.01} | more)
+
+
+# ---------------------------------------------------------------- what made the data
+
+
+def test_a_damped_top_is_found_from_a_far_first_guess():
+    found, true = top_fit(), top().true
+    assert found.converged
+    assert not found.undetermined
+    assert found.rms == pytest.approx(fits.NOISE, rel=0.1)
+    assert found.truncation < 0.01 * fits.NOISE
+    for name in top().free:
+        assert abs(found.parameters[name] - true[name]) < 3 * found.sigma[name]
+        assert found.sigma[name] < 1e-3 * true[name]
+
+
+@pytest.mark.parametrize(("case", "seeds", "least", "together"), [
+    (top, 6, 3, 0.7),
+    pytest.param(top, 100, 88, 0.92, marks=pytest.mark.slow),
+    pytest.param(double, 100, 88, 0.93, marks=pytest.mark.slow),
+])
+def test_two_standard_deviations_hold_as_often_as_they_should(case, seeds, least, together):
+    """Fewer than 88 of 100 have a probability of 0.1 % where 95.4 are expected."""
+    found = fits.recover(case(), range(seeds))
+    assert not found.failures
+    assert min(found.within().values()) >= least
+    assert sum(found.within().values()) >= together * seeds * len(found.names)
+    assert 0.5 < np.sqrt((found.errors**2).mean()) < 1.3
+
+
+@pytest.mark.slow
+def test_ten_inertial_parameters_and_a_damping():
+    case = double()
+    assert len(case.free) == 11
+    found = case.fit(case.data(0))
+    assert not found.undetermined
+    for name in case.free:
+        assert abs(found.parameters[name] - case.true[name]) < 4 * found.sigma[name]
+
+
+def test_exact_data_give_exact_parameters():
+    found = fit_pendulum()
+    assert found.rms < 1e-9
+    assert found.parameters["l"] == pytest.approx(0.5, rel=1e-9)
+    assert found.parameters["g"] == pytest.approx(9.81, rel=1e-9)
+    assert found.parameters["m"] == 1.0
+    assert found.q == pytest.approx([0.5, 0.0], abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "more"), [
+    (("EMS",), {}), (("IMS",), {}), (("LIIIA-B", 3), {}), (("Radau-L", 2), {}),
+    (("G-L", 2), {"real": "float"}), (("G-L", 2), {"real": "float128"}),
+    (("G-L", 2), {"frame": "symmetries"})])
+def test_every_scheme_and_type_fits_its_own_motion(scheme, more):
+    model = gs.load_model(ROOT / "examples" / "damped_top.toml")
+    step = gs.stepper(*scheme, system=model, **more)
+    parameters = model.parameters | {"gamma": 1.4e-3}
+    q, p = step.project(model.q0, model.p0, parameters=parameters)
+    run = step.integrate(q, p, dt=2e-3, steps=100, every=5, parameters=parameters)
+    found = gs.fit(step, run.t[1:], run.q[1:], q=q, p=1.02 * p, dt=2e-3,
+                   parameters=parameters | {"c": 3e-4, "I3": 9.5e-4}, free=["I3", "c", "start"])
+    assert found.converged
+    assert found.parameters["c"] == pytest.approx(4e-4, rel=1e-4)
+    assert found.parameters["I3"] == pytest.approx(9e-4, rel=1e-4)
+
+
+def test_the_sign_of_a_quaternion_does_not_matter():
+    data = top().data(3)
+    data[::3] *= -1
+    found = top().fit(data)
+    assert found.parameters == top_fit().parameters
+
+
+def test_a_start_alone_and_parameters_alone():
+    start = fit_pendulum(free=["start"], guess={"l": 0.5})
+    assert start.q == pytest.approx([0.5, 0.0], abs=1e-9)
+    assert start.names == ["start[0]", "start[1]"]
+    _, model, _ = pendulum()
+    known = fit_pendulum(free="g", guess={"g": 8.0}, q=model.q0, p=model.p0)
+    assert known.names == ["g"]
+    assert known.parameters["g"] == pytest.approx(9.81, rel=1e-9)
+
+
+def test_torques_that_are_known_determine_all_moments():
+    """Of a free body a common factor is undetermined; inputs are forces in true units."""
+    model = gs.load_model(ROOT / "examples" / "control_c" / "satellite.toml")
+    step = gs.stepper("G-L", 2, system=model)
+    inputs = np.random.default_rng(1).normal(size=(40, 3))
+    parameters = model.parameters | {"gamma": "m"}
+    arguments = {"dt": 0.5, "inputs": inputs, "hold": 2}
+    run = step.integrate(model.q0, model.p0, steps=80, parameters=parameters, **arguments)
+    guess = parameters | {"I1": 9.0, "I2": 12.0, "I3": 4.0, "gamma": 8.0}
+    names = ["I1", "I2", "I3", "start"]
+    found = gs.fit(step, run.t[2::2], run.q[2::2], q=model.q0, p=model.p0, parameters=guess,
+                   free=names, **arguments)
+    assert not found.undetermined
+    assert [found.parameters[x] for x in names[:3]] == pytest.approx(
+        [12.0, 10.0, 3.0], rel=1e-4)  # another γ: the truncation of the step
+    still = step.integrate(model.q0, model.p0, dt=0.5, steps=80,
+                           parameters=parameters | {"u1": 0.0, "u2": 0.0, "u3": 0.0})
+    free = gs.fit(step, still.t[2::2], still.q[2::2], q=model.q0, p=model.p0, parameters=guess,
+                  free=names, dt=0.5)
+    assert [set(one) for one in free.undetermined] == [{*names}]
+
+
+# ---------------------------------------------------------------- what the data do not determine
+
+
+def test_a_common_factor_is_named_and_not_inverted():
+    found = top().fit(top().data(3), free=["I1", "I2", "I3", "mgl", "c", "start"])
+    (one,) = found.undetermined
+    assert set(one) == {"I1", "I2", "I3", "mgl", "c", "start"}
+    assert list(one.values()) == pytest.approx([1.0] * 6, abs=1e-3)
+    assert "common factor" in repr(found)
+    assert found.rms == pytest.approx(top_fit().rms, rel=1e-4)
+    assert np.isfinite(found.covariance).all()
+    for name in ("I1", "I2", "I3", "mgl", "c"):
+        assert found.sigma[name] == np.inf
+    true, fixed = top().true, top_fit()
+    for name in ("I1", "I2", "I3", "c"):
+        ratio = found.parameters[name] / found.parameters["mgl"] * true["mgl"]
+        assert abs(ratio - fixed.parameters[name]) < 0.1 * fixed.sigma[name]
+
+
+def test_what_has_no_effect_and_products_are_named():
+    found = fit_pendulum(free=["m", "l", "g", "start"])
+    (one,) = found.undetermined
+    assert one == pytest.approx({"m": 1.0}, abs=1e-6)  # without the start, which is at rest
+    assert found.sigma["m"] == np.inf
+    assert found.sigma["l"] < 1e-6
+    assert found.parameters["g"] == pytest.approx(9.81, rel=1e-9)
+
+
+@pytest.mark.parametrize("first", [0.0, 1e-4])
+def test_a_damping_that_is_none_is_determined(first):
+    step, parameters = top().step, top().true | {"c": 0.0}
+    q, p = step.project(top().q, top().p, parameters=parameters)
+    run = step.integrate(q, p, dt=5e-3, steps=240, every=4, parameters=parameters)
+    noise = fits.NOISE * np.random.default_rng(0).normal(size=(60, 3))
+    found = top().fit(fits.turned(run.q[1:], noise), parameters=parameters | {"c": first},
+                      free=["c", "start"])
+    assert not found.undetermined
+    assert abs(found.parameters["c"]) < 4 * found.sigma["c"] < 1e-5
+
+
+def test_fewer_residuals_than_unknowns():
+    step, model, run = pendulum()
+    found = gs.fit(step, run.t[1:2], run.q[1:2], observe="q", q=model.q0, p=model.p0, dt=0.01,
+                   parameters=model.parameters, free=["l", "g", "start"])
+    assert len(found.undetermined) == 2
+
+
+# ---------------------------------------------------------------- what is observed
+
+
+def test_a_function_is_observed_with_its_derivatives():
+    """The third axis of the top, as a function, and the same coordinates by name and function."""
+    def axis(q, p):
+        units = np.eye(4)
+        by_q = np.stack([(rotation_matrix(q + 1e-3 * e) - rotation_matrix(q - 1e-3 * e))[..., 2]
+                         / 2e-3 for e in units], axis=-1)  # exact: R(q) is quadratic
+        return rotation_matrix(q)[..., 2], by_q, np.zeros_like(by_q)
+
+    data = rotation_matrix(top().attitudes)[..., 2]
+    found = top().fit(data, observe=axis, free=["c", "start"], parameters=top().true)
+    assert found.parameters["c"] == pytest.approx(4e-4, rel=1e-5)
+    assert found.converged
+
+    def height(q, p):
+        return q[:, 1], np.eye(2)[None, 1] + np.zeros((len(q), 1)), np.zeros((len(q), 2))
+
+    _, _, run = pendulum()
+    made = fit_pendulum(run.q[:, 1], observe=height)
+    named = fit_pendulum(run.q[:, 1], observe="y")
+    assert made.parameters == named.parameters
+
+
+def test_coordinates_and_momenta_are_observed_together():
+    _, _, run = pendulum()
+    found = fit_pendulum(np.concatenate([run.p, run.q[:, :1]], axis=1), observe=["p", "x"],
+                         free=["m", "l", "g", "start"], guess={"m": 1.5})
+    assert not found.undetermined
+    assert found.parameters["m"] == pytest.approx(1.0, rel=1e-9)
+
+
+def test_noise_that_is_known_scales_the_covariance():
+    data = top().data(3)
+    known = top().fit(data, sigma=1e-3)
+    assert known.parameters["c"] == pytest.approx(top_fit().parameters["c"], rel=1e-6)
+    ratio = top_fit().sigma["c"] / known.sigma["c"]
+    count = top_fit().residuals.size
+    assert ratio == pytest.approx(top_fit().rms * np.sqrt(count / (count - 10)) / 1e-3, rel=1e-3)
+
+
+# ---------------------------------------------------------------- inertias of bodies
+
+
+@pytest.mark.parametrize("names", [
+    ["I1", "I2", "I3"], ["upper_K11", "upper_K12", "upper_K13", "upper_K22", "upper_K23",
+                         "upper_K33"]])
+def test_each_step_of_an_inertia_is_that_of_a_body(names):
+    tensor = len(names) == 6
+    manifest = {"system": {
+        "rigid_body": not tensor, "parameters": dict.fromkeys(names, "real"),
+        "coordinates": ["a", "b", "c", "d"],
+        "bodies": {"upper": {"q": ["a", "b", "c", "d"], "inverse_inertia": names}} if tensor
+        else {}}}
+    step = type("Stepper", (), {"manifest": manifest,
+                                "parameter_domains": dict.fromkeys(names, "real")})()
+    first = dict(zip(names, [3.0, 0.2, -0.1, 2.0, 0.3, 1.8] if tensor else [1.0, 1.5, 2.2],
+                     strict=True))
+    coordinates, draw = Coordinates(step, names, first), np.random.default_rng(0)
+    now = coordinates.inside(first)
+    for _ in range(20):
+        y = draw.normal(size=len(names))
+        exact = coordinates.jacobian(now) @ y
+        ahead, back = (coordinates.moved(now, sign * 1e-5 * y) for sign in (1, -1))
+        slope = [(ahead[name] - back[name]) / 2e-5 for name in names]
+        assert exact == pytest.approx(slope, rel=1e-5, abs=1e-6 * np.abs(exact).max())
+        now = coordinates.moved(now, y)
+        moments = [now[name] for name in names]
+        if tensor:
+            K = np.zeros((3, 3))
+            K[np.triu_indices(3)] = moments
+            moments = np.linalg.eigvalsh(np.linalg.inv(K + np.triu(K, 1).T))
+        assert min(moments) > 0
+        for k in range(3):
+            assert moments[k] <= (1 + 1e-9) * (sum(moments) - moments[k])
+
+
+# ---------------------------------------------------------------- input
+
+
+WRONG = [
+    ({"free": ["l", "gg"]}, "free.*mean g"),
+    ({"fixed": ["ll"], "free": None}, "fixed.*mean l"),
+    ({"free": ["l"], "fixed": ["l"]}, "free.*fixed"),
+    ({"free": []}, "Nothing.*free"),
+    ({"observe": "xx"}, "observe.*mean x"),
+    ({"observe": []}, "names nothing"),
+    ({"observe": "x"}, r"31 rows.*\(x\)"),
+    ({"data": np.zeros((7, 2))}, r"shape \(7, 2\).*31 rows"),
+    ({"dt": 0.007}, "whole number"),
+    ({"dt": 0.0}, "time step"),
+    ({"sigma": -1.0}, "sigma"),
+    ({"sigma": [1.0, 1.0, 1.0]}, "2 columns"),
+    ({"horizons": [20, 10]}, "increase"),
+    ({"horizons": [100]}, "up to 31"),
+    ({"t0": 0.1}, "from t0"),
+    ({"t0": "now"}, "t0"),
+    ({"dt": "small"}, "dt"),
+    ({"observe": lambda q, p: q}, "returned"),
+    ({"observe": lambda q, p: (q, q, q)}, r"\(1, 2, 2\)"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), WRONG,
+                         ids=[f"{next(iter(x))}-{i}" for i, (x, _) in enumerate(WRONG)])
+def test_what_cannot_be_fitted_is_refused_in_a_sentence(change, message):
+    with refused(message):
+        fit_pendulum(**change)
+
+
+def test_data_that_are_no_measurements_are_refused():
+    _, _, run = pendulum()
+    data = run.q.copy()
+    data[4, 1] = np.nan
+    with refused(r"data\[4, 1\] = nan"):
+        fit_pendulum(data)
+    with refused("unit quaternion"):
+        top().fit(2 * top().attitudes)
+    case = dataclasses.replace(top(), t=top().t[::-1])
+    with refused("increase"):
+        case.fit(case.attitudes)
+
+
+def test_a_first_guess_without_a_motion_fails_as_a_run_does():
+    step, model, run = pendulum()
+    with pytest.raises(gs.StepFailed):
+        gs.fit(step, run.t[1:] * 100, run.q[1:], observe="q", q=model.q0, p=model.p0, dt=4.0,
+               parameters=model.parameters | {"g": 900.0})
+
+
+def test_what_is_printed_has_values_and_deviations():
+    text = repr(top_fit())
+    assert "60 samples" in text
+    assert "±" in text
+    for name, line in itertools.product(top().free, [text]):
+        assert f"\n  {name} = " in line
