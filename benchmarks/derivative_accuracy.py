@@ -161,7 +161,8 @@ class _Step:
         values = {k: x + shift * d.get(k, 0) for k, x in self.values.items()}
         if self.step.m and shift:
             found = self.step.consistent(q, p, parameters=values, t=self.t0)
-            q, p = found.q, found.p
+            q = found.q
+            p = found.p if self.step.manifest["scheme"]["keeps_momentum_constraint"] else p
         run = self.step.integrate(q, p, dt=self.dt + shift * d.get("dt", 0), steps=1, t0=self.t0,
                                   parameters=values)
         return run.q[-1], run.p[-1]
