@@ -22,7 +22,7 @@ from derivative_cases import (
 from gyrospark.runtime.derivatives.tangent_space import TangentSpace
 
 SPARK = [s for s in SCHEMES if s[0] not in ("IMS", "EMS")]
-FEW = {"forced": [("G-L", 2), ("IMS", None)], "top, γ": [("G-L", 3)],
+FEW = {"forced": [("G-L", 2)], "breathing": [("EMS", None)], "top, γ": [("G-L", 3)],
        "Lagrangian": [("EMS", None)]}
 
 
