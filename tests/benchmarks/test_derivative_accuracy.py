@@ -9,7 +9,7 @@ import pytest
 import gyrospark as gs
 from gyrospark.benchmarks.derivative_accuracy import measure, subjects
 
-FEW = ("simple-pendulum", "double_pendulum")
+FEW = ("simple-pendulum",)
 #: Of 567 coordinates: minutes.
 LARGE = {"four-bars-40"}
 MANY = [pytest.param(name, marks=[] if name in FEW else pytest.mark.slow)
