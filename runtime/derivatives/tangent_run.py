@@ -54,6 +54,10 @@ def tangents_of(stepper: Stepper, run: RunArguments, wanted: Tangents) -> Tangen
     own = binding.own
     kept_run = binding.begin(run)
     space = TangentSpace(binding, kept_run.parameters, run.q, run.p, stepper.constraint_names)
+    for name in wanted.parameters if run.inputs is not None else ():
+        if name in own.input_names:
+            raise InputError(f"Input {name!r} has a value for each step in this run, so that it is "
+                             "no direction; take the gradient by \"inputs\".")
     start = Start(space, wanted)
     dz = np.ascontiguousarray(start.directions)
     count = dz.shape[1]

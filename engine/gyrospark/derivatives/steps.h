@@ -74,6 +74,16 @@ void NAME(keep)(const work_t *work, const options_t *options, real x[U])
 }
 #endif
 
+#if GS_FRAME
+void NAME(frame_state)(const work_t *work, real q[N], real p[N])
+{
+    for (int a = 0; a < N; ++a) {
+        q[a] = work->frame_q[a];
+        p[a] = work->frame_p[a];
+    }
+}
+#endif
+
 #if !GS_PROFILE_RUN
 /* A function of the primal module, by its address: NAME(integrate). */
 typedef int (*integrate_function)(const parameters_t *, const options_t *, IF_INPUTS(
