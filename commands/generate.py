@@ -49,11 +49,13 @@ __all__ = ["generate"]
 @click.option("--standalone", is_flag=True,
               help="Put the engine into the C, which cc then builds alone; profiles control "
                    "and run are always written so.")
+@click.option("--derivatives", is_flag=True,
+              help="Write tangents and adjoints of steps and runs, too; profiles full and run.")
 @click.option("--allow-invalid", is_flag=True,
               help="Generate from a tableau although it violates required conditions.")
 def generate(
     profile: str | None, out: Path, check: bool, everything: bool, no_compile: bool,
-    standalone: bool, allow_invalid: bool, **choice: Any,
+    standalone: bool, derivatives: bool, allow_invalid: bool, **choice: Any,
 ) -> int:
     """Write DIR/<name>.h, .c and .json for a stepper, and compile it.
 
@@ -64,6 +66,7 @@ def generate(
     generate --tableau examples/tableaux/gauss_lobatto_2.json
     generate --scheme G-L --stages 2 --real float --profile control
     generate --scheme G-L --stages 3 --frame symmetries
+    generate --scheme G-L --stages 3 --profile run --derivatives
     generate --check --all
     """
     chosen = any([*choice.values(), profile])
@@ -76,30 +79,36 @@ def generate(
         click.echo("".join(f"{said}\n" for said in note), nl=False)
         specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
+    if derivatives and any(spec.profile == "control" for spec in specs):
+        raise InputError("Profile 'control' has no Newton iteration, whose equations derivatives "
+                         "need; take profile 'run' for --derivatives.")
     if check:
-        return max(check_files(spec, out, allow_invalid, standalone) for spec in specs)
+        return max(check_files(spec, out, allow_invalid, standalone, derivatives)
+                   for spec in specs)
     for spec in specs:
         write_stepper(spec, out, compile_it=not no_compile and spec.profile == "full",
                       allow_invalid=allow_invalid,
-                      standalone=standalone)
+                      standalone=standalone, derivatives=derivatives)
     return 0
 
 
 def write_stepper(
-    spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool, standalone: bool
+    spec: Spec, out: Path, *, compile_it: bool, allow_invalid: bool, standalone: bool,
+    derivatives: bool = False,
 ) -> None:
     """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
     with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
-        made = _generate(spec, allow_invalid)
+        made = _generate(spec, allow_invalid, derivatives)
         write_files(made.source.files(standalone=standalone), out)
         derived = time.perf_counter()
         if compile_it:
             from ..api import cache_files
             from ..runtime.compilation.stepper_module import load_module
 
-            load_module(made.source.name, made.source.files())
-            if spec.tableau is None and spec.model is None:
+            load_module(made.source.name, made.source.files(),
+                        "derivatives" if derivatives else "runs")
+            if spec.tableau is None and spec.model is None and not derivatives:
                 cache_files(spec, made.source.files())
     done = time.perf_counter()
     click.echo(summary(made, out, derived - start, done - derived if compile_it else None))
@@ -131,9 +140,11 @@ def sum_operations(manifest: str) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items()) + " operations"
 
 
-def check_files(spec: Spec, out: Path, allow_invalid: bool, standalone: bool) -> int:
+def check_files(
+    spec: Spec, out: Path, allow_invalid: bool, standalone: bool, derivatives: bool = False
+) -> int:
     """Compare freshly generated text with the files in ``out``; print a unified diff."""
-    made = _generate(spec, allow_invalid)
+    made = _generate(spec, allow_invalid, derivatives)
     stale = 0
     for name, text in made.source.files(standalone=standalone).items():
         path = out / name
@@ -176,9 +187,9 @@ def write_files(files: dict[str, str], out: Path) -> None:
         ) from error
 
 
-def _generate(spec: Spec, allow_invalid: bool) -> Generated:
+def _generate(spec: Spec, allow_invalid: bool, derivatives: bool = False) -> Generated:
     with log_task(f"deriving {spec.model or spec.name}"):
         with imported_for_good("sympy"):  # only when needed
             from ..generator.pipeline import generate as run_pipeline
 
-        return run_pipeline(spec, allow_invalid=allow_invalid)
+        return run_pipeline(spec, allow_invalid=allow_invalid, derivatives=derivatives)

@@ -21,7 +21,7 @@ from .arguments import listed, proposal, shown
 from .errors import InputError
 
 __all__ = ["AIMS", "FRAMES", "GAMMA_RULES", "MODELS", "PROBLEMS", "RULES", "SYSTEMS", "Aim",
-           "Entry", "GammaRule", "entry_named", "unknown_name"]
+           "Entry", "GammaRule", "entry_named", "function_of", "unknown_name"]
 
 _PACKAGE = __name__.partition(".")[0]
 _HOME = Path(__file__).resolve().parents[1]
@@ -31,6 +31,11 @@ Aim = Literal["motion", "energy"]
 
 #: What ``frame`` may be: co-moving frames along the symmetries of a system (docs/frames.md).
 FRAMES = ("symmetries",)
+
+
+def function_of(home: str, name: str) -> Any:
+    """Return a function of a higher package, which is imported when it is asked for."""
+    return getattr(import_module(f"{_PACKAGE}.{home}"), name)
 
 
 @dataclass(frozen=True)
@@ -68,8 +73,7 @@ class Entry:
 
     @property
     def _function(self) -> Any:
-        module = import_module(f"{_PACKAGE}.{self.home}")
-        return getattr(module, self.name.replace("-", "_"))
+        return function_of(self.home, self.name.replace("-", "_"))
 
 
 def _entries(kind: Literal["system", "problem", "model"], home: str, *names: str

@@ -37,7 +37,7 @@ API = {
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
     "derivatives": [
-        "Tangents", "gyrospark.runtime.derivatives.tangent_run.TangentRows", "Gradient", "lyapunov",
+        "Tangents", "gyrospark.runtime.results.tangent_rows.TangentRows", "Gradient", "lyapunov",
         "Lyapunov", "periodic_orbit", "PeriodicOrbit", "fit", "Fit"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
 }

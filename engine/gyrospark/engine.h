@@ -100,6 +100,9 @@
 #ifndef GS_COMPENSATED_LANES /* kernels on lanes sum products in twice the working precision */
 #define GS_COMPENSATED_LANES 0
 #endif
+#ifndef GS_DERIVATIVES /* tangents and adjoints */
+#define GS_DERIVATIVES 0
+#endif
 #ifndef GS_DERIVATIVES_IN_LANES /* derivatives of as many steps at once as there are lanes */
 #define GS_DERIVATIVES_IN_LANES 0
 #endif

@@ -33,6 +33,8 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     found = []
     for kind, (forms, parts, kernels_of) in enumerate(kinds):
         for form, part in zip(forms, parts, strict=True):
+            if not (form.q or form.p) and kind == 0:
+                continue  # a constant of H
             made = emit.all(part["name"], kernels_of(form, scheme, times))
             known = {k["name"]: k for k in part["kernels"]}
             found.append(part | {

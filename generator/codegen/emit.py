@@ -184,7 +184,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         kernels=kernels,
         compensated=any(map(sums_products, known)),
         cardinals=sorted(c_names_with_needs(
-            more.union(*(k.functions for k in known)))),
+            more.union(*(k.functions for k in [*known, *(derivatives.lanes if derivatives
+                                                         else [])])))),
         switch_functions=SWITCHES & functions,
         costs={} if derived.profile == "control" else solver_costs(
             scheme, kernels if plain else known, parts),

@@ -12,5 +12,6 @@
     moving_frame           a system in a co-moving frame
     repeated_structure     element templates that many terms share, and their sparsity
     elimination_order      elimination orders with little fill-in
+    run_functions          sums over the states of a run, and their derivatives
     smoothness             points where an expression is not smooth
 """

@@ -38,7 +38,7 @@ from ..derivatives.tangent_space import Tangents
 from .unitary_frame import canonical_form, tangent_projection
 
 if TYPE_CHECKING:
-    from ..derivatives.tangent_run import TangentRows
+    from ..results.tangent_rows import TangentRows
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
+from ..compilation.quad_wrapper import PREFIX
 from ..integration.run_arguments import RunArguments
 
 __all__ = ["DerivativeBinding", "KeptRun", "KeptSteps"]
@@ -181,6 +182,8 @@ class QuadDerivativeBinding(DerivativeBinding):
                 return int(status)
             own.image(run.work)[:] = primal.image(run.primal_work)
             own.image(run.report)[:] = primal.image(run.primal_report)
+            if hasattr(own.lib, f"{PREFIX}{own.name}_frame_state"):
+                own.function("frame_state")(run.work, *state)
             q[j + 1], p[j + 1] = state
             found = own.new(own.unknowns)
             own.function("keep")(run.work, run.options, own.pointer(found))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import choose, shown
+from ...core.arguments import shown
 from ...core.errors import InputError
 from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
+from ..results.tangent_rows import EventTangents, TangentRows
 from .frame import FrameMotion
 from .kept_steps import pieces, refuse_run, singular, split
 from .points import Point, RunRows, rows_of, tangent_at
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = [
-    "EventTangents",
-    "TangentRows",
     "pieces",
     "refuse_run",
     "singular",
@@ -37,61 +36,6 @@ Array = NDArray[Any]
 
 #: Growth beyond which a derivative has lost its digits, in 1/ε.
 _LOST = 1e-3
-
-
-class EventTangents(dict[str, "TangentRows"]):
-    """The tangents of the crossings of each event; of one that has none, why."""
-
-    def __init__(self, found: dict[str, TangentRows], refused: dict[str, str]) -> None:
-        super().__init__(found)
-        self.refused = refused
-
-    def __missing__(self, name: str) -> TangentRows:
-        choose("event", name, [*self, *self.refused])
-        raise InputError(self.refused[name])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return EventTangents, (dict(self), self.refused)
-
-
-@dataclass(frozen=True)
-class TangentRows:
-    """Directions at each stored state of a run.
-
-    Attributes
-    ----------
-    q, p : array, shape (rows, n, k)
-        Derivatives of q and p along each of the k directions.
-    names : list of str
-        What each direction is: "start[0]", …, a parameter, "dt", "t0".
-    start : array, shape (2 n, k)
-        The directions at the first state.
-    t : array, shape (rows, k)
-        Derivatives of the times of the rows: 0 at times that were asked for.
-    events : dict of str to TangentRows
-        The same of the crossings of each event, at its own time. Events of quantities, and ones
-        that only touch their level, have none: ``events[name]`` says why.
-    """
-
-    q: Array
-    p: Array
-    names: list[str]
-    start: Array
-    t: Array
-    #: The directions by all rows: q, p, parameters, dt, start time.
-    _directions: Array = field(repr=False)
-    events: EventTangents = field(default_factory=lambda: EventTangents({}, {}), repr=False)
-
-    def __getitem__(self, name: str) -> Array:
-        """Return the derivatives of (q, p) by one name, shape (rows, 2 n)."""
-        if name not in self.names:
-            raise InputError(f"{name!r} is none of the directions {', '.join(self.names)}.")
-        k = self.names.index(name)
-        return np.concatenate([self.q[:, :, k], self.p[:, :, k]], axis=1)
-
-    def _of_others(self, made: Array, t: Array) -> TangentRows:
-        n = self.q.shape[1]
-        return replace(self, q=made[:, :n], p=made[:, n:], t=t)
 
 
 def tangents_of(
@@ -119,7 +63,7 @@ def with_tangents(stepper: Stepper, wanted: Any, found: Trajectory) -> Trajector
     rows = rows_of(stepper, found, found._origin.run)
     events = [point for points in rows.events.values() for point in points]
     whole, q, t = _followed(stepper, rows.run, wanted, [*rows.points, *events])
-    own = whole._of_others(*_of_rows(rows, whole, q, t))
+    own = whole.of_others(*_of_rows(rows, whole, q, t))
     at, made = len(rows.points), dict[str, TangentRows]()
     refused = dict(rows.refused)
     for name, points in rows.events.items():
@@ -129,7 +73,7 @@ def with_tangents(stepper: Stepper, wanted: Any, found: Trajectory) -> Trajector
         if why:
             refused[name] = why[0]
         else:
-            made[name] = own._of_others(*_stacked(whole, q[part], t[part]))
+            made[name] = own.of_others(*_stacked(whole, q[part], t[part]))
     return replace(found, tangents=replace(own, events=EventTangents(made, refused)))
 
 
@@ -166,6 +110,10 @@ def _followed(
     kept_run = binding.begin(run)
     space = TangentSpace(binding, kept_run.parameters, run.q, run.p, stepper.constraint_names)
     if isinstance(wanted, Tangents):
+        for name in wanted.parameters if run.inputs is not None else ():
+            if name in own.input_names:
+                raise InputError(f"Input {name!r} has a value for each step in this run, so that "
+                                 "it is no direction; take the gradient by \"inputs\".")
         start = Start(space, wanted)
         dz, names = np.ascontiguousarray(start.directions), start.names
     else:

@@ -4,6 +4,7 @@
     crossings           the crossings of an event, in one run and in many
     run_arrays          the list of a run's arrays, for all that holds, writes, reads or draws them
     trajectory          what an integration returns
+    tangent_rows        derivatives of the stored states of a run
     trajectory_file     its .npz
     body_motion         one body of it: attitude, angles, velocities, momenta
     joint_motion        one joint of it: angle, force, torque

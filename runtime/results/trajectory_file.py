@@ -21,6 +21,7 @@ from ..compilation.manifest import sizes_of
 from .crossings import Crossings
 from .diagnostics import Report, known_fields
 from .run_arrays import OUTPUTS, Output, absent, parts
+from .tangent_rows import TangentRows
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -31,6 +32,8 @@ Array = NDArray[Any]
 _FORMAT = 2
 #: The arrays of an event.
 _CROSSING = ("t", "q", "p", "steps", "rising")
+#: The arrays of tangents.
+_TANGENTS = ("q", "p", "start", "t")
 #: Arrays of names, for other readers of the file.
 _LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
 
@@ -45,9 +48,12 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "report": asdict(trajectory.report),
         "manifest": trajectory.manifest,
         "events": list(trajectory.events),
+        "tangents": [] if trajectory.tangents is None else trajectory.tangents.names,
     }
     crossings = {f"event{i}_{name}": getattr(found, name)
                  for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
+    if trajectory.tangents is not None:
+        crossings |= {f"tangents_{name}": getattr(trajectory.tangents, name) for name in _TANGENTS}
     with result_file(target, "The trajectory") as part, part.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
@@ -87,7 +93,10 @@ def read_npz(path: Path) -> dict[str, Any]:
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
             crossings = {name: [file[f"event{i}_{part}"] for part in _CROSSING]
                          for i, name in enumerate(about.get("events", ()))}
-        return _fields(about, arrays, labels) | {"events": _events(about, crossings)}
+            tangents = [file[f"tangents_{name}"] for name in _TANGENTS
+                        if about.get("tangents")]
+        return _fields(about, arrays, labels) | {
+            "events": _events(about, crossings), "tangents": _tangents(about, tangents)}
     except InputError:
         raise
     except OSError as error:
@@ -131,6 +140,19 @@ def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossing
             raise ValueError("an event has parts of another type")
         found[name] = Crossings(t, q, p, steps, rising)
     return found
+
+
+def _tangents(about: Any, arrays: list[Array]) -> TangentRows | None:
+    """Return the tangents, if there are any; raise whatever is found wrong with them."""
+    if not arrays:
+        return None
+    wide = REALS[about["manifest"]["real"]].in_mpmath
+    q, p, start, t = (_from_bytes(x) if wide else x for x in arrays)
+    n, names = len(about["manifest"]["system"]["coordinates"]), about["tangents"]
+    if q.shape != p.shape or q.shape[1:] != (n, len(names)) or start.shape != (2 * n, len(names)) \
+            or t.shape != (len(q), len(names)):
+        raise ValueError("tangents have parts of several shapes")
+    return TangentRows(q, p, [str(name) for name in names], start, t)
 
 
 def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from ...core.html import card, table
 from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_positive_count
 from ..bindings.inputs import Inputs, as_inputs
-from ..derivatives.tangent_run import TangentRows, with_tangents
+from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
 from ..events.detection import Levels
 from ..events.location import crossings_of, detectors_for
@@ -38,6 +38,7 @@ from ..integration.run_arguments import (
 from ..integration.step_loop import failure_of, trajectory_of
 from ..results import ensemble_table
 from ..results.crossings import Crossings, CrossingsOfMany
+from ..results.tangent_rows import TangentRows
 from ..results.trajectory import Trajectory
 from ..tuning.frame_choice import asks_for_frame, start_frame
 

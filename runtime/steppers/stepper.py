@@ -408,7 +408,7 @@ class Stepper(Differentiation):
             For times outside of the run, and for a trajectory of another stepper.
         """
         found = between(self, trajectory, times, workers)
-        if trajectory.tangents is None:
+        if trajectory.tangents is None or trajectory._origin is None:
             return found
         return with_tangents(self, trajectory.tangents, found)
 

@@ -9,7 +9,7 @@
 typedef int pivots_t;
 
 /* A = P L U in place, with partial pivoting. */
-static inline int factorise(int n, real *A, pivots_t *pivots)
+static inline int factorise_matrix(int n, real *A, pivots_t *pivots)
 {
     long products;
     return lu_factorise(n, A, pivots, pivots + n, &products);
@@ -70,7 +70,7 @@ NOINLINE int factorise_lane(int n, const lanes *A, int i, lanes *factors, lanes_
     pivots_t pivots[2*U] = { 0 };
     for (int e = 0; e < n*n; ++e)
         dense[e] = lane_get(&A[e], i);
-    const int status = factorise(n, dense, pivots);
+    const int status = factorise_matrix(n, dense, pivots);
     for (int e = 0; e < n*n; ++e)
         lane_set(&factors[e], i, dense[e]);
     for (int k = 0; k < n; ++k) {
@@ -81,12 +81,25 @@ NOINLINE int factorise_lane(int n, const lanes *A, int i, lanes *factors, lanes_
     return status;
 }
 
+/* Subtracts multiples of row k from the rows from..to - 1. */
+INLINE void eliminate(int n, lanes *A, int k, int from, int to)
+{
+    for (int i = from; i < to; ++i) {
+        lanes *restrict row = A + i*n;
+        const lanes *restrict upper = A + k*n;
+        const lanes factor = row[k]*upper[k];
+        row[k] = factor;
+        for (int j = k + 1; j < n; ++j)
+            row[j] -= factor*upper[j];
+    }
+}
+
 /*
  * A = L U without pivoting; the diagonal holds the inverse pivots. J is the unit matrix plus O(h),
  * and the Schur complement of the multipliers is regular, so that rows grow little. A lane in which
  * one grows by more than MAX_GROWTH is factorised with pivoting.
  */
-static int lanes_factorise(int n, lanes *A, lanes_pivots_t *rows)
+static int lanes_factorise_matrix(int n, lanes *A, lanes_pivots_t *rows)
 {
     lanes copy[U*U];
     lanes_mask grown = splat(0) > splat(1);
@@ -103,14 +116,23 @@ static int lanes_factorise(int n, lanes *A, lanes_pivots_t *rows)
         const lanes inverse = 1/upper[k];
         grown |= lanes_mask_not(after <= MAX_GROWTH*before)
             | lanes_mask_not(inverse - inverse >= splat(0)); /* the latter is not finite */
+        A[k*n + k] = inverse;
+        if (k + 1 == n)
+            break;
+        if (k % 2 == 0) { /* the next row alone; the others with both rows at once */
+            eliminate(n, A, k, k + 1, k + 2);
+            continue;
+        }
         for (int i = k + 1; i < n; ++i) {
             lanes *restrict row = A + i*n;
-            const lanes factor = row[k]*inverse;
-            row[k] = factor;
+            const lanes *restrict one = A + (k - 1)*n, *restrict other = A + k*n;
+            const lanes first = row[k - 1]*one[k - 1];
+            const lanes second = (row[k] - first*one[k])*other[k];
+            row[k - 1] = first;
+            row[k] = second;
             for (int j = k + 1; j < n; ++j)
-                row[j] -= factor*upper[j];
+                row[j] -= first*one[j] + second*other[j];
         }
-        A[k*n + k] = inverse;
     }
     int status = OK;
     for (int i = 0; i < LANES; ++i) {
@@ -170,23 +192,56 @@ static void lanes_solve_with(int n, const lanes *A, const lanes_pivots_t *rows, 
         solve_pivoted(n, A, rows, 0, given, b);
 }
 
+/* b <- A^-T b of `width` right-hand sides, at most 4, whose sums are in registers */
+INLINE void substitute_transposed(int n, const lanes *A, int width, int stride, lanes *b)
+{
+    for (int i = 0; i < n; ++i) {
+        lanes sum[4];
+        for (int r = 0; r < width; ++r)
+            sum[r] = b[r*stride + i];
+        for (int j = 0; j < i; ++j)
+            for (int r = 0; r < width; ++r)
+                sum[r] -= A[j*n + i]*b[r*stride + j];
+        for (int r = 0; r < width; ++r)
+            b[r*stride + i] = sum[r]*A[i*n + i];
+    }
+    for (int i = n - 2; i >= 0; --i) {
+        lanes sum[4];
+        for (int r = 0; r < width; ++r)
+            sum[r] = b[r*stride + i];
+        for (int j = i + 1; j < n; ++j)
+            for (int r = 0; r < width; ++r)
+                sum[r] -= A[j*n + i]*b[r*stride + j];
+        for (int r = 0; r < width; ++r)
+            b[r*stride + i] = sum[r];
+    }
+}
+
+/* b <- A^-T b of `count` right-hand sides in rows of U */
+static void lanes_solve_transposed_all(int n, const lanes *A, const lanes_pivots_t *rows,
+    int count, lanes *b)
+{
+    const int pivoted = any_pivoted(rows);
+    for (int r = 0; r < count; r += 4) {
+        lanes given[4][U];
+        const int width = count - r < 4 ? count - r : 4;
+        for (int e = 0; e < width*n && pivoted; ++e)
+            given[e/n][e % n] = b[(r + e/n)*U + e % n];
+        if (width == 4)
+            substitute_transposed(n, A, 4, U, b + r*U);
+        else
+            for (int e = 0; e < width; ++e)
+                substitute_transposed(n, A, 1, U, b + (r + e)*U);
+        for (int e = 0; e < width && pivoted; ++e)
+            solve_pivoted(n, A, rows, 1, given[e], b + (r + e)*U);
+    }
+}
+
 /* b <- A^-T b */
 static void lanes_solve_transposed_with(int n, const lanes *A, const lanes_pivots_t *rows,
     lanes *b)
 {
-    lanes given[U];
-    for (int i = 0; i < n; ++i)
-        given[i] = b[i];
-    for (int i = 0; i < n; ++i) {
-        const lanes value = b[i] *= A[i*n + i];
-        for (int j = i + 1; j < n; ++j)
-            b[j] -= A[i*n + j]*value;
-    }
-    for (int i = n - 1; i > 0; --i)
-        for (int j = 0; j < i; ++j)
-            b[j] -= A[i*n + j]*b[i];
-    if (any_pivoted(rows))
-        solve_pivoted(n, A, rows, 1, given, b);
+    lanes_solve_transposed_all(n, A, rows, 1, b);
 }
 #endif
 

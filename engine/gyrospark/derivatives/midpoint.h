@@ -34,18 +34,27 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
 }
 #endif
 
-/* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
-static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])
+/* The cotangent w of (q1, p1) = (q, p) + (dq, dp) is one of the unknowns and of the start. */
+static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER x[U],
+    NUMBER force[P][N], NUMBER z[Z])
 {
-    const NUMBER zero = TYPED(broadcast)(0), squared = l->h*l->h;
-    NUMBER x[U], by_c[E], force_bar[N];
+    const NUMBER zero = TYPED(broadcast)(0);
+    (void)l, (void)force;
     for (int e = 0; e < Z; ++e)
         z[e] = e < 2*N ? w[e] : zero;
     for (int e = 0; e < U; ++e)
         x[e] = e < 2*N ? w[e] : zero;
+}
+
+/* The transposed derivative of the residual at fixed unknowns, of x <- J^-T x, added to z. */
+static void TYPED(adjoint_of_stages)(TYPED(linearisation_t) *l, const NUMBER x[U],
+    NUMBER force[P][N], NUMBER z[Z])
+{
+    const NUMBER zero = TYPED(broadcast)(0), squared = l->h*l->h;
+    NUMBER by_c[E], force_bar[N];
+    (void)force;
     for (int e = 0; e < E; ++e)
         by_c[e] = zero;
-    TYPED(solve_step_transposed)(l, x);
     for (int a = 0; a < N; ++a) {
         force_bar[a] = -x[DP + a];
         z[DH] += (l->x[a]*x[a] + l->x[DP + a]*x[DP + a])/squared;
@@ -64,4 +73,13 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], 
 #endif
     TYPED(add_time_cotangent)(by_c, TYPED(broadcast)(1), z);
 #endif
+}
+
+/* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
+static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])
+{
+    NUMBER x[U], force[P][N];
+    TYPED(adjoint_of_end)(l, w, x, force, z);
+    TYPED(solve_step_transposed)(l, x);
+    TYPED(adjoint_of_stages)(l, x, force, z);
 }

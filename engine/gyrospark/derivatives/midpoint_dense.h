@@ -71,7 +71,7 @@ static int TYPED(linearise)(TYPED(constants) *c, NUMBER t, NUMBER h, const NUMBE
             J[(LAMBDA + m)*U + a] = l->G[m][a];
         }
 #endif
-    return TYPED(factorise)(U, J, l->pivots);
+    return TYPED(factorise_matrix)(U, J, l->pivots);
 }
 
 /* (force, velocity) += the derivative of (D_q - F + G^T lambda, D_p) along (dq, dp, dc) of the start */

@@ -103,21 +103,25 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
 }
 #endif
 
-/* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
-static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])
+/*
+ * The transposed derivative of T2: the cotangent w of (q1, p1) becomes one of the unknowns, x, and
+ * of the constraint forces at fixed unknowns; z begins with what does not depend on the unknowns.
+ */
+static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER x[U],
+    NUMBER force[P][N], NUMBER z[Z])
 {
     const NUMBER h = l->h, zero = TYPED(broadcast)(0);
-    NUMBER x[U], q_end[N], p_end[N], by_c[E], by_h = zero;
+    NUMBER q_end[N], p_end[N], by_h = zero;
     for (int e = 0; e < Z; ++e)
         z[e] = zero;
     for (int a = 0; a < N; ++a) {
         q_end[a] = w[a];
         p_end[a] = w[N + a];
     }
+#if GS_CONSTRAINED
+    NUMBER nu[M], minus[N], by_c[E], none[E], Q[P + 1][N];
     for (int e = 0; e < E; ++e)
         by_c[e] = zero;
-#if GS_CONSTRAINED
-    NUMBER nu[M], minus[N], none[E], Q[P + 1][N], force[P][N];
     for (int m = 0; m < M; ++m)
         nu[m] = zero;
     TYPED(constraint_times)(l, P, p_end, NULL, nu);
@@ -152,12 +156,22 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], 
             x[j*N + a] = h*sum;
             x[K_HAT + j*N + a] = h*tableau.b_hat[j]*p_end[a];
         }
-    TYPED(solve_step_transposed)(l, x);
     for (int a = 0; a < N; ++a) {
         z[a] += q_end[a];
         z[N + a] += p_end[a];
         by_h += l->node_rate[P][a]*q_end[a] + l->end_rate[a]*p_end[a];
     }
+    z[DH] += by_h;
+    (void)force;
+}
+
+/* The transposed derivative of (B.1) at fixed unknowns, of x <- J^-T x, added to z. */
+static void TYPED(adjoint_of_stages)(TYPED(linearisation_t) *l, const NUMBER x[U],
+    NUMBER force[P][N], NUMBER z[Z])
+{
+    const NUMBER h = l->h, zero = TYPED(broadcast)(0);
+    NUMBER by_c[E], by_h = zero;
+    (void)h, (void)force;
     for (int i = 0; i < S; ++i) {
         NUMBER force_bar[N], dq[N], dp[N];
         const NUMBER *velocity_bar = x + i*N; /* of -R': dx <- (velocity, -force) */
@@ -203,4 +217,13 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], 
     }
 #endif
     z[DH] += by_h;
+}
+
+/* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
+static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])
+{
+    NUMBER x[U], force[P][N];
+    TYPED(adjoint_of_end)(l, w, x, force, z);
+    TYPED(solve_step_transposed)(l, x);
+    TYPED(adjoint_of_stages)(l, x, force, z);
 }

@@ -98,7 +98,7 @@ static int TYPED(linearise_end)(TYPED(constants) *c, NUMBER t, const NUMBER q1[N
                 l->W[m*M + k] += l->f_p[m][a]*l->G[P][k][a];
         }
     }
-    const int status = TYPED(factorise)(M, l->W, l->W_pivots);
+    const int status = TYPED(factorise_matrix)(M, l->W, l->W_pivots);
     if (status != OK)
         return status;
     TYPED(solve_with)(M, l->W, l->W_pivots, mu);
@@ -233,7 +233,7 @@ static int TYPED(linearise)(TYPED(constants) *c, NUMBER t, NUMBER h, const NUMBE
     (void)p_end;
 #endif
     TYPED(assemble_jacobian)(l);
-    return TYPED(factorise)(U, l->J, l->pivots);
+    return TYPED(factorise_matrix)(U, l->J, l->pivots);
 }
 
 /* (force, velocity) += the derivative of (H_q - F, H_p) of stage i along (dq, dp, dc) */

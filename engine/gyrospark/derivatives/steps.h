@@ -2,7 +2,11 @@
 #ifndef GS_DERIVATIVES_STEPS_H
 #define GS_DERIVATIVES_STEPS_H
 
+#if GS_PROFILE_RUN
+#include "gyrospark/profiles/run.h"
+#else
 #include "gyrospark/run/advance.h"
+#endif
 
 #if GS_ELEMENTS
 #define IF_ELEMENTS(...) __VA_ARGS__
@@ -16,7 +20,7 @@ typedef struct {
 #if GS_DERIVATIVES_IN_LANES
     lanes_constants lane_constants;
     lanes_linearisation_t l;
-    lanes matrix[2*N][Z]; /* derivatives of the ends of LANES steps */
+    lanes x[2*N][U], force[2*N][P][N], matrix[2*N][Z]; /* derivatives of the ends of LANES steps */
     real rows[LANES][2*N*Z]; /* the same, step by step */
 #else
     constants c;
@@ -39,7 +43,20 @@ size_t NAME(derivative_size)(void)
     return sizeof(derivatives_t) + 64;
 }
 
-#if GS_FIXED_POINT
+#if GS_PROFILE_RUN
+/* The last unknowns are the first of the history, which a step by Newton's method clears. */
+void NAME(keep)(const work_t *work, const options_t *options, real x[U])
+{
+    state_t last = work->state;
+    (void)options;
+    for (int e = 0; e < X; ++e)
+        last.x[e] = last.history[0][e];
+    if (last.history_length > 0)
+        get_unknowns(&last, x);
+    for (int e = 0; e < U && last.history_length == 0; ++e)
+        x[e] = work->x[e];
+}
+#elif GS_FIXED_POINT
 void NAME(keep)(const work_t *work, const options_t *options, real x[U])
 {
     work_t *w = (work_t *)work;
@@ -54,6 +71,16 @@ void NAME(keep)(const work_t *work, const options_t *options, real x[U])
     (void)options;
     for (int e = 0; e < U; ++e)
         x[e] = work->x[e];
+}
+#endif
+
+#if GS_FRAME
+void NAME(frame_state)(const work_t *work, real q[N], real p[N])
+{
+    for (int a = 0; a < N; ++a) {
+        q[a] = work->frame_q[a];
+        p[a] = work->frame_p[a];
+    }
 }
 #endif
 
@@ -195,16 +222,21 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
     }
     const int status = lanes_linearise(&d->lane_constants, t, splat(dt), q0, p0, unknowns, q1, p1,
         &d->l);
-    for (int a = 0; a < 2*N && status == OK; ++a) {
+    if (status != OK)
+        return status;
+    for (int a = 0; a < 2*N; ++a) {
         lanes unit[2*N];
         for (int b = 0; b < 2*N; ++b)
             unit[b] = splat(a == b);
-        lanes_step_adjoint(&d->l, unit, d->matrix[a]);
+        lanes_adjoint_of_end(&d->l, unit, d->x[a], d->force[a], d->matrix[a]);
     }
-    for (int i = 0; i < count && status == OK; ++i)
+    lanes_solve_transposed_all(U, d->l.J, d->l.pivots, 2*N, &d->x[0][0]);
+    for (int a = 0; a < 2*N; ++a)
+        lanes_adjoint_of_stages(&d->l, d->x[a], d->force[a], d->matrix[a]);
+    for (int i = 0; i < count; ++i)
         for (int e = 0; e < 2*N*Z; ++e)
             d->rows[i][e] = lane_get(&d->matrix[0][0] + e, i);
-    return status;
+    return OK;
 }
 
 /* dz1 <- the derivative of the end of step i along z */

@@ -5,7 +5,7 @@
 #include "gyrospark/profiles/solve.h"
 #include "gyrospark/newton/step.h"
 
-#if GS_FORCES
+#if GS_FORCES || GS_DERIVATIVES
 #if GS_SPARK
 #if GS_CONSTRAINED
 /* The unknowns (B.2) from the scaled unknowns. */
@@ -38,7 +38,9 @@ static void get_unknowns(const state_t *w, real x[U])
         x[e] = w->x[e]/(e < IMPULSE ? 1 : w->h);
 }
 #endif
+#endif
 
+#if GS_FORCES
 /* Stores the work of the step that the iteration has completed. */
 static void store_iteration_work(work_t *w, const real q[N], const real p[N])
 {

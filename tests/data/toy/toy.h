@@ -70,6 +70,9 @@
 #define TOY_LANES 1
 #endif
 
+#if TOY_DERIVATIVES
+#define GS_DERIVATIVES 1
+#endif
 #define GS_ENGINE 1
 #if TOY_CONSTRAINTS > 0
 #define GS_CONSTRAINED 1

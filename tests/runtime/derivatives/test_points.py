@@ -212,8 +212,8 @@ def test_members_of_an_ensemble_have_the_derivatives_of_each_alone():
     """Bit by bit in ends of steps; events have round-off of their times. One that fails has none.
     """
     step, z, forces = stepper(), start(), np.array([0.1, 1e300, -0.2, 0.3])[:, None]
-    arguments = {"dt": DT, "steps": 40, "t0": T0, "events": EVENTS, "tangents": ALL,
-                 "parameters": VALUES}
+    arguments = {"dt": DT, "steps": 40, "t0": T0, "events": EVENTS, "parameters": VALUES,
+                 "tangents": gs.Tangents("all", ["l"], dt=True)}
     many = step.integrate_ensemble(np.tile(z[:2], (4, 1)), np.tile(z[2:], (4, 1)), **arguments,
                                    workers=2, inputs={"u": forces})
     assert [one is None for one in many.tangents] == [False, True, False, False]

@@ -130,6 +130,19 @@ def test_a_gradient_is_the_same_however_it_is_computed(top):
     assert (other.gradient(run, cotangents, wrt=wrt).vector() == kept.vector()).all()
 
 
+@pytest.mark.parametrize("real", ["double", "float128"])
+def test_a_file_keeps_tangents(tmp_path, real):
+    step, problem = gs.stepper("IMS", real=real), gs.problems.fast_top()
+    parameters = problem.parameters | {"gamma": 0.0016}
+    start = step.project(problem.q0, problem.p0, parameters=parameters)
+    run = step.integrate(*start, dt=1e-3, steps=3, parameters=parameters,
+                         tangents=gs.Tangents("all", ["I1"]))
+    read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).tangents
+    assert read.names == run.tangents.names
+    for name in ("q", "p", "start"):
+        assert (getattr(read, name) == getattr(run.tangents, name)).all()
+
+
 def test_checkpoints_of_many_pieces_have_the_same_bits(top):
     step, problem, parameters = top
     run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=3000, every=3000,

@@ -1,0 +1,256 @@
+"""Derivatives of one step of each reference problem and of each model: how exact they are.
+
+    python -m gyrospark.benchmarks.derivative_accuracy [NAME ...] [--real float128] [--json FILE]
+
+Columns, all of steppers in double except for the differences:
+
+    differences   tangents against central differences of order 4 of the step itself, by a
+                  direction of the start and by each parameter; in double they have 8 to 10 digits,
+                  in float128 all
+    transposed    ⟨w, Φ'v⟩ − ⟨Φ'ᵀw, v⟩, relative to the sum of the terms
+    tangent       distance of the images to the tangent space at the end
+    symplectic    Φ'ᵀΩΦ' − Ω on the tangent space, where there are no forces
+    backwards     Φ'ᵀΩu − Ω Φ_(−h)'u, under the same condition: the adjoint is the tangent back
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import references
+from ..api import stepper
+from ..core.errors import InputWarning
+from ..generator.multibody import example_models as models
+from ..generator.multibody.model import Model
+from ..runtime.derivatives.tangent_space import Tangents
+from ..runtime.steppers.stepper import Stepper
+
+__all__ = ["Accuracy", "Subject", "measure", "subjects"]
+
+Array = NDArray[Any]
+
+#: Relative changes of central differences.
+_SHIFT = {"double": 2.0**-9, "float128": 2.0**-36}
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A stepper and a start for it."""
+
+    name: str
+    scheme: str
+    stages: int
+    model: Model
+    dt: float
+
+    def stepper(self, real: Any) -> Stepper:
+        """Return the compiled stepper."""
+        return stepper(self.scheme, self.stages, system=self.model,  # type: ignore[arg-type]
+                          real=real)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Values of all parameters."""
+        free = {name: "m" for name in self.model.bodies if name not in self.model.parameters}
+        return {**self.model.parameters, **free}
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors of one subject; None where a column has no meaning."""
+
+    name: str
+    coordinates: int
+    constraints: int
+    directions: int
+    differences: float | None
+    transposed: float | None
+    tangent: float | None
+    symplectic: float | None
+    backwards: float | None
+    seconds: float
+
+
+def subjects(names: Sequence[str] = ()) -> Iterator[Subject]:
+    """Yield the reference problems and the models, or those of the names."""
+    for name in references.names():
+        if not names or name in names:
+            problem = references.reference(name)
+            first = problem.attempts[0]
+            yield Subject(name, first.scheme, first.stages or 0, problem.make(),
+                          float(problem.seconds) / first.steps[-1])
+    for name in models.__all__:
+        if (not names or name in names) and callable(make := getattr(models, name)):
+            model = make()
+            yield Subject(name, "G-L", 2, model, model.dt or 1e-3)
+
+
+def measure(subject: Subject, real: str = "double") -> Accuracy:
+    """Return the errors of the derivatives of one step."""
+    started = time.perf_counter()
+    step = subject.stepper("double")
+    values = dict(step.integrate(subject.model.q0, subject.model.p0, dt=subject.dt, steps=0,
+                                 parameters=subject.parameters).parameters)
+    state = step.consistent(subject.model.q0, subject.model.p0, parameters=values)
+    at = _Step(step, state.q, state.p, values, subject.dt, 0.0)
+    basis, images = at.tangents()
+    end = at.end()
+    forward = _Step(step, end[0], end[1], values, subject.dt, subject.dt)
+    conservative = not step.manifest["system"].get("forces")
+    form = _omega(step.n)
+    size = max(1.0, float(np.abs(images).max()) ** 2)
+    symplectic = backwards = None
+    if conservative:
+        symplectic = float(np.abs(images.T @ form @ images - basis.T @ form @ basis).max()) / size
+        backwards = _backwards(at, forward)
+    quad = at if real == "double" else _exact(subject, values, real)
+    outside = images - (B := forward.basis()) @ (B.T @ images)
+    return Accuracy(
+        subject.name, step.n, step.m, basis.shape[1] + len(values) + 1,
+        _differences(quad, _SHIFT[real]), _transposed(at),
+        float(np.abs(outside).max() / np.abs(images).max()), symplectic, backwards,
+        time.perf_counter() - started)
+
+
+class _Step:
+    """One step and its derivatives."""
+
+    def __init__(self, step: Stepper, q: Array, p: Array, values: Mapping[str, Any], dt: Any,
+                 t0: Any) -> None:
+        self.step, self.q, self.p, self.values, self.dt, self.t0 = step, q, p, values, dt, t0
+
+    def tangents(self) -> tuple[Array, Array]:
+        """Return the basis at the start and its images."""
+        run = self.step.integrate(self.q, self.p, dt=self.dt, steps=1, t0=self.t0,
+                                  parameters=self.values, tangents=Tangents())
+        return run.tangents.start, np.concatenate([run.tangents.q[-1], run.tangents.p[-1]])
+
+    def basis(self) -> Array:
+        """Return a basis of the tangent space at the start."""
+        zero = self.q - self.q
+        found: Array = self.back()(zero, zero).basis
+        return found
+
+    def back(self) -> Any:
+        """Return the transposed derivative."""
+        return self.step.vjp(self.q, self.p, dt=self.dt, t0=self.t0, parameters=self.values)[2]
+
+    def forth(self, v: Array, d: Mapping[str, Any] | None = None, sign: int = 1) -> Array:
+        """Return the derivative along v and d, of the step back where ``sign`` is −1."""
+        n = self.step.n
+        made = self.step.jvp(self.q, self.p, v[:n], v[n:], dt=sign * self.dt, t0=self.t0, d=d,
+                             parameters=self.values)
+        return np.concatenate(made[2:])
+
+    def end(self, v: Array | None = None, d: Mapping[str, Any] | None = None, shift: Any = 0
+            ) -> tuple[Array, Array]:
+        """Return the end of the step from a start that is moved along v and d."""
+        q, p, d, n = self.q, self.p, d or {}, self.step.n
+        if v is not None:
+            q, p = q + shift * v[:n], p + shift * v[n:]
+        values = {k: x + shift * d.get(k, 0) for k, x in self.values.items()}
+        if self.step.m and shift:
+            found = self.step.consistent(q, p, parameters=values, t=self.t0)
+            q = found.q
+            p = found.p if self.step.manifest["scheme"]["keeps_momentum_constraint"] else p
+        run = self.step.integrate(q, p, dt=self.dt + shift * d.get("dt", 0), steps=1, t0=self.t0,
+                                  parameters=values)
+        return run.q[-1], run.p[-1]
+
+
+def _exact(subject: Subject, values: Mapping[str, Any], real: str) -> _Step:
+    step = subject.stepper(real)
+    zero = step.binding.new(1)[0]
+    numbers = {k: zero + x for k, x in values.items()}
+    found = step.consistent(subject.model.q0, subject.model.p0, parameters=numbers)
+    return _Step(step, found.q, found.p, numbers, zero + subject.dt, zero)
+
+
+def _omega(n: int) -> Array:
+    zero, one = np.zeros((n, n)), np.eye(n)
+    return np.block([[zero, one], [-one, zero]])
+
+
+def _transposed(at: _Step) -> float:
+    rng, n = np.random.default_rng(2), at.step.n
+    w = rng.normal(size=2 * n)
+    gradient = at.back()(w[:n], w[n:])
+    y = rng.normal(size=gradient.basis.shape[1])
+    d = {k: rng.normal() * (abs(float(x)) or 1.0) for k, x in at.values.items()} | {"dt": at.dt}
+    image = at.forth(gradient.basis @ y, d)
+    terms = [*(w * image), *(-gradient.start * y), *(-gradient[k] * x for k, x in d.items())]
+    return abs(float(np.sum(terms))) / float(np.abs(terms).sum())
+
+
+def _backwards(at: _Step, forward: _Step) -> float:
+    n, form = at.step.n, _omega(at.step.n)
+    back, worst = at.back(), 0.0
+    for u in forward.basis().T[:4]:
+        w = form @ u
+        gradient = back(w[:n], w[n:])
+        expected = gradient.basis.T @ form @ forward.forth(u, sign=-1)
+        worst = max(worst, float(np.abs(gradient.start - expected).max()
+                                 / max(1.0, float(np.abs(expected).max()))))
+    return worst
+
+
+def _differences(at: _Step, shift: float) -> float:
+    """Return the largest error of q and of p, relative to the largest entry: columns are scaled."""
+    basis = at.basis()
+    zero = basis[:, 0] - basis[:, 0]
+    rng = np.random.default_rng(3)
+    mixed = basis @ (rng.normal(size=basis.shape[1]) / basis.shape[1] ** 0.5)
+    size = np.abs(np.concatenate([at.q, at.p])).max()
+    columns: list[tuple[Array, dict[str, Any]]] = [(mixed * size, {})]
+    columns += [(zero, {k: x if x != 0 else 1.0}) for k, x in at.values.items()]
+    columns.append((zero, {"dt": at.dt}))
+    found = np.array([at.forth(v, d) for v, d in columns])
+    expected = np.array([_slope(at, v, d, shift) for v, d in columns])
+    n = at.step.n
+    return max(float(np.abs(found - expected)[:, part].max() / np.abs(expected)[:, part].max())
+               for part in (slice(n), slice(n, None)))
+
+
+def _slope(at: _Step, v: Array, d: Mapping[str, Any], shift: float) -> Array:
+    def rise(e: float) -> Array:
+        made: Array = np.concatenate(at.end(v, d, e)) - np.concatenate(at.end(v, d, -e))
+        return made
+
+    slope: Array = (8 * rise(shift) - rise(2 * shift)) / (12 * shift)
+    return slope
+
+
+def main() -> None:
+    """Print a line for each."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--real", choices=[*_SHIFT], default="double")
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    columns = ("differences", "transposed", "tangent", "symplectic", "backwards")
+    print(f"{'':24}{'n':>5}{'m':>5}{'by':>5}", *(f"{name:>12}" for name in columns), " seconds")
+    found = []
+    for subject in subjects(given.names):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # of rotations a step
+            one = measure(subject, given.real)
+        found.append(asdict(one))
+        cells = ("–" if (x := getattr(one, name)) is None else f"{x:.1e}" for name in columns)
+        print(f"{one.name:24}{one.coordinates:5}{one.constraints:5}{one.directions:5}",
+              *(f"{cell:>12}" for cell in cells), f"{one.seconds:8.1f}", flush=True)
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

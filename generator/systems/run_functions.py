@@ -1,0 +1,64 @@
+"""Functions of a run from an expression: the sum over its stored states, and its derivatives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ...core.arguments import unknown
+from ..symbolic.derivatives import derivative
+from ..symbolic.numeric_evaluation import Evaluator
+from .expression_arguments import as_expression
+
+__all__ = ["sum_over_states"]
+
+
+def sum_over_states(expression: Any, run: Any) -> tuple[Any, dict[str, Any]]:
+    """Return Σ ℓ(q, p, t, θ) over the stored states of a run, and its cotangents.
+
+    Parameters
+    ----------
+    expression : Expr
+        ℓ, in symbols that have the names of coordinates, momenta, parameters, and the time.
+    run : Trajectory
+        Whose states are put in.
+
+    Returns
+    -------
+    value, cotangents
+        Of "q" and "p" shape (rows, n), of "t" shape (rows,), and of "parameters" by name.
+
+    Raises
+    ------
+    InputError
+        For a symbol that the system does not have, with the nearest.
+    """
+    e = as_expression(expression)
+    system, rows = run.manifest["system"], len(run.t)
+    columns = dict(zip(system["coordinates"], run.q.T, strict=True))
+    columns |= dict(zip(system["momenta"], run.p.T, strict=True))
+    time = system.get("time", "t")
+    known = {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
+    values: dict[sp.Symbol, Any] = {}
+    for symbol in sorted(e.free_symbols, key=str):
+        if str(symbol) not in known:
+            raise unknown("symbol of a loss", str(symbol), known)
+        values[symbol] = known[str(symbol)]
+    walk = Evaluator(values)
+
+    def of_rows(body: sp.Expr) -> Any:
+        return np.broadcast_to(walk(body), (rows,))
+
+    slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
+    zero = 0 * run.t
+    found: dict[str, Any] = {
+        "q": np.stack([slopes.get(x, zero) for x in system["coordinates"]], axis=1),
+        "p": np.stack([slopes.get(x, zero) for x in system["momenta"]], axis=1)}
+    if time in slopes:
+        found["t"] = slopes[time]
+    inner = {name: slopes[name].sum() for name in run.parameters if name in slopes}
+    if inner:
+        found["parameters"] = inner
+    return of_rows(e).sum(), found

@@ -1,0 +1,72 @@
+"""Derivatives of the stored states of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import choose
+from ...core.errors import InputError
+
+__all__ = ["EventTangents", "TangentRows"]
+
+Array = NDArray[Any]
+
+
+class EventTangents(dict[str, "TangentRows"]):
+    """The tangents of the crossings of each event; of one that has none, why."""
+
+    def __init__(self, found: dict[str, TangentRows], refused: dict[str, str]) -> None:
+        super().__init__(found)
+        self.refused = refused
+
+    def __missing__(self, name: str) -> TangentRows:
+        choose("event", name, [*self, *self.refused])
+        raise InputError(self.refused[name])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return EventTangents, (dict(self), self.refused)
+
+
+@dataclass(frozen=True)
+class TangentRows:
+    """Directions at each stored state of a run.
+
+    Attributes
+    ----------
+    q, p : array, shape (rows, n, k)
+        Derivatives of q and p along each of the k directions.
+    names : list of str
+        What each direction is: "start[0]", …, a parameter, "dt", "t0".
+    start : array, shape (2 n, k)
+        The directions at the first state.
+    t : array, shape (rows, k)
+        Derivatives of the times of the rows: 0 at times that were asked for.
+    events : dict of str to TangentRows
+        The same of the crossings of each event, at its own time. Events of quantities, and ones
+        that only touch their level, have none: ``events[name]`` says why.
+    """
+
+    q: Array
+    p: Array
+    names: list[str]
+    start: Array
+    t: Array
+    #: The directions by all rows: q, p, parameters, dt, start time; None in what files have.
+    _directions: Any = field(default=None, repr=False)
+    events: EventTangents = field(default_factory=lambda: EventTangents({}, {}), repr=False)
+
+    def __getitem__(self, name: str) -> Array:
+        """Return the derivatives of (q, p) by one name, shape (rows, 2 n)."""
+        if name not in self.names:
+            raise InputError(f"{name!r} is none of the directions {', '.join(self.names)}.")
+        k = self.names.index(name)
+        return np.concatenate([self.q[:, :, k], self.p[:, :, k]], axis=1)
+
+    def of_others(self, made: Array, t: Array) -> TangentRows:
+        """Return the same directions at other states and times, of derivatives by (q, p)."""
+        n = self.q.shape[1]
+        return replace(self, q=made[:, :n], p=made[:, n:], t=t)

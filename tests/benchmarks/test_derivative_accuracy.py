@@ -1,0 +1,30 @@
+"""Derivatives of reference problems and models, by the script that measures all of them."""
+
+from __future__ import annotations
+
+import warnings
+
+import pytest
+
+import gyrospark as gs
+from gyrospark.benchmarks.derivative_accuracy import measure, subjects
+
+FEW = ("simple-pendulum",)
+#: Of 567 coordinates: minutes.
+LARGE = {"four-bars-40"}
+MANY = [pytest.param(name, marks=[] if name in FEW else pytest.mark.slow)
+        for name in (*gs.references.names(), *gs.models.__all__) if name not in LARGE]
+
+
+@pytest.mark.parametrize("name", MANY)
+def test_one_step(name):
+    (subject,) = subjects([name])
+    small = subject.model.system.n <= 7
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", gs.InputWarning)  # of rotations a step
+        found = measure(subject, "float128" if small else "double")
+    assert found.differences < (1e-18 if small else 1e-4)
+    assert found.transposed < 1e-14
+    assert found.tangent < 1e-13
+    assert (found.symplectic or 0) < 4e-15
+    assert (found.backwards or 0) < 1e-14

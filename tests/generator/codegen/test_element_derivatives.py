@@ -1,0 +1,22 @@
+"""Derivatives of systems whose C loops over the instances of element templates."""
+
+from __future__ import annotations
+
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+
+
+@pytest.mark.parametrize("scheme", [("G-L", 2), ("IMS", None)], ids=["SPARK", "IMS"])
+def test_constants_of_h_have_no_derivatives(scheme):
+    """A constant that the preload of a spring adds to H is a template without coordinates."""
+    x, y, px, py = sp.symbols("x y px py", real=True)
+    m, k = sp.symbols("m k", positive=True)
+    H = (px**2 + py**2) / (2 * m) + k * x * y + k / 2
+    system = gs.System((x, y), (px, py), (m, k), H, [x**2 + y**2 - 1], name="preloaded")
+    made = generate(Spec.checked(*scheme), system=system, derivatives=True, structured=True)
+    assert "preloaded" in made.source.name
+    assert any("_tangent" in text for text in made.source.files().values())

@@ -1,0 +1,78 @@
+"""Tangents of one step against central differences of float128 steps.
+
+Every column is a relative change of what it is taken by, and errors are relative to the largest
+entry of their row: some columns are truncation errors of the step, and have no size of their own.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from derivative_cases import (
+    case_of,
+    difference,
+    label,
+    moved_step,
+    product,
+    start_of,
+    stepper_for,
+    tangents_of_step,
+)
+
+#: One of each: SPARK with everything that a system may have, EMS with a constraint that depends on
+#: time, a Lagrangian.
+FEW = [("forced", ("G-L", 2)), ("breathing", ("EMS", None)), ("Lagrangian", ("Radau-L", 2))]
+MANY = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
+                     id=f"{given[0]}-{label(given[1])}") for given in product()]
+
+
+@pytest.mark.parametrize(("name", "scheme"), MANY)
+def test_tangents_are_the_limits_of_differences(name, scheme):
+    """By the start, each parameter and input, the rate of a frame, dt, and the start time."""
+    step = stepper_for(name, scheme, "float128")
+    case, (q, p) = case_of(name), start_of(name, step)
+    basis, found = tangents_of_step(name, step)
+    zero = np.zeros(step.n)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", gs.InputWarning)  # some steps are long for their order
+        columns = [difference(lambda e, dz=dz: moved_step(name, step, {}, e, dz))
+                   for dz in basis.T]
+        for direction in case.directions():
+            ends = step.jvp(q, p, zero, zero, dt=case.dt, parameters=case.parameters, t0=case.t0,
+                            d=direction)
+            found = np.column_stack([found, np.concatenate(ends[2:])])
+            columns.append(difference(
+                lambda e, d=direction: moved_step(name, step, d, e)))
+    expected = np.array(columns).T
+    errors = np.abs(found - expected) / np.abs(expected).max(axis=1)[:, None]
+    assert expected.shape[1] == 2 * (step.n - step.m) + len(case.directions())
+    assert float(errors.max()) < 2e-21
+
+
+def test_the_rate_of_a_frame():
+    """By ω and by dt, which turn the frame: relative to the derivative by dt."""
+    name = "top in a frame"
+    step, case = stepper_for(name, ("G-L", 2), "float128"), case_of(name)
+    q, p = start_of(name, step)
+    for direction in ({"omega_body": 90.0}, {"dt": case.dt}):
+        *end, dq, dp = step.jvp(q, p, [0] * 4, [0] * 4, dt=case.dt, parameters=case.parameters,
+                                d=direction)
+        expected = difference(lambda e, d=direction: moved_step(name, step, d, e))
+        assert np.abs(np.concatenate([dq, dp]) - expected).max() < 1e-21
+        assert np.abs(np.concatenate(end) - moved_step(name, step, {}, 0)).max() < 1e-31
+
+
+@pytest.mark.parametrize("real", ["double", *(pytest.param(x, marks=pytest.mark.slow)
+                                              for x in ("float", "long-double"))])
+def test_other_types_have_the_digits_of_their_kind(real):
+    step, exact = (stepper_for("forced", ("G-L", 2), kind) for kind in (real, "float128"))
+    (basis, found), (same, expected) = (tangents_of_step("forced", s) for s in (step, exact))
+    turned = np.asarray(basis.T @ basis, float)
+    assert np.abs(turned - np.eye(2)).max() < 40 * float(step.binding.epsilon)
+    along = same.T.astype(float) @ basis.astype(float)  # one space, another basis
+    error = np.abs(found.astype(float) - expected.astype(float) @ along).max()
+    assert error < max(100 * float(step.binding.epsilon), 1e-14)

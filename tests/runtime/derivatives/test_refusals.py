@@ -1,0 +1,132 @@
+"""What has no derivative is refused in a sentence that names it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP, refused
+from input_systems import pendulum, stepper
+
+START = {"dt": 1e-3, "parameters": PARAMETERS}
+#: Tangent to |q| = 1, and to qᵀp = 0 where dp is 0 and the top is at rest.
+ALONG = np.array([-TOP.q0[1], TOP.q0[0], 0.0, 0.0])
+ZERO = np.zeros(4)
+
+
+@pytest.fixture(scope="module")
+def run(gl3):
+    return gl3.integrate(TOP.q0, TOP.p0, **START, steps=3000, every=100)
+
+
+def jvp(step, dq=ALONG, dp=ZERO, **more):
+    return step.jvp(TOP.q0, TOP.p0, dq, dp, **START | more)
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda s, r: jvp(s, d={"I4": 1.0}), "'I4'.*'I1'|'I4'.*I1"),
+    (lambda s, r: s.vjp(TOP.q0, TOP.p0, **START, wrt=["mgI"]), "mgI.*mgl"),
+    (lambda s, r: s.gradient(r, {"q": TOP.q0}, wrt="begin"), "begin"),
+    (lambda s, r: s.gradient(r, {"x": TOP.q0}), "'x'"),
+    (lambda s, r: s.gradient(r, {"q": TOP.q0})["I5"], "I5"),
+    (lambda s, r: s.integrate(TOP.q0, TOP.p0, **START, steps=1,
+                              tangents=gs.Tangents(parameters=["mass"])), "mass"),
+    (lambda s, r: s.integrate(TOP.q0, TOP.p0, **START, steps=1, tangents=True), "True"),
+    (lambda s, r: s.integrate(TOP.q0, TOP.p0, **START, steps=1,
+                              tangents=gs.Tangents(start="some")), "some"),
+    (lambda s, r: s.integrate(TOP.q0, TOP.p0, **START, steps=1,
+                              tangents=gs.Tangents(start=None)), "No direction"),
+    (lambda s, r: s.integrate(TOP.q0, TOP.p0, **START, steps=1,
+                              tangents=gs.Tangents(start=np.ones(7))), r"\(7, 1\)"),
+], ids=["d", "wrt", "wrt of a run", "cotangents", "result", "parameters", "tangents", "start",
+        "nothing", "rows"])
+def test_unknown_names(gl3, run, call, words):
+    with refused(words):
+        call(gl3, run)
+
+
+def test_directions_that_leave_the_constraints(gl3):
+    """With the constraint's name; they can be projected."""
+    (name,) = map(re.escape, gl3.constraint_names)
+    with refused(f"'{name}'"):
+        jvp(gl3, dq=TOP.q0)
+    with refused(f"'{name}'"):
+        gl3.integrate(TOP.q0, TOP.p0, **START, steps=1,
+                      tangents=gs.Tangents(start=np.concatenate([TOP.q0, ZERO])))
+    *_, dq, _ = gl3.jvp(TOP.q0, TOP.p0, TOP.q0, ZERO, **START, project=True)
+    assert np.abs(dq).max() < 1e-14
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_numbers_that_are_none(gl3, run, bad):
+    with refused(str(bad)[:3]):
+        jvp(gl3, dq=[bad, 0, 0, 0])
+    with refused(str(bad)[:3]):
+        jvp(gl3, d={"I3": bad})
+    with refused("finite"):
+        gl3.gradient(run, {"q": [bad, 0, 0, 0]})
+    _, _, back = gl3.vjp(TOP.q0, TOP.p0, **START)
+    with refused(str(bad)[:3]):
+        back([bad, 0, 0, 0], ZERO)
+
+
+def test_shapes(gl3, run):
+    with refused(r"\(3,\)"):
+        gl3.gradient(run, {"q": [1.0, 2.0, 3.0]})
+    with refused("shape"):
+        jvp(gl3, dq=[1.0, 2.0])
+
+
+@pytest.mark.parametrize(("memory", "words"), [
+    ("1 kB", r"1,000.*need [\d,]+"), ("much", "much"), (-3, "-3")])
+def test_memory(gl3, run, memory, words):
+    with refused(words):
+        gl3.gradient(run, {"q": TOP.q0}, memory=memory)
+
+
+def test_memory_that_is_asked_for_suffices(gl3, run):
+    """The number in the error is enough."""
+    with pytest.raises(gs.InputError) as error:
+        gl3.gradient(run, {"q": TOP.q0}, memory="1 kB")
+    needed = int(str(error.value).split("need ")[1].split(".")[0].replace(",", ""))
+    assert np.isfinite(gl3.gradient(run, {"q": TOP.q0}, memory=f"{needed} B").vector()).all()
+
+
+@pytest.mark.parametrize("more", [{"tolerance": 1e-6}, {"solver": "python"}],
+                         ids=["tolerance", "python"])
+def test_steps_whose_equations_do_not_hold(gl3, more):
+    with pytest.raises(gs.InputError):
+        gl3.integrate(TOP.q0, TOP.p0, **START, steps=2, **more, tangents=gs.Tangents())
+
+
+def test_steps_that_fail(gl3):
+    """As the run fails: there is no partial derivative."""
+    with pytest.raises(gs.StepFailed):
+        gl3.integrate(TOP.q0, TOP.p0, **START, steps=20, max_iterations=2, tangents=gs.Tangents())
+    for call in (gl3.vjp, lambda *z, **given: gl3.jvp(*z, ALONG, ZERO, **given)):
+        with pytest.raises(gs.StepFailed):
+            call(TOP.q0, TOP.p0, dt=5.0, parameters=PARAMETERS)
+
+
+def test_gradients_need_one_source(gl3, run):
+    with refused("either"):
+        gl3.gradient(run)
+    with refused("function"):
+        gl3.gradient(run, loss=3.0)
+
+
+def test_inputs_of_each_step_are_no_direction():
+    """Where rows of inputs are given, a parameter of their name has no effect."""
+    step = stepper(pendulum)
+    rows = np.ones((3, 2))
+    run = {"dt": 0.01, "steps": 3, "parameters": {"k": 9.81, "push": 1.0, "pull": 1.0}}
+    start = [0.6, -0.8], [0.4, 0.3]
+    with refused("'push'"):
+        step.integrate(*start, inputs=rows, **run, tangents=gs.Tangents(parameters=["push"]))
+    constant = step.integrate(*start, **run, tangents=gs.Tangents(parameters=["push"]))
+    fed = step.integrate(*start, inputs=rows, **run).gradient({"q": [1.0, 0.0]})
+    assert fed["push"] == 0
+    assert abs(fed.inputs[:, 0].sum() - constant.tangents["push"][-1, 0]) < 1e-16

@@ -1,0 +1,273 @@
+"""What the theory of derivatives proves (docs/theory/derivatives.md), measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import identify
+from derivative_cases import (
+    SCHEMES,
+    SYMMETRIC,
+    case_of,
+    difference,
+    label,
+    product,
+    start_of,
+    stepper_for,
+    tangents_of_step,
+)
+from gyrospark.runtime.derivatives.tangent_space import TangentSpace
+
+SPARK = [s for s in SCHEMES if s[0] not in ("IMS", "EMS")]
+FEW = {"forced": [("G-L", 2)], "breathing": [("EMS", None)], "top, γ": [("G-L", 3)],
+       "Lagrangian": [("EMS", None)]}
+
+
+def some(few, pairs):
+    """Return pairs as parameters, those not in ``few`` slow."""
+    return [pytest.param(*given, id=f"{given[0]}-{label(given[1])}",
+                         marks=[] if given[1] in few.get(given[0], []) else pytest.mark.slow)
+            for given in pairs]
+
+
+def space_at(step, name, q, p, t):
+    """Return the tangent space of the constraints at a state of a case."""
+    own = step.derivative_binding.own
+    numbers = {k: own.number(x) for k, x in case_of(name).parameters.items()}
+    return TangentSpace(step.derivative_binding, own.parameters(numbers, own.number(t)), q, p,
+                        step.constraint_names)
+
+
+def ends_of(name, step, dt=None):
+    """Return start and end of a step, as q and p each."""
+    case, (q, p) = case_of(name), start_of(name, step)
+    run = step.integrate(q, p, dt=case.dt if dt is None else dt, steps=1, t0=case.t0,
+                         parameters=case.parameters)
+    return (q, p), (run.q[-1], run.p[-1])
+
+
+def omega(n):
+    """Return the matrix of the symplectic form dq ∧ dp."""
+    zero, one = np.zeros((n, n)), np.eye(n)
+    return np.block([[zero, one], [-one, zero]])
+
+
+# ------------------------------------------------------------ adjoint, tangency, kernel
+
+
+@pytest.mark.parametrize(("name", "scheme"), some(FEW, product()))
+def test_cotangents_are_transposed(name, scheme):
+    """⟨w, Φ'v⟩ = ⟨Φ'ᵀw, v⟩ along start, parameters, inputs, dt and t0."""
+    step, case = stepper_for(name, scheme), case_of(name)
+    (q, p), rng = start_of(name, step), np.random.default_rng(3)
+    run = {"dt": case.dt, "parameters": case.parameters, "t0": case.t0}
+    names = [*case.parameters, "dt", "t0"]
+    _, _, back = step.vjp(q, p, **run)
+    for _ in range(4):
+        w = rng.normal(size=(2, step.n))
+        gradient = back(*w)
+        y = rng.normal(size=gradient.basis.shape[1])
+        v = gradient.basis @ y
+        d = dict(zip(names, rng.normal(size=len(names)), strict=True))
+        *_, dq, dp = step.jvp(q, p, v[: step.n], v[step.n :], d=d, **run)
+        terms = [*(w[0] * dq), *(w[1] * dp)]
+        pulled = [*(gradient.start * y), *(gradient[k] * x for k, x in d.items())]
+        size = np.abs(terms).sum() + np.abs(pulled).sum()
+        assert abs(sum(terms) - sum(pulled)) <= 1e-14 * size
+
+
+@pytest.mark.parametrize("name", ["top, γ", "forced"])
+def test_cotangents_are_transposed_over_ten_thousand_steps(name):
+    """The same of a run whose cotangents enter at all its stored states."""
+    step, case = stepper_for(name, FEW[name][0]), case_of(name)
+    (q, p), rng = start_of(name, step), np.random.default_rng(4)
+    labels = ["I3", "mgl"] if name == "top, γ" else ["m", "l", "u"]
+    start = None if name == "top, γ" else "all"
+    run = step.integrate(q, p, dt=case.dt / 10, steps=10_000, every=500, t0=case.t0,
+                         parameters=case.parameters,
+                         tangents=gs.Tangents(start=start, parameters=labels, dt=True, t0=True))
+    w = {"q": rng.normal(size=run.q.shape), "p": rng.normal(size=run.p.shape)}
+    gradient = step.gradient(run, w)
+    pulled = [*(gradient.start if start else ()), *(gradient[k] for k in (*labels, "dt", "t0"))]
+    terms = [w["q"][:, :, None] * run.tangents.q, w["p"][:, :, None] * run.tangents.p]
+    sums = sum(x.sum(axis=(0, 1)) for x in terms)
+    sizes = sum(np.abs(x).sum(axis=(0, 1)) for x in terms)
+    assert np.abs(sums - pulled).max() <= 1e-12 * sizes.max()
+    assert (np.abs(sums - pulled) <= 1e-9 * sizes).all()
+
+
+@pytest.mark.parametrize(("name", "scheme"), some(FEW, product()))
+def test_images_are_tangent_to_the_constraints(name, scheme):
+    """G₁ dq₁ = 0, and of SPARK steps df₁ = 0: at the end, at fixed parameters."""
+    step, case = stepper_for(name, scheme), case_of(name)
+    _, ends = tangents_of_step(name, step)
+    _, (q1, p1) = ends_of(name, step)
+    space = space_at(step, name, q1, p1, case.t0 + case.dt)
+    for rows, holds in ((space.g, step.m), (space.f, step.m and scheme in SPARK)):
+        if holds:
+            defect = rows[:, : 2 * step.n] @ ends
+            assert np.abs(defect).max() <= 4e-15 * np.abs(rows[:, : 2 * step.n]).max() * (
+                np.abs(ends).max())
+
+
+@pytest.mark.parametrize(("name", "scheme"), some(
+    {"top, γ": [("G-L", 3)], "breathing": [("G-L", 2)]},
+    [(name, scheme) for name in ("top, γ", "forced", "breathing") for scheme in SPARK]))
+def test_momenta_along_the_constraints_are_absorbed(name, scheme):
+    """Φ'(0, G₀ᵀ) = 0 of SPARK steps: the first multiplier takes them up."""
+    step, case = stepper_for(name, scheme), case_of(name)
+    (q, p), binding = start_of(name, step), stepper_for(name, scheme).derivative_binding
+    x, start, _, space = step._kept_step(step._single(q, p, case.dt, case.parameters, case.t0,
+                                                      None))
+    dz = np.zeros((binding.rows, step.m + 1))
+    dz[step.n : 2 * step.n, : step.m] = space.g[:, : step.n].T
+    dz[step.n : 2 * step.n, step.m] = np.arange(step.n) + 1.0  # any other momentum moves the end
+    status, ends = binding.tangent(space_parameters(step, case), case.dt, *start, x, dz)
+    sizes = np.abs(ends).max(axis=0) / np.abs(dz).max(axis=0)
+    assert status == 0
+    assert sizes[:-1].max() < 1e-14 < 1e-3 < sizes[-1]
+
+
+def space_parameters(step, case):
+    """Return the parameter struct of derivatives."""
+    return step.derivative_binding.own.parameters(case.parameters, case.t0)
+
+
+# ------------------------------------------------------------ symplecticity, A, B
+
+
+def symplectic_defect(name, scheme):
+    """Return how far Φ'ᵀΩΦ' is from Ω on the tangent space, relative to |Φ'|²."""
+    step = stepper_for(name, scheme)
+    basis, ends = tangents_of_step(name, step)
+    form = omega(step.n)
+    defect = ends.T @ form @ ends - basis.T @ form @ basis
+    return np.abs(defect).max() / max(1, np.abs(ends).max() ** 2)
+
+
+@pytest.mark.parametrize(("name", "scheme"), some(
+    {"top, γ": [("G-L", 3)], "ellipse": [("G-L", 2)], "breathing": [("G-L", 2)]},
+    [(name, scheme) for name in ("free body", "top, γ", "top in a frame", "ellipse", "breathing",
+                                 "Lagrangian with g") for scheme in SYMMETRIC]))
+def test_tangents_of_symplectic_steps_are_symplectic(name, scheme):
+    assert symplectic_defect(name, scheme) <= 4e-15
+
+
+@pytest.mark.parametrize(("name", "scheme"), [("ellipse", ("Radau-L", 2)),
+                                              ("forced", ("G-L", 2))],
+                         ids=["Radau-L", "damped"])
+def test_other_tangents_are_not(name, scheme):
+    """Of a method that is not symplectic, and of forces that do work."""
+    assert symplectic_defect(name, scheme) > 1e-6
+
+
+THEOREM_A = some({"top, γ": [("G-L", 3)], "breathing": [("G-L", 2)]},
+                 [(name, scheme) for name in ("free body", "top, γ", "ellipse", "breathing",
+                                              "Lagrangian with g") for scheme in SYMMETRIC])
+
+
+@pytest.mark.parametrize(("name", "scheme"), THEOREM_A)
+def test_the_adjoint_is_the_tangent_of_the_step_back(name, scheme):
+    """Theorem A: Φ_h'(z₀)ᵀ Ω u = Ω Φ_−h'(z₁) u on the tangent space at z₀."""
+    step, case = stepper_for(name, scheme), case_of(name)
+    (q0, p0), (q1, p1) = ends_of(name, step)
+    run, n, form = {"parameters": case.parameters}, step.n, omega(step.n)
+    _, _, back = step.vjp(q0, p0, dt=case.dt, t0=case.t0, **run)
+    B1 = space_at(step, name, q1, p1, case.t0 + case.dt).basis()
+    for u in B1.T:
+        w = form @ u
+        gradient = back(w[:n], w[n:])
+        *_, uq, up = step.jvp(q1, p1, u[:n], u[n:], dt=-case.dt, t0=case.t0 + case.dt, **run)
+        expected = gradient.basis.T @ form @ np.concatenate([uq, up])
+        assert np.abs(gradient.start - expected).max() <= 1e-14 * max(1, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("scheme", [
+    ("G-L", 2), *(pytest.param(s, marks=pytest.mark.slow) for s in SYMMETRIC[1:])], ids=identify)
+def test_parameters_are_quadratures(scheme):
+    """Theorem B: (Ωu₁)·δz₁ − (Ωu₀)·δz₀ is the derivative of a sum over the nodes along u."""
+    name, names = "ellipse", ["m", "k", "g", "l"]
+    step, case = stepper_for(name, scheme, "float128"), case_of(name)
+    _, moved = tangents_of_step(name, step, start=None, parameters=names)
+    start, _ = tangents_of_step(name, step, start=None, parameters=names)
+    basis, images = tangents_of_step(name, step)
+    form = omega(step.n)
+    pairs = images.T @ (form @ moved) - basis.T @ (form @ start)
+    sums = np.array([difference(lambda e, u=u: node_sum(name, step, scheme, u, e))
+                     for u in basis.T])
+    assert float(np.abs(pairs + sums).max()) <= 1e-20 * float(np.abs(sums).max())
+    assert case.parameters.keys() == {*names}
+
+
+def node_sum(name, step, scheme, u, shift):
+    """Return h Σ b_i H_θ(Q_i, P_i) + h Σ b̃_l Λ_l·g_θ(Q̃_l) of a step from a start moved by u."""
+    case, system = case_of(name), case_of(name).options["system"]
+    (q, p), n = start_of(name, step), step.n
+    found = step.consistent(q + shift * u[:n], p + shift * u[n:], parameters=case.parameters)
+    q, p = found.q, found.p
+    x, _, _, _ = step._kept_step(step._single(q, p, case.dt, case.parameters, 0.0, None))
+    run = step.integrate(q, p, dt=case.dt, steps=1, parameters=case.parameters)
+    one, Lambda = q[0] - q[0] + 1, run.multipliers[0]
+    table = gs.tableau(scheme[0], stages=scheme[1]).numeric(digits=40)
+    A, A_hat, A_tilde, A_bar, b, b_tilde = (one * np.array(a, dtype=object) for a in (
+        table.A, table.A_hat, table.A_tilde, table.A_bar, table.b, table.b_tilde))
+    s, h = len(b), one * case.dt
+    k, k_hat = x[: s * n].reshape(s, n), x[s * n : 2 * s * n].reshape(s, n)
+    numbers = [one * case.parameters[str(theta)] for theta in system.parameters]
+    energy = sp.lambdify([*system.q, *system.p, *system.parameters],
+                         [sp.diff(system.H, theta) for theta in system.parameters], "math")
+    (g,) = system.constraints
+    row = sp.lambdify([*system.q, *system.parameters],
+                      [*sp.Matrix([g]).jacobian(system.q),
+                       *(sp.diff(g, theta) for theta in system.parameters)], "math")
+    nodes = [row(*(q + h * (A_bar[i] @ k)), *numbers) for i in range(len(b_tilde))]
+    force = np.array([[Lambda[i] * e for e in node[:n]] for i, node in enumerate(nodes)])
+    total = sum(h * b_tilde[i] * Lambda[i] * np.array(node[n:], dtype=object)
+                for i, node in enumerate(nodes))
+    for i in range(s):
+        Q = q + h * (A[i] @ k)
+        P = p + h * (A_hat[i] @ k_hat) - h * (A_tilde[i] @ force)
+        total = total + h * b[i] * np.array(energy(*Q, *P, *numbers), dtype=object)
+    return total
+
+
+# ------------------------------------------------------------ energy, frames
+
+
+@pytest.mark.parametrize("name", ["ellipse"])
+def test_energy_momentum_tangents_keep_the_energy(name):
+    """Theorem E: ∇H·dz + H_θ dθ is the same at both ends of an EMS step."""
+    step, case = stepper_for(name, ("EMS", None), "float128"), case_of(name)
+    system = case.options["system"]
+    names = [str(theta) for theta in system.parameters]
+    start, end = tangents_of_step(name, step, parameters=names)
+    one = start[0, 0] * 0 + 1
+    symbols = [*system.q, *system.p, *system.parameters]
+    slope = sp.lambdify(symbols, [sp.diff(system.H, z) for z in symbols], "math")
+    numbers = [one * case.parameters[name] for name in names]
+    changes = []
+    for (q, p), dz in zip(ends_of(name, step), (start, end), strict=True):
+        slopes = np.array(slope(*q, *p, *numbers), dtype=object)
+        change = slopes[: 2 * step.n] @ dz
+        change[-len(names) :] += slopes[2 * step.n :]
+        changes.append(change)
+    assert np.abs(changes[0]).max() > 0.1
+    assert float(np.abs(changes[1] - changes[0]).max()) <= 1e-24
+
+
+@pytest.mark.slow
+def test_the_derivative_by_the_rate_of_a_frame_is_a_truncation_error():
+    """The exact motion does not depend on ω: dΨ/dω is of order h^(2s+1)."""
+    name, scheme = "top in a frame", ("G-L", 2)
+    step, case = stepper_for(name, scheme), case_of(name)
+    q, p = start_of(name, step)
+    sizes = []
+    for dt in (4e-2, 2e-2):
+        parameters = case.parameters | {"omega_body": 115.0}
+        *_, dq, _ = step.jvp(q, p, np.zeros(4), np.zeros(4), dt=dt, parameters=parameters,
+                             d={"omega_body": 1.0})
+        sizes.append(np.abs(dq).max())
+    assert 20 < sizes[0] / sizes[1] < 48  # 2⁵
