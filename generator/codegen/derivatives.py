@@ -5,8 +5,8 @@ from __future__ import annotations
 import sympy as sp
 
 from ..kernels.c_printer import CPrinter
-from ..kernels.kernel import Target, emit_kernel
-from ..schemes.derivative_kernels import derivative_kernels, time_columns
+from ..kernels.kernel import Constants, Target, emit_kernel
+from ..schemes.derivative_kernels import derivative_kernels, quantity_derivatives, time_columns
 from ..schemes.step_equations import common_kernels
 from ..symbolic.derivatives import derivative
 from ..systems.lagrangian import LagrangianSystem
@@ -50,6 +50,10 @@ def derivatives_of(
                  if k.name in _ON_LANES and f"lanes_{k.name}" not in known]
         used = {"hidden_derivative", "constraint_by_constants"}  # of one state
         kernels = [k for k in kernels if k.name in used]
+    quantities = quantity_derivatives(system)
+    if quantities is not None:
+        kernels.append(emit_kernel(quantities, Constants(system.parameters), real,
+                                   Target(real.c_type, "parameters_t", "")))
     called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters})
     chain = [(i, j, printer.number(d)) for i, (_, e) in enumerate(constants)
@@ -65,5 +69,6 @@ def derivatives_of(
         functions=frozenset(printer.functions).union(*(k.functions for k in called)),
         parts=parts,
         lanes=lanes,
+        quantities=quantities is not None,
     )
 

@@ -230,6 +230,8 @@ class Derivatives:
     parts: list[dict[str, Any]]
     #: Kernels on lanes, where as many steps are linearised at once as there are lanes.
     lanes: list[EmittedKernel]
+    #: Whether there is a kernel of the derivatives of quantities.
+    quantities: bool
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import sympy as sp
 
 from ..kernels.statements import Kernel
 from ..symbolic.derivatives import derivative
+from ..symbolic.shared_subexpressions import tree_size
 from ..systems.jacobians import jacobian
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
@@ -22,9 +23,12 @@ from .lagrangian_midpoint import LagrangianEMS
 from .step_equations import MeanScheme, SparkScheme
 from .system_differences import TIME_STEP, time_input, vector
 
-__all__ = ["by_each", "derivative_kernels", "time_columns"]
+__all__ = ["by_each", "derivative_kernels", "quantity_derivatives", "time_columns"]
 
 Rows = list[list[sp.Expr]]
+
+#: Nodes of quantities, times the columns of their derivatives, up to which these are generated.
+_LARGEST_QUANTITIES = 50_000
 
 
 def time_columns(scheme: SparkScheme | MeanScheme) -> list[sp.Symbol]:
@@ -51,6 +55,23 @@ def derivative_kernels(
     if isinstance(scheme, SparkScheme):
         return _spark_kernels(scheme.system, columns)
     return _mean_kernels(scheme, columns)
+
+
+def quantity_derivatives(system: System) -> Kernel | None:
+    """Return the kernel of the derivatives of quantities by q, p, the parameters and the time.
+
+    None where there are no quantities, or so many that their derivatives would cost more than
+    those of the steps.
+    """
+    expressions = list(system.quantities.values())
+    time = [sp.Dummy() if system.time is None else system.time]
+    columns = [*system.q, *system.p, *system.parameters, *time]
+    if not expressions or tree_size(expressions) * len(columns) > _LARGEST_QUANTITIES:
+        return None
+    given = {} if system.time is None else {"t": time}
+    return Kernel("quantity_derivatives", "derivatives of quantities by q, p, parameters and time",
+                  {**given, "q": list(system.q), "p": list(system.p)},
+                  {"rows": by_each(expressions, columns)})
 
 
 def by_each(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:

@@ -62,6 +62,25 @@ class DerivativeBinding:
                 parameters, own.pointer(q), own.pointer(p), own.pointer(g), own.pointer(f), memory)
         return g, f
 
+    def quantity_derivatives(self, parameters: Any, t: Any, q: Array, p: Array) -> Array | None:
+        """Return the derivatives of each quantity of a state by the rows of a direction.
+
+        In place of the start time is the time t. None where they are not generated.
+        """
+        own, size = self.own, self.rows - 1
+        if not any(hasattr(own.lib, f"{prefix}{own.name}_quantities_by_state")
+                   for prefix in ("", PREFIX)):
+            return None
+        count = len(own.quantity_names)
+        rows, found = own.new(count, size), own.new(count, self.rows)
+        time = own.new(1)
+        time[0] = t
+        own.function("quantities_by_state")(
+            parameters, *([own.pointer(time)] if own.quantities_take_time else []),
+            own.pointer(q), own.pointer(p), own.pointer(rows))
+        found[:, : size - 1], found[:, -1] = rows[:, : size - 1], rows[:, -1]
+        return found
+
     def begin(self, run: RunArguments) -> KeptRun:
         """Return a run to be kept, at its start."""
         return KeptRun(self, run)

@@ -6,7 +6,8 @@ v = ∂Φ_τ/∂τ and Z = dΦ_τ at fixed τ (along dz_j, dθ and dt_j) it move
     dz = Z + v dτ,   dt = dt_j + dτ
 
 - at a fixed time: dτ = −dt_j = −dt0 − j dΔt;
-- at an event c(z) = 0: dτ = −c_z Z / (c_z v); c is a coordinate or a momentum less its level.
+- at an event c(z, θ, t) = 0: dτ = −(c_z Z + c_θ dθ + c_t dt_j) / (c_z v + c_t), where c is a
+  coordinate, a momentum or a quantity less its level.
 """
 
 from __future__ import annotations
@@ -47,8 +48,9 @@ class Point:
         Whole steps before it.
     tau : number
         In (0, Δt]; None at the start of the run.
-    normal : array, shape (2 n,), optional
-        The derivative of an event's value by (q, p); None at a fixed time.
+    normal : array, optional
+        The derivatives of an event's value by the rows of a direction, by the time in place of the
+        start time; None at a fixed time.
     name : str
         Of the event.
     """
@@ -147,21 +149,37 @@ def _point(run: RunArguments, step: int, tau: Any) -> Point:
 def _of_event(
     stepper: Stepper, run: RunArguments, event: Event, found: Crossings
 ) -> list[Point]:
-    system = stepper.manifest["system"]
-    states = [*system["coordinates"], *system["momenta"]]
-    if event.quantity not in states or event.quantity in system.get("quantities", ()):
-        raise InputError(
-            f"The event {event.name!r} is of the quantity {event.quantity!r}, whose derivatives "
-            f"are not generated; take a coordinate or a momentum: {', '.join(states)}.")
-    normal = stepper.binding.new(2 * stepper.n)
-    normal[states.index(event.quantity)] = 1
     rest = (found.t - stepper.binding.times(run.t0, run.dt, found.steps)).tolist()
-    points = [replace(_point(run, int(step), tau), normal=normal, name=event.name)
-              for step, tau in zip(found.steps, rest, strict=True)]
+    points = [replace(_point(run, int(step), tau), name=event.name, normal=_normal(
+                  stepper, run, event, found, i))
+              for i, (step, tau) in enumerate(zip(found.steps, rest, strict=True))]
     if any(point.tau is None for point in points):
         raise InputError(f"The event {event.name!r} happens at the start itself, where it has no "
                          "derivatives; start before it.")
     return points
+
+
+def _normal(
+    stepper: Stepper, run: RunArguments, event: Event, found: Crossings, i: int
+) -> Array:
+    """Return the derivatives of an event's value at one of its crossings."""
+    binding, system = stepper.derivative_binding, stepper.manifest["system"]
+    quantities, states = list(system.get("quantities", ())), [
+        *system["coordinates"], *system["momenta"]]
+    if event.quantity not in quantities:
+        unit: Array = binding.own.new(binding.rows)
+        unit[states.index(event.quantity)] = 1
+        return unit
+    rows = binding.quantity_derivatives(
+        binding.own.parameters(run.parameters, run.t0), found.t[i], found.q[i].copy(),
+        found.p[i].copy())
+    if rows is None:
+        raise InputError(
+            f"The event {event.name!r} is of the quantity {event.quantity!r}, and this system has "
+            "too many or too long quantities for derivatives; take a coordinate or a momentum: "
+            f"{', '.join(states)}.")
+    normal: Array = rows[quantities.index(event.quantity)]
+    return normal
 
 
 def _refuse_other_times(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> None:
@@ -203,7 +221,11 @@ def tangent_at(
     here[-2, count] = 1
     made = single_step(stepper, run, point, z).tangent(here)
     Z, v, dt = made[:, :count], made[:, count], here[-1, :count]
-    d_tau = -dt if point.normal is None else -(point.normal @ Z) / _rate(point, v)
+    if point.normal is None:
+        d_tau = -dt
+    else:
+        whole = np.concatenate([Z, here[2 * n :, :count]])
+        d_tau = -(point.normal @ whole) / _rate(point, v)
     return Z + v[:, None] * d_tau, dt + d_tau
 
 
@@ -227,17 +249,19 @@ def cotangent_at(
         unit = stepper.binding.new(stepper.derivative_binding.rows, 1)
         unit[-2] = 1
         v = step.tangent(unit)[:, 0]
-        found = step.adjoint(w - point.normal * ((w @ v + s) / _rate(point, v)))
+        pull = point.normal * ((w @ v + s) / _rate(point, v))
+        found = step.adjoint(w - pull[: len(w)])
+        found[len(w) :] -= pull[len(w) :]
         of_start = found[-1] + s
     found[-2:] = point.step * of_start, of_start
     return found
 
 
 def _rate(point: Point, v: Array) -> Any:
-    """Return c_z v, or refuse an event whose value only touches its level."""
-    normal = point.normal
-    assert normal is not None
-    rate = normal @ v
+    """Return c_z v + c_t, or refuse an event whose value only touches its level."""
+    assert point.normal is not None
+    normal = np.concatenate([point.normal[: len(v)], point.normal[-1:]])
+    rate = normal[:-1] @ v + normal[-1]
     sizes = [float(np.linalg.norm(x.astype(float))) for x in (normal, v)]
     if not abs(float(rate)) >= _GRAZING * sizes[0] * sizes[1]:
         raise InputError(

@@ -11,15 +11,17 @@ import sympy as sp
 
 import gyrospark as gs
 from driven_pendulum import DRIVEN, VALUES
+from gyrospark.generator.schemes import derivative_kernels
 
 DT, T0 = 0.02, 0.3
-EVENTS = [gs.Event("x"), gs.Event("py", level=0.3, name="turn")]
+EVENTS = [gs.Event("x"), gs.Event("py", level=0.3, name="turn"), gs.Event("along", level=0.5)]
 NAMES = ["m", "l", "a", "u"]
 ALL = gs.Tangents("all", NAMES, dt=True, t0=True)
 
 ASKED = {
     "events": {"events": EVENTS},
     "terminal": {"events": [gs.Event("x", terminal=True), EVENTS[1]], "every": 7},
+    "quantity": {"events": [gs.Event("along", level=0.5, terminal=True)], "every": 7},
     "first step": {"events": [gs.Event("x", level=0.434, terminal=True)]},
     "times": {"t_eval": [0.317, 0.47, 0.333, 0.61, 1.499]},
 }
@@ -171,19 +173,22 @@ def test_events_in_a_moving_frame():
 
 
 @cache
-def thrown():
+def thrown(name="thrown"):
     """A body that is thrown: it touches its highest place."""
     x, y, v, w = sp.symbols("x y v w", real=True)
-    system = gs.System((x, y), (v, w), (), (v**2 + w**2) / 2 + y, [], name="thrown",
+    system = gs.System((x, y), (v, w), (), (v**2 + w**2) / 2 + y, [], name=name,
                        quantities={"height": y})
     return gs.stepper("G-L", stages=1, system=system)
 
 
-@pytest.mark.parametrize("event", [gs.Event("y", level=0.5 - 1e-13, name="apex"),
-                                   gs.Event("height", level=0.25, name="apex")])
-def test_events_without_derivatives_are_refused_by_name(event):
-    """Those that only touch their level, and those of quantities."""
-    step = thrown()
+@pytest.mark.parametrize(("event", "cost"), [
+    (gs.Event("y", level=0.5 - 1e-13, name="apex"), None),
+    (gs.Event("height", level=0.25, name="apex"), 0)])
+def test_events_without_derivatives_are_refused_by_name(event, cost, monkeypatch):
+    """Those that only touch their level, and those of quantities that would cost too much."""
+    if cost is not None:
+        monkeypatch.setattr(derivative_kernels, "_LARGEST_QUANTITIES", cost)
+    step = thrown("thrown" if cost is None else "thrown_high")
     arguments = {"dt": 0.03, "steps": 50, "parameters": {}, "tangents": gs.Tangents()}
     begin = [0.1, 0.0], [1.0, 1.0]
     run = step.integrate(*begin, **arguments, events=event)
