@@ -3,6 +3,8 @@
     frame               states of a co-moving frame in space, and their derivatives
     tangent_space       directions of a start on the constraints
     binding             the compiled module of derivatives; steps with their unknowns
+    kept_steps          steps of a run that are kept; a single one with its derivatives
+    points              states within steps, at given times and at events, with derivatives
     tangent_run         tangents along a run
     gradient            gradients of functions of a run
     value_and_gradient  a function of a vector with its gradient, for optimisers
