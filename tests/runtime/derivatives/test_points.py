@@ -152,6 +152,25 @@ def test_inputs_of_the_step_that_an_event_ends_have_a_gradient():
         assert gradient[i, 0] == pytest.approx(slope, abs=1e-8)
 
 
+def test_the_time_of_an_end_by_an_event_has_a_gradient():
+    """As a function for optimisers: where and when a body that is thrown comes down."""
+    step = thrown()
+
+    def loss(run):
+        return run.q[-1, 0] * run.t[-1], {"q": [run.t[-1], 0.0], "t": run.q[-1, 0]}
+
+    f = step.value_and_gradient(
+        loss, [0.1, 0.0], [1.0, 1.0], wrt=["start"], parameters={}, dt=0.03, steps=100,
+        events=gs.Event("height", level=-0.5, terminal=True))
+    value, gradient = f(np.zeros(4))
+    time = 1 + np.sqrt(2)
+    assert value == pytest.approx((0.1 + time) * time, rel=1e-14)
+    # by x, v_x; the time by y and v_y is 1/√2 and time/√2
+    slope = 0.1 + 2 * time
+    expected = [time, slope / np.sqrt(2), time**2, slope * time / np.sqrt(2)]
+    assert np.allclose(gradient, expected, rtol=1e-13)
+
+
 def test_events_in_a_moving_frame():
     """The rates of a frame move the motion by its error alone."""
     problem = gs.problems.fast_top()
