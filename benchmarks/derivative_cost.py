@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -34,7 +35,8 @@ from ..runtime.steppers.stepper import Stepper
 from .timing import Sample, alternate, repeated
 from .tops import INERTIA, MGL, parameters, tops
 
-__all__ = ["COUNTS", "DerivativeCase", "DerivativeCost", "cases", "compare_derivatives"]
+__all__ = ["COUNTS", "DerivativeCase", "DerivativeCost", "Motion", "build", "cases",
+           "compare_derivatives"]
 
 Array = NDArray[Any]
 
@@ -43,13 +45,21 @@ COUNTS = (1, 8, 16)
 
 
 @dataclass(frozen=True)
+class Motion:
+    """A stepper, and the start of a run."""
+
+    step: Stepper
+    q: Array
+    p: Array
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class DerivativeCase:
-    """A stepper to be made, and a run of it."""
+    """What makes a motion, and how long a run of it is."""
 
     name: str
-    make: Callable[[], Stepper]
-    start: Callable[[Stepper], tuple[Array, Array]]
-    values: Mapping[str, float]
+    make: Callable[[], Motion]
     dt: float
     steps: int
 
@@ -65,7 +75,7 @@ class DerivativeCost:
     tangents
         The same of a run with tangents, by the number of directions.
     derive, compile
-        CPU seconds until the first run, by its derivation and by compilers.
+        CPU seconds until the first run: model and derivation, and compilers.
     derive_more, compile_more
         The same of derivatives when they are first asked for; they derive the whole again.
     """
@@ -100,39 +110,36 @@ class DerivativeCost:
 
 def cases(*, quick: bool = False) -> list[DerivativeCase]:
     """Return the four; in a quick run the top with 100 steps."""
-    top = tops()[0]
-    found = [DerivativeCase(
-        "top", lambda: stepper("G-L", 3, "gamma"),
-        lambda step: step.project(top.q, top.p, parameters=parameters()), parameters(), 1e-3,
-        100 if quick else 2000)]
+    found = [DerivativeCase("top", _top, 1e-3, 100 if quick else 2000)]
     if quick:
         return found
-    found.append(DerivativeCase(
-        "top, angles", _in_angles, _angles_start,
-        dict(zip(("I1", "I3", "mgl"), (INERTIA[0], INERTIA[2], MGL), strict=True)), 1e-3, 2000))
-    for rods, steps in ((8, 200), (100, 20)):
-        model = chain(rods)
-        found.append(DerivativeCase(
-            f"chain of {rods}", lambda model=model: stepper("G-L", 3, system=model),
-            lambda step, model=model: step.project(model.q0, model.p0,
-                                                   parameters=model.parameters),
-            model.parameters, 2e-3, steps))
-    return found
+    return [*found, DerivativeCase("top, angles", _in_angles, 1e-3, 2000),
+            DerivativeCase("chain of 8", partial(_chain, 8), 2e-3, 200),
+            DerivativeCase("chain of 100", partial(_chain, 100), 2e-3, 20)]
 
 
-def _in_angles() -> Stepper:
+def _top() -> Motion:
+    step, top = stepper("G-L", 3, "gamma"), tops()[0]
+    return Motion(step, *step.project(top.q, top.p, parameters=parameters()), parameters())
+
+
+def _in_angles() -> Motion:
     q, v = sp.symbols("phi theta psi"), sp.symbols("dphi dtheta dpsi")
     I1, I3, mgl = sp.symbols("I1 I3 mgl", positive=True)
     kinetic = (I1 * (v[1]**2 + v[0]**2 * sp.sin(q[1])**2)
                + I3 * (v[2] + v[0] * sp.cos(q[1]))**2) / 2
-    return stepper("G-L", 3, system=System.from_lagrangian(
+    step = stepper("G-L", 3, system=System.from_lagrangian(
         kinetic - mgl * sp.cos(q[1]), q, v, [I1, I3, mgl], name="top_in_angles"))
-
-
-def _angles_start(step: Stepper) -> tuple[Array, Array]:
-    q = np.array([0.0, math.pi / 6, 0.0])
+    start = np.array([0.0, math.pi / 6, 0.0])
     values = {"I1": INERTIA[0], "I3": INERTIA[2], "mgl": MGL}
-    return q, step.momenta(q, [0.0, 0.0, 40 * math.pi], parameters=values)
+    return Motion(step, start, step.momenta(start, [0, 0, 40 * math.pi], parameters=values), values)
+
+
+def _chain(rods: int) -> Motion:
+    model = chain(rods)
+    step = stepper("G-L", 3, system=model)
+    return Motion(step, *step.project(model.q0, model.p0, parameters=model.parameters),
+                  model.parameters)
 
 
 def compare_derivatives(
@@ -144,32 +151,28 @@ def compare_derivatives(
     for case in chosen:
         watch(f"{case.name}: derive and compile")
         derive, derive_more, compiling, compiling_more = _build_in_new_process(case.name)
-        step = case.make()
-        q, p = case.start(step)
-        row = DerivativeCost(case.name, case.dt, case.steps, step.unknowns, derive=derive,
+        motion = case.make()
+        row = DerivativeCost(case.name, case.dt, case.steps, motion.step.unknowns, derive=derive,
                              compile=compiling, derive_more=derive_more,
                              compile_more=compiling_more)
         watch(f"{case.name}: run, gradient, tangents")
-        found.append(_timed(case, row, step, q, p, rounds, least))
+        found.append(_timed(row, motion, rounds, least))
     return found
 
 
-def _timed(
-    case: DerivativeCase, row: DerivativeCost, step: Stepper, q: Array, p: Array, rounds: int,
-    least: float,
-) -> DerivativeCost:
-    given: dict[str, Any] = {"dt": case.dt, "steps": case.steps, "every": case.steps,
-                             "parameters": case.values}
+def _timed(row: DerivativeCost, motion: Motion, rounds: int, least: float) -> DerivativeCost:
+    step, q, p = motion.step, motion.q, motion.p
+    given: dict[str, Any] = {"dt": row.dt, "steps": row.steps, "every": row.steps,
+                             "parameters": motion.values}
     random = np.random.default_rng(1)
     run = step.integrate(q, p, **given)
     ends = {"q": random.normal(size=step.n), "p": random.normal(size=step.n)}
     jobs: dict[str, Callable[[], object]] = {
-        "primal": lambda: step.integrate(q, p, **given),
-        "gradient": lambda: step.gradient(run, ends)}
+        "primal": partial(step.integrate, q, p, **given),
+        "gradient": partial(step.gradient, run, ends)}
     for count in COUNTS:
         along = Tangents(random.normal(size=(2 * step.n, count)), project=True)
-        jobs[f"tangents {count}"] = lambda along=along: step.integrate(
-            q, p, **given, tangents=along)
+        jobs[f"tangents {count}"] = partial(step.integrate, q, p, **given, tangents=along)
     often = {name: repeated(job, least) for name, job in jobs.items()}
     samples = {name: sample.per(often[name][1]).seconds for name, sample in alternate(
         {name: job for name, (job, _) in often.items()}, rounds).items()}
@@ -196,8 +199,7 @@ def _build_in_new_process(name: str) -> list[float]:
 def build(case: DerivativeCase) -> list[float]:
     """Return CPU seconds by this process for a stepper, for its derivatives; by compilers."""
     begin = _seconds()
-    step = case.make()
-    case.start(step)
+    step = case.make().step
     middle = _seconds()
     step.derivative_binding  # noqa: B018  (derives and compiles)
     end = _seconds()

@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..api import stepper
 from ..core.errors import GyrosparkError
-from ..runtime.derivatives.tangent_space import TangentSpace, Tangents
+from ..runtime.derivatives.tangent_space import Tangents, TangentSpace
 from ..runtime.steppers.stepper import Stepper
 from .peer_linkages import Linkage, chain_of, closed_loop
 from .peers import casadi_gradients, diffrax_gradients, heyoka_gradients, mujoco_gradients
 from .peers.gradient_job import GradientJob, Job
 from .peers.optional import Unavailable, version
-from .timing import Sample, alternate, repeated
+from .timing import Sample, alternate, repeated, with_children
 from .tops import parameters, tops
 
 __all__ = ["PEERS", "FastTopGradient", "GradientRow", "LinkageGradient", "compare_gradients",
@@ -54,7 +54,8 @@ class GradientRow:
     gradient, primal
         CPU seconds of each round: value and gradient, and a run alone.
     built
-        CPU seconds until the first gradient: derivation, compilation.
+        CPU seconds until the first gradient, of compilers too; what was compiled before is not
+        again.
     by_start, by_parameters
         Largest errors of the gradient by the start, and of θ ∂/∂θ, relative to the largest entry.
     truth_error
@@ -166,7 +167,7 @@ class _Case:
             by_start = np.zeros(space.binding.rows)
             by_start[: 2 * step.n] = basis @ columns[:split]
             by_start = space.pulled_back(by_start)  # else parameters would move it once more
-            return GradientJob(*by_start[: 2 * step.n].reshape(2, -1), columns[split:])
+            return GradientJob(by_start[: step.n], by_start[step.n : 2 * step.n], columns[split:])
 
         return Job(gradient, lambda: step.integrate(q, p, **self._run(dt)))
 
@@ -296,10 +297,9 @@ def compare_gradients(
 def _ours(case: _Case, *, quick: bool) -> Iterator[tuple[str, Callable[[], Job]]]:
     for stages, dts in ({3: (4e-3,)} if quick else _OURS).items():
         for dt in dts:
-            yield (f"G-L s={stages} Δt={dt:g} adjoint",
-                   lambda stages=stages, dt=dt: case.ours(stages, dt))
+            yield f"G-L s={stages} Δt={dt:g} adjoint", partial(case.ours, stages, dt)
     dt = 4e-3 if quick else 1e-3
-    yield f"G-L s=3 Δt={dt:g} tangents", lambda: case.our_tangents(3, dt)
+    yield f"G-L s=3 Δt={dt:g} tangents", partial(case.our_tangents, 3, dt)
 
 
 def _rows_of(
@@ -315,11 +315,11 @@ def _rows_of(
         number = __version__ if peer == "gyrospark" else version(peer)
         row = GradientRow(case.name, peer, number, setting, truth_error=truth_error)
         watch(f"{case.name}: {row.name}")
-        start = time.process_time()
+        start = with_children()
         try:
             job = make()
             found = job.gradient()
-            built = time.process_time() - start
+            built = with_children() - start
             by_start, by_parameters = case.errors(found)
             for what in ("gradient", "primal"):
                 name = f"{row.name} {what}"
@@ -337,9 +337,11 @@ def _rows_of(
     return [_timed(row, samples, often) for row in rows.values()]
 
 
-def _timed(row: GradientRow, samples: Mapping[str, Sample], often: Mapping[str, int]) -> GradientRow:
-    names = {what: f"{row.name} {what}" for what in ("gradient", "primal")}
+def _timed(
+    row: GradientRow, samples: Mapping[str, Sample], often: Mapping[str, int]
+) -> GradientRow:
     if row.by_start is None:
         return row
-    return replace(row, **{what: samples[name].per(often[name]).seconds
-                           for what, name in names.items()})
+    gradient, primal = (samples[name].per(often[name]).seconds for name in (
+        f"{row.name} gradient", f"{row.name} primal"))
+    return replace(row, gradient=gradient, primal=primal)

@@ -17,7 +17,7 @@ import sympy as sp
 
 from ..peer_linkages import Linkage
 from ..tops import Array, euler_equations
-from .gradient_job import GradientJob, Job, of_euler, top_start, TOP_VALUES
+from .gradient_job import TOP_VALUES, GradientJob, Job, of_euler, top_start
 from .optional import need
 
 __all__ = ["PACKAGE", "of_linkage", "of_top"]

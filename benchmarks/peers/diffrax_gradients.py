@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..tops import Array, euler_equations
-from .gradient_job import GradientJob, Job, of_euler, top_start, TOP_VALUES
+from .gradient_job import TOP_VALUES, GradientJob, Job, of_euler, top_start
 from .optional import need
 
 __all__ = ["PACKAGE", "of_top"]
@@ -28,7 +28,7 @@ def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
 
 def _prepare(tol: float, t_end: float, target: Array) -> Job:
     jax, diffrax = need("jax"), need(PACKAGE)
-    jax.config.update("jax_enable_x64", True)  # noqa: FBT003  (JAX's own signature)
+    jax.config.update("jax_enable_x64", True)
     numpy = jax.numpy
 
     def right(t: Any, x: Any, values: Any) -> Any:

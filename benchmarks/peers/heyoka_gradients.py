@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-
-import numpy as np
+from typing import Any
 
 from ..tops import Array, euler_equations
-from .gradient_job import GradientJob, Job, of_euler, top_start, TOP_VALUES
+from .gradient_job import TOP_VALUES, GradientJob, Job, of_euler, top_start
 from .optional import need
 
 __all__ = ["PACKAGE", "of_top"]
@@ -28,7 +27,7 @@ def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
                                   ("1e-9", False), ("1e-12", False))}
 
 
-def _prepare(tol: float, compact: bool, t_end: float, target: Array) -> Job:  # noqa: FBT001
+def _prepare(tol: float, compact: bool, t_end: float, target: Array) -> Job:
     heyoka = need(PACKAGE)
     variables = heyoka.make_vars("q0", "q1", "q2", "q3", "w1", "w2", "w3")
     constants = [heyoka.par[i] for i in range(4)]
@@ -39,11 +38,12 @@ def _prepare(tol: float, compact: bool, t_end: float, target: Array) -> Job:  # 
     plain = heyoka.taylor_adaptive(right, start, pars=TOP_VALUES, tol=tol)
     starts = {id(motion): motion.state.copy() for motion in (varied, plain)}
 
-    def run(motion: object) -> Array:
+    def run(motion: Any) -> Array:
         motion.time = 0.0
         motion.state[:] = starts[id(motion)]
         motion.propagate_until(t_end)
-        return motion.state.copy()
+        end: Array = motion.state.copy()
+        return end
 
     def gradient() -> GradientJob:
         end = run(varied)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
 from ..peer_linkages import Linkage
-from ..tops import INERTIA, LEVER, Array
+from ..tops import Array
 from .gradient_job import GradientJob, Job, of_euler, top_start
 from .mujoco_bodies import MujocoBodies
 from .mujoco_rk4 import model_of_top
