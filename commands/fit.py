@@ -63,7 +63,7 @@ def fit(
     guess.
 
     The first line of DATA.csv names its columns: time, and those of what is measured, as
-    ``gyrospark run --out`` writes them; of an attitude the four coordinates of its quaternion,
+    the CSV file of a run has them; of an attitude the four coordinates of its quaternion,
     scalar first. Other columns are ignored. Combinations of parameters that the data do not
     determine are named. Exit code 1 if the fit has not converged.
 

@@ -350,6 +350,9 @@ def fit(
     >>> round(found.parameters["I3"], 12)
     0.0008
     """
+    if not hasattr(step, "integrate_ensemble"):
+        raise InputError(f"step = {shown(step)} is no stepper; give what gyrospark.stepper "
+                         "returned.")
     observation = observation_of(step, observe)
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):

@@ -410,7 +410,7 @@ def _fixed(
     system = stepper.manifest["system"]
     allowed = ["energy", "period", *system["coordinates"], *system["momenta"]]
     for name in names:
-        if name not in allowed:
+        if not isinstance(name, str) or name not in allowed:
             raise unknown("name in fix", name, allowed)
     if timed and "period" not in names:
         raise InputError(f"fix = {shown(fix)} leaves the period free, but {stepper.name} depends "

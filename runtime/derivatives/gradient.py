@@ -11,14 +11,15 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_mapping, choose, shown, unknown
+from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
 from ...core.errors import InputError
+from ...core.registry import function_of
 from ...core.warnings import warn
 from ..bindings.array_checks import as_numbers
 from ..integration.run_arguments import RunArguments
@@ -70,7 +71,11 @@ class Gradient:
     wrt: tuple[str, ...]
     _numbers: dict[str, Any]
 
-    @cached_property
+    def __repr__(self) -> str:
+        value = "" if self.value is None else f" of a function with the value {self.value:.6g}"
+        return f"<Gradient{value} by {few(self.wrt)}>"
+
+    @property
     def basis(self) -> Array:
         """An orthonormal basis of the tangent space at the start, shape (2 n, 2 (n − m))."""
         return null_space(self._normals)
@@ -105,10 +110,10 @@ def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ..
     parameters = [*stepper.parameter_domains, *(s.name for s in stepper.symmetries)]
     if wrt is None:
         return ("start", *dict.fromkeys(parameters))
-    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    names = (wrt,) if isinstance(wrt, str) else tuple(as_items("wrt", wrt, "names"))
     allowed = [*dict.fromkeys(parameters), "start", "q", "p", "dt", "t0", "inputs"]
     for name in names:
-        if name not in allowed:
+        if not isinstance(name, str) or name not in allowed:
             raise unknown("name in wrt", name, allowed)
     return names
 
@@ -145,6 +150,8 @@ class Cotangents:
     rows: Array
     times: Array
     points: list[tuple[Point, Array, Any]]
+    #: Its derivatives by parameters at fixed states.
+    parameters: Mapping[str, Any]
 
     @property
     def size(self) -> float:
@@ -162,8 +169,13 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
         For other names and shapes, for what is not finite, for events without derivatives.
     """
     n, of_steps = stepper.n, len(kinds.of_steps)
+    given = as_mapping("cotangents", given, "{'q': ...}")
     events = given.get("events", {})
-    own = {name: array for name, array in given.items() if name != "events"}
+    parameters = as_mapping("cotangents of parameters", given.get("parameters", {}), "{'m': 1.0}")
+    for name in parameters:
+        if name not in stepper.binding.parameter_names:
+            raise unknown("parameter", name, stepper.binding.parameter_names)
+    own = {name: array for name, array in given.items() if name not in ("events", "parameters")}
     w, s = _arrays(stepper, of_steps + len(kinds.points), own, "")
     rows, times = stepper.binding.new(kinds.run.rows + 1, 2 * n), stepper.binding.new(
         kinds.run.rows + 1)
@@ -174,7 +186,7 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
         at = kinds.event(name)
         w, s = _arrays(stepper, len(at), parts, f" at the event {name}")
         points += zip(at, w, s, strict=True)
-    return Cotangents(rows, times, points)
+    return Cotangents(rows, times, points, parameters)
 
 
 def _arrays(
@@ -186,7 +198,7 @@ def _arrays(
     for name, array in as_mapping("cotangents", given, "{'q': ...}").items():
         if name not in ("q", "p", "t"):
             raise unknown("kind of cotangents", name,
-                          ["q", "p", "t", *(() if where else ("events",))])
+                          ["q", "p", "t", *(() if where else ("events", "parameters"))])
         part = {"q": made[:, :n], "p": made[:, n:], "t": times}[name]
         numbers, inner = as_numbers(f"cotangents of {name}", array), part.shape[1:]
         if not np.isfinite(numbers.astype(float)).all():
@@ -223,6 +235,8 @@ def gradient_of(
     steps_of_points = np.array([point.step for point, *_ in points], int)
     frame = FrameMotion(binding, stepper.symmetries, run)
     z_bar = binding.own.new(binding.rows)
+    for name, slope in cotangents.parameters.items():
+        z_bar[2 * n + names.index(name)] = slope
     z_bar[-1] = cotangents.times.sum()
     z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
     # a state behind the last whole step has inputs of its own
@@ -412,8 +426,11 @@ def _reversed(
 
 def loss_of(loss: Any) -> Callable[..., Any]:
     """Return a function of a run that gives its value and cotangents."""
+    if hasattr(loss, "free_symbols"):  # an expression of SymPy
+        return partial(function_of("generator.systems.run_functions", "sum_over_states"), loss)
     if not callable(loss):
-        raise InputError(f"loss = {shown(loss)} is no function; give one of a trajectory that "
-                         "returns its value and a dict of cotangents, {'q': ..., 'p': ...}.")
+        raise InputError(f"loss = {shown(loss)} is no function; give an expression of SymPy, or a "
+                         "function of a trajectory that returns its value and a dict of "
+                         "cotangents, {'q': ..., 'p': ...}.")
     function: Callable[..., Any] = loss
     return function

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import shown, unknown
+from ...core.arguments import as_flag, as_items, as_text, shown, unknown
 from ...core.errors import InputError
 from ..bindings.array_checks import as_numbers
 
@@ -56,6 +56,28 @@ class Tangents:
     dt: bool = False
     t0: bool = False
     project: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the flags and the names.
+
+        Raises
+        ------
+        InputError
+            Naming the value and what is allowed.
+        """
+        for name in ("dt", "t0", "project"):
+            as_flag(name, getattr(self, name))
+        names = self.parameters
+        if isinstance(names, str):
+            raise InputError(f"parameters = {shown(names)} is one name; give a list of names.")
+        names = tuple(as_text("a parameter's name", name)
+                      for name in as_items("parameters", names, "names"))
+        object.__setattr__(self, "parameters", names)
+        if isinstance(self.start, str) and self.start != "all":
+            raise InputError(f"start = {shown(self.start)} is unknown; give 'all', an array with "
+                             "a row for each coordinate and momentum, or None.")
+        if self.start is not None and not isinstance(self.start, str):
+            as_numbers("start", self.start)
 
 
 class TangentSpace:
@@ -204,9 +226,6 @@ class Start:
 
 def _given_start(space: TangentSpace, wanted: Tangents, own: Any, n: int) -> Array:
     if isinstance(wanted.start, str):
-        if wanted.start != "all":
-            raise InputError(f"start = {shown(wanted.start)} is unknown; give 'all', an array of "
-                             f"{2 * n} rows, or None.")
         return space.basis()
     given: ArrayLike = wanted.start
     array = as_numbers("start", given)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import choose
+from ...core.arguments import few
 from ...core.errors import InputError
 
 __all__ = ["EventTangents", "TangentRows"]
@@ -58,6 +59,9 @@ class TangentRows:
     #: The directions by all rows: q, p, parameters, dt, start time; None in what files have.
     _directions: Any = field(default=None, repr=False)
     events: EventTangents = field(default_factory=lambda: EventTangents({}, {}), repr=False)
+
+    def __repr__(self) -> str:
+        return (f"<TangentRows of {len(self.q):,} states along {few(self.names)}>")
 
     def __getitem__(self, name: str) -> Array:
         """Return the derivatives of (q, p) by one name, shape (rows, 2 n)."""

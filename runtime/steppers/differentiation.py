@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_mapping, shown, unknown
+from ...core.arguments import as_flag, as_mapping, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ..bindings.array_checks import as_numbers, as_real
@@ -125,14 +125,14 @@ class Differentiation(Evaluation):
         binding, n = self.derivative_binding, self.n
         own = binding.own
         given = [as_numbers(name, x) for name, x in (("dq", dq), ("dp", dp))]
-        flat = given[0].ndim == 1
-        shape = (n, 1 if flat else given[0].shape[-1])
-        parts = [own.array(name, x.reshape(shape) if x.size == n * shape[1] else x, shape)
-                 for name, x in zip(("dq", "dp"), given, strict=True)]
+        flat, given = given[0].ndim == 1, [x[:, None] if x.ndim == 1 else x for x in given]
+        shape = (n, given[0].shape[1] if given[0].ndim == 2 else 1)
+        parts = [own.array(name, x, shape) for name, x in zip(("dq", "dp"), given, strict=True)]
         dz = own.new(binding.rows, shape[1])
         dz[:n], dz[n : 2 * n] = parts
         names = [*own.parameter_names, "dt", "t0"]
-        for name, value in as_mapping("d", d or {}, "{'m': 1.0}").items():
+        as_flag("project", project)
+        for name, value in as_mapping("d", {} if d is None else d, "{'m': 1.0}").items():
             if name not in names:
                 raise unknown("name in d", name, names)
             dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, own.number)
@@ -213,7 +213,8 @@ class Differentiation(Evaluation):
             terminal event ended moves with the event.
         loss : callable, optional
             In place of ``cotangents``: a function of the trajectory that returns its value and
-            cotangents.
+            cotangents; or an expression of SymPy in coordinates, momenta, time and parameters by
+            their names, which is summed over the stored states.
         wrt : str or sequence of str, optional
             Among "start" (coordinates of the tangent space), "q", "p", parameters, "dt", "t0",
             "inputs"; by default the start and all parameters. It orders ``Gradient.vector``.

@@ -45,6 +45,10 @@ def shown(gl3, tmp_path_factory):
     section = gs.section(gl3, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
     swung = gl3.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
     many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
+    moved = gl3.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(), **RUN)
+    x, y, m = sp.symbols("x y m", positive=True)
+    pendulum = gs.stepper("G-L", 2, system=gs.System((x,), (y,), (m,), y**2 / 2 - 9.81 * sp.cos(x),
+                                                     name="swing"))
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
         framed, frame, *framed.symmetries,
@@ -55,6 +59,10 @@ def shown(gl3, tmp_path_factory):
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
         chain.system, small_system(), *built(),
         gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
+        moved, moved.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
+        gs.lyapunov(gl3, TOP.q0, TOP.p0, steps=40, every=20, **RUN),
+        gs.fit(gl3, run.t[::100], run.q[::100], q=TOP.q0, p=TOP.p0, free=["I1"], **RUN),
+        gs.periodic_orbit(pendulum, [0.3], [0.0], dt=2.05 / 40, steps=40, parameters={"m": 1.0}),
         dip, section, swung.events["q1"], gs.cite(gl3),
         gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
     ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import decimal
 import fractions
+import inspect
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -72,6 +73,18 @@ class Call:
         return "accepted"
 
 
+def value_and_gradient(step: gs.Stepper) -> Callable[..., Any]:
+    """Return a function that makes an objective and evaluates it."""
+    def evaluate(**arguments: Any) -> Any:
+        arguments["loss"] = lambda run: (float(run.q[-1, 0]), {"q": [1.0, 0.0, 0.0, 0.0]})
+        return step.value_and_gradient(**arguments)([0.002])
+
+    evaluate.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [of for name, of in inspect.signature(step.value_and_gradient).parameters.items()
+         if name != "options"])
+    return evaluate
+
+
 def calls(tmp_path: Path | None) -> list[Call]:
     """Return a call for everything public; without a folder only to name them."""
     tmp_path = tmp_path or Path()
@@ -133,14 +146,32 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("integrate", step.integrate, **state, **run, steps=3, t0=0.0, every=1, solver="auto",
               tolerance=1e-12, max_iterations=50, progress=None, events=gs.Event("q1"),
               inputs=None, hold=1, t_eval=[0.001, 0.0025], t_end=None, round=False,
-              error=None),
+              error=None, tangents=None),
         plain("integrate", step.integrate, **state, **run, steps=None, t0=0.0, every=1,
-              solver="auto", tolerance=1e-12, max_iterations=50, progress=None, events=(),
+              solver="auto", tolerance=None, max_iterations=50, progress=None, events=(),
               inputs=None, hold=1, t_eval=None, t_end=0.003, round=False,
-              error=None),
+              error=None, tangents=gs.Tangents()),
+        plain("Tangents", gs.Tangents, start="all", parameters=["I1"], dt=True, t0=False,
+              project=False),
+        plain("jvp", step.jvp, **state, dq=[0, 1, 0, 0], dp=np.zeros(4), **run, d={"I1": 1.0},
+              t0=0.0, inputs=None, project=True),
+        plain("vjp", step.vjp, **state, **run, wrt=["start", "I1"], t0=0.0, inputs=None),
+        plain("gradient", step.gradient, run=made, cotangents={"q": q}, loss=None, wrt=None,
+              memory="1 MB", solver="auto"),
+        plain("Trajectory.gradient", made.gradient, cotangents={"q": q}, stepper=step),
+        Call("value_and_gradient", lambda: (value_and_gradient(step), {
+            "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "memory": "1 MB"}),
+            kept=("loss",)),
+        plain("fit", gs.fit, step=step, t=made.t, data=made.q, **state, parameters=PARAMETERS,
+              observe="attitude", dt=1e-3, free=["I1"], fixed=["I2"], sigma=1e-3, t0=0.0,
+              horizons=None, inputs=None, hold=1, max_iterations=3),
+        plain("lyapunov", gs.lyapunov, stepper=step, **state, **run, steps=40, count=1, every=20,
+              t0=0.0, inputs=None, hold=1, solver="auto", covariant=False, progress=None),
+        plain("periodic_orbit", gs.periodic_orbit, stepper=step, **state, **run, steps=40,
+              fix="energy", free=None, t0=0.0, max_iterations=2),
         plain("integrate_ensemble", step.integrate_ensemble, q=[q, q], p=[p, p], **run, steps=3,
-              t0=0.0, every=1, solver="auto", tolerance=1e-12, max_iterations=50, workers=1,
-              events=gs.Event("q1"), inputs=None, hold=1),
+              t0=0.0, every=1, solver="auto", tolerance=None, max_iterations=50, workers=1,
+              events=gs.Event("q1"), inputs=None, hold=1, tangents=gs.Tangents()),
         plain("at", step.at, trajectory=made, times=[0.0015], workers=1),
         plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
         plain("start", step.start, q0=q, p0=p, **run, t0=0.0, solver="auto", tolerance=1e-12,
@@ -148,8 +179,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("advance", step.start(q, p, **run).advance, steps=2, inputs=None),
         plain("Event", gs.Event, quantity="q1", level=0.0, direction=1, terminal=False, name="a"),
         plain("section", gs.section, stepper=step, q=[q, q], p=[p, p], **run, steps=3,
-              event=gs.Event("q1"), t0=0.0, solver="auto", tolerance=1e-12, max_iterations=50,
-              workers=1),
+              event=gs.Event("q1"), t0=0.0, solver="auto", tolerance=None, max_iterations=50,
+              workers=1, tangents=None),
         plain("load_urdf", gs.load_urdf, path=str(tmp_path / "none.urdf"), base="fixed",
               angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
               position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,

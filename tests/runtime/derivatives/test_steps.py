@@ -130,6 +130,28 @@ def test_a_gradient_is_the_same_however_it_is_computed(top):
     assert (other.gradient(run, cotangents, wrt=wrt).vector() == kept.vector()).all()
 
 
+def test_a_loss_may_be_an_expression():
+    """Its sum over the states, with time and parameters in it; against differences."""
+    step = gs.stepper("G-L", stages=2, system=DRIVEN)
+    start = step.consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=0.3)
+    loss = m * x**2 + sp.sin(t) * py + c
+
+    def value(**changes):
+        here = VALUES | {k: e for k, e in changes.items() if k != "dt"}
+        moved = step.consistent(start.q, start.p, parameters=here, t=0.3)
+        run = step.integrate(moved.q, moved.p, dt=changes.get("dt", 0.02), steps=12, every=5,
+                             t0=0.3, parameters=here)
+        return run.gradient(loss=loss, wrt=["m", "c", "dt"])
+
+    gradient = value()
+    for name, size in (("m", 1.1), ("c", 0.3), ("dt", 0.02)):
+        low, high = (value(**{name: size * (1 + s * 1e-5)}).value for s in (-1, 1))
+        assert gradient[name] == pytest.approx((high - low) / (2e-5 * size), rel=1e-7)
+    with pytest.raises(gs.InputError):
+        step.integrate(start.q, start.p, dt=0.02, steps=2, t0=0.3, parameters=VALUES).gradient(
+            loss=sp.Symbol("z"))
+
+
 @pytest.mark.parametrize("real", ["double", "float128"])
 def test_a_file_keeps_tangents(tmp_path, real):
     step, problem = gs.stepper("IMS", real=real), gs.problems.fast_top()
