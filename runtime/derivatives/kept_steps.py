@@ -70,6 +70,8 @@ class SingleStep:
 
     Attributes
     ----------
+    unknowns : array
+        Those of the step, in the frame.
     end : array, shape (2 n,)
         The state (q, p) after the step, in space.
     """
@@ -80,7 +82,7 @@ class SingleStep:
         kept = self._binding.begin(run)
         (steps,) = pieces(stepper, run, kept)
         self.parameters = kept.parameters
-        self._x = steps.x[0].copy()
+        self.unknowns = steps.x[0].copy()
         self._in_frame = np.concatenate([steps.q[1], steps.p[1]])
         self._frame = FrameMotion(self._binding, stepper.symmetries, run)
         self.end = (self._frame.matrix(1) @ self._in_frame if self._frame.moves
@@ -90,7 +92,7 @@ class SingleStep:
         """Return the directions of the end, shape (2 n, k), of directions of all rows."""
         run = self._run
         status, made = self._binding.tangent(
-            self.parameters, run.dt, run.q, run.p, self._x, np.ascontiguousarray(dz))
+            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz))
         if status:
             raise singular(0, status)
         if self._frame.moves:
@@ -104,7 +106,7 @@ class SingleStep:
         if self._frame.moves:
             w = self._frame.matrix(1).T @ w
         status, z_bar = self._binding.adjoint(
-            self.parameters, run.dt, run.q, run.p, self._x, np.ascontiguousarray(w))
+            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(w))
         if status:
             raise singular(0, status)
         if self._frame.moves:
