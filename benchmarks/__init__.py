@@ -13,6 +13,7 @@
     storing.py      runs in memory and in a store: ``gyrospark bench store``
     sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
     events.py       events and states between steps: ``gyrospark bench events``
+    gradients.py    gradients of a loss: ``gyrospark bench gradients``, with ``derivative_cost.py``
     fits.py         fits to noisy data from many seeds: ``python -m gyrospark.benchmarks.fits``
     make_digits.py  digits of reference problems two ways: ``exact_motions_mp.py``, ``loops.py``,
                     ``equations.py``, ``extrapolation.py``

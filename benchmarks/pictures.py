@@ -17,10 +17,11 @@ from .growth import Size, laws
 from .joined_bodies import BodyRow
 
 if TYPE_CHECKING:
+    from .gradients import GradientRow
     from .sweeping import SweepRow
 
-__all__ = ["draw_bodies", "draw_drift", "draw_growth", "draw_references", "draw_sweeps",
-           "draw_work_precision"]
+__all__ = ["draw_bodies", "draw_drift", "draw_gradients", "draw_growth", "draw_references",
+           "draw_sweeps", "draw_work_precision"]
 
 _MARKS = "osD^vPX*<>hp"
 _COLOURS = [*(f"C{number}" for number in range(10)), "black", "gold", "navy", "darkgreen"]
@@ -130,6 +131,33 @@ def draw_bodies(rows: Sequence[BodyRow], path: Path) -> None:
                 axes.plot(*zip(*points, strict=True), mark + "-", ms=4, alpha=0.85,
                           label=family if number == 0 else None)
         _finish(axes, "largest distance of a mass centre to the reference, in m", "CPU ms")
+    figure.savefig(path, dpi=150)
+
+
+def draw_gradients(rows: Sequence[GradientRow], path: Path) -> None:
+    """Draw CPU time against error of gradients for each case, a line for each program and method.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    drawn = [row for row in rows if row.error is not None]
+    cases = list(dict.fromkeys(row.case for row in drawn))
+    named: dict[str, Any] = {}
+    figure = figure_class()(figsize=(4 * len(cases) + 3, 5), layout="constrained")
+    for number, case in enumerate(cases):
+        axes = figure.add_subplot(1, len(cases), number + 1, title=case)
+        for place, family in enumerate(dict.fromkeys(row.family for row in drawn)):
+            points = sorted((max(row.error or 0.0, _ROUNDED), (row.median("gradient") or 0.0) * 1e3)
+                            for row in drawn if (row.case, row.family) == (case, family))
+            if points:
+                line, = axes.plot(*zip(*points, strict=True), "-", ms=4, alpha=0.85,
+                                  marker=_MARKS[place % len(_MARKS)],
+                                  color=_COLOURS[place % len(_COLOURS)])
+                named.setdefault(family, line)
+        _finish(axes, "error relative to the largest entry", "CPU ms of value and gradient")
+    figure.legend(named.values(), named.keys(), loc="outside right upper", fontsize=7)
     figure.savefig(path, dpi=150)
 
 

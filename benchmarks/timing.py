@@ -7,12 +7,13 @@ after each round.
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-__all__ = ["Clock", "Sample", "alternate", "repeated", "stopwatch"]
+__all__ = ["Clock", "Sample", "alternate", "repeated", "stopwatch", "with_children"]
 
 Clock = Callable[[], float]
 
@@ -38,6 +39,11 @@ class Sample:
     def per(self, amount: float) -> Sample:
         """Return the seconds for each of ``amount`` equal parts."""
         return Sample(tuple(x / amount for x in self.seconds))
+
+
+def with_children() -> float:
+    """Return the CPU seconds of this process and of those it has waited for."""
+    return sum(os.times()[:4])
 
 
 def stopwatch(job: Callable[[], object], clock: Clock = time.thread_time) -> float:

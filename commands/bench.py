@@ -21,9 +21,11 @@ from .options import check_folder, json_option, real_number, whole_number
 if TYPE_CHECKING:
     from ..benchmarks.batches import BatchRow
     from ..benchmarks.contest import ContestRow, Limits
+    from ..benchmarks.derivative_cost import DerivativeCost
     from ..benchmarks.drift import DriftRun
     from ..benchmarks.ensembles import EnsembleRow
     from ..benchmarks.events import EventRow
+    from ..benchmarks.gradients import GradientRow
     from ..benchmarks.growth import Size
     from ..benchmarks.joined_bodies import BodyRow
     from ..benchmarks.steps import StepTiming
@@ -34,7 +36,8 @@ __all__ = ["PRINT", "bench"]
 
 def _print_peers(rows: Sequence[ContestRow]) -> None:
     if not rows:
-        click.echo("None of these peers has the fast top; they have bodies on joints.")
+        click.echo("None of these peers has a run of the fast top; they have bodies on joints, or "
+                   "gradients.")
         return
     t_end = rows[0].t_end
     _print_rows(f"CPU time and errors at t = {t_end:g} s", [(row, []) for row in rows], [])
@@ -241,12 +244,50 @@ def _print_events(rows: Sequence[EventRow]) -> None:
     _show(grid)
 
 
+def _print_gradients(rows: Sequence[GradientRow]) -> None:
+    from ..benchmarks.gradients import PEERS
+
+    if not rows:
+        click.echo(f"Only {', '.join(PEERS)} have gradients.")
+        return
+    grid = _grid("Value and gradient of a loss at the end of a run: CPU ms, errors relative to the "
+                 "largest entry", ["case", "program", "setting"],
+                 ["gradient", "±", "run", "ratio", "by start", "by parameters", "built s"])
+    for row in rows:
+        cost, alone = row.median("gradient"), row.median("primal")
+        grid.add_row(row.case, f"{row.peer} {row.version}".strip(),
+                     row.setting + (f"\n{row.note}" if row.note else ""),
+                     _number(cost and cost * 1e3, "{:,.3g}"), _number(row.spread, "{:.0%}"),
+                     _number(alone and alone * 1e3, "{:,.3g}"),
+                     _number(cost and alone and cost / alone, "{:.1f}"),
+                     _number(row.by_start, "{:.1e}"), _number(row.by_parameters, "{:.1e}"),
+                     _number(row.built, "{:.2f}"))
+    _show(grid)
+
+
+def _print_derivatives(rows: Sequence[DerivativeCost]) -> None:
+    from ..benchmarks.derivative_cost import COUNTS
+
+    if not rows:
+        return
+    grid = _grid("Derivatives over the run itself, 3-G-L; CPU seconds to derive and compile a "
+                 "stepper, and more when derivatives are first asked for", ["model"],
+                 ["µs/step", "gradient", *(f"{k} tangents" for k in COUNTS), "derive", "compile",
+                  "derive more", "compile more"])
+    for row in rows:
+        grid.add_row(row.case, f"{row.us_per_step:,.3g}", f"{row.over_primal():.1f}",
+                     *(f"{row.over_primal(k):.1f}" for k in COUNTS),
+                     *(f"{x:.2f}" for x in (row.derive, row.compile, row.derive_more,
+                                            row.compile_more)))
+    _show(grid)
+
+
 #: Name of a result → what prints it.
 PRINT: dict[str, Callable[[Any], None]] = {
     "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
     "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
     "batches": _print_batches, "store": _print_store, "sweeps": _print_sweeps,
-    "events": _print_events,
+    "events": _print_events, "gradients": _print_gradients, "derivatives": _print_derivatives,
 }
 
 
@@ -274,9 +315,10 @@ def _number(value: float | None, form: str) -> str:
     return "–" if value is None else form.format(value)
 
 
-_WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps", "events")
+_WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps", "events",
+         "gradients")
 #: What has more than one result.
-_PARTS = {"bodies": ("growth", "bodies", "batches")}
+_PARTS = {"bodies": ("growth", "bodies", "batches"), "gradients": ("gradients", "derivatives")}
 
 
 @dataclass(frozen=True)
@@ -313,7 +355,7 @@ def bench(
     base: str | None, out: Path | None, as_json: bool,
 ) -> int:
     """Measure WHAT: peers (default), step, ensemble, drift, store, sweeps (fast top), bodies,
-    events, all.
+    events, gradients, all.
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
@@ -324,6 +366,8 @@ def bench(
     threads and Dask workers.
     events: a pendulum through the bottom and the fast top's height, with states between steps,
     beside heyoka and SciPy.
+    gradients: of a loss at the end of a run of the fast top, a four-bar and a chain of 8, beside
+    heyoka, diffrax, CasADi and MuJoCo; what gradients and tangents cost over the run itself.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
     optional: pip install ".[bench]" in a checkout brings those that are on PyPI. For steady
@@ -340,6 +384,7 @@ def bench(
     gyrospark bench store --rounds 5
     gyrospark bench sweeps --out bench
     gyrospark bench events --peers gyrospark,heyoka
+    gyrospark bench gradients --out bench
     """
     if what not in (*_WHAT, "all"):
         raise unknown("benchmark", what, [*_WHAT, "all"])
@@ -497,11 +542,31 @@ def _measure_events(choice: _Choice, watch: Callable[[str], None]) -> Sequence[E
     return compare_events(cases, choice.peers, choice.rounds, choice.limits(1.0).least, watch)
 
 
+def _measure_gradients(choice: _Choice, watch: Callable[[str], None]) -> Sequence[GradientRow]:
+    from ..benchmarks.gradients import PEERS, compare_gradients, gradient_cases
+
+    return compare_gradients(
+        gradient_cases(quick=choice.quick), [name for name in PEERS if name in choice.peers],
+        choice.rounds, choice.limits(1.0).least, quick=choice.quick, watch=watch)
+
+
+def _measure_derivatives(
+    choice: _Choice, watch: Callable[[str], None]
+) -> Sequence[DerivativeCost]:
+    from ..benchmarks.derivative_cost import cases, compare_derivatives
+
+    if "gyrospark" not in choice.peers:
+        return []
+    return compare_derivatives(cases(quick=choice.quick), choice.rounds, choice.limits(1.0).least,
+                               watch)
+
+
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
     "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
     "batches": _measure_batches, "store": _measure_store, "sweeps": _measure_sweeps,
-    "events": _measure_events,
+    "events": _measure_events, "gradients": _measure_gradients,
+    "derivatives": _measure_derivatives,
 }
 
 
@@ -542,6 +607,7 @@ def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> Non
     from ..benchmarks.pictures import (
         draw_bodies,
         draw_drift,
+        draw_gradients,
         draw_growth,
         draw_sweeps,
         draw_work_precision,
@@ -552,6 +618,8 @@ def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> Non
         draw_work_precision(results["peers"], out / "work_precision.png")
     if "drift" in results:
         draw_drift(results["drift"], out / "drift.png")
+    if results.get("gradients"):
+        draw_gradients(results["gradients"], out / "gradients.png")
     if results.get("growth"):
         draw_growth(results["growth"], out / "growth.png")
     if results.get("bodies"):

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from ...core.errors import InputError
 from .entry import PeerEntry
 
-__all__ = ["OF_BODIES", "PEERS", "chosen", "entries"]
+__all__ = ["OF_OTHERS", "PEERS", "chosen", "entries"]
 
 #: Name on the command line → its file.
 PEERS = {
@@ -26,8 +26,8 @@ PEERS = {
     "mujoco": "mujoco_rk4",
     "exudyn": "exudyn_body",
 }
-#: Those that are beside bodies on joints alone, not beside the fast top.
-OF_BODIES = ("pydy",)
+#: Those that have no run of the fast top, but one of bodies on joints or a gradient.
+OF_OTHERS = ("pydy", "diffrax")
 
 
 def chosen(text: str | None) -> list[str]:
@@ -38,7 +38,7 @@ def chosen(text: str | None) -> list[str]:
     InputError
         For a name that is none of them.
     """
-    known = [*PEERS, *OF_BODIES]
+    known = [*PEERS, *OF_OTHERS]
     if text is None:
         return known
     names = [name.strip() for name in text.split(",")]

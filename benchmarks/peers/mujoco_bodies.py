@@ -45,7 +45,7 @@ class MujocoBodies:
 
     def prepare(self, integrator: str, dt: float, steps: int) -> Callable[[], Array]:
         """Return what takes so many steps from the start and returns the centres of mass."""
-        mujoco, model = self._mujoco, self._model(integrator, dt)
+        mujoco, model = self._mujoco, self.model(integrator, dt)
         data = mujoco.MjData(model)
         speeds = self._speeds(model)
 
@@ -58,7 +58,8 @@ class MujocoBodies:
 
         return run
 
-    def _model(self, integrator: str, dt: float) -> Any:
+    def model(self, integrator: str, dt: float) -> Any:
+        """Return MuJoCo's model with an integrator and a time step."""
         mujoco = self._mujoco
         model = mujoco.MjModel.from_xml_string(self._text)
         model.opt.timestep = dt

@@ -6,6 +6,7 @@ Its inertia is about the mass centre, I − m l²; the attitude is normalised in
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ..tops import INERTIA, LEVER, MGL, TopState, state_of, tops
 from .entry import PeerEntry, Run
 from .optional import need, version
 
-__all__ = ["PACKAGE", "entries"]
+__all__ = ["PACKAGE", "entries", "model_of_top"]
 
 PACKAGE = "mujoco"
 _MASS, _GRAVITY = 1.0, 9.81
@@ -38,15 +39,22 @@ def entries() -> list[PeerEntry]:
             for dt in (2e-3, 1e-3, 5e-4)]
 
 
-def _prepare(dt: float) -> Run:
-    mujoco, rollout = need("mujoco"), need("mujoco.rollout", "mujoco")
+def model_of_top(dt: float) -> Any:
+    """Return MuJoCo's model of the top."""
+    mujoco = need("mujoco")
     assert abs(_MASS * _GRAVITY * LEVER - MGL) < 1e-15
     model = mujoco.MjModel.from_xml_string(_MODEL.format(
         dt=dt, gravity=-_GRAVITY, lever=LEVER, mass=_MASS))
-    data = mujoco.MjData(model)
     # Set here because A + B = C, a flat body, is refused in the text for a rounding error.
     model.body_inertia[1] = np.array(INERTIA) - np.array([1.0, 1.0, 0.0]) * _MASS * LEVER**2
-    mujoco.mj_setConst(model, data)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _prepare(dt: float) -> Run:
+    mujoco, rollout = need("mujoco"), need("mujoco.rollout", "mujoco")
+    model = model_of_top(dt)
+    data = mujoco.MjData(model)
     start = state_of(tops()[0])
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     data.qpos[:], data.qvel[:] = start.q, start.omega

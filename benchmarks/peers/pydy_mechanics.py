@@ -6,7 +6,6 @@ accelerations, and the step is SciPy's, in Python.
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ import sympy as sp
 from sympy.physics import mechanics as me
 
 from ..peer_linkages import Array
+from ..timing import with_children
 from .optional import Unavailable, need
 
 __all__ = ["LIMIT", "PACKAGE", "TOLERANCES", "PydyMechanics"]
@@ -36,7 +36,7 @@ class PydyMechanics:
         make = need("pydy.codegen.ode_function_generators", PACKAGE).generate_ode_function
         self._solve = need("scipy.integrate", "scipy").solve_ivp
         self._values = np.array([*values.values()])
-        start = _cpu()
+        start = with_children()
         with _limited(LIMIT):
             system.form_eoms(eom_method=me.KanesMethod)
             kane, speeds = system.eom_method, list(system.u)
@@ -44,7 +44,7 @@ class PydyMechanics:
                 kane.forcing, list(system.q), speeds, sp.symbols([*values], positive=True),
                 mass_matrix=kane.mass_matrix, coordinate_derivatives=sp.Matrix(speeds),
                 generator="cython", time_first=True, constants_arg_type="array")
-        self.cost = _cpu() - start
+        self.cost = with_children() - start
 
     def run(self, tolerance: float, start: Array, t_end: float) -> Array:
         """Return the coordinates at ``t_end`` after a start at rest."""
@@ -59,11 +59,6 @@ class PydyMechanics:
         """
         slopes: Array = self._rates(t, state, self._values)
         return slopes.copy()
-
-
-def _cpu() -> float:
-    """Return the CPU seconds of this process and of those it has waited for."""
-    return sum(os.times()[:4])
 
 
 @contextmanager

@@ -592,14 +592,17 @@ def test_command_does_all(bench, tmp_path):
     assert code == 0
     document = json.loads(out)
     assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
-                               "batches", "growth_laws", "store", "sweeps", "events"}
-    for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png"):
+                               "batches", "growth_laws", "store", "sweeps", "events",
+                               "gradients", "derivatives"}
+    for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png",
+                    "gradients.png"):
         assert is_picture(tmp_path / "new/bench" / picture)
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["nonsense"],
-     "'nonsense'; choose peers, step, ensemble, drift, bodies, store, sweeps, events or all"),
+     "'nonsense'; choose peers, step, ensemble, drift, bodies, store, sweeps, events, gradients "
+     "or all"),
     (["--peers", "gyrospark,matlab"], "'matlab'; choose gyrospark, "),
     (["--t-end", "3"], "1, 10, 100 or 1000"),
     (["--t-end", "soon"], "--t-end 'soon'"),
