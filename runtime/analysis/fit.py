@@ -416,14 +416,14 @@ def _free(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> li
     allowed = [*known, "start"]
     fixed = as_items("fixed", [fixed] if isinstance(fixed, str) else fixed, "names")
     for name in fixed:
-        if name not in allowed:
+        if not isinstance(name, str) or name not in allowed:
             raise unknown("name in fixed", name, allowed)
     if free is None:
         found = [name for name in allowed if not is_inertia_parameter(name)]
     else:
         found = as_items("free", [free] if isinstance(free, str) else free, "names")
     for name in found:
-        if name not in allowed:
+        if not isinstance(name, str) or name not in allowed:
             raise unknown("name in free", name, allowed)
     both = [name for name in found if name in fixed]
     if free is not None and both:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import shown, unknown
+from ...core.arguments import as_items, shown, unknown
 from ...core.errors import InputError
 from ..bindings.array_checks import as_numbers
 from ..compilation.body_columns import bodies_of
@@ -151,10 +151,12 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
     turns = {f"{name} attitude": [body.q] for name, body in bodies.items()}
     if bodies:
         turns["attitude"] = [body.q for body in bodies.values()]
-    names = [observe] if isinstance(observe, str) else list(observe)
+    names = [observe] if isinstance(observe, str) else as_items("observe", observe, "names")
     attitudes: list[list[int]] = []
     columns: list[int] = []
     for name in names:
+        if not isinstance(name, str):
+            raise InputError(f"observe has {shown(name)}, which is no name; write text.")
         if name in turns:
             attitudes += turns[name]
         elif name in many:

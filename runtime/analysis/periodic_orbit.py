@@ -206,7 +206,8 @@ class OrbitSearch:
         self.timed = stepper.binding.time is not None
         self.phased = not self.timed
         self.fixed = _fixed(stepper, fix, free, timed=self.timed)
-        if free is not None and free not in stepper.parameter_domains:
+        if free is not None and not (
+                isinstance(free, str) and free in stepper.parameter_domains):
             raise unknown("parameter", free, stepper.parameter_domains)
         z = np.concatenate([run.q, run.p])
         self.wanted = {name: self._value(name, z, run.parameters) for name in self.fixed

@@ -126,13 +126,13 @@ def as_bytes(memory: Any) -> int | None:
     InputError
         Unless it is a number with a unit, such as "256 MB", or "none".
     """
-    if memory == "none":
+    if isinstance(memory, str) and memory == "none":
         return None
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([A-Za-z]*)\s*", str(memory))
     if match is None or match[2].lower() not in _UNITS:
         raise InputError(f"memory = {shown(memory)} is none; give bytes, such as \"256 MB\", or "
                          "\"none\" to run backwards instead of keeping steps.")
-    return int(float(match[1]) * _UNITS[match[2].lower()])
+    return int(min(float(match[1]) * _UNITS[match[2].lower()], 2.0**62))
 
 
 @dataclass(frozen=True)

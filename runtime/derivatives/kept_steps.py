@@ -70,6 +70,8 @@ class SingleStep:
 
     Attributes
     ----------
+    unknowns : array
+        Those of the step, in the frame.
     end : array, shape (2 n,)
         The state (q, p) after the step, in space.
     unknowns : array, shape (unknowns,)

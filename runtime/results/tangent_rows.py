@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import choose
-from ...core.arguments import few
+from ...core.arguments import choose, few
 from ...core.errors import InputError
 
 __all__ = ["EventTangents", "TangentRows"]

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_flag, as_mapping, shown, unknown
+from ...core.arguments import as_flag, as_mapping, choose, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.binding import SolverName
+from ..bindings.inputs import as_inputs
 from ..compilation.stepper_module import load_module
 from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
 from ..derivatives.gradient import (
@@ -175,11 +176,8 @@ class Differentiation(Evaluation):
     ) -> RunArguments:
         given = dict(as_mapping("parameters", parameters, "{'m': 1.0}"))
         if inputs is not None:  # one step: they are parameters
-            if isinstance(inputs, Mapping):
-                given |= dict(inputs)
-            else:
-                given |= dict(zip(self.binding.input_names, as_numbers("inputs", inputs).tolist(),
-                                  strict=True))
+            fed = as_inputs(inputs, self.binding, 1)
+            given |= {} if fed is None else fed.first
         return self._resolved(q, p, dt=dt, steps=1, parameters=given, t0=t0)
 
     def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
@@ -237,6 +235,7 @@ class Differentiation(Evaluation):
             memory, with how much is needed.
         """
         names = names_of(self, wrt)  # type: ignore[arg-type]
+        choose("solver", solver, ["auto", "newton", "fixed-point"])
         if (cotangents is None) == (loss is None):
             raise InputError("Give either cotangents or loss.")
         value = None
@@ -244,7 +243,7 @@ class Differentiation(Evaluation):
             value, cotangents = loss_of(loss)(run)
         kinds = self.rows_of(run, solver)
         ended = bool(kinds.points)
-        return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents or {}),  # type: ignore[arg-type]
+        return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents),  # type: ignore[arg-type]
                            names, memory, value, None if ended else (run.q[-1], run.p[-1]))
 
     def rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:

@@ -41,7 +41,8 @@ def test_everything_public_is_called():
     """Whatever is added to the public face is called here too."""
     called = {name.rpartition(".")[2] for name in NAMES}
     no_calls = {"Certificate", "Citations", "CompilerError", "Crossings", "Ensemble", "Fit",
-                "FrameChoice", "GammaChoice", "Gradient", "Lyapunov", "PeriodicOrbit", "GyrosparkError", "InputError", "InputWarning",
+                "FrameChoice", "GammaChoice", "Gradient", "GyrosparkError", "InputError",
+                "InputWarning", "Lyapunov", "PeriodicOrbit",
                 "MissingDependencyError", "Projection", "Recording", "Section", "Simulation",
                 "StepFailed", "Stepper", "Stopped", "StorageError", "TableauError", "Trajectory"}
     public = {name for name in gs.__all__ if callable(getattr(gs, name))}

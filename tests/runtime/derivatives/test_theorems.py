@@ -121,19 +121,12 @@ def test_momenta_along_the_constraints_are_absorbed(name, scheme):
     step, case = stepper_for(name, scheme), case_of(name)
     (q, p), binding = start_of(name, step), stepper_for(name, scheme).derivative_binding
     kept, space = step._kept_step(step._single(q, p, case.dt, case.parameters, case.t0, None))
-    x, start = kept.unknowns, (q, p)
     dz = np.zeros((binding.rows, step.m + 1))
     dz[step.n : 2 * step.n, : step.m] = space.g[:, : step.n].T
     dz[step.n : 2 * step.n, step.m] = np.arange(step.n) + 1.0  # any other momentum moves the end
-    status, ends = binding.tangent(space_parameters(step, case), case.dt, *start, x, dz)
+    ends = kept.tangent(dz)
     sizes = np.abs(ends).max(axis=0) / np.abs(dz).max(axis=0)
-    assert status == 0
     assert sizes[:-1].max() < 1e-14 < 1e-3 < sizes[-1]
-
-
-def space_parameters(step, case):
-    """Return the parameter struct of derivatives."""
-    return step.derivative_binding.own.parameters(case.parameters, case.t0)
 
 
 # ------------------------------------------------------------ symplecticity, A, B
