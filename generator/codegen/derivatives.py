@@ -56,9 +56,10 @@ def derivatives_of(
                                    Target(real.c_type, "parameters_t", "")))
     called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters})
-    chain = [(i, j, printer.number(d)) for i, (_, e) in enumerate(constants)
-             for j, p in enumerate(system.parameters)
-             if p in e.free_symbols and (d := derivative(e, p)) != 0]
+    order = {p: j for j, p in enumerate(system.parameters)}
+    chain = [(i, order[p], printer.number(d)) for i, (_, e) in enumerate(constants)
+             for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)
+             if (d := derivative(e, p)) != 0]
     places = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_items, as_mapping, shown, unknown
 from ...core.errors import InputError
-from ...core.exact_numbers import Number
+from ...core.exact_numbers import Number, as_double
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
 from ..bindings.inputs import Inputs, as_inputs
 from ..derivatives.tangent_run import refuse_run, tangents_of
@@ -456,7 +456,8 @@ def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
     """Return one standard deviation for each column of residuals."""
     fitting.samples = 1
     columns = fitting.residuals(point).shape[1]
-    given = np.array(as_numbers("sigma", sigma), dtype=float)
+    numbers = as_numbers("sigma", sigma)
+    given = np.reshape([as_double(x) for x in numbers.flat], numbers.shape)
     if given.shape not in ((), (1,), (columns,)) or not (np.isfinite(given) & (given > 0)).all():
         raise InputError(f"sigma = {shown(sigma)} is no noise; give a number above 0, or one for "
                          f"each of {columns} columns of residuals.")
