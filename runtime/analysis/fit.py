@@ -354,6 +354,7 @@ def fit(
         raise InputError(f"step = {shown(step)} is no stepper; give what gyrospark.stepper "
                          "returned.")
     observation = observation_of(step, observe)
+    most = as_positive_count("max_iterations", max_iterations, least=1)
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
@@ -380,7 +381,7 @@ def fit(
         fitting.samples = count
         found = minimise(point, fitting.scaled_residuals, fitting.linearise, fitting.moved,
                          fitting.excess, _TOLERANCE if last else _EARLY_TOLERANCE,
-                         max_iterations if last else _EARLY, fitting.truncation(point))
+                         most if last else _EARLY, fitting.truncation(point))
         point, iterations = found.point, iterations + found.iterations
     return _result(fitting, point, iterations, counts, found.converged, known=sigma is not None)
 

@@ -56,7 +56,7 @@ class Call:
         for argument in arguments:
             if argument not in self.kept:
                 for wrong in WRONG:
-                    spared = argument == "progress" and wrong == "class"  # it can be called
+                    spared = argument in ("progress", "observe") and wrong == "class"  # it can be called
                     if wrong not in self.spared and not spared:
                         yield argument, wrong
 
