@@ -36,7 +36,7 @@ API = {
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
         "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
-    "derivatives": [
+    "differentiation": [
         "Tangents", "gyrospark.runtime.results.tangent_rows.TangentRows", "Gradient", "lyapunov",
         "Lyapunov", "periodic_orbit", "PeriodicOrbit", "fit", "Fit"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
