@@ -56,7 +56,8 @@ class Call:
         for argument in arguments:
             if argument not in self.kept:
                 for wrong in WRONG:
-                    spared = argument in ("progress", "observe") and wrong == "class"  # it can be called
+                    # a class can be called
+                    spared = argument in ("progress", "observe") and wrong == "class"
                     if wrong not in self.spared and not spared:
                         yield argument, wrong
 
