@@ -26,7 +26,7 @@ from ..runtime.bindings.inputs import Inputs
 from ..runtime.derivatives.binding import KeptRun, KeptSteps
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
-from ..runtime.derivatives.tangent_run import singular
+from ..runtime.derivatives.kept_steps import singular, split
 from ..runtime.derivatives.tangent_space import TangentSpace, solved
 from ..runtime.integration.consistency import refuse_singular_mass
 from ..runtime.integration.run_arguments import RunArguments, as_parameters
@@ -245,7 +245,7 @@ class DiscreteFlow:
         none = binding.own.new(0)
         steps = None
         for steps in self._pieces(kept):
-            for part in _single(steps) if u.any() else (steps,):
+            for part in split(steps, np.arange(self.steps)) if u.any() else (steps,):
                 dz[self._input_places] = u[:, part.first].T if u.size else 0
                 status = binding.integrate_tangent(run, kept.parameters, part, dz, self.steps,
                                                    none, tangents)
@@ -323,10 +323,3 @@ def _unless_near(x: Array, projected: Array) -> Array:
     """Return x if it is consistent up to round-off, else its projection."""
     off = np.abs(projected - x).max()
     return x if off <= _CONSISTENT * np.finfo(float).eps * np.linalg.norm(x) else projected
-
-
-def _single(steps: KeptSteps) -> Iterator[KeptSteps]:
-    """Yield each of some kept steps by itself."""
-    for i in range(steps.count):
-        yield KeptSteps(steps.first + i, steps.q[i : i + 2], steps.p[i : i + 2],
-                        steps.x[i : i + 1])

@@ -21,7 +21,8 @@ from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
 from ..bindings.inputs import Inputs, as_inputs
-from ..derivatives.tangent_run import refuse_run, tangents_of
+from ..derivatives.kept_steps import refuse_run
+from ..derivatives.tangent_run import tangents_of
 from ..derivatives.tangent_space import Tangents
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates

@@ -27,7 +27,7 @@ from ...core.exact_numbers import Number
 from ...core.warnings import warn
 from ..bindings.array_checks import as_callback, as_positive_count
 from ..bindings.binding import SolverName
-from ..derivatives.tangent_run import pieces, refuse_run, singular
+from ..derivatives.kept_steps import pieces, refuse_run, singular
 from .unitary_frame import UnitaryFrame, canonical_form, isotropic_flag
 
 if TYPE_CHECKING:

@@ -151,10 +151,6 @@ class KeptRun:
         self.report, self.work = own.report(), own.work()
         self.q, self.p = run.q.copy(), run.p.copy()
         self.done = 0
-        primal = binding.primal
-        self.primal_parameters = primal.parameters(run.parameters, run.t0)
-        self.primal_options = primal.options(run.tolerance, run.max_iterations, run.solver)
-        self.primal_report, self.primal_work = primal.report(), primal.work()
 
     def image(self) -> tuple[Any, ...]:
         """Return what the run goes on from: a checkpoint."""
@@ -192,15 +188,20 @@ class QuadDerivativeBinding(DerivativeBinding):
         own, primal, given = self.own, self.primal, run.run
         none = tuple(own.new(0) for _ in range(3)), np.zeros(0, np.intc), own.new(0)
         out = (*none[0], *none[1:])
+        parameters = primal.parameters(given.parameters, given.t0)
+        options = primal.options(given.tolerance, given.max_iterations, given.solver)
+        report, work = primal.report(), primal.work()
+        # The run may have been restored to a checkpoint since the last call.
+        primal.image(work)[:] = own.image(run.work)
+        primal.image(report)[:] = own.image(run.report)
         for j in range(count):
             state = q[j].copy(), p[j].copy()
             status = primal.integrate(
-                run.primal_parameters, run.primal_options, given.dt, 1, 1, *state, out,
-                run.primal_report, run.primal_work, given.inputs)
+                parameters, options, given.dt, 1, 1, *state, out, report, work, given.inputs)
             if status:
                 return int(status)
-            own.image(run.work)[:] = primal.image(run.primal_work)
-            own.image(run.report)[:] = primal.image(run.primal_report)
+            own.image(run.work)[:] = primal.image(work)
+            own.image(run.report)[:] = primal.image(report)
             if hasattr(own.lib, f"{PREFIX}{own.name}_frame_state"):
                 own.function("frame_state")(run.work, *state)
             q[j + 1], p[j + 1] = state

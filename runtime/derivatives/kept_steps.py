@@ -70,12 +70,10 @@ class SingleStep:
 
     Attributes
     ----------
-    unknowns : array
-        Those of the step, in the frame.
     end : array, shape (2 n,)
         The state (q, p) after the step, in space.
     unknowns : array, shape (unknowns,)
-        The solution x of its equations.
+        The solution x of its equations, in the frame.
     """
 
     def __init__(self, stepper: Stepper, run: RunArguments) -> None:

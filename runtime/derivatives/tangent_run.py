@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = [
-    "pieces",
-    "refuse_run",
-    "singular",
     "tangents_of",
     "warn_of_growth",
     "with_tangents",

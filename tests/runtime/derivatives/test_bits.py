@@ -37,6 +37,16 @@ def test_checkpoints_have_the_bits_of_a_gradient(gl3, swing):
     assert equal(gl3.gradient(odd, ends), gl3.gradient(odd, ends, memory="700 kB"))
 
 
+def test_checkpoints_of_float128_have_the_bits_of_a_gradient():
+    """Its steps are called one by one; they too go on from the checkpoint."""
+    step = gs.stepper("G-L", stages=2, real="float128")
+    start = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    run = step.integrate(*start, **RUN | {"steps": 2000, "every": 250})
+    w = {"q": run.q, "p": run.p}
+    whole, pieces = (step.gradient(run, w, memory=memory) for memory in ("256 MB", "500 kB"))
+    assert equal(whole, pieces)
+
+
 def test_running_backwards_has_the_digits_of_a_gradient(gl3, swing):
     run, w = swing
     whole, back = (gl3.gradient(run, w, memory=memory).vector() for memory in ("256 MB", "none"))
