@@ -11,4 +11,7 @@
     stability          R(z) of a fast decay: A-stable, L-stable, numerical damping
     conditions         each condition as a residual, and predicates derived from it
     observed_order     the order as measured
+    compositions       compositions of exact flows, with 60 digits from compositions.json
+    lyndon_words       order conditions of compositions, at Lyndon words
+    composition_proofs their certificates, by Newton's method and Krawczyk's operator
 """

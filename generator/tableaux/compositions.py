@@ -1,0 +1,181 @@
+"""Compositions of a drift and a kick: one normal form, and those that are stored.
+
+    Ψ(h) = T(a₀h) K(b₁h, c₁h³) T(a₁h) ⋯ K(b_s h, c_s h³) T(a_s h)
+
+T(τ) is the exact flow of the kinetic part T(q, p) for the time τ. K(β, γ) is the exact flow, for
+the time 1, of the potential β V(q) − γ G(q) with the force-gradient term
+
+    G(q) = −{V, {T, V}} = V_qᵀ T_pp V_q   (τᵀ S τ for a body with torque τ and S = J⁻¹), G ≥ 0,
+
+so p ← p − b_i h V_q + c_i h³ G_q in canonical momenta; c_i = −κ_i b_i in the notation V + κh²G.
+As operators A = {·, T} and B = {·, V} this kick is exp(b_i h B + c_i h³ [B, [A, B]]): the double
+commutator is the Lie derivative of {{V, T}, V} = −G. The sequence is a palindrome, so the order in
+which operators and maps are written does not matter.
+
+The numbers are rational: decimals of 60 digits, with Σa_i = Σb_i = 1 exactly. They stand for
+algebraic numbers next to them; ``composition_proofs`` proves that those exist, and how near they
+are. ``compositions.json`` is written by ``composition_search``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import reduce
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from ...core.arguments import choose, shown, whole
+from ...core.errors import InputError
+
+__all__ = ["COMPOSITIONS", "PATH", "Composition", "composition", "composition_named", "palindrome"]
+
+PATH = Path(__file__).resolve().parent / "compositions.json"
+
+
+@dataclass(frozen=True)
+class Composition:
+    """A symmetric composition of drifts and kicks, in the normal form of this module.
+
+    Attributes
+    ----------
+    name : str
+        As in ``COMPOSITIONS``.
+    order : int
+        Of a step, for any T and V; even.
+    drifts : tuple of Fraction, s + 1
+        Times a_i of the drifts in units of h.
+    kicks : tuple of Fraction, s
+        Times b_i of the kicks in units of h.
+    gradients : tuple of Fraction, s
+        Factors c_i of h³[V,[T,V]]; zeros without force gradients.
+    weights : tuple of Fraction
+        w_i where the step is S(w₁h) S(w₂h) ⋯ of a symmetric map S; else empty.
+    base : str
+        The map S, ``"Strang"`` or ``"G4"``; empty without weights.
+    orders : tuple of int
+        Order in terms with one kick, with two, and so on, the last for all more: (10, 6, 4)
+        where kicks are small beside drifts; (order,) for others.
+    also : tuple of str
+        Lyndon words whose conditions hold beside those of the orders.
+    free : tuple of int
+        Unknowns that the conditions leave free: their decimals are exact.
+    source : str
+        Where the composition is from.
+    """
+
+    name: str
+    order: int
+    drifts: tuple[Fraction, ...] = field(repr=False)
+    kicks: tuple[Fraction, ...] = field(repr=False)
+    gradients: tuple[Fraction, ...] = field(repr=False)
+    weights: tuple[Fraction, ...] = field(default=(), repr=False)
+    base: str = ""
+    orders: tuple[int, ...] = ()
+    also: tuple[str, ...] = ()
+    free: tuple[int, ...] = ()
+    source: str = ""
+
+    @property
+    def stages(self) -> int:
+        """The number s of kicks in a step, and of drifts when a run joins those of two steps."""
+        return len(self.kicks)
+
+    @property
+    def has_gradients(self) -> bool:
+        """Whether a kick needs the force gradient."""
+        return any(self.gradients)
+
+    @property
+    def forward(self) -> bool:
+        """Whether no time is negative."""
+        return min(self.drifts + self.kicks) >= 0
+
+
+def palindrome(first: Sequence[Fraction], size: int) -> tuple[Fraction, ...]:
+    """Return a palindrome of this size with the sum 1, from the first half without its last."""
+    rest = 1 - 2 * sum(first, Fraction(0))
+    if size % 2:
+        return (*first, rest, *reversed(first))
+    return (*first, rest / 2, rest / 2, *reversed(first))
+
+
+def _stored() -> dict[str, Composition]:
+    """Return the compositions of the file; bases come before what is composed of them."""
+    found: dict[str, Composition] = {}
+    for name, record in json.loads(PATH.read_text(encoding="utf-8")).items():
+        found[name] = _made(name, record, found)
+    return found
+
+
+def _made(name: str, record: dict[str, Any], known: dict[str, Composition]) -> Composition:
+    size, numbers = record["stages"], {
+        part: [Fraction(text) for text in record.get(part, ())]
+        for part in ("weights", "drifts", "kicks", "gradients")}
+    base = record.get("base", "")
+    weights: tuple[Fraction, ...] = ()
+    if base:
+        weights = palindrome(numbers["weights"], size)
+        drifts, kicks, gradients = flatten(known[base], weights)
+    else:
+        drifts = palindrome(numbers["drifts"], size + 1)
+        kicks = palindrome(numbers["kicks"], size)
+        half = numbers["gradients"] or [Fraction(0)] * ((size + 1) // 2)
+        gradients = (*half, *reversed(half[: size // 2]))
+    return Composition(name, record["order"], drifts, kicks, gradients, weights, base,
+                       tuple(record.get("orders", [record["order"]])),
+                       tuple(record.get("also", ())), tuple(record.get("free", ())),
+                       record["source"])
+
+
+def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:
+    """Return drifts, kicks and gradients of S(w₁h) S(w₂h) ⋯, neighbouring drifts added."""
+    def join(left: list[Fraction], right: list[Fraction]) -> list[Fraction]:
+        return [*left[:-1], left[-1] + right[0], *right[1:]]
+
+    drifts = reduce(join, ([w * a for a in base.drifts] for w in weights))
+    return (tuple(drifts), tuple(chain.from_iterable((w * b for b in base.kicks) for w in weights)),
+            tuple(chain.from_iterable((w**3 * c for c in base.gradients) for w in weights)))
+
+
+#: All stored compositions by name.
+COMPOSITIONS: dict[str, Composition] = _stored()
+#: What each order takes, without force gradients and with them. None of order 10 is known whose
+#: base has force gradients, so that order is the same in both.
+_CHOICE = {False: {2: "Strang", 4: "Suzuki4", 6: "KL6", 8: "KL8", 10: "SS10"},
+           True: {2: "Strang", 4: "G4", 6: "G6", 8: "G8", 10: "SS10"}}
+
+
+def composition(order: int, gradients: bool = False) -> Composition:
+    """Return the composition for an order.
+
+    Parameters
+    ----------
+    order : {2, 4, 6, 8, 10}
+    gradients : bool
+        Whether kicks may have a force-gradient term. At order 10 the composition is the same, and
+        has none.
+
+    Raises
+    ------
+    InputError
+        For any other order.
+    """
+    found = _CHOICE[bool(gradients)].get(whole(order) or 0)
+    if found is None:
+        raise InputError(f"order = {shown(order)} is not the order of a composition; symmetric "
+                         "ones have even orders: choose 2, 4, 6, 8 or 10.")
+    return COMPOSITIONS[found]
+
+
+def composition_named(name: str) -> Composition:
+    """Return a composition by its name.
+
+    Raises
+    ------
+    InputError
+    """
+    return COMPOSITIONS[choose("composition", name, COMPOSITIONS)]

@@ -1,0 +1,171 @@
+"""Order conditions of compositions: coefficients of products of exponentials at Lyndon words.
+
+A composition of flows is, as an operator on functions, a product of exponentials of elements of a
+free Lie algebra over graded letters. Such a product is group-like: its coefficient is a character
+of the shuffle algebra, which is a polynomial algebra over the Lyndon words (Radford 1979). Two
+group-like series agree up to a grade if and only if their coefficients at the Lyndon words up to
+this grade agree. The flow of A + B (or of Y₁) has the coefficient 1/n! at every word of n letters
+of grade 1, and zero at the others.
+
+A symmetric composition, Ψ(−h) = Ψ(h)⁻¹, has a logarithm odd in h, so conditions of even grade
+follow from those below (Hairer, Lubich, Wanner, Geometric Numerical Integration, III.3 and V.3).
+Letters are characters:
+
+    A, B         Lie derivatives of drift T and kick V, of grade 1
+    C            [B, [A, B]] = 2 BAB − BBA − ABB, written in A and B
+    1, 3, 5, …   S(h) = exp(h Y₁ + h³ Y₃ + h⁵ Y₅ + …) of a symmetric map, of their own grade
+
+Reference: S. Blanes, F. Casas, A. Murua, Splitting and composition methods in the numerical
+integration of differential equations, Bol. Soc. Esp. Mat. Apl. 45 (2008) 89-145.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from fractions import Fraction
+from functools import cache
+from itertools import product
+from math import factorial, prod
+from typing import Any, TypeAlias
+
+__all__ = ["Flow", "Series", "composition_flow", "differentiate", "drift_flow", "evaluate_flow",
+           "exponential", "factors_of", "grade", "is_lyndon", "kick_flow", "lyndon_words",
+           "multiply_flows", "target", "words_up_to"]
+
+#: Coefficients at words, and such coefficients as polynomials: exponents of the flow's numbers.
+Series: TypeAlias = dict[str, Any]
+Flow: TypeAlias = dict[str, dict[tuple[int, ...], Fraction]]
+
+
+def grade(word: str) -> int:
+    """Return the power of h that belongs to a word."""
+    return sum(int(letter) if letter.isdigit() else 1 for letter in word)
+
+
+def words_up_to(letters: str, most: int) -> list[str]:
+    """Return all words of at most this grade, the empty one included, by grade."""
+    words = ["".join(word) for n in range(most + 1) for word in product(letters, repeat=n)
+             if grade("".join(word)) <= most]
+    return sorted(words, key=lambda word: (grade(word), word))
+
+
+def is_lyndon(word: str) -> bool:
+    """Whether a word is smaller than each of its proper suffixes."""
+    return bool(word) and all(word < word[i:] for i in range(1, len(word)))
+
+
+def lyndon_words(letters: str, most: int) -> list[str]:
+    """Return the Lyndon words of odd grade up to this one: the conditions that symmetry leaves."""
+    return [word for word in words_up_to(letters, most) if is_lyndon(word) and grade(word) % 2]
+
+
+def factors_of(words: Iterable[str]) -> list[str]:
+    """Return all contiguous parts of some words: whatever their coefficients depend on."""
+    found = {word[i:j] for word in words for i in range(len(word) + 1)
+             for j in range(i, len(word) + 1)}
+    return sorted(found, key=lambda word: (grade(word), word))
+
+
+def target(word: str) -> Fraction:
+    """Return the coefficient of the exact flow, exp(A + B) or exp(Y₁)."""
+    return Fraction(1, factorial(len(word))) if grade(word) == len(word) else Fraction(0)
+
+
+# ---------------------------------------------------------------- flows
+
+
+@cache
+def drift_flow(most: int) -> Flow:
+    """Return exp(aA), a flow of the number a."""
+    return exponential({"A": {(1,): Fraction(1)}}, most)
+
+
+@cache
+def kick_flow(most: int, gradients: bool) -> Flow:
+    """Return exp(bB), or exp(bB + cC) of the numbers b and c with C = 2 BAB − BBA − ABB."""
+    if not gradients:
+        return exponential({"B": {(1,): Fraction(1)}}, most)
+    C = {"BAB": {(0, 1): Fraction(2)}, "BBA": {(0, 1): Fraction(-1)}, "ABB": {(0, 1): Fraction(-1)}}
+    return exponential({"B": {(1, 0): Fraction(1)}, **C}, most)
+
+
+@cache
+def composition_flow(letters: str, most: int) -> Flow:
+    """Return exp(wY₁ + w³Y₃ + …) with these letters, a flow of the weight w."""
+    return exponential({letter: {(int(letter),): Fraction(1)} for letter in letters}, most)
+
+
+def exponential(element: Flow, most: int) -> Flow:
+    """Return the exponential of an element of the free algebra, up to a grade."""
+    size = len(next(iter(next(iter(element.values())))))
+    power: Flow = {"": {(0,) * size: Fraction(1)}}
+    found: Flow = {word: dict(terms) for word, terms in power.items()}
+    n = 0
+    while power:
+        n += 1
+        power = _times(power, element, Fraction(1, n), most)
+        for word, terms in power.items():
+            _add(found.setdefault(word, {}), terms)
+    return found
+
+
+def _times(left: Flow, right: Flow, factor: Fraction, most: int) -> Flow:
+    made: Flow = {}
+    for (u, p), (v, r) in product(left.items(), right.items()):
+        if grade(u + v) <= most:
+            _add(made.setdefault(u + v, {}), {
+                tuple(i + j for i, j in zip(d, e, strict=True)): x * y * factor
+                for (d, x), (e, y) in product(p.items(), r.items())})
+    return made
+
+
+def _add(terms: dict[tuple[int, ...], Fraction], more: Mapping[tuple[int, ...], Fraction]) -> None:
+    for exponents, value in more.items():
+        terms[exponents] = terms.get(exponents, Fraction(0)) + value
+
+
+def evaluate_flow(
+    flow: Flow, values: Sequence[Any], number: Callable[[Fraction], Any],
+    by: int | None = None,
+) -> Series:
+    """Return the coefficients of a flow for its numbers, or their derivatives by one of them.
+
+    ``number`` makes an exact constant into the arithmetic of the values: intervals, mpmath, float.
+    """
+    found: Series = {}
+    for word, terms in flow.items():
+        parts = [number(x * (1 if by is None else e[by]))
+                 * prod((v ** (n - (i == by)) for i, (v, n) in enumerate(zip(values, e, strict=True))
+                         if n > (i == by)), start=number(Fraction(1)))
+                 for e, x in terms.items() if by is None or e[by]]
+        if parts:
+            found[word] = sum(parts[1:], start=parts[0])
+    return found
+
+
+# ---------------------------------------------------------------- products
+
+
+def multiply_flows(
+    series: Sequence[Series], words: Sequence[str], number: Callable[[Fraction], Any]
+) -> list[Series]:
+    """Return the products of the first 0, 1, 2, … flows at words that contain their own parts."""
+    zero = number(Fraction(0))
+    found: list[Series] = [{"": number(Fraction(1))}]
+    for flow in series:
+        before, after = found[-1], {}
+        for word in words:
+            terms = [before[word[:i]] * flow[word[i:]] for i in range(len(word) + 1)
+                     if word[:i] in before and word[i:] in flow]
+            if terms:
+                after[word] = sum(terms, start=zero)
+        found.append(after)
+    return found
+
+
+def differentiate(left: Series, flow: Series, right: Series, word: str, zero: Any) -> Any:
+    """Return the coefficient at a word of left · flow · right."""
+    return sum((left[word[:i]] * flow[word[i:j]] * right[word[j:]]
+                for i in range(len(word) + 1) if word[:i] in left
+                for j in range(i, len(word) + 1) if word[i:j] in flow and word[j:] in right),
+               start=zero)
