@@ -54,14 +54,16 @@ def stepper(
     real: RealName = "double",
     frame: str | None = None,
     allow_invalid: bool = False,
+    order: int | None = None,
+    composition: str | None = None,
 ) -> Stepper:
     """Return a compiled stepper, generated and compiled on first use, from the cache after.
 
     Parameters
     ----------
     scheme : SchemeName
-        ``"IMS"``, ``"EMS"``, ``"G-L"``, ``"LIIIA-B"``, ``"Radau-L"``; left out when a tableau is
-        given.
+        ``"IMS"``, ``"EMS"``, ``"G-L"``, ``"LIIIA-B"``, ``"Radau-L"``, ``"splitting"``; left out
+        when a tableau is given.
     stages : int
         Stages of a scheme that has a choice of them: G-L and Radau-L (from 1) or LIIIA-B (from 2).
     rep : {"gamma", "alpha"}
@@ -80,11 +82,16 @@ def stepper(
     allow_invalid : bool
         Use a tableau although it violates required conditions, and a system although some of its
         constraints follow from others.
+    order : {2, 4, 6, 8, 10}
+        Of scheme splitting: exact flows of parts of H in turn, for bodies without joints.
+    composition : str, optional
+        Of scheme splitting, in place of ``order``: a composition by name, such as ``"SABAG6"``.
 
     Raises
     ------
     InputError
-        For unusable choices, with the allowed ones; for redundant constraints, with their names.
+        For unusable choices, with the allowed ones; for redundant constraints, with their names;
+        for an H that has no splitting.
     TableauError
         For a tableau that violates required conditions.
     CompilerError
@@ -112,7 +119,7 @@ def stepper(
                              "stages.")
         spec = Spec.of_tableau(rep, named, real)
     else:
-        spec = Spec.checked(scheme, stages, rep, named, real, file)
+        spec = Spec.checked(scheme, stages, rep, named, real, file, order, composition)
     spec = spec.with_frame(frame)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")

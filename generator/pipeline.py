@@ -16,6 +16,7 @@ from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
 from .schemes.named_schemes import scheme_named
+from .schemes.splitting_scheme import SplittingScheme, splitting_scheme
 from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
 from .spec import Spec, join_name
 from .symmetry.frame_symmetries import frame_of
@@ -34,7 +35,7 @@ class Generated:
     """A stepper's text and the exact objects it was derived from."""
 
     source: Source
-    scheme: SparkScheme | MeanScheme
+    scheme: SparkScheme | MeanScheme | SplittingScheme
     system: System
     tableau: Tableau | None
 
@@ -95,8 +96,11 @@ def generate(
     system = with_work_of_time(system)
     reduced, constants = hoisted(system)
     coefficients = tableau or tableau_of(spec)
-    scheme: SparkScheme | MeanScheme
-    if coefficients is None:
+    scheme: SparkScheme | MeanScheme | SplittingScheme
+    if spec.order is not None:
+        scheme = splitting_scheme(system, reduced, constants, spec.order, spec.composition)
+        method, method_name = spec.title, spec.method
+    elif coefficients is None:
         scheme = mean_scheme(reduced, discrete=scheme_named(spec.scheme).discrete)
         method, method_name = spec.scheme, spec.method
     else:

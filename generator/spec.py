@@ -13,6 +13,7 @@ from ..core.real_types import REALS, RealName
 from ..core.registry import FRAMES, MODELS, SYSTEMS, unknown_name
 from .codegen.profiles import PROFILES, ProfileName
 from .parsing.text_file import MODEL_FILES
+from .tableaux.compositions import composition, composition_named
 from .schemes.named_schemes import MAX_STAGES, SCHEMES, Scheme, scheme_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
@@ -40,6 +41,8 @@ class Spec:
     model: Path | None = None
     profile: ProfileName = "full"
     frame: str = ""
+    order: int | None = None
+    composition: str = ""
 
     def with_frame(self, frame: Any) -> Spec:
         """Return the spec with a co-moving frame, along the system's symmetries, or none.
@@ -71,6 +74,8 @@ class Spec:
         system: str | None = None,
         real: Any = None,
         tableau: Path | None = None,
+        order: Any = None,
+        composition: Any = None,
     ) -> Spec:
         """Return a spec whose every field is usable.
 
@@ -80,16 +85,19 @@ class Spec:
             Naming the value, the allowed ones and the cure.
         """
         if tableau is not None:
-            if scheme is not None or stages is not None:
+            if scheme is not None or stages is not None or order is not None:
                 raise InputError(
                     "A tableau file fixes the scheme and its stages; leave out scheme and stages."
                 )
             return cls.of_tableau(rep, system, real, tableau)
         if scheme is None:
             raise InputError(f"No scheme is given; choose {listed(SCHEMES)}.")
-        count = _stages(scheme_named(scheme), stages)
+        record = scheme_named(scheme)
+        count = _stages(record, stages)
+        chosen_order, composed = _composition(record, order, composition)
         named, model, chosen = _system(system, rep)
-        return cls(scheme, count, chosen, named, _real(real), None, model)
+        return cls(scheme, count, chosen, named, _real(real), None, model,
+                   order=chosen_order, composition=composed)
 
     @classmethod
     def of_tableau(
@@ -112,11 +120,17 @@ class Spec:
         if self.scheme == OWN:
             return OWN.lower()
         scheme = scheme_named(self.scheme)
+        if scheme.composed:
+            return f"{scheme.key}_{self.composition}" if self.composition else \
+                f"{scheme.key}{self.order}"
         return f"{scheme.key}{self.stages}" if scheme.counted else scheme.key
 
     @property
     def title(self) -> str:
         """Scheme and stages as the paper writes them: ``IMS``, ``3-G-L``."""
+        if self.order is not None:
+            return f"splitting of order {self.order}" + (
+                f", {self.composition}" if self.composition else "")
         counted = self.scheme != OWN and scheme_named(self.scheme).counted
         return f"{self.stages}-{self.scheme}" if counted else self.scheme
 
@@ -169,6 +183,25 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
     if not scheme.fewest <= count <= scheme.most:
         raise InputError(f"Stages {count} is out of range; {allowed}.")
     return count
+
+
+def _composition(scheme: Scheme, order: Any, named: Any) -> tuple[int | None, str]:
+    """Return order and composition of a splitting, None and nothing of another scheme."""
+    if not scheme.composed:
+        for what, value in (("order", order), ("composition", named)):
+            if value is not None:
+                raise InputError(f"{what} = {shown(value)} belongs to scheme splitting, and "
+                                 f"{scheme.name} has its order from its stages; leave it out.")
+        return None, ""
+    if named is None:
+        if order is None:
+            raise InputError("The order is not given; splitting takes 2, 4, 6, 8 or 10.")
+        return composition(order).order, ""
+    one = composition_named(named)
+    if order not in (None, one.order):
+        raise InputError(f"Composition {one.name} has order {one.order}, not {shown(order)}; leave "
+                         "out order.")
+    return one.order, one.name
 
 
 def is_model_file(system: str) -> bool:

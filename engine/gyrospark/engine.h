@@ -76,6 +76,9 @@
 #ifndef GS_ROTATING_MULTIPLIERS /* the multipliers rotate with the frame */
 #define GS_ROTATING_MULTIPLIERS 0
 #endif
+#ifndef GS_SPLITTING /* a composition of exact flows */
+#define GS_SPLITTING 0
+#endif
 #ifndef GS_FIXED_POINT /* the tableau permits the fixed-point iteration */
 #define GS_FIXED_POINT 0
 #endif
@@ -124,7 +127,7 @@
 #define AT(c, t) c
 #define BETWEEN(c, t, step) c
 #endif
-#if GS_FIXED_POINT && GS_TIME_DEPENDENT
+#if (GS_FIXED_POINT || GS_SPLITTING) && GS_TIME_DEPENDENT
 #define LANES_AT(c, t) lanes_at_time(c, t)
 #define LANES_BETWEEN(c, t, step) lanes_between(c, t, step)
 #elif GS_FIXED_POINT
@@ -163,7 +166,7 @@ typedef NAME(report) report_t;
 typedef NAME(work) work_t;
 #if GS_PROFILE_RUN
 typedef NAME(state) state_t;
-#elif GS_FIXED_POINT
+#elif GS_FIXED_POINT || GS_SPLITTING
 typedef NAME(batch) batch_memory;
 #endif
 #endif

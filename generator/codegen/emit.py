@@ -24,6 +24,7 @@ from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums
 from ..kernels.statements import Kernel
 from ..schemes.frame_kernels import FrameRotation
 from ..schemes.lagrangian_midpoint import LagrangianEMS
+from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
 from ..systems.lagrangian import LagrangianSystem
@@ -50,6 +51,7 @@ from .program import (
     TableauText,
 )
 from .solver_costs import solver_costs
+from .splitting_flows import flow_lanes, flows_of
 
 __all__ = ["Source", "describe", "emit"]
 
@@ -116,13 +118,19 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     lanes: LaneIteration | None = None
     plain: PlainIteration | None = None
     refusal = ""
-    if derived.profile == "full":
+    flows = flows_of(derived) if isinstance(scheme, SplittingScheme) else None
+    if flows is not None:
+        lanes = flow_lanes(derived, flows)
+    elif derived.profile == "full":
         lanes, refusal = lane_iteration(derived, parts)
     else:
         plain = plain_iteration(derived)
     own, renamed = (plain.kernels if plain else []), dict[str, str]()
     kernels = own
-    if derived.profile != "control":
+    if isinstance(scheme, SplittingScheme):
+        kernels = [*(emit_kernel(k, constants, real) for k in scheme.state_kernels()),
+                   *(flows.kernels if flows else [])]
+    elif derived.profile != "control":
         kernels = [] if parts else [
             emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
                                                       *scheme.kernels()]]
@@ -187,7 +195,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
             more.union(*(k.functions for k in [*known, *(derivatives.lanes if derivatives
                                                          else [])])))),
         switch_functions=SWITCHES & functions,
-        costs={} if derived.profile == "control" else solver_costs(
+        costs={} if derived.profile == "control" or isinstance(scheme, SplittingScheme) else solver_costs(
             scheme, kernels if plain else known, parts),
         iteration_kernels=own,
         renamed=renamed,
@@ -199,13 +207,15 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         no_fixed_point=refusal,
         frame=frame,
         derivatives=derivatives,
+        flows=flows,
     )
 
 
 def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
     """Return the system as sums over element templates, where that is possible and wanted."""
     system = derived.scheme.system
-    if derived.profile != "full" or isinstance(system, LagrangianSystem):
+    if derived.profile != "full" or isinstance(system, LagrangianSystem) or isinstance(
+            derived.scheme, SplittingScheme):
         return None  # M of a Lagrangian couples all of it
     if isinstance(system, CoMovingSystem) and system.frame_velocity:
         return None
@@ -236,7 +246,10 @@ def _features(
         frame=frame is not None,
         frame_work=isinstance(scheme.system, CoMovingSystem) and bool(scheme.system.frame_velocity),
         rotating_multipliers=frame is not None and frame.rotates_multipliers,
-        fixed_point=lanes is not None,
+        fixed_point=lanes is not None and not isinstance(scheme, SplittingScheme),
+        splitting=isinstance(scheme, SplittingScheme),
+        drag=isinstance(scheme, SplittingScheme) and scheme.has_drag,
+        momentum_forces=isinstance(scheme, SplittingScheme) and scheme.splitting.other_forces,
         constant_schur=iteration is not None and iteration.constant_schur,
         scalar_schur=iteration is not None and iteration.scalar_schur,
         factors=iteration is not None and iteration.factors,
@@ -327,7 +340,11 @@ def comment(e: sp.Expr | str) -> str:
     return str(e).replace("**", "^").replace("*/", "* /").replace("/*", "/ *")
 
 
-def _scheme_doc(scheme: SparkScheme | MeanScheme) -> list[str]:
+def _scheme_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]:
+    if isinstance(scheme, SplittingScheme):
+        return [f"Composition of exact flows: {scheme.name}.",
+                "T(a_0 h) K(b_1 h) T(a_1 h) .. K(b_s h) T(a_s h), where T are free rotations and",
+                "translations and K are kicks by the potential and by forces."]
     if isinstance(scheme, SparkScheme):
         return [
             "T1 solves (B.1) for k_i = H_p(Q_i, P_i), k^_i = -H_q(Q_i, P_i) and the multipliers",
@@ -341,7 +358,9 @@ def _scheme_doc(scheme: SparkScheme | MeanScheme) -> list[str]:
     ]
 
 
-def _unknowns_doc(scheme: SparkScheme | MeanScheme) -> list[str]:
+def _unknowns_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]:
+    if isinstance(scheme, SplittingScheme):
+        return []
     if isinstance(scheme, SparkScheme):
         return ["x = (k_1..k_s, k^_1..k^_s, Lambda_0..Lambda_(p-1)), (B.2)"]
     return ["x = (dq, dp, lambda): the increments q_k - q_(k-1), p_k - p_(k-1) and the multiplier"]

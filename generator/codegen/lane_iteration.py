@@ -14,7 +14,7 @@ from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..systems.repeated_structure import Structure
 from .program import Derived, Elements, LaneIteration, Table
 
-__all__ = ["lane_iteration"]
+__all__ = ["called_functions", "lane_iteration"]
 
 
 def lane_iteration(
@@ -41,7 +41,7 @@ def lane_iteration(
         structure = Structure(scheme.system)
         constants, factor = len(elements.used_constants), elements.elimination["entries"]
         return LaneIteration(
-            kernels=[], folded={}, **_functions(kernels),
+            kernels=[], folded={}, **called_functions(kernels),
             tables=literals, even_odd_tables=even_odd_literals,
             compensated=any(sums_products(k, "lanes_") for k in kernels),
             factors=bool(m), constant_schur=False, scalar_schur=False,
@@ -62,7 +62,7 @@ def lane_iteration(
         kernels=kernels,
         folded={symbol.name.lstrip("_"): values(e)
                 for e, symbol in system.folds.definitions.items()},
-        **_functions(kernels),
+        **called_functions(kernels),
         tables=literals, even_odd_tables=even_odd_literals,
         compensated=any(sums_products(k, "lanes_") for k in kernels),
         factors=bool(m) and (derived.is_spark or not constant),
@@ -82,7 +82,7 @@ def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, 
             for name, rows in tables.items()}
 
 
-def _functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
+def called_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
     """Return what kernels on lanes call: lane by lane, and on all lanes at once."""
     called = set[str]().union(*(k.functions for k in kernels))
     return {"functions": sorted(called - ON_LANES), "switches": sorted(called & ON_LANES)}

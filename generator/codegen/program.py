@@ -12,14 +12,15 @@ from typing import Any
 
 from ...core.real_types import Real
 from ..kernels.kernel import Constants, EmittedKernel
+from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.system import System
 from .profiles import ProfileName
 
 __all__ = [
-    "Derivatives", "Derived", "Elements", "Features", "FrameTransformation", "LaneIteration",
-    "MassTables", "PlainIteration", "Program", "TableauText",
+    "CompositionText", "Derivatives", "Derived", "Elements", "Features", "Flows",
+    "FrameTransformation", "LaneIteration", "MassTables", "PlainIteration", "Program", "TableauText",
 ]
 
 Table = list[list[str]]
@@ -35,7 +36,7 @@ class Derived:
 
     name: str
     method: str
-    scheme: SparkScheme | MeanScheme
+    scheme: SparkScheme | MeanScheme | SplittingScheme
     system: System
     constants: Constants
     real: Real
@@ -68,6 +69,9 @@ class Features:
     frame_work: bool
     rotating_multipliers: bool
     fixed_point: bool
+    splitting: bool
+    drag: bool
+    momentum_forces: bool
     constant_schur: bool
     scalar_schur: bool
     factors: bool
@@ -214,6 +218,46 @@ class TableauText:
 
 
 @dataclass(frozen=True)
+class CompositionText:
+    """The weights of a composition as C, padded to the longest."""
+
+    name: str
+    stages: int
+    drift: list[str]
+    kick: list[str]
+    time: list[str]
+    gradient: list[str]
+
+
+@dataclass(frozen=True)
+class Flows:
+    """What ``engine/gyrospark/splitting`` expects of the generated file."""
+
+    kernels: list[EmittedKernel]
+    #: Of each body: coordinates of its quaternion, and its axis rotation or -1.
+    bodies: list[list[int]]
+    body_axis: list[int]
+    #: Axis rotations: 0, 1, 2 for a coordinate axis, 3 for another; whether the rate stays.
+    axis_which: list[int]
+    axis_steady: list[int]
+    further_body: list[int]
+    further_which: list[int]
+    #: Coordinates of points, and entries of y that kicks change.
+    free: list[int]
+    kicked: list[int]
+    momenta: int
+    stages: int
+    compositions: list[CompositionText]
+    half_pi: list[str]
+    #: Members of the state of a step and of all, with their shapes, and how many numbers.
+    state: list[tuple[str, list[int]]]
+    members: list[tuple[str, list[int]]]
+    numbers: int
+    memory: int
+    description: str
+
+
+@dataclass(frozen=True)
 class Derivatives:
     """What ``engine/gyrospark/derivatives`` expects of the generated file."""
 
@@ -295,6 +339,7 @@ class Program:
     no_fixed_point: str
     frame: FrameTransformation | None
     derivatives: Derivatives | None
+    flows: Flows | None
 
     @property
     def iteration(self) -> LaneIteration | PlainIteration | None:

@@ -18,7 +18,7 @@ __all__ = ["DEFAULT_SCHEME", "DEFAULT_STAGES", "MAX_STAGES", "SCHEMES", "Scheme"
 MAX_STAGES = 16
 
 #: Values of ``scheme``; the keys of ``SCHEMES``, for editors and type checkers.
-SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B", "Radau-L"]
+SchemeName = Literal["IMS", "EMS", "G-L", "LIIIA-B", "Radau-L", "splitting"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,8 @@ class Scheme:
         Number of stages → its exact tableau; None for a mean value.
     discrete : bool
         Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
+    composed : bool
+        Whether a step is a composition of exact flows, whose order has to be given.
     sources : dict of str to str
         Works that it is from, by their keys in ``certificates/citations.py``, and for what.
     """
@@ -48,6 +50,7 @@ class Scheme:
     fewest: int = 0
     tableau: Callable[[int], Tableau] | None = None
     discrete: bool = False
+    composed: bool = False
     most: int = MAX_STAGES
     sources: Mapping[str, str] = field(default_factory=dict)
 
@@ -94,6 +97,8 @@ SCHEMES: dict[SchemeName, Scheme] = {
                sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),
         Scheme("Radau-L", "Radau-Lobatto SPARK method", 1, _radau_lobatto,
                sources={"hairer1996": "Radau IIA methods, L-stable"}),
+        Scheme("splitting", "composition of exact flows", composed=True,
+               sources={"mclachlan2002": "splitting methods"}),
     )
 }
 #: Default of the command line: order 6, symplectic.

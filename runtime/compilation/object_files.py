@@ -83,6 +83,10 @@ def objects_of(
         return [Object("whole", header, checks=("numbers",))]
     if whole:
         return [Object("whole", header, _FLAGS, checks=("numbers", "lanes"))]
+    if "T1" not in _functions(name, header):  # nothing is solved: a module is one object
+        own = _LANES if part == "lanes" else _functions(name, header) - (_LANES - _BOTH)
+        checks: tuple[Kind, ...] = ("lanes",) if part == "lanes" else ("numbers",)
+        return [Object(part, _only(name, header, own), _FLAGS, checks=checks)]
     if part == "lanes":
         made: dict[int, set[str]] = {3: _LANES, 1: set()}
     else:

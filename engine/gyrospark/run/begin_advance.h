@@ -37,7 +37,7 @@ static void reset_iteration(work_t *w)
     IF_FORCES(s->work = splat(w->simulation.report.work);)
     s->work_low = splat(0);
 }
-#else
+#elif !GS_SPLITTING
 /* Newton's method has no state from step to step. */
 static void set_state(work_t *w, const real q[N], const real p[N])
 {

@@ -8,7 +8,9 @@
 #include "gyrospark/run/inputs.h"
 #endif
 
-#if GS_PROFILE_RUN
+#if GS_SPLITTING
+#include "gyrospark/splitting/run.h"
+#elif GS_PROFILE_RUN
 #include "gyrospark/profiles/run.h"
 #else
 #include "gyrospark/run/advance.h"
@@ -105,6 +107,9 @@ static void begin(work_t *work, const options_t *options, real dt, const real q[
     begin_run(work, options, dt, q, p);
 }
 
+#if GS_SPLITTING
+#include "gyrospark/splitting/run_on.h"
+#else
 /* Continues a run that began at the time `start` by `steps` steps. */
 static int run_on(const options_t *options, IF_INPUTS(
     inputs_t inputs,) real start, real dt, long steps, long every,
@@ -133,6 +138,7 @@ static int run_on(const options_t *options, IF_INPUTS(
     }
     return OK;
 }
+#endif
 
 /* Integrates from (q, p) in place; the public header documents the arguments. */
 static int integrate(const parameters_t *parameters, const options_t *options, IF_INPUTS(

@@ -4,7 +4,7 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-#if GS_FORCES
+#if GS_FORCES && !GS_SPLITTING
 #if GS_SPARK
 #include "gyrospark/spark/step_end.h"
 #else

@@ -1,0 +1,120 @@
+/* Runs by compositions of flows: one trajectory. */
+#ifndef GS_SPLITTING_RUN_H
+#define GS_SPLITTING_RUN_H
+
+#include "gyrospark/splitting/start.h"
+#include "gyrospark/run/record.h"
+
+_Static_assert(sizeof(flows) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
+
+/* The state of the composition, at the first multiple of 64 bytes in its memory. */
+static flows *flows_of(work_t *w)
+{
+    return (flows *)(void *)(((size_t)w->memory + 63) & ~(size_t)63);
+}
+
+/* Starts from (q, p), which the caller may have changed, or at other parameters. */
+static void set_state(work_t *w, const real q[N], const real p[N])
+{
+    flows *s = flows_of(w);
+    prepare_flows(s, &w->constants, s->h);
+    start_flows(s, q, p);
+}
+
+static void reset_iteration(work_t *w)
+{
+    (void)w; /* nothing is kept of a failed step */
+}
+
+static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N])
+{
+    (void)options;
+    flows *s = flows_of(w);
+    s->h = dt;
+    s->now.work = s->now.work_low = 0;
+    set_state(w, q, p);
+}
+
+static int are_finite(const flow_state *now)
+{
+    return isfinite(norm(N, now->q) + norm(Y, now->y));
+}
+
+/* Sets the state at the end of the last step, and its work. */
+static void get_state(work_t *w, real q[N], real p[N], report_t *report)
+{
+    real work;
+    const flows *s = flows_of(w);
+    end_of_step(&w->constants, s, q, p, &work);
+    (void)report; /* without forces */
+    IF_FORCES(report->work = s->now.work + (s->now.work_low + work);)
+}
+
+/* One step at the time t, up to its last kick. */
+static void step_on(work_t *w, real t)
+{
+    flows *s = flows_of(w);
+    w->t = s->t = t;
+    advance_flows(&w->constants, s);
+}
+
+/*
+ * Is step n of a run recorded? The state at the end of a step costs a drift of its own, so that
+ * later steps are recorded now and then only.
+ */
+static int is_observed(long n)
+{
+    return n <= OBSERVED_STEPS || n % OBSERVED_EVERY == 0;
+}
+
+/* Records a state; one that stands for several steps counts as often. */
+static void observe_steps(const constants *c, long n, const real q[N], const real p[N],
+    report_t *report)
+{
+    const report_t before = *report;
+    observe(c, q, p, report);
+    const real more = (real)(n <= OBSERVED_STEPS ? 0 : OBSERVED_EVERY - 1);
+    report->energy_error_sum += more*(report->energy_error_sum - before.energy_error_sum);
+    report->constraint_sum += more*(report->constraint_sum - before.constraint_sum);
+    report->hidden_sum += more*(report->hidden_sum - before.hidden_sum);
+}
+
+#if !GS_PROFILE_RUN
+static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
+{
+    (void)w, (void)options, (void)multipliers; /* no constraint forces are computed */
+}
+
+/* A step alone. */
+static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
+    const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    real q_end[N], p_end[N];
+    report_t report = { 0 };
+    (void)multipliers;
+    *iterations = 0;
+    begin_run(w, options, dt, q, p);
+    step_on(w, w->t);
+    if (!are_finite(&flows_of(w)->now))
+        return NOT_FINITE;
+    get_state(w, q_end, p_end, &report);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
+
+void NAME(hamiltonian)(const parameters_t *parameters, long count, IF_TIME(
+    const real *t,) const real *q, const real *p,
+    real *H)
+{
+    constants c;
+    prepare(parameters, &c);
+    for (long i = 0; i < count; ++i)
+        H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
+}
+#endif
+
+#endif

@@ -1,0 +1,100 @@
+/* Start of a composition of flows: durations, rates, momenta in space axes. On numbers. */
+#ifndef GS_SPLITTING_START_H
+#define GS_SPLITTING_START_H
+
+#include "gyrospark/linear_algebra/norms.h"
+
+/* h w for a weight in two words */
+static real duration_of(real h, const real w[2])
+{
+    return h*w[0] + h*w[1];
+}
+
+/*
+ * Durations of `count` flows that last h together: the last is h minus the others, in two words. If
+ * all were rounded, the clock of the run would drift by their errors at every step.
+ */
+static void set_durations(real h, int count, const real w[][2], real duration[])
+{
+    real rest = h, low = 0;
+    for (int i = 0; i < count - 1; ++i) {
+        duration[i] = duration_of(h, w[i]);
+        const real next = rest - duration[i], share = rest - next;
+        low += (rest - (next + share)) + (share - duration[i]);
+        rest = next;
+    }
+    duration[count - 1] = rest + low;
+}
+
+#if GS_DRAG
+/* Decay of the momentum in a drift, and (1 - exp(-k t))/k, the time that a free motion sees. */
+static void set_drag(flows *s, int which, real k)
+{
+    for (int i = 0; i < s->stages + 2; ++i) {
+        const real x = k*s->drift[i];
+        s->decay[which][i] = MATH(exp)(-x);
+        s->elapsed[which][i] = k == 0 ? s->drift[i] : -MATH(expm1)(-x)/k;
+    }
+}
+#endif
+
+/*
+ * Rates and durations of a run with the time step h. Bodies that are symmetric at these parameters
+ * have no further rotations: their drift is exact, and the composition may use it.
+ */
+static void prepare_flows(flows *s, const constants *c, real h)
+{
+    flow_rates(c, s->sphere, s->axis_rate, s->axis_offset, s->further_rate, s->further_offset,
+        s->drag);
+    axis_directions(c, s->axis, s->further_axis);
+    s->is_symmetric = 1;
+    for (int k = 0; k < FURTHER; ++k)
+        s->is_symmetric &= s->further_rate[k] == 0 && s->further_offset[k] == 0;
+    const composition_t *used = &compositions[s->is_symmetric && COMPOSITIONS > 1];
+    const int stages = s->stages = used->stages;
+    real between[STAGES + 1];
+    set_durations(h, stages, used->drift + 1, between); /* interior drifts, then first and last */
+    s->drift[0] = duration_of(h, used->drift[0]);
+    for (int i = 1; i < stages; ++i)
+        s->drift[i] = between[i - 1];
+    s->drift[stages + 1] = between[stages - 1];
+    s->drift[stages] = s->drift[stages + 1] - s->drift[0];
+    set_durations(h, stages, used->kick, s->kick);
+    for (int i = 0; i < stages; ++i) {
+        s->gradient[i] = h*h*used->gradient[i];
+        s->kick_time[i] = duration_of(h, used->time[i]);
+    }
+#if GS_DRAG
+    for (int e = 0; e < BODIES + FREE; ++e)
+        set_drag(s, e, s->drag[e]);
+#endif
+}
+
+/* Starts from (q, p): momenta in space axes, and rotations whose rate stays during the run. */
+static void start_flows(flows *s, const real q[N], const real p[N])
+{
+    for (int a = 0; a < N; ++a) {
+        s->now.q[a] = q[a];
+        s->now.q_low[a] = 0;
+    }
+    for (int b = 0; b < BODIES; ++b) {
+        const int *at = body_q[b], k = body_axis[b];
+        const real r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
+        const real momentum[4] = { p[at[0]], p[at[1]], p[at[2]], p[at[3]] };
+        real *l = s->now.y + 3*b;
+        angular_momentum_of(r, momentum, l);
+        if (k >= 0 && axis_steady[k]) {
+            const real rate = (real)0.5*(s->axis_offset[k]
+                + s->axis_rate[k]*axis_momentum(r, l, axis_which[k], s->axis[k]));
+            for (int i = 0; i < s->stages + 2; ++i)
+                sine_cosine(rate*s->drift[i], &s->sine[k][i], &s->cosine[k][i]);
+        }
+    }
+    for (int e = 0; e < FREE; ++e)
+        s->now.y[3*BODIES + e] = p[free_q[e]];
+    for (int e = 0; e < Y; ++e)
+        s->now.y_low[e] = 0;
+    s->is_underway = 0;
+}
+
+#endif

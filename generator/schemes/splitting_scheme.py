@@ -1,0 +1,258 @@
+"""A step as a composition of exact flows: parts with closed flows, run one after another.
+
+    T(a₀h) K(b₁h, c₁h³) T(a₁h) ⋯ K(b_s h, c_s h³) T(a_s h)
+
+T: free rotations and translations; K: kicks by V, its force gradient and forces. Where a body is
+asymmetric, its rotations R that do not commute with T take a place beside the kick,
+K(b h/2) R(b h) K(b h/2), and the composition is one of symmetric maps S of order 2. Bodies that are
+symmetric at the parameters of a run have no R; the run then takes the composition with force
+gradients. Source: docs/theory/splitting.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import sympy as sp
+
+from ...core.errors import InputError
+from ..kernels.kernel import Constants
+from ..kernels.statements import Kernel
+from ..splitting.find import split
+from ..splitting.parts import AxisRotation, Kick, Splitting
+from ..systems.jacobians import jacobian
+from ..systems.system import System
+from ..tableaux.compositions import Composition, composition, composition_named
+from .step_equations import common_kernels
+
+__all__ = ["SplittingScheme", "splitting_scheme"]
+
+#: Kernels of states; the others of ``common_kernels`` are for Newton's method.
+_STATE_KERNELS = ("hamiltonian", "constraint", "constraint_jacobian", "hidden_constraint",
+                  "hidden_matrix")
+
+
+@dataclass(frozen=True)
+class SplittingScheme:
+    """The flows of a system and the compositions of a step.
+
+    Attributes
+    ----------
+    system : System
+        With constants of the run in place of subexpressions of the parameters.
+    splitting : Splitting
+        Of the system as the user knows it.
+    symmetric : Splitting
+        The same if all bodies are symmetric: the force gradient is its.
+    constants : Constants
+        Of the run.
+    compositions : tuple of Composition
+        For any bodies; then, if there is another one, for symmetric ones.
+    """
+
+    system: System
+    splitting: Splitting
+    symmetric: Splitting
+    constants: Constants
+    compositions: tuple[Composition, ...]
+    #: There is nothing to solve.
+    tableau = None
+    unknowns_are_state = False
+    size = 0
+    multipliers = 0
+
+    @property
+    def order(self) -> int:
+        """Order of a step: that of the compositions, for they are composed of exact flows."""
+        return min(one.order for one in self.compositions)
+
+    @property
+    def gradients(self) -> bool:
+        """Whether kicks have a force gradient."""
+        return any(one.has_gradients for one in self.compositions)
+
+    @property
+    def name(self) -> str:
+        """Names of the compositions, in words."""
+        first, *rest = self.compositions
+        return f"{first.name}, {rest[0].name} for symmetric bodies" if rest else first.name
+
+    @cached_property
+    def axes(self) -> list[tuple[int, AxisRotation]]:
+        """Axis rotations that commute with the free rotation, with their bodies."""
+        return [(i, axis) for i, body in enumerate(self.splitting.bodies) for axis in body.axes]
+
+    @cached_property
+    def further(self) -> list[tuple[int, AxisRotation]]:
+        """Axis rotations that do not, with their bodies."""
+        return [(i, axis) for i, body in enumerate(self.splitting.bodies) for axis in body.further]
+
+    @cached_property
+    def free(self) -> tuple[int, ...]:
+        """Coordinates of points, by indices in q."""
+        translation = self.splitting.translation
+        return () if translation is None else translation.coordinates
+
+    @cached_property
+    def momenta(self) -> list[sp.Symbol]:
+        """y: the angular momenta of bodies in space axes, then the momenta of points."""
+        return [*(s for body in self.splitting.bodies for s in body.l),
+                *(self.splitting.system.p[i] for i in self.free)]
+
+    @cached_property
+    def drag(self) -> list[sp.Expr]:
+        """k of dl/dt = −k l for each body, then for each coordinate of points."""
+        translation = self.splitting.translation
+        return [*(body.drag for body in self.splitting.bodies),
+                *(() if translation is None else
+                  (translation.drag.get(i, sp.S.Zero) for i in self.free))]
+
+    @property
+    def has_drag(self) -> bool:
+        """Whether any of them is not 0."""
+        return any(k != 0 for k in self.drag)
+
+    @cached_property
+    def kick(self) -> list[sp.Expr]:
+        """dy/dt of the kicks."""
+        return _flat(self.splitting.kick)
+
+    @cached_property
+    def kicked(self) -> list[int]:
+        """Entries of y that a kick changes."""
+        changes = self.kick if not self.gradients else [
+            a if a != 0 else b for a, b in zip(self.kick, _flat(self.symmetric.gradient),
+                                               strict=True)]
+        return [i for i, e in enumerate(changes) if e != 0]
+
+    def kernels(self) -> list[Kernel]:
+        """Return kernels on numbers alone: rates and axes of rotations, once a run."""
+        return [
+            Kernel("flow_rates", "rates of rotations, and k of drags, of a run", {}, {
+                "sphere": self._hoisted([body.a for body in self.splitting.bodies]),
+                "axis_rate": self._hoisted([axis.d for _, axis in self.axes]),
+                "axis_offset": self._hoisted([axis.c for _, axis in self.axes]),
+                "further_rate": self._hoisted([axis.d for _, axis in self.further]),
+                "further_offset": self._hoisted([axis.c for _, axis in self.further]),
+                "drag": self._hoisted(self.drag)}),
+            Kernel("axis_directions", "unit vectors of the axes of rotations, in body axes", {}, {
+                "axis": [self._hoisted(axis.axis) for _, axis in self.axes] or [[sp.S.Zero] * 3],
+                "further_axis": [self._hoisted(axis.axis) for _, axis in self.further]
+                or [[sp.S.Zero] * 3]}),
+        ]
+
+    def state_kernels(self) -> list[Kernel]:
+        """Return the kernels of states."""
+        return [k for k in common_kernels(self.system) if k.name in _STATE_KERNELS]
+
+    def flow_kernels(self) -> list[Kernel]:
+        """Return the kernels of a step, on numbers and on lanes."""
+        system, weight = self.splitting.system, sp.Symbol("_gradient", real=True)
+        time = [system.time or sp.Symbol("_time", real=True)]
+        rate = [self.kick[i] for i in self.kicked]
+        if self.gradients:
+            gradient = _flat(self.symmetric.gradient)
+            rate = [sp.factor_terms(e + weight * gradient[i])
+                    for e, i in zip(rate, self.kicked, strict=True)]
+        at = {"q": list(system.q), "y": self.momenta}
+        made = [Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
+                       at | {"t": time, "gradient": [weight]},
+                       {"rate": self._hoisted(rate)})]
+        velocity, offset = self._point_velocity()
+        made.append(Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
+                           {"y": self.momenta}, {"velocity": self._hoisted(velocity),
+                                                 "offset": self._hoisted(offset)}))
+        if self.system.forces:
+            made.append(Kernel("force_power", "power of forces and of explicit time in a kick",
+                               at | {"t": time},
+                               {"power": self._hoisted([self._power()])[0]}))
+        if self.has_drag:
+            made.append(Kernel("kinetic_energy", "H - V", at,
+                               {"T": self._hoisted([self._kinetic()])[0]}))
+        return made
+
+    def _point_velocity(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
+        """Return M⁻¹ p and v of each coordinate of points."""
+        translation, p = self.splitting.translation, self.splitting.system.p
+        if translation is None:
+            return [], []
+        of_momenta = dict.fromkeys(self.free, sp.S.Zero)
+        for (i, j), e in translation.inverse_mass.items():
+            of_momenta[i] += e * p[j]
+        return list(of_momenta.values()), [translation.velocity.get(i, sp.S.Zero)
+                                           for i in self.free]
+
+    def _hoisted(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
+        """Return expressions in constants of the run; at least one, for C has no empty arrays."""
+        return [self.constants.hoist(e) for e in expressions] or [sp.S.Zero]
+
+    def _kinetic(self) -> sp.Expr:
+        """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p, in q and y."""
+        splitting, system = self.splitting, self.splitting.system
+        found: sp.Expr = sp.S.Zero
+        for body in splitting.bodies:
+            m = body_momentum([system.q[i] for i in body.q], body.l)
+            found += body.a * sum(x**2 for x in m) / 2
+            for axis in (*body.axes, *body.further):
+                along = sum(e * x for e, x in zip(axis.axis, m, strict=True))
+                found += axis.d * along**2 / 2 + axis.c * along
+        if splitting.translation is not None:
+            p = {i: system.p[i] for i in self.free}
+            found += sum(e * p[i] * p[j] for (i, j), e in
+                         splitting.translation.inverse_mass.items()) / 2
+            found += sum(v * p[i] for i, v in splitting.translation.velocity.items())
+        return found
+
+    def _power(self) -> sp.Expr:
+        """F·(∂T/∂y) + ∂V/∂t."""
+        splitting, system = self.splitting, self.splitting.system
+        slopes = jacobian([self._kinetic()], self.momenta)[0]
+        power = sum((e * x for e, x in zip(_flat(splitting.applied), slopes, strict=True)),
+                    sp.S.Zero)
+        return power + (sp.S.Zero if system.time is None else sp.diff(splitting.V, system.time))
+
+
+def body_momentum(q: Sequence[sp.Symbol], l: Sequence[sp.Symbol]) -> list[sp.Expr]:  # noqa: E741
+    """Return m = R(q)ᵀ l for |q| = 1, three entries."""
+    a, x = q[0], list(q[1:])
+    found = []
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        found.append(l[i] * (a**2 + x[i]**2 - x[j]**2 - x[k]**2)
+                     + 2 * l[j] * (x[i] * x[j] + a * x[k]) + 2 * l[k] * (x[i] * x[k] - a * x[j]))
+    return found
+
+
+def _flat(kick: Kick) -> list[sp.Expr]:
+    """Return a kick as changes of y."""
+    return [*(e for torque in kick.torques for e in torque), *kick.forces]
+
+
+def splitting_scheme(
+    system: System, reduced: System, constants: Constants, order: int, named: str = "",
+) -> SplittingScheme:
+    """Return the scheme of an order, or of a composition by name.
+
+    Raises
+    ------
+    InputError
+        If H has no splitting, or the order needs what the system does not have.
+    """
+    splitting = split(system)
+    plain = composition_named(named) if named else composition(order)
+    if splitting.highest_order is not None and plain.order > splitting.highest_order:
+        raise InputError(f"order = {plain.order} is not reached where forces depend on momenta "
+                         "other than by isotropic drag; choose order 2, or scheme G-L.")
+    symmetric = split(system, symmetric=True)
+    fine = plain if named or not symmetric.has_gradient else composition(order, gradients=True)
+    if splitting.is_exact:
+        return SplittingScheme(reduced, splitting, splitting, constants, (fine,))
+    if named and not plain.weights:
+        raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
+                         f"system {system.name!r} has others; give an order instead, or choose a "
+                         "composition of Strang steps such as KL8.")
+    if fine is plain or not symmetric.is_exact:
+        return SplittingScheme(reduced, splitting, splitting, constants, (plain,))
+    return SplittingScheme(reduced, splitting, symmetric, constants, (plain, fine))
