@@ -1,36 +1,38 @@
-/* Sine and cosine of y + turns pi/2 from those of y. */
+/* Sine and cosine of y + n pi/2 from those of y. */
 #ifndef GS_SIMD_QUADRANTS_H
 #define GS_SIMD_QUADRANTS_H
 
 #include "gyrospark/simd/vector.h"
 
 #if !GS_WIDE_REAL
-INLINE void select_quadrant(real turns, real s, real c, real *sine, real *cosine)
+/* n is a whole number; n + 3/(2 epsilon) is `shifted`, whose last bits are those of n. */
+INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, real *cosine)
 {
-    const int n = (int)turns;
-    const real first = n & 1 ? c : s, second = n & 1 ? s : c;
-    *sine = n & 2 ? -first : first;
-    *cosine = (n + 1) & 2 ? -second : second;
+    const int turns = (int)n;
+    const real first = turns & 1 ? c : s, second = turns & 1 ? s : c;
+    (void)shifted;
+    *sine = turns & 2 ? -first : first;
+    *cosine = (turns + 1) & 2 ? -second : second;
 }
 
 #if defined(LANE_BYTES)
-/* turns/4 and turns/2 rounded to integers show the two lowest bits of turns. */
-INLINE void lanes_select_quadrant(lanes turns, lanes s, lanes c, lanes *sine, lanes *cosine)
+/* By bits: compilers compare vectors of several registers number by number. */
+INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lanes *sine,
+    lanes *cosine)
 {
-    const real shift = (real)3/(2*epsilon);
-    const lanes quarter = turns - 4*((turns*(real)0.25 + shift) - shift); /* -2, -1, 0, 1 or 2 */
-    const lanes_mask odd = quarter*quarter == splat(1);
-    const lanes first = lanes_select_value(odd, c, s), second = lanes_select_value(odd, s, c);
-    const lanes_mask half = quarter*quarter == splat(4);
-    const lanes_mask sine_falls = half | (quarter == splat(-1));
-    const lanes_mask cosine_falls = half | (quarter == splat(1));
-    *sine = lanes_select_value(sine_falls, -first, first);
-    *cosine = lanes_select_value(cosine_falls, -second, second);
+    const lanes_mask turns = (lanes_mask)shifted, odd = -(turns & 1);
+    const lanes_mask sign = (lanes_mask)splat((real)-0.0);
+    const lanes_mask first = lanes_select_mask(odd, (lanes_mask)c, (lanes_mask)s);
+    const lanes_mask second = lanes_select_mask(odd, (lanes_mask)s, (lanes_mask)c);
+    (void)n;
+    *sine = (lanes)(first ^ (-(turns >> 1 & 1) & sign));
+    *cosine = (lanes)(second ^ (-((turns + 1) >> 1 & 1) & sign));
 }
 #else
-INLINE void lanes_select_quadrant(lanes turns, lanes s, lanes c, lanes *sine, lanes *cosine)
+INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lanes *sine,
+    lanes *cosine)
 {
-    select_quadrant(turns, s, c, sine, cosine);
+    select_quadrant(n, shifted, s, c, sine, cosine);
 }
 #endif
 #endif

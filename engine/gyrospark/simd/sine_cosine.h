@@ -15,7 +15,7 @@ INLINE void TYPED(sine_cosine)(NUMBER x, NUMBER *sine, NUMBER *cosine)
     const NUMBER c = 1 - z*(real)0.5 + z*z*((real)(1./24) + z*((real)(-1./720)
         + z*((real)(1./40320) + z*((real)(-1./3628800) + z*((real)(1./479001600)
         + z*((real)(-1./87178291200.) + z*(real)(1./20922789888000.)))))));
-    TYPED(select_quadrant)(turns, s, c, sine, cosine);
+    TYPED(select_quadrant)(turns, shifted, s, c, sine, cosine);
 }
 #else
 INLINE void TYPED(sine_cosine)(NUMBER x, NUMBER *sine, NUMBER *cosine)

@@ -226,6 +226,8 @@ typedef struct {
 static void save_lanes(const ensemble_t *b, moving_part *to)
 {
     for (int kind = 0; kind < 2; ++kind) {
+        if (!b->present[kind])
+            continue;
         to->now[kind] = b->flows[kind].now;
         to->is_underway[kind] = b->flows[kind].is_underway;
     }
@@ -234,6 +236,8 @@ static void save_lanes(const ensemble_t *b, moving_part *to)
 static void restore_lanes(ensemble_t *b, const moving_part *from)
 {
     for (int kind = 0; kind < 2; ++kind) {
+        if (!b->present[kind])
+            continue;
         b->flows[kind].now = from->now[kind];
         b->flows[kind].is_underway = from->is_underway[kind];
     }

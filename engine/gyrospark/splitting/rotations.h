@@ -9,12 +9,11 @@
  */
 INLINE void TYPED(rotate_freely)(NUMBER q[4], const NUMBER l[3], NUMBER turn)
 {
-    const NUMBER size = TYPED(square_root)(l[0]*l[0] + l[1]*l[1] + l[2]*l[2]);
+    /* never 0, so that sin(turn |l|)/|l| is turn for a body at rest */
+    const NUMBER size = TYPED(square_root)(l[0]*l[0] + l[1]*l[1] + l[2]*l[2] + LIMIT(MIN));
     NUMBER s, c;
     TYPED(sine_cosine)(turn*size, &s, &c);
-    /* without rotation sin(turn |l|)/|l| is turn */
-    const NUMBER k = TYPED(select_value)(size > TYPED(broadcast)(0), s/size, turn);
-    const NUMBER x = k*l[0], y = k*l[1], z = k*l[2];
+    const NUMBER k = s/size, x = k*l[0], y = k*l[1], z = k*l[2];
     const NUMBER old[4] = { q[0], q[1], q[2], q[3] };
     q[0] = c*old[0] - x*old[1] - y*old[2] - z*old[3];
     q[1] = c*old[1] + x*old[0] + y*old[3] - z*old[2];
