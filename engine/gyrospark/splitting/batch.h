@@ -9,15 +9,17 @@
  * take other flows: each kind has lanes of its own, which repeat a trajectory where the other kind
  * is, so that no result depends on neighbouring lanes.
  */
+enum { KINDS = FURTHER > 0 ? 2 : 1 };
+
 typedef struct {
-    lanes_flows flows[2];
-    lanes_constants constants[2];
+    lanes_flows flows[KINDS];
+    lanes_constants constants[KINDS];
     lanes energy_start, energy_error_max, energy_error_sum;
     lanes constraint_max, constraint_sum, hidden_max, hidden_sum;
     lanes start; /* time at the start of the run */
     lanes h;
     long done;
-    int kind[LANES], present[2];
+    int kind[LANES], present[KINDS];
 } ensemble_t;
 
 _Static_assert(sizeof(ensemble_t) + 64 <= sizeof(((batch_memory *)0)->memory),
@@ -51,7 +53,7 @@ typedef struct {
 static void end_of_lanes(const ensemble_t *b, lanes_state *end)
 {
     lanes_state other;
-    for (int kind = 0; kind < 2; ++kind) {
+    for (int kind = 0; kind < KINDS; ++kind) {
         if (!b->present[kind])
             continue;
         const lanes_flows *s = &b->flows[kind];
@@ -78,7 +80,7 @@ INLINE lanes lanes_size(lanes a)
 /* Adds the errors of a state to the report of each lane, as those of `count` steps. */
 static void observe_lanes(ensemble_t *b, const lanes_state *end, real count)
 {
-    for (int kind = 0; kind < 2; ++kind) {
+    for (int kind = 0; kind < KINDS; ++kind) {
         if (!b->present[kind])
             continue;
         const lanes_constants *c = &b->constants[kind];
@@ -151,9 +153,10 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
 {
     lanes_state start;
     start.work = splat(0);
-    b->present[0] = b->present[1] = 0;
+    for (int kind = 0; kind < KINDS; ++kind)
+        b->present[kind] = b->flows[kind].is_underway = 0;
     b->done = 0;
-    for (int round = 0; round < 2; ++round) /* to fill both kinds, then each lane with its own */
+    for (int round = 0; round < KINDS; ++round) /* to fill both kinds, then each lane with its own */
         for (int i = 0; i < LANES; ++i) {
             const int from = i < count ? i : 0;
             flows one = { 0 };
@@ -162,7 +165,7 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
             one.h = dt[from];
             prepare_flows(&one, &c, one.h);
             start_flows(&one, q + from*N, p + from*N);
-            const int kind = b->kind[i] = one.is_symmetric;
+            const int kind = b->kind[i] = KINDS > 1 && one.is_symmetric;
             for (int lane = 0; lane < LANES && round == 0 && !b->present[kind]; ++lane) {
                 set_lane(&b->flows[kind], lane, &one);
                 set_constants(&b->constants[kind], lane, &c);
@@ -182,8 +185,8 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
         }
     b->energy_error_max = b->energy_error_sum = splat(0);
     b->constraint_max = b->constraint_sum = b->hidden_max = b->hidden_sum = splat(0);
-    IF_TIME(lanes_at_time(&b->constants[0], b->start);)
-    IF_TIME(lanes_at_time(&b->constants[1], b->start);)
+    for (int kind = 0; kind < KINDS; ++kind)
+        IF_TIME(lanes_at_time(&b->constants[kind], b->start);)
     observe_lanes(b, &start, 1);
 }
 
@@ -199,8 +202,8 @@ static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count, lo
     constants c;
     for (int i = 0; i < LANES && inputs->values != NULL; ++i) {
         set_step_inputs(&c, inputs, i < count ? i : 0, n);
-        lanes_set_inputs(&b->constants[0], i, &c);
-        lanes_set_inputs(&b->constants[1], i, &c);
+        for (int kind = 0; kind < KINDS; ++kind)
+            lanes_set_inputs(&b->constants[kind], i, &c);
     }
 }
 #endif
@@ -209,7 +212,7 @@ static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count, lo
 static void step_lanes(ensemble_t *b, IF_INPUTS(const inputs_t *inputs, int count,) long n)
 {
     IF_INPUTS(set_lane_inputs(b, inputs, count, n);)
-    for (int kind = 0; kind < 2; ++kind) {
+    for (int kind = 0; kind < KINDS; ++kind) {
         if (!b->present[kind])
             continue;
         b->flows[kind].t = b->start + (real)n*b->h;
@@ -219,27 +222,25 @@ static void step_lanes(ensemble_t *b, IF_INPUTS(const inputs_t *inputs, int coun
 
 /* The part of a batch that a step changes. */
 typedef struct {
-    lanes_flow_state now[2];
-    int is_underway[2];
+    lanes_flow_state now[KINDS];
+    int is_underway[KINDS];
 } moving_part;
 
 static void save_lanes(const ensemble_t *b, moving_part *to)
 {
-    for (int kind = 0; kind < 2; ++kind) {
-        if (!b->present[kind])
-            continue;
-        to->now[kind] = b->flows[kind].now;
+    for (int kind = 0; kind < KINDS; ++kind) {
         to->is_underway[kind] = b->flows[kind].is_underway;
+        if (b->present[kind])
+            to->now[kind] = b->flows[kind].now;
     }
 }
 
 static void restore_lanes(ensemble_t *b, const moving_part *from)
 {
-    for (int kind = 0; kind < 2; ++kind) {
-        if (!b->present[kind])
-            continue;
-        b->flows[kind].now = from->now[kind];
+    for (int kind = 0; kind < KINDS; ++kind) {
         b->flows[kind].is_underway = from->is_underway[kind];
+        if (b->present[kind])
+            b->flows[kind].now = from->now[kind];
     }
 }
 
@@ -303,8 +304,8 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
         if (is_observed(last)) {
             const lanes t = b->start + (real)last*b->h;
             (void)t; /* unless H depends on time */
-            IF_TIME(lanes_at_time(&b->constants[0], t);)
-            IF_TIME(lanes_at_time(&b->constants[1], t);)
+            for (int kind = 0; kind < KINDS; ++kind)
+                IF_TIME(lanes_at_time(&b->constants[kind], t);)
             observe_lanes(b, &state, (real)(last <= OBSERVED_STEPS ? 1 : OBSERVED_EVERY));
         }
         for (int i = 0; i < count; ++i) {
