@@ -1,6 +1,8 @@
 """Splitting of H into parts whose flows are known in closed form.
 
-    parts   the parts: rotations, translations, kicks, and their flows
-    find    the search for a splitting of a system
-    proofs  flows, invariants and sums of the parts, proved by algebra
+    find      the search for a splitting of a system
+    parts     the parts: rotations, translations, kicks, and their flows
+    kicks     torques of potentials and forces in space axes
+    proofs    flows, invariants and sums of the parts, proved by algebra
+    quotient  normal forms modulo |q|² = 1
 """

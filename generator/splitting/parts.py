@@ -31,17 +31,21 @@ Source: McLachlan and Quispel, Splitting methods, Acta Numerica 11 (2002); Chin,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import sympy as sp
 
+from ..multibody.rigid_body import rotation_matrix
+from ..symbolic.derivatives import derivative
 from ..systems.system import System
+from .kicks import Vector, moved, shortened, space_torque
 
-__all__ = ["AxisRotation", "BodyFlow", "Kick", "KickTemplate", "SpaceRotation", "Splitting",
-           "Translation", "Vector"]
+__all__ = ["AxisRotation", "BodyFlow", "Kick", "KickInstance", "KickTemplate", "SpaceRotation",
+           "Splitting", "Translation"]
 
-Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
+_ZERO = sp.S.Zero
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,7 @@ class Translation:
 
 @dataclass(frozen=True)
 class SpaceRotation:
-    """The part −ω·J, of a co-moving frame: it commutes with every other part of T.
+    """The part −ω·J, of a frame that turns: it commutes with every other part of T.
 
     Attributes
     ----------
@@ -141,8 +145,9 @@ class SpaceRotation:
         ω in space axes, in rad/s.
     bodies : tuple of int
         Indices in ``Splitting.bodies``.
-    points : tuple of 3 int
-        Coordinates of the points that turn, by indices in ``system.q``.
+    points : tuple of 3 int each
+        Coordinates of the points that turn, by indices in ``system.q``. A third −1 is none: the
+        point moves in a plane at the rate ω₃.
     """
 
     omega: Vector
@@ -152,10 +157,10 @@ class SpaceRotation:
 
 @dataclass(frozen=True)
 class Kick:
-    """What a potential and forces add to the momenta per unit of time, at fixed q and r.
+    """What a potential or forces add to the momenta per unit of time, at fixed q and r.
 
     Expressions in ``system.q``, parameters, time and inputs; if the splitting has
-    ``other_forces``, also in ``BodyFlow.l`` and the p of translations.
+    ``other_forces``, also in ``BodyFlow.l`` and in ``system.p`` of points.
 
     Attributes
     ----------
@@ -170,43 +175,18 @@ class Kick:
 
 
 @dataclass(frozen=True)
-class KickTemplate:
-    """One term of V in local symbols, with its kick, and the instances that share it.
+class KickInstance:
+    """Indices of an instance of a template.
 
     Attributes
     ----------
-    bodies : tuple of 4 symbols each
-        Local quaternions, each a slot.
-    coordinates : tuple of Symbol
-        Local coordinates of translation.
-    constants : tuple of Symbol
-        Local parameters.
-    V : Expr
-        The term.
-    kick : Kick
-        Of the term: a torque for each slot, a force for each local coordinate.
-    rates : tuple of Symbol
-        Local directions: 3 angular velocities W in space axes for each slot, then a velocity for
-        each local coordinate.
-    slope : Kick
-        −2 times the derivative of ``kick`` along ``rates``. With W_b = R S τ of the whole torque τ
-        on body b and M⁻¹ times the whole force it sums up to the kick of G.
-    instances : tuple of KickInstance
+    bodies : tuple of int
+        In ``Splitting.bodies``, one for each slot.
+    coordinates : tuple of int
+        In ``system.q``.
+    constants : tuple of int
+        In ``system.parameters``.
     """
-
-    bodies: tuple[tuple[sp.Symbol, ...], ...]
-    coordinates: tuple[sp.Symbol, ...]
-    constants: tuple[sp.Symbol, ...]
-    V: sp.Expr
-    kick: Kick
-    rates: tuple[sp.Symbol, ...]
-    slope: Kick
-    instances: tuple[KickInstance, ...]
-
-
-@dataclass(frozen=True)
-class KickInstance:
-    """Indices: bodies in ``Splitting.bodies``, coordinates in ``system.q``, parameters."""
 
     bodies: tuple[int, ...]
     coordinates: tuple[int, ...]
@@ -214,8 +194,73 @@ class KickInstance:
 
 
 @dataclass(frozen=True)
+class KickTemplate:
+    """One term of V in local symbols, and the instances that share it.
+
+    Attributes
+    ----------
+    bodies : tuple of 4 symbols each
+        Local quaternions, one for each slot.
+    coordinates : tuple of Symbol
+        Local coordinates of points.
+    constants : tuple of Symbol
+        Local parameters.
+    V : Expr
+        The term.
+    instances : tuple of KickInstance
+    """
+
+    bodies: tuple[tuple[sp.Symbol, ...], ...]
+    coordinates: tuple[sp.Symbol, ...]
+    constants: tuple[sp.Symbol, ...]
+    V: sp.Expr
+    instances: tuple[KickInstance, ...] = ()
+
+    @cached_property
+    def kick(self) -> Kick:
+        """The kick of the term: a torque for each slot, a force for each local coordinate."""
+        torques = [space_torque(q, [-derivative(self.V, x) for x in q]) for q in self.bodies]
+        forces = [-derivative(self.V, x) for x in self.coordinates]
+        return _shortened(torques, forces, self.bodies)
+
+    @cached_property
+    def rates(self) -> tuple[tuple[sp.Symbol, ...], ...]:
+        """Names of a direction: W in space axes for each slot, then the velocity of the points."""
+        return (*(tuple(sp.Symbol(f"_w{slot}_{k}", real=True) for k in (1, 2, 3))
+                  for slot in range(len(self.bodies))),
+                tuple(sp.Symbol(f"_v{k}", real=True) for k in range(len(self.coordinates))))
+
+    @cached_property
+    def slope(self) -> Kick:
+        """−2 times the derivative of ``kick`` along ``rates``.
+
+        With W = R S Rᵀ N of the whole torque on each body and the velocity M⁻¹ times the whole
+        force on points, the slopes of all instances add up to the kick of G.
+        """
+        return _slope(self.kick, self.bodies, self.coordinates, self.rates[:-1], self.rates[-1])
+
+
+def _shortened(torques: Sequence[Vector], forces: Sequence[sp.Expr],
+               quaternions: Sequence[Sequence[sp.Symbol]]) -> Kick:
+    short = iter(shortened([*(e for N in torques for e in N), *forces], quaternions))
+    return Kick(tuple((next(short), next(short), next(short)) for _ in torques), tuple(short))
+
+
+def _slope(
+    kick: Kick, quaternions: Sequence[tuple[sp.Symbol, ...]], points: Sequence[sp.Symbol],
+    turning: Sequence[Sequence[sp.Expr]], moving: Sequence[sp.Expr],
+) -> Kick:
+    """Return −2 times the derivative of a kick along angular velocities and velocities."""
+    rates = {q: (W[0], W[1], W[2]) for q, W in zip(quaternions, turning, strict=True)}
+    speeds = dict(zip(points, moving, strict=True))
+    torques = [[-2 * e for e in moved(N, rates, speeds)] for N in kick.torques]
+    forces = [-2 * e for e in moved(kick.forces, rates, speeds)]
+    return _shortened([(x, y, z) for x, y, z in torques], forces, quaternions)
+
+
+@dataclass(frozen=True)
 class Splitting:
-    """A Hamiltonian as a sum of parts with closed flows, proved.
+    """A Hamiltonian as a sum of parts with closed flows.
 
     Attributes
     ----------
@@ -223,42 +268,31 @@ class Splitting:
         The system that was split, with its forces.
     bodies : tuple of BodyFlow
     translation : Translation or None
-    space : SpaceRotation or None
+    space : tuple of SpaceRotation
+        One for each ω; empty without any.
     V : Expr
-        The potential: H at p = 0.
-    kick : Kick
-        Of V, and of forces that are neither drag nor ``other_forces``.
+        The potential, H at p = 0.
+    templates : tuple of KickTemplate
+        The terms of V that depend on q, with their instances: one kernel for each template, looped
+        over its instances, adds the kick of V.
+    applied : Kick
+        Forces that are neither drag nor derived from V.
     conditions : tuple of Expr
-        Polynomials of the parameters that must vanish at run time: a body was taken as symmetric.
-    has_gradient : bool
-        Whether the kick comes from V alone, so that G is defined.
+        Polynomials of the parameters that must vanish at run time: bodies were taken as symmetric.
     other_forces : bool
-        Whether the kick depends on momenta. Its flow is then approximated, to order 2, and
-        compositions have order 2.
-    time_dependent : bool
-        Whether kicks depend on the time: it advances with the rotations and translations.
-    invariants : tuple of (str, Expr)
-        Name and J of momentum maps that every part leaves invariant, in q and p of the system.
+        Whether ``applied`` depends on momenta. Its flow is then approximated, to order 2, and
+        compositions have order 2. Otherwise kicks are exact flows and no order is lost.
     """
 
     system: System
     bodies: tuple[BodyFlow, ...]
     translation: Translation | None
-    space: SpaceRotation | None
+    space: tuple[SpaceRotation, ...]
     V: sp.Expr
-    kick: Kick
+    templates: tuple[KickTemplate, ...]
+    applied: Kick
     conditions: tuple[sp.Expr, ...] = ()
-    has_gradient: bool = True
     other_forces: bool = False
-    time_dependent: bool = False
-    invariants: tuple[tuple[str, sp.Expr], ...] = ()
-
-    @property
-    def exact_parts(self) -> int:
-        """How many exact flows do not commute: 1 without V, 2 for V and symmetric bodies, …"""
-        return (any(e != 0 for n in self.kick.torques for e in n)
-                + any(e != 0 for e in self.kick.forces)
-                + 1 + max((len(b.further) for b in self.bodies), default=0))
 
     @property
     def is_exact(self) -> bool:
@@ -266,11 +300,73 @@ class Splitting:
         return not any(body.further for body in self.bodies)
 
     @property
-    def gradient(self) -> Kick:
-        """N_G and −G_r, the kick of G; ``kick`` where it is 0."""
-        raise NotImplementedError
+    def has_gradient(self) -> bool:
+        """Whether ``gradient`` may be used: T is one exact flow and kicks depend on q and t only.
+
+        Drag, −ω·J, linear terms and the time add nothing to [V, [T, V]].
+        """
+        return self.is_exact and not self.other_forces
 
     @property
-    def templates(self) -> tuple[KickTemplate, ...]:
-        """The terms of V as templates with their instances: for systems of many equal bodies."""
-        raise NotImplementedError
+    def highest_order(self) -> int | None:
+        """The highest order of a composition of symmetric steps; None if there is no limit."""
+        return 2 if self.other_forces else None
+
+    @cached_property
+    def time_dependent(self) -> bool:
+        """Whether kicks depend on the time, which advances with rotations and translations."""
+        kick = self.kick
+        return any(self.system.time in e.free_symbols
+                   for e in (*(e for N in kick.torques for e in N), *kick.forces))
+
+    @cached_property
+    def quaternions(self) -> tuple[tuple[sp.Symbol, ...], ...]:
+        """The quaternion of each body."""
+        return tuple(tuple(self.system.q[i] for i in body.q) for body in self.bodies)
+
+    @cached_property
+    def points(self) -> tuple[int, ...]:
+        """Indices of the coordinates that are no quaternions."""
+        return self.translation.coordinates if self.translation else ()
+
+    @cached_property
+    def kick(self) -> Kick:
+        """N of each body and the force on each point, of V and of ``applied``."""
+        q, constants = self.system.q, self.system.parameters
+        torques = [[[e] for e in N] for N in self.applied.torques]
+        forces = {i: [e] for i, e in zip(self.points, self.applied.forces, strict=True)}
+        for template in self.templates:
+            for instance in template.instances:
+                names = dict(zip(template.coordinates, (q[i] for i in instance.coordinates),
+                                 strict=True))
+                names |= dict(zip(template.constants, (constants[i] for i in instance.constants),
+                                  strict=True))
+                for slot, b in zip(template.bodies, instance.bodies, strict=True):
+                    names |= dict(zip(slot, self.quaternions[b], strict=True))
+                for b, N in zip(instance.bodies, template.kick.torques, strict=True):
+                    for terms, e in zip(torques[b], N, strict=True):
+                        terms.append(e.xreplace(names))
+                for i, e in zip(instance.coordinates, template.kick.forces, strict=True):
+                    forces[i].append(e.xreplace(names))
+        sums = [[sp.Add(*terms) for terms in rows] for rows in torques]
+        return Kick(tuple((x, y, z) for x, y, z in sums),
+                    tuple(sp.Add(*forces[i]) for i in self.points))
+
+    @cached_property
+    def gradient(self) -> Kick:
+        """N_G of each body and −G_r of each point: −2 times the derivative of ``kick`` along W.
+
+        W = R S Rᵀ N and the velocity M⁻¹ F belong to the kick itself. For forces that have no
+        potential it is the field of −[F, [T, F]], which G is the potential of where F = V.
+        """
+        turning = []
+        for body, q, N in zip(self.bodies, self.quaternions, self.kick.torques, strict=True):
+            R = rotation_matrix(q)
+            turning.append(shortened(list(R * body.S * R.T * sp.Matrix(N)), [q]))
+        force = dict(zip(self.points, self.kick.forces, strict=True))
+        M = self.translation.inverse_mass if self.translation else {}
+        moving = dict.fromkeys(self.points, _ZERO)
+        for (i, j), e in M.items():
+            moving[i] += e * force[j]
+        return _slope(self.kick, self.quaternions, [self.system.q[i] for i in self.points],
+                      turning, list(moving.values()))

@@ -1,0 +1,75 @@
+"""Kicks: what a potential or a force adds to angular momenta at fixed q, and its derivatives.
+
+With Λ(q) p = 2 l, the angular momentum in space axes,
+
+    N = −½ Λ(q) V_q = −½ R(q) L(q) V_q,      q̇ = ½ Λ(q)ᵀ W for the angular velocity W in space,
+
+on |q| = 1. N is the same for every smooth extension of V off |q| = 1, as Λ q = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import sympy as sp
+
+from ..normal_forms.expansion import TooLongError
+from ..symbolic.bounded_algebra import is_small
+from ..symbolic.derivatives import derivative
+from ..symbolic.shared_subexpressions import parts_of
+from ..systems.jacobians import shortest
+from .quotient import Quotient, unit_quaternions
+
+__all__ = ["Vector", "momenta_of", "moved", "shortened", "space_matrix", "space_torque"]
+
+Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
+
+
+def space_matrix(q: Sequence[sp.Expr]) -> sp.Matrix:
+    """Return Λ(q), 3 × 4: Λ = R L on |q| = 1, Λ q = 0, Λ Λᵀ = |q|²."""
+    q0, q1, q2, q3 = q
+    return sp.Matrix([[-q1, q0, -q3, q2], [-q2, q3, q0, -q1], [-q3, -q2, q1, q0]])
+
+
+def momenta_of(q: Sequence[sp.Expr], l: Sequence[sp.Expr]) -> list[sp.Expr]:  # noqa: E741
+    """Return p = 2 Λ(q)ᵀ l, four entries: the momenta with qᵀp = 0."""
+    return list(2 * space_matrix(q).T * sp.Matrix(l))
+
+
+def space_torque(q: Sequence[sp.Expr], force: Sequence[sp.Expr]) -> Vector:
+    """Return ½ Λ(q) F, the torque in space axes of a generalised force on a quaternion."""
+    x, y, z = (space_matrix(q) * sp.Matrix(force) / 2).tolist()
+    return x[0], y[0], z[0]
+
+
+def moved(
+    expressions: Sequence[sp.Expr], quaternions: Mapping[tuple[sp.Symbol, ...], Vector],
+    points: Mapping[sp.Symbol, sp.Expr],
+) -> list[sp.Expr]:
+    """Return derivatives along angular velocities in space axes and velocities of points."""
+    rate = dict(points)
+    for q, W in quaternions.items():
+        rate |= dict(zip(q, space_matrix(q).T * sp.Matrix(W) / 2, strict=True))
+    return [sp.Add(*(derivative(e, x) * rate[x] for x in sorted(
+        e.free_symbols & rate.keys(), key=str) if rate[x] != 0)) for e in expressions]
+
+
+def shortened(
+    expressions: Sequence[sp.Expr], quaternions: Sequence[Sequence[sp.Symbol]]
+) -> list[sp.Expr]:
+    """Return expressions as they are or in a shorter form that is equal on |q| = 1."""
+    if not all(map(is_small, expressions)):
+        return list(expressions)
+    quotient = Quotient(unit_quaternions(quaternions))
+    try:
+        found = [shortest(quotient.expression(e)) for e in expressions]
+    except TooLongError:
+        return list(expressions)
+    symbols = {x for q in quaternions for x in q}
+    return min((list(expressions), found), key=lambda row: _operations(row, symbols))
+
+
+def _operations(expressions: Sequence[sp.Expr], symbols: set[sp.Symbol]) -> int:
+    """Return the number of operations, each subexpression once; constants cost nothing."""
+    return sum(abs(int(e.exp)) if e.is_Pow and e.exp.is_Integer else len(e.args)
+               for e in parts_of(expressions) if e.args and e.free_symbols & symbols)
