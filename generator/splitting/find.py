@@ -29,11 +29,12 @@ from ..multibody.rigid_body import left_matrix, rotation_matrix
 from ..normal_forms.expansion import TooLongError
 from ..normal_forms.terms import Monomial, Terms, expression_of, order, symbols_in, term
 from ..symbolic.derivatives import derivative
+from ..symbolic.shared_subexpressions import share, substitute
 from ..systems.elimination_order import connected
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.repeated_structure import ElementTemplate, Structure
 from ..systems.system import System
-from .kicks import Vector, momenta_of, shortened, space_torque
+from .kicks import Vector, shortened
 from .parts import (
     AxisRotation,
     BodyFlow,
@@ -342,42 +343,58 @@ class _Search:
 
     @cached_property
     def _momenta(self) -> dict[sp.Symbol, sp.Expr]:
-        """p of bodies by q and l."""
-        return {self.system.p[i]: e for places, found in zip(self.quaternions, self.l, strict=True)
-                for i, e in zip(places, momenta_of([self.system.q[i] for i in places], found),
+        """p of bodies by q and m."""
+        return {self.system.p[i]: e for places, m in zip(self.quaternions, self.m, strict=True)
+                for i, e in zip(places, 2 * left_matrix(self._q(places)).T * sp.Matrix(m),
                                 strict=True)}
+
+    @cached_property
+    def _in_space(self) -> dict[sp.Symbol, sp.Expr]:
+        """m of bodies by q and l: Rᵀ l, a temporary of the C."""
+        return {x: share(e) for places, m, found in zip(
+                    self.quaternions, self.m, self.l, strict=True)
+                for x, e in zip(m, rotation_matrix(self._q(places)).T * sp.Matrix(found),
+                                strict=True)}
+
+    def _q(self, places: Sequence[int]) -> list[sp.Symbol]:
+        return [self.system.q[i] for i in places]
 
     def _force_on(self, b: int) -> tuple[Vector, sp.Expr]:
         """Return the torque on a body without its isotropic drag, and k of the drag."""
-        places = self.quaternions[b]
+        places, q = self.quaternions[b], self._q(self.quaternions[b])
         force = [self.system.forces[i] for i in places] if self.system.forces else []
         if not any(force):
             return _NONE, _ZERO
-        q = [self.system.q[i] for i in places]
-        torque = [e.xreplace(self._momenta) for e in space_torque(q, force)]
-        k, rest = self._drag(torque, self.l[b], q)
-        return (rest[0], rest[1], rest[2]), k
+        torque = left_matrix(q) * sp.Matrix(force).xreplace(self._momenta) / 2
+        k, rest = self._drag(list(torque), self.m[b], q)
+        R = rotation_matrix(q)
+        if any(e.free_symbols & self._in_space.keys() for e in rest):
+            x, y, z = R * sp.Matrix([share(e) for e in substitute(rest, self._in_space)])
+        else:
+            x, y, z = shortened(list(R * sp.Matrix(rest)), [q])
+        return (x, y, z), k
 
     def _force_at(self, i: int) -> tuple[sp.Expr, sp.Expr]:
         """Return the force on a coordinate of a point without its drag, and k of the drag."""
         force = self.system.forces[i].xreplace(self._momenta) if self.system.forces else _ZERO
         k, (rest,) = self._drag([force], [self.system.p[i]], ())
-        return rest, k
+        return substitute([rest], self._in_space)[0], k
 
     def _drag(
         self, force: Sequence[sp.Expr], momenta: Sequence[sp.Symbol], q: Sequence[sp.Symbol]
     ) -> tuple[sp.Expr, list[sp.Expr]]:
-        """Return k and F + k l, for the constant k that makes it free of these momenta, or 0."""
+        """Return k and F + k m, for the constant k that makes it free of these momenta, or 0."""
         quotient = Quotient(unit_quaternions([q] if q else []))
         try:
-            k = -quotient.expression(derivative(quotient.expression(force[0]), momenta[0]))
-            rest = [quotient.expression(e + k * x) for e, x in zip(force, momenta, strict=True)]
+            force = [quotient.expression(e) for e in force]
         except TooLongError:
             return _ZERO, list(force)
+        k = -derivative(force[0], momenta[0])
+        rest = [sp.expand(e + k * x) for e, x in zip(force, momenta, strict=True)]
         constant = {*self.system.parameters} - {*self.system.inputs}
         if not k.free_symbols <= constant or any(e.free_symbols & {*momenta} for e in rest):
-            k, rest = _ZERO, force
-        return k, shortened(rest, [q] if q else [])
+            return _ZERO, list(force)
+        return k, rest
 
 
 # ---------------------------------------------------------------- bodies, slots, axes

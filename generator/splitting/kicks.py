@@ -16,11 +16,11 @@ import sympy as sp
 from ..normal_forms.expansion import TooLongError
 from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
-from ..symbolic.shared_subexpressions import parts_of
+from ..symbolic.shared_subexpressions import Shared, parts_of
 from ..systems.jacobians import shortest
 from .quotient import Quotient, unit_quaternions
 
-__all__ = ["Vector", "momenta_of", "moved", "shortened", "space_matrix", "space_torque"]
+__all__ = ["Vector", "moved", "shortened", "space_matrix", "space_torque"]
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 
@@ -29,11 +29,6 @@ def space_matrix(q: Sequence[sp.Expr]) -> sp.Matrix:
     """Return Λ(q), 3 × 4: Λ = R L on |q| = 1, Λ q = 0, Λ Λᵀ = |q|²."""
     q0, q1, q2, q3 = q
     return sp.Matrix([[-q1, q0, -q3, q2], [-q2, q3, q0, -q1], [-q3, -q2, q1, q0]])
-
-
-def momenta_of(q: Sequence[sp.Expr], l: Sequence[sp.Expr]) -> list[sp.Expr]:  # noqa: E741
-    """Return p = 2 Λ(q)ᵀ l, four entries: the momenta with qᵀp = 0."""
-    return list(2 * space_matrix(q).T * sp.Matrix(l))
 
 
 def space_torque(q: Sequence[sp.Expr], force: Sequence[sp.Expr]) -> Vector:
@@ -57,8 +52,11 @@ def moved(
 def shortened(
     expressions: Sequence[sp.Expr], quaternions: Sequence[Sequence[sp.Symbol]]
 ) -> list[sp.Expr]:
-    """Return expressions as they are or in a shorter form that is equal on |q| = 1."""
-    if not all(map(is_small, expressions)):
+    """Return expressions as they are or in a shorter form that is equal on |q| = 1.
+
+    Those with temporaries stay as they are.
+    """
+    if not all(map(is_small, expressions)) or any(e.has(Shared) for e in expressions):
         return list(expressions)
     quotient = Quotient(unit_quaternions(quaternions))
     try:

@@ -39,6 +39,7 @@ import sympy as sp
 
 from ..multibody.rigid_body import rotation_matrix
 from ..symbolic.derivatives import derivative
+from ..symbolic.shared_subexpressions import Shared, share
 from ..systems.system import System
 from .kicks import Vector, moved, shortened, space_torque
 
@@ -258,6 +259,17 @@ def _slope(
     return _shortened([(x, y, z) for x, y, z in torques], forces, quaternions)
 
 
+def _angular_velocity(body: BodyFlow, q: Sequence[sp.Symbol], N: Vector) -> list[sp.Expr]:
+    """Return W = R S Rᵀ N = a N + Σ d (c·N) c with c = R e; a temporary if a c·N is not 0."""
+    W, R = body.a * sp.Matrix(N), rotation_matrix(q)
+    for axis in (*body.axes, *body.further):
+        c = R * sp.Matrix(axis.axis)
+        power, = shortened([sp.Add(*(x * y for x, y in zip(c, N, strict=True)))], [q])
+        if power != 0:
+            W += axis.d * share(power) * c
+    return list(W) if not W.has(Shared) else list(map(share, W))
+
+
 @dataclass(frozen=True)
 class Splitting:
     """A Hamiltonian as a sum of parts with closed flows.
@@ -359,14 +371,12 @@ class Splitting:
         W = R S Rᵀ N and the velocity M⁻¹ F belong to the kick itself. For forces that have no
         potential it is the field of −[F, [T, F]], which G is the potential of where F = V.
         """
-        turning = []
-        for body, q, N in zip(self.bodies, self.quaternions, self.kick.torques, strict=True):
-            R = rotation_matrix(q)
-            turning.append(shortened(list(R * body.S * R.T * sp.Matrix(N)), [q]))
+        turning = [_angular_velocity(body, q, N) for body, q, N in zip(
+            self.bodies, self.quaternions, self.kick.torques, strict=True)]
         force = dict(zip(self.points, self.kick.forces, strict=True))
         M = self.translation.inverse_mass if self.translation else {}
         moving = dict.fromkeys(self.points, _ZERO)
         for (i, j), e in M.items():
-            moving[i] += e * force[j]
+            moving[i] += e * share(force[j])
         return _slope(self.kick, self.quaternions, [self.system.q[i] for i in self.points],
                       turning, list(moving.values()))
