@@ -147,6 +147,17 @@ static int is_finite_lane(const ensemble_t *b, int lane)
     return isfinite(size);
 }
 
+#if GS_TIME_DEPENDENT
+/* Sets the time in H. */
+static void set_lane_time(ensemble_t *b, lanes t)
+{
+    for (int kind = 0; kind < KINDS; ++kind)
+        lanes_at_time(&b->constants[kind], t);
+}
+#else
+#define set_lane_time(b, t) ((void)0)
+#endif
+
 /* Begins a batch of `count` trajectories; unused lanes repeat a trajectory of their kind. */
 static void begin_ensemble(ensemble_t *b, int count, const parameters_t *parameters, const real *dt,
     const real *q, const real *p)
@@ -185,8 +196,7 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
         }
     b->energy_error_max = b->energy_error_sum = splat(0);
     b->constraint_max = b->constraint_sum = b->hidden_max = b->hidden_sum = splat(0);
-    for (int kind = 0; kind < KINDS; ++kind)
-        IF_TIME(lanes_at_time(&b->constants[kind], b->start);)
+    set_lane_time(b, b->start);
     observe_lanes(b, &start, 1);
 }
 
@@ -302,10 +312,7 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
         const int stored = (last - begun) % every == 0;
         end_of_lanes(b, &state);
         if (is_observed(last)) {
-            const lanes t = b->start + (real)last*b->h;
-            (void)t; /* unless H depends on time */
-            for (int kind = 0; kind < KINDS; ++kind)
-                IF_TIME(lanes_at_time(&b->constants[kind], t);)
+            set_lane_time(b, b->start + (real)last*b->h);
             observe_lanes(b, &state, (real)(last <= OBSERVED_STEPS ? 1 : OBSERVED_EVERY));
         }
         for (int i = 0; i < count; ++i) {
