@@ -4,6 +4,17 @@
 
 #include "gyrospark/simd/vector.h"
 
+/*
+ * Numbers and lanes give the same bits only if a sum of products is contracted to the same fma in
+ * both. A product that an optimiser moves out of a loop is not contracted any more: the state is
+ * loaded again in each turn of a loop.
+ */
+#if defined(__GNUC__)
+#define RELOAD_STATE __asm__ volatile("" ::: "memory")
+#else
+#define RELOAD_STATE ((void)0)
+#endif
+
 #if !GS_WIDE_REAL
 /* n is a whole number; n + 3/(2 epsilon) is `shifted`, whose last bits are those of n. */
 INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, real *cosine)

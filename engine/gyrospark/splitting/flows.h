@@ -131,10 +131,12 @@ INLINE void TYPED(advance_flows)(const TYPED(flow_constants) *c, TYPED(flows) *s
     const int s_last = s->stages;
     TYPED(drift_on)(c, s, s->is_underway ? s_last + 1 : 0);
     for (int i = 0; i < s_last; ++i) {
+        RELOAD_STATE;
         if (i > 0)
             TYPED(drift_on)(c, s, i);
         TYPED(kick_and_rotate)(c, s, i);
     }
+    RELOAD_STATE;
     for (int b = 0; b < BODIES; ++b) {
         const int *at = body_q[b];
         NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };
