@@ -23,6 +23,7 @@ from ..core.real_types import REALS
 from ..core.registry import FRAMES, MODELS, SYSTEMS
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..generator.spec import Spec
+from ..generator.tableaux.compositions import COMPOSITIONS
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
            "check_writable", "completing", "euler_options", "frame_option", "json_option",
@@ -35,13 +36,16 @@ _FILES = (".c", ".h", ".json", ".html", ".csv", *endings("picture"))
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --scheme, --stages, --rep, --system, --tableau and --real."""
+    """Add --scheme, --stages, --order, --composition, --rep, --system, --tableau and --real."""
     options = [
         click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
                      help=f"{listed(SCHEMES)} (default: {DEFAULT})."),
         click.option("--stages", metavar="S", help="Stages of " + " or ".join(
             f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values() if scheme.counted)
             + "."),
+        click.option("--order", metavar="N", help="Order of splitting: 2, 4, 6, 8 or 10."),
+        click.option("--composition", metavar="NAME", shell_complete=completing(COMPOSITIONS),
+                     help="Composition of splitting by name, instead of --order."),
         click.option("--rep", metavar="NAME", shell_complete=completing(REPS),
                      help="Inertia: gamma (default) or alpha."),
         click.option("--system", metavar="NAME or FILE",
@@ -114,15 +118,19 @@ def spec_from(
     tableau: Path | None,
     real: str | None,
     frame: str | None = None,
+    order: str | None = None,
+    composition: str | None = None,
 ) -> Spec:
     """Return the checked spec of these options."""
     count = None if stages is None else whole_number("--stages", stages)
-    return Spec.checked(scheme, count, rep, system, real, tableau).with_frame(frame)
+    degree = None if order is None else whole_number("--order", order)
+    return Spec.checked(scheme, count, rep, system, real, tableau, degree,
+                        composition).with_frame(frame)
 
 
 def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """Return the options with a scheme where none is named, and the line that says so."""
-    if choice["scheme"] is not None or choice["tableau"] is not None:
+    if any(choice[key] is not None for key in ("scheme", "tableau", "order", "composition")):
         return choice, []
     stages = choice["stages"] or str(DEFAULT_STAGES)
     said = f"scheme: {DEFAULT_SCHEME} with {stages} stages; --scheme chooses another"

@@ -103,8 +103,9 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
         raise InputError(f"{target!r} is a model file, no stepper and no tableau; give it as "
                          "--model (a certificate) or --system (the tableau's conditions), with "
                          "--scheme.")
-    if any(choice[key] for key in ("scheme", "stages", "tableau")):
-        raise InputError(f"{target!r} is given besides --scheme, --stages or --tableau; give one.")
+    if any(choice[key] for key in ("scheme", "stages", "order", "composition", "tableau")):
+        raise InputError(f"{target!r} is given besides --scheme, --stages, --order or --tableau; "
+                         "give one.")
     if target.endswith(".json") or Path(target).is_file():
         return [Spec.checked(None, None, choice["rep"], choice["system"], choice["real"],
                              Path(target))]
@@ -130,8 +131,10 @@ def spec_of_name(name: str) -> Spec:
             "heavy_top_ims_alpha. For a file, give its path ending in .json."
         )
     system, method, stages, rep, real = match.groups()
-    return Spec.checked(methods[method], int(stages) if stages else None, rep, system,
-                        reals[real] if real else None)
+    number = int(stages) if stages else None
+    composed = SCHEMES[methods[method]].composed
+    return Spec.checked(methods[method], None if composed else number, rep, system,
+                        reals[real] if real else None, order=number if composed else None)
 
 
 # ---------------------------------------------------------------- a model

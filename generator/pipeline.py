@@ -81,6 +81,8 @@ def generate(
     given = system is not None or spec.model is not None
     if system is None and spec.model is not None:
         model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
+    if spec.order is not None:
+        _refuse_beyond_splitting(spec, model, derivatives=derivatives)
     framed = spec.frame or ("" if system is not None or model is None else model.frame)
     if framed and spec.profile != "full":
         raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
@@ -113,6 +115,19 @@ def generate(
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
                           spec.profile, frame, derivatives), structured)
     return Generated(source, scheme, system, coefficients)
+
+
+def _refuse_beyond_splitting(spec: Spec, model: Model | None, *, derivatives: bool) -> None:
+    """Refuse what compositions of flows do not have, or do not need."""
+    if spec.frame or (model is not None and model.frame):
+        raise InputError("Scheme splitting has no co-moving frame: each of its flows commutes with "
+                         "the symmetries, so that the motion would be the same; leave out frame.")
+    if derivatives:
+        raise InputError("Scheme splitting has no tangents and adjoints yet; take scheme G-L, of "
+                         "the same order with half as many stages.")
+    if spec.profile == "run":
+        raise InputError("Scheme splitting has the profiles 'full' and 'control', not 'run'; its "
+                         "steps of profile 'control' solve nothing and need no fallback.")
 
 
 def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:

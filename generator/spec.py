@@ -91,6 +91,8 @@ class Spec:
                 )
             return cls.of_tableau(rep, system, real, tableau)
         if scheme is None:
+            scheme = "splitting" if order is not None or composition is not None else scheme
+        if scheme is None:
             raise InputError(f"No scheme is given; choose {listed(SCHEMES)}.")
         record = scheme_named(scheme)
         count = _stages(record, stages)

@@ -10,6 +10,7 @@ import sympy as sp
 
 from ..._version import __version__
 from ..schemes.fast_tableau import FastTableau
+from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme
 from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.body_layout import BodyLayout, ConstraintForce, Entry, JointLayout
@@ -66,6 +67,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "stages": tableau.s if tableau else None,
             "constraint_nodes": tableau.p + 1 if tableau else None,
             "order": scheme.order,
+            **_composition(scheme),
             "unknowns": scheme.size,
             "unknowns_are_state": scheme.unknowns_are_state,
             "multipliers": scheme.multipliers,
@@ -79,6 +81,15 @@ def manifest_text(derived: Derived, program: Program) -> str:
         else {k.name: k.operations for k in program.kernels},
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _composition(scheme: object) -> dict[str, Any]:
+    """Return compositions of a splitting, and the longest free motion among its flows over h."""
+    if not isinstance(scheme, SplittingScheme):
+        return {}
+    return {"compositions": [one.name for one in scheme.compositions],
+            "longest_flow": float(max(abs(a) for one in scheme.compositions for a in
+                                      (*one.drifts[1:-1], one.drifts[0] + one.drifts[-1])))}
 
 
 def _fast_path(program: Program) -> dict[str, Any]:

@@ -54,6 +54,8 @@ class Compiled:
         self.quantities_take_time = bool(system.get("quantities_take_time"))
         self.unknowns = int(manifest["scheme"]["unknowns"])
         self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
+        #: Whether a step solves equations; a composition of exact flows does not.
+        self.solves = manifest["scheme"]["kind"] != "splitting"
         #: Whether the unknowns are increments of the state, and residuals are rates.
         self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
         #: The unknowns that are rates of momenta, or their increments.

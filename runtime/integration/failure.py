@@ -46,8 +46,8 @@ def diagnose(
     binding: Binding, manifest: dict[str, Any], run: Any, status: int, q: Array, p: Array, t: Any
 ) -> Diagnosis:
     """Return why a step from (q, p) at time t ended with this status."""
-    told, increment = _tried_by_newton(binding, run, q, p, t) if run.solver != "fixed-point" \
-        else (status, None)
+    told, increment = _tried_by_newton(binding, run, q, p, t) \
+        if run.solver != "fixed-point" and binding.solves else (status, None)
     if told in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):
         status = told
     found = Diagnosis(REASONS[status], _detail(status, increment, run.max_iterations), "",

@@ -30,6 +30,8 @@ Array = NDArray[Any]
 #: another, and states half a turn apart do not tell which way a body turns.
 _LIMITS = {3: 1.5, 5: 2.5}
 _MOST = 3.0
+#: The same for a free rotation between two kicks: near π a composition has resonances.
+_MOST_A_FLOW = 2.0
 #: Stored states of a run that are looked at for a warning: all of a long run would cost as much as
 #: the steps of a small system.
 _LOOKED_AT = 64
@@ -81,6 +83,8 @@ class Rotations:
         self._order = manifest["scheme"]["order"]
         self._limit = next((radians for most, radians in _LIMITS.items() if self._order <= most),
                            _MOST)
+        if "longest_flow" in manifest["scheme"]:
+            self._limit = _MOST_A_FLOW / manifest["scheme"]["longest_flow"]
 
     def fastest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array

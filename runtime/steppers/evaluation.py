@@ -65,6 +65,7 @@ class Evaluation:
 
         ``t`` is the time at the start of the step.
         """
+        self._refuse_unless_solving("residual")
         unknowns, state, run = self._at(x, q, p, dt, parameters, t)
         return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
 
@@ -73,6 +74,7 @@ class Evaluation:
         parameters: Mapping[str, Number], t: Number = 0.0,
     ) -> Array:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
+        self._refuse_unless_solving("Jacobian")
         unknowns, state, run = self._at(x, q, p, dt, parameters, t)
         return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
 
@@ -81,9 +83,15 @@ class Evaluation:
         t: Number = 0.0,
     ) -> Array:
         """Return the x from which a step's iteration starts."""
+        self._refuse_unless_solving("starting guess")
         state, run = self._state(q, p), self._parameters(parameters, t)
         x = self.binding.guess(run, self._step(dt), *state, self.binding.work())
         return x + self._origin(*state)
+
+    def _refuse_unless_solving(self, what: str) -> None:
+        if not self.binding.solves:
+            raise InputError(f"{self.name} has no {what}: its steps are compositions of exact "
+                             "flows; take a stepper of scheme G-L for one.")
 
     # ------------------------------------------------------------ about a state
 

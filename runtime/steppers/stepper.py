@@ -438,6 +438,9 @@ class Stepper(Differentiation):
             For any that is unusable, but for the parameters.
         """
         choose("solver", solver, SOLVERS)
+        if not self.binding.solves and solver != "auto":
+            raise InputError(f"{self.name} composes exact flows and solves no equations; leave out "
+                             f"solver = {solver!r}.")
         if solver == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")
