@@ -103,18 +103,25 @@ class OrderConditions:
             first = own.stop
         return found
 
-    def flows(self, most: int = 1) -> Iterator[tuple[Flow, list[Affine]]]:
-        """Yield the flows of a step with their numbers, in order, to the grade of the conditions.
+    def values(self, x: Sequence[Any], number: Callable[[Fraction], Any]) -> list[list[Any]]:
+        """Return the numbers of each palindrome for these unknowns."""
+        return [[_value(affine, x, number) for affine in part] for part in self._numbers()]
 
-        ``most`` is a higher grade, where it is needed.
+    def flows(self, words: Sequence[str] = ()) -> Iterator[tuple[Flow, list[Affine]]]:
+        """Yield the flows of a step with their numbers, in order, up to the conditions' words.
+
+        ``words`` are others, where they are needed.
         """
-        most, numbers = max(most, *map(grade, self.words), 1), self._numbers()
+        words, numbers = words or self.words, self._numbers()
+        most = max(map(grade, words), default=1)
         if self.composition.base:
             letters = "".join(x for x in _LETTERS[self.composition.base] if int(x) <= most)
             yield from ((composition_flow(letters, most), [number]) for number in numbers[0])
             return
         drifts, *kicks = numbers
-        drift, kick = drift_flow(most), kick_flow(most, len(kicks) > 1)
+        most_kicks = max((word.count("B") for word in words), default=1)
+        drift = drift_flow(most)
+        kick = kick_flow(min(most, most_kicks * 3 // 2), len(kicks) > 1)  # C is ABB and the like
         for i, number in enumerate(drifts):
             yield drift, [number]
             if i < len(drifts) - 1:
@@ -125,8 +132,7 @@ class OrderConditions:
     ) -> tuple[list[Any], list[list[Any]]]:
         """Return F(x) and F′(x) in the arithmetic of x: a row per word, a column per unknown."""
         flows = list(self.flows())
-        values = [[sum((number(k) * x[i] for i, k in terms.items()), start=number(constant))
-                   for constant, terms in numbers] for _, numbers in flows]
+        values = [[_value(affine, x, number) for affine in numbers] for _, numbers in flows]
         series = [evaluate_flow(flow, at, number)
                   for (flow, _), at in zip(flows, values, strict=True)]
         parts = factors_of([*self.words, *(word[::-1] for word in self.words)])
@@ -194,6 +200,11 @@ class OrderConditions:
         """Return intervals that hold F of the stored numbers."""
         with intervals() as interval:
             return self.evaluate([interval(value) for value in self.unknowns], interval)[0]
+
+
+def _value(affine: Affine, x: Sequence[Any], number: Callable[[Fraction], Any]) -> Any:
+    constant, terms = affine
+    return sum((number(k) * x[i] for i, k in terms.items()), start=number(constant))
 
 
 def _dot(left: Sequence[Any], right: Sequence[Any]) -> Any:

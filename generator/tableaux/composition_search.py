@@ -1,10 +1,12 @@
 """Search for compositions: ``python -m gyrospark.generator.tableaux.composition_search KL6``.
 
-Random starts, Levenberg-Marquardt on the order conditions with the free unknowns held, sequential
-quadratic programming along the family of solutions to the least objective
+Random starts, damped Gauss-Newton iterations on the order conditions (P. Deuflhard, Newton Methods
+for Nonlinear Problems, 2004, chapter 4), sequential quadratic programming along the family of
+solutions to the least objective
 
     s (Σ|w_i|^{p+1})^{1/(p+1)}   for weights (W. Kahan, R.-C. Li 1997),
-    s ‖e‖^{1/p}                  for drifts and kicks, e the error's coefficients at p + 1 letters,
+    s ‖e‖^{1/p}                  for drifts and kicks, e the error's coefficients at p + 1 letters
+    Σ|a_i| + Σ|b_i| + ‖c‖₂       where kicks are small (S. Blanes and others 2013),
 
 then random steps from the best solution, kept where the objective falls. The numbers of a run
 depend on its seed and on nothing else. With ``--write`` the best solution is refined by Newton's
@@ -17,7 +19,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import Context, Decimal
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
@@ -31,14 +33,19 @@ from ...core.errors import MissingDependencyError
 from ...core.extras import install
 from .composition_proofs import DIGITS, STORED, Affine, OrderConditions
 from .compositions import COMPOSITIONS, PATH, composition_named
-from .lyndon_words import Flow, factors_of, grade, target
+from .lyndon_words import Flow, factors_of, target
 
 __all__ = ["FloatConditions", "main", "search", "store"]
 
 Array = NDArray[np.float64]
 
-#: Below this an equation counts as solved in doubles.
-_SOLVED = 1e-12
+#: Where an iteration has arrived, or is given up: its last step, least damping, iterations, and
+#: singular values that count as zero.
+_SOLVED, _SHORTEST, _ITERATIONS, _RANK = 1e-12, 1e-4, 200, 1e-13
+#: Decimals of free unknowns that are stored: the objective is flat at its least.
+_FREE = 10
+#: A random step is optimised if its solution is not much worse than the best.
+_WORTH = 1.2
 
 
 class _Kind(NamedTuple):
@@ -67,7 +74,7 @@ class FloatConditions:
     def _tables(self) -> tuple[list[str], list[_Kind], Array, Array]:
         """Words of products, kinds of flows, and their numbers as constants and slopes."""
         parts = factors_of(self.words)
-        flows = list(self.conditions.flows(max(map(grade, self.words))))
+        flows = list(self.conditions.flows(self.words))
         kinds: dict[int, _Kind] = {}
         numbers: list[Affine] = []
         for i, (flow, own) in enumerate(flows):
@@ -111,16 +118,16 @@ class FloatConditions:
         return left[-1] @ right[-1] - exact, by_number.T @ affine
 
     def objective(self, x: Array) -> float:
-        """Return how large the leading error is, times the number of stages."""
-        made = self.conditions.composition
-        p, s = made.order, made.stages
+        """Return what a search makes small, as the module says."""
+        made, parts = self.conditions.composition, self.conditions.values(x, float)
+        p = made.order
         if made.base:
-            s = len(made.weights)
-            rest = 1 - 2 * x.sum()
-            weights = [*x, *x, rest] if s % 2 else [*x, *x, rest / 2, rest / 2]
-            return float(s * np.linalg.norm(weights, p + 1))
-        k = len(self.conditions.words)
-        return float(s * np.linalg.norm(self.evaluate(x)[0][k:]) ** (1 / p))
+            return float(len(made.weights) * np.linalg.norm(parts[0], p + 1))
+        if len(made.orders) > 1:
+            drifts, kicks, *gradients = parts
+            return float(np.abs(drifts).sum() + np.abs(kicks).sum() + np.linalg.norm(gradients))
+        error = self.evaluate(x)[0][len(self.conditions.words):]
+        return float(made.stages * np.linalg.norm(error) ** (1 / p))
 
 
 def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Array]:
@@ -174,30 +181,50 @@ def search(
                               "more, or another seed.")
     solved = len(found)
     found.sort(key=lambda one: one[0])
-    found = sorted((_slide(floats, x, value) for value, x in found[:10]), key=lambda one: one[0])
-    value, x = found[0]
+    value, x = min((_slide(floats, x, value, most) for value, x in found[:10]),
+                   key=lambda one: one[0])
     for _ in range(hops):
         y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), size), most)
-        if y is not None:
-            better, y = _slide(floats, y, floats.objective(y))
+        if y is not None and floats.objective(y) < _WORTH * value:
+            better, y = _slide(floats, y, floats.objective(y), most)
             if better < value:
                 value, x = better, y
     return x, value, solved
 
 
 def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
-    """Return a solution of the conditions near a start; None if none is found."""
+    """Return a solution of the conditions near a start; None if none is found.
+
+    Gauss-Newton steps Δ of least length, shortened until ‖F′(x)⁺F(x + λΔ)‖ falls: this test does
+    not depend on how conditions are scaled, some of which are nearly combinations of others.
+    """
     k = len(floats.conditions.words)
-    spare = np.zeros(len(x) - k)  # MINPACK wants as many equations as unknowns
-    found = _scipy().least_squares(
-        lambda y: np.concatenate([floats.evaluate(y)[0][:k], spare]), x,
-        lambda y: np.vstack([floats.evaluate(y)[1][:k], np.outer(spare, y)]),
-        method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    good = np.abs(found.fun).max() < _SOLVED and np.abs(found.x).max() < most
-    return found.x if good else None
+    F, J = (part[:k] for part in floats.evaluate(x))
+    size = 1.0
+    for _ in range(_ITERATIONS):
+        if not np.abs(x).max() < most:  # or not a number
+            return None
+        inverse = np.linalg.pinv(J, _RANK)
+        step = -inverse @ F
+        length = np.linalg.norm(step)
+        if length < _SOLVED:
+            return x if np.abs(F).max() < _SOLVED else None
+        size = min(1.0, 4 * size, 1 / length)
+        while True:
+            y = x + size * step
+            F, J = (part[:k] for part in floats.evaluate(y))
+            if np.linalg.norm(inverse @ F) <= (1 - size / 2) * length:
+                break
+            size /= 2
+            if size < _SHORTEST:
+                return None
+        x = y
+    return None
 
 
-def _slide(floats: FloatConditions, x: Array, value: float) -> tuple[float, Array]:
+def _slide(
+    floats: FloatConditions, x: Array, value: float, most: float
+) -> tuple[float, Array]:
     """Return the least objective along the family of a solution, and where it is."""
     if not floats.conditions.composition.free:
         return value, x
@@ -206,7 +233,7 @@ def _slide(floats: FloatConditions, x: Array, value: float) -> tuple[float, Arra
         floats.objective, x, method="SLSQP", options={"maxiter": 100, "ftol": 1e-12},
         constraints={"type": "eq", "fun": lambda y: floats.evaluate(y)[0][:k],
                      "jac": lambda y: floats.evaluate(y)[1][:k]}).x
-    y = _solve(floats, found, np.inf)
+    y = _solve(floats, found, most)
     if y is None or floats.objective(y) >= value:
         return value, x
     return floats.objective(y), y
@@ -223,14 +250,19 @@ def _scipy() -> Any:
 
 
 def store(name: str, x: Sequence[float], note: str) -> None:
-    """Refine a solution in 90 digits, and write 60 of them to compositions.json."""
+    """Refine a solution in 90 digits, and write 60 of them to compositions.json.
+
+    Free unknowns are rounded before; ``note`` says how the solution was found.
+    """
     conditions = OrderConditions(composition_named(name))
     free = conditions.composition.free
-    start = [Fraction(repr(float(value))) for value in x]
+    start = [Fraction(f"{value:.{_FREE}f}" if i in free else repr(float(value)))
+             for i, value in enumerate(x)]
     with mp.workdps(DIGITS):
         digits = [mp.nstr(value, DIGITS - 10, min_fixed=-mp.inf, max_fixed=mp.inf)
                   for value in conditions.refine(start)]
-    texts = [str(Decimal(text).quantize(Decimal(1).scaleb(-STORED))) for text in digits]
+    last, context = Decimal(1).scaleb(-STORED), Context(prec=DIGITS)
+    texts = [f"{Decimal(text).quantize(last, context=context):f}" for text in digits]
     texts = [text.rstrip("0") if i in free else text for i, text in enumerate(texts)]
     stored = json.loads(PATH.read_text(encoding="utf-8"))
     for part in ("weights", "drifts", "kicks", "gradients"):
