@@ -14,12 +14,14 @@ from ..generator.pipeline import Generated, generate
 from ..generator.schemes.fast_tableau import FastTableau
 from ..generator.schemes.midpoint_conditions import check_mean_scheme
 from ..generator.spec import Spec
+from ..generator.tableaux.composition_checks import check_composition
+from ..generator.tableaux.compositions import Composition
 from ..generator.tableaux.conditions import Condition, check_tableau
 from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
 from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["Verification", "verify_stepper"]
+__all__ = ["Verification", "verify_composition", "verify_stepper"]
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,13 @@ def verify_stepper(spec: Spec) -> Verification:
         ]
     return Verification(made.source.name, f"{made.source.name}, order {made.scheme.order}",
                         made.scheme.order, conditions)
+
+
+def verify_composition(composition: Composition) -> Verification:
+    """Check the order conditions of a composition of exact flows, and what it keeps."""
+    return Verification(composition.name, f"{composition.name}, order {composition.order}, "
+                        f"{composition.stages} stages", composition.order,
+                        check_composition(composition))
 
 
 def _measured(tableau: Tableau) -> Condition:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.inertia import REPS, RepName
 from ..core.progress import log_task
@@ -17,8 +18,11 @@ from ..core.real_types import REALS
 from ..core.registry import SYSTEMS, entry_named
 from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import PAPER_SPECS, Spec, is_model_file
+from ..generator.tableaux.compositions import COMPOSITIONS, Composition, composition_named
+from ..generator.tableaux.compositions import composition as composition_of
 from .options import (
     check_picture,
+    completing,
     json_option,
     real_number,
     spec_from,
@@ -35,9 +39,18 @@ if TYPE_CHECKING:
 
 __all__ = ["verify"]
 
+#: The scheme whose steps are compositions of exact flows.
+SPLITTING = "splitting"
+
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("target", required=False, metavar="[NAME or FILE]")
+@click.option("--order", metavar="P",
+              help="Of --scheme splitting: the composition for this order, 2, 4, 6, 8 or 10.")
+@click.option("--gradients", is_flag=True,
+              help="With --order: the composition with force gradients.")
+@click.option("--composition", metavar="NAME", shell_complete=completing(COMPOSITIONS),
+              help=f"Of --scheme splitting: {listed(COMPOSITIONS)} (default: all of them).")
 @click.option("--model", metavar="PROBLEM or FILE",
               help="Check what a run of this model keeps: a problem such as fast-top, or a TOML "
                    "file.")
@@ -52,8 +65,9 @@ __all__ = ["verify"]
                    ".pdf).")
 @json_option
 def verify(
-    target: str | None, model: str | None, moving: bool, dt: str | None, steps: str | None,
-    plot: Path | None, as_json: bool, **choice: Any,
+    target: str | None, order: str | None, gradients: bool, composition: str | None,
+    model: str | None, moving: bool, dt: str | None, steps: str | None, plot: Path | None,
+    as_json: bool, **choice: Any,
 ) -> int:
     """Check every condition of a tableau exactly, its order, and the compiled coefficients.
 
@@ -65,8 +79,12 @@ def verify(
     constraints, energy, the momentum maps that SymPy finds, and the order. Exit code 1 if
     anything fails.
 
+    With --scheme splitting, compositions of exact flows are checked: every order condition, with
+    its residual in interval arithmetic.
+
     \b
     gyrospark verify --scheme G-L --stages 3
+    gyrospark verify --scheme splitting --order 8
     gyrospark verify --scheme EMS --system examples/pendulum.toml
     gyrospark verify heavy_top_ems_gamma
     gyrospark verify examples/tableaux/gauss_lobatto_2.json --json
@@ -78,11 +96,13 @@ def verify(
                           ("--frame", moving or None)):
         if value is not None:
             raise InputError(f"{option} belongs to --model; name the model, or leave it out.")
-    specs = _specs(target, choice)
-    from ..certificates.verification import verify_stepper
+    from ..certificates.verification import verify_composition, verify_stepper
 
     verdicts = []
-    for spec in specs:
+    for made in _compositions(target, order, gradients, composition, choice):
+        with log_task(f"verifying {made.name}"):
+            verdicts.append(verify_composition(made))
+    for spec in [] if verdicts else _specs(target, choice):
         with log_task(f"verifying {spec.tableau or spec.name}"):
             verdicts.append(verify_stepper(spec))
     holds = all(verdict.holds for verdict in verdicts)
@@ -92,6 +112,32 @@ def verify(
     else:
         _print(verdicts, details=len(verdicts) == 1)
     return 0 if holds else 1
+
+
+def _compositions(
+    target: str | None, order: str | None, gradients: bool, name: str | None,
+    choice: dict[str, Any],
+) -> list[Composition]:
+    """Return the compositions to verify; none where the scheme is not the one of compositions."""
+    if choice["scheme"] != SPLITTING:
+        for option, value in (("--order", order), ("--gradients", gradients),
+                              ("--composition", name)):
+            if value:
+                raise InputError(f"{option} belongs to --scheme {SPLITTING}; name this scheme, or "
+                                 "leave the option out.")
+        return []
+    given = [f"--{key}" for key, value in choice.items() if value and key != "scheme"]
+    if target is not None or given:
+        raise InputError(f"{given[0] if given else repr(target)} is given besides --scheme "
+                         f"{SPLITTING}, whose compositions are the same for every system; leave it "
+                         "out.")
+    if name is not None and (order is not None or gradients):
+        raise InputError("--composition is given besides --order or --gradients; give one.")
+    if name is not None:
+        return [composition_named(name)]
+    if order is not None:
+        return [composition_of(whole_number("--order", order), gradients)]
+    return [made for made in COMPOSITIONS.values() if made.has_gradients or not gradients]
 
 
 def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:

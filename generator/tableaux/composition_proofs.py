@@ -12,6 +12,7 @@ K(X) (R. Krawczyk, Computing 4, 1969, 187-201). Free unknowns are held at their 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -35,7 +36,7 @@ from .lyndon_words import (
     target,
 )
 
-__all__ = ["OrderConditions"]
+__all__ = ["DIGITS", "RADIUS", "STORED", "Affine", "OrderConditions", "as_mpf", "intervals"]
 
 #: Working digits of Newton's method and of intervals, and the digits that are stored.
 DIGITS, STORED = 90, 60
@@ -102,15 +103,25 @@ class OrderConditions:
             first = own.stop
         return found
 
-    def _flows(self) -> Iterator[tuple[Flow, list[Affine]]]:
-        """Yield the flows of a step with their numbers, in order."""
-        most, numbers = max(map(grade, self.words), default=1), self._numbers()
+    def values(self, x: Sequence[Any], number: Callable[[Fraction], Any]) -> list[list[Any]]:
+        """Return the numbers of each palindrome for these unknowns."""
+        return [[_value(affine, x, number) for affine in part] for part in self._numbers()]
+
+    def flows(self, words: Sequence[str] = ()) -> Iterator[tuple[Flow, list[Affine]]]:
+        """Yield the flows of a step with their numbers, in order, up to the conditions' words.
+
+        ``words`` are others, where they are needed.
+        """
+        words, numbers = words or self.words, self._numbers()
+        most = max(map(grade, words), default=1)
         if self.composition.base:
             letters = "".join(x for x in _LETTERS[self.composition.base] if int(x) <= most)
             yield from ((composition_flow(letters, most), [number]) for number in numbers[0])
             return
         drifts, *kicks = numbers
-        drift, kick = drift_flow(most), kick_flow(most, len(kicks) > 1)
+        most_kicks = max((word.count("B") for word in words), default=1)
+        drift = drift_flow(most)
+        kick = kick_flow(min(most, most_kicks * 3 // 2), len(kicks) > 1)  # C is ABB and the like
         for i, number in enumerate(drifts):
             yield drift, [number]
             if i < len(drifts) - 1:
@@ -120,9 +131,8 @@ class OrderConditions:
         self, x: Sequence[Any], number: Callable[[Fraction], Any]
     ) -> tuple[list[Any], list[list[Any]]]:
         """Return F(x) and F′(x) in the arithmetic of x: a row per word, a column per unknown."""
-        flows = list(self._flows())
-        values = [[sum((number(k) * x[i] for i, k in terms.items()), start=number(constant))
-                   for constant, terms in numbers] for _, numbers in flows]
+        flows = list(self.flows())
+        values = [[_value(affine, x, number) for affine in numbers] for _, numbers in flows]
         series = [evaluate_flow(flow, at, number)
                   for (flow, _), at in zip(flows, values, strict=True)]
         parts = factors_of([*self.words, *(word[::-1] for word in self.words)])
@@ -154,9 +164,67 @@ class OrderConditions:
         raise ArithmeticError(f"Newton's method for {self.composition.name} did not converge; "
                               "start it closer to a solution.")
 
+    def enclose(self) -> list[Any] | None:
+        """Return intervals of 90 digits that hold the exact solution; None if none is proved.
+
+        Krawczyk's operator is applied to the box of half width 1e-40 around the stored numbers.
+        """
+        x, solved = self.unknowns, self.solved
+        if len(solved) != len(self.words):
+            return None
+        with intervals() as interval:
+            at = [interval(value) for value in x]
+            box = list(at)
+            for i in solved:
+                box[i] = at[i] + interval(RADIUS) * mp.iv.mpf([-1, 1])
+            found = list(at)
+            residual, _ = self.evaluate(at, interval)
+            _, slopes = self.evaluate(box, interval)
+            try:
+                Y = mp.inverse(mp.matrix([[mp.mpf(row[i].mid) for i in solved] for row in slopes])
+                               ) if solved else mp.matrix(0, 0)
+            except ZeroDivisionError:  # singular: not an isolated solution
+                return None
+            for k, i in enumerate(solved):
+                rows = [mp.iv.mpf(Y[k, b]) for b in range(len(solved))]
+                image = at[i] - _dot(rows, residual)
+                for m, j in enumerate(solved):
+                    slope = _dot(rows, [row[j] for row in slopes])
+                    image += ((k == m) - slope) * (box[j] - at[j])
+                if not (box[i].a < image.a and image.b < box[i].b):
+                    return None
+                found[i] = image
+        return found
+
+    def residuals(self) -> list[Any]:
+        """Return intervals that hold F of the stored numbers."""
+        with intervals() as interval:
+            return self.evaluate([interval(value) for value in self.unknowns], interval)[0]
+
+
+def _value(affine: Affine, x: Sequence[Any], number: Callable[[Fraction], Any]) -> Any:
+    constant, terms = affine
+    return sum((number(k) * x[i] for i, k in terms.items()), start=number(constant))
+
+
+def _dot(left: Sequence[Any], right: Sequence[Any]) -> Any:
+    return sum((a * b for a, b in zip(left, right, strict=True)), start=mp.iv.mpf(0))
+
 
 def _reversed(series: Series) -> Series:
     return {word[::-1]: value for word, value in series.items()}
+
+
+@contextmanager
+def intervals() -> Iterator[Callable[[Fraction], Any]]:
+    """Set the digits of mpmath's intervals, and yield the enclosure of a rational number."""
+    before = mp.iv.dps
+    mp.iv.dps = DIGITS
+    try:
+        with mp.workdps(DIGITS):
+            yield lambda value: mp.iv.mpf(value.numerator) / value.denominator
+    finally:
+        mp.iv.dps = before
 
 
 def as_mpf(value: Any) -> Any:

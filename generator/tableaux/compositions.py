@@ -64,7 +64,9 @@ class Composition:
     free : tuple of int
         Unknowns that the conditions leave free: their decimals are exact.
     source : str
-        Where the composition is from.
+        Who published a composition of this form, or nearly these numbers.
+    found : str
+        Where the numbers are from: a closed form, or a search with its seed.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Composition:
     also: tuple[str, ...] = ()
     free: tuple[int, ...] = ()
     source: str = ""
+    found: str = field(default="", repr=False)
 
     @property
     def stages(self) -> int:
@@ -128,7 +131,7 @@ def _made(name: str, record: dict[str, Any], known: dict[str, Composition]) -> C
     return Composition(name, record["order"], drifts, kicks, gradients, weights, base,
                        tuple(record.get("orders", [record["order"]])),
                        tuple(record.get("also", ())), tuple(record.get("free", ())),
-                       record["source"])
+                       record["source"], record["found"])
 
 
 def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:

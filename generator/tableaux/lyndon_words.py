@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import cache
-from itertools import product
+from itertools import chain, product
 from math import factorial, prod
 from typing import Any, TypeAlias
 
@@ -44,9 +44,11 @@ def grade(word: str) -> int:
 
 def words_up_to(letters: str, most: int) -> list[str]:
     """Return all words of at most this grade, the empty one included, by grade."""
-    words = ["".join(word) for n in range(most + 1) for word in product(letters, repeat=n)
-             if grade("".join(word)) <= most]
-    return sorted(words, key=lambda word: (grade(word), word))
+    by_grade = [[""]]
+    for n in range(1, most + 1):
+        by_grade.append(sorted(letter + word for letter in letters if grade(letter) <= n
+                               for word in by_grade[n - grade(letter)]))
+    return list(chain.from_iterable(by_grade))
 
 
 def is_lyndon(word: str) -> bool:
@@ -134,12 +136,14 @@ def evaluate_flow(
     """
     found: Series = {}
     for word, terms in flow.items():
-        parts = [number(x * (1 if by is None else e[by]))
-                 * prod((v ** (n - (i == by)) for i, (v, n) in enumerate(zip(values, e, strict=True))
-                         if n > (i == by)), start=number(Fraction(1)))
-                 for e, x in terms.items() if by is None or e[by]]
-        if parts:
-            found[word] = sum(parts[1:], start=parts[0])
+        if by is not None:
+            terms = {tuple(n - (i == by) for i, n in enumerate(e)): x * e[by]
+                     for e, x in terms.items() if e[by]}
+        if terms:
+            found[word] = sum(
+                (number(x) * prod((v**n for v, n in zip(values, e, strict=True) if n),
+                                  start=number(Fraction(1))) for e, x in terms.items()),
+                start=number(Fraction(0)))
     return found
 
 
@@ -150,16 +154,16 @@ def multiply_flows(
     series: Sequence[Series], words: Sequence[str], number: Callable[[Fraction], Any]
 ) -> list[Series]:
     """Return the products of the first 0, 1, 2, … flows at words that contain their own parts."""
-    zero = number(Fraction(0))
+    zero, splits = number(Fraction(0)), {}
     found: list[Series] = [{"": number(Fraction(1))}]
     for flow in series:
-        before, after = found[-1], {}
-        for word in words:
-            terms = [before[word[:i]] * flow[word[i:]] for i in range(len(word) + 1)
-                     if word[:i] in before and word[i:] in flow]
-            if terms:
-                after[word] = sum(terms, start=zero)
-        found.append(after)
+        before = found[-1]
+        ends = frozenset(flow)
+        if ends not in splits:
+            splits[ends] = [(word, [(word[:i], word[i:]) for i in range(len(word) + 1)
+                                    if word[i:] in ends]) for word in words]
+        found.append({word: sum((before[u] * flow[v] for u, v in parts if u in before), start=zero)
+                      for word, parts in splits[ends]})
     return found
 
 

@@ -1,0 +1,206 @@
+"""What ``gyrospark verify --scheme splitting`` checks of a composition, line by line.
+
+Sums, symmetry and the flattening are rational arithmetic, order conditions interval arithmetic, the
+force gradient exact algebra. The order is measured beside, on two pendulums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from fractions import Fraction
+from functools import cache
+from itertools import product
+from typing import Any
+
+import mpmath as mp
+import sympy as sp
+
+from .composition_order import observed_composition_order
+from .composition_proofs import STORED, OrderConditions, as_mpf, intervals
+from .compositions import COMPOSITIONS, Composition, flatten
+from .conditions import Condition
+from .lyndon_words import (
+    Series,
+    drift_flow,
+    evaluate_flow,
+    factors_of,
+    kick_flow,
+    lyndon_words,
+    multiply_flows,
+    target,
+)
+
+__all__ = ["check_composition", "error_constant", "force_gradient_residuals"]
+
+#: Residuals of stored numbers: their last decimal, times what a condition makes of it.
+_SMALL = Fraction(1, 10 ** (STORED - 8))
+
+
+def check_composition(composition: Composition) -> list[Condition]:
+    """Return the lines on a composition; those of its base have the base's name before them."""
+    lines = [*_exact(composition), *_conditions(composition)]
+    if composition.base in COMPOSITIONS and composition.base != "Strang":
+        base = COMPOSITIONS[composition.base]
+        lines += _conditions(base, f"{base.name}: ")
+    return [*lines, _written_out(composition), _symplectic(composition), *_measured(composition)]
+
+
+def _exact(composition: Composition) -> Iterator[Condition]:
+    """Yield what holds in rational arithmetic."""
+    drifts, kicks, gradients = composition.drifts, composition.kicks, composition.gradients
+    off = max(abs(sum(drifts) - 1), abs(sum(kicks) - 1))
+    yield _line("consistency", "sum a_i = sum b_i = 1", off, f"{len(kicks)} stages")
+    off = max(abs(x - y) for part in (drifts, kicks, gradients)
+              for x, y in zip(part, reversed(part), strict=True))
+    yield _line("symmetry", "a, b and c are palindromes", off,
+                "forward" if composition.forward else "with negative times")
+    if composition.base:
+        made = flatten(COMPOSITIONS[composition.base], composition.weights)
+        off = max(abs(x - y) for part, other in zip(made, (drifts, kicks, gradients), strict=True)
+                  for x, y in zip(part, other, strict=True))
+        yield _line("composition", f"product of {composition.base}(w_i h), drifts joined", off,
+                    f"{len(composition.weights)} weights")
+
+
+def _line(name: str, equation: str, off: Fraction, found: str) -> Condition:
+    return Condition(name, equation, found, holds=off == 0, required=True,
+                     residual="0" if off == 0 else f"{float(off):.1e}")
+
+
+def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]:
+    """Yield each order condition at the stored numbers, and the proof of the solution beside."""
+    conditions = OrderConditions(composition)
+    for word, residual in zip(conditions.words, conditions.residuals(), strict=True):
+        with intervals() as interval:
+            small = abs(residual) < interval(_SMALL)
+        yield Condition(f"{name}order condition {word}", f"coefficient {target(word)}",
+                        _shown(residual), holds=bool(small), residual=_size(residual),
+                        required=True)
+    if conditions.words:
+        box = conditions.enclose()
+        distance = None if box is None else max(
+            _size_of(exact - at) for exact, at in zip(box, _stored(conditions), strict=True))
+        yield Condition(
+            f"{name}exact solution", "Krawczyk's operator on the box of 1e-40",
+            "none is proved" if distance is None else
+            f"one and only one, within {mp.nstr(distance, 2)} of the stored numbers",
+            holds=distance is not None, residual="0" if distance is not None else "not proved",
+            required=True)
+
+
+def _stored(conditions: OrderConditions) -> list[Any]:
+    with intervals() as interval:
+        return [interval(value) for value in conditions.unknowns]
+
+
+def _size_of(interval: Any) -> Any:
+    return max(abs(mp.mpf(interval.a)), abs(mp.mpf(interval.b)))
+
+
+def _size(interval: Any) -> str:
+    return str(mp.nstr(_size_of(interval), 2))
+
+
+def _shown(interval: Any) -> str:
+    """Return an interval in three digits, rounded outwards."""
+    ends = [Context(prec=3, rounding=rounding).create_decimal(mp.nstr(mp.mpf(end), STORED))
+            for end, rounding in ((interval.a, ROUND_FLOOR), (interval.b, ROUND_CEILING))]
+    return "[{:.2e}, {:.2e}]".format(*ends)
+
+
+def _written_out(composition: Composition) -> Condition:
+    """The order of drifts and kicks as they are used, at all Lyndon words of A and B."""
+    words = lyndon_words("AB", composition.order - 1)
+    with intervals() as interval:
+        series = _product(composition, words, interval)
+        sizes = [_size_of(series[word] - interval(target(word))) for word in words]
+        most = max(sizes)
+        holds = most < as_mpf(_SMALL)
+    return Condition(
+        "order", f"{len(words)} Lyndon words of drifts A and kicks B, to h^{composition.order}",
+        " ".join(map(str, composition.orders)), holds=bool(holds), residual=mp.nstr(most, 2),
+        required=True)
+
+
+def _product(composition: Composition, words: list[str], number: Any) -> Series:
+    """Return the coefficients of a step at words of A and B."""
+    most = max(map(len, words))
+    drift, kick = drift_flow(most), kick_flow(most, composition.has_gradients)
+    series = [evaluate_flow(drift, [number(composition.drifts[0])], number)]
+    for a, b, c in zip(composition.drifts[1:], composition.kicks, composition.gradients,
+                       strict=True):
+        numbers = [number(b), number(c)] if composition.has_gradients else [number(b)]
+        series += [evaluate_flow(kick, numbers, number), evaluate_flow(drift, [number(a)], number)]
+    return multiply_flows(series, factors_of(words), number)[-1]
+
+
+def error_constant(composition: Composition) -> float:
+    """Return ‖e‖₂, e the error's coefficients at all words of order + 1 letters A and B.
+
+    The error of a step is h^{order+1} Σ_w e_w w to leading order, a sum of nested commutators.
+    """
+    words = ["".join(word) for word in product("AB", repeat=composition.order + 1)]
+    series = _product(composition, words, float)
+    return float(sum((series[word] - float(target(word))) ** 2 for word in words) ** 0.5)
+
+
+def _symplectic(composition: Composition) -> Condition:
+    """Each flow is that of a Hamiltonian: T, and βV − γG, which is a function of q."""
+    residuals = force_gradient_residuals() if composition.has_gradients else ()
+    holds = all(residual == 0 for residual in residuals)
+    kicks = "b V - c h^2 G(q), -G = {V, {T, V}}" if composition.has_gradients else "b V(q)"
+    return Condition("symplecticity", f"drifts are flows of T, kicks of {kicks}",
+                     "each flow is symplectic" if holds else "a kick depends on p", holds=holds,
+                     residual="0" if holds else "not 0", required=True)
+
+
+@cache
+def force_gradient_residuals() -> tuple[sp.Expr, ...]:
+    """Return what vanishes if kicks with gradients are as ``compositions`` says.
+
+    For functions V(q), f(q, p) and T = pᵀM(q)p/2 + d(q)·p in two degrees of freedom: first
+    {{V, T}, V} + V_qᵀ M V_q, then its derivatives by p, at last [B, [A, B]] f − {f, {{V, T}, V}}
+    with A = {·, T} and B = {·, V}.
+    """
+    q, p = sp.symbols("q0:2"), sp.symbols("p0:2")
+    V, f = sp.Function("V")(*q), sp.Function("f")(*q, *p)
+    M = sp.Matrix(2, 2, lambda i, j: sp.Function(f"M{min(i, j)}{max(i, j)}")(*q))
+    d = [sp.Function(f"d{i}")(*q) for i in range(2)]
+    T = sum(M[i, j] * p[i] * p[j] for i in range(2) for j in range(2)) / 2 + sum(
+        x * y for x, y in zip(d, p, strict=True))
+
+    def bracket(left: Any, right: Any) -> Any:
+        return sum(left.diff(x) * right.diff(y) - left.diff(y) * right.diff(x)
+                   for x, y in zip(q, p, strict=True))
+
+    def commutator(first: Any, second: Any, function: Any) -> Any:
+        return first(second(function)) - second(first(function))
+
+    def A(function: Any) -> Any:
+        return bracket(function, T)
+
+    def B(function: Any) -> Any:
+        return bracket(function, V)
+
+    double = sp.expand(bracket(bracket(V, T), V))
+    G = sum(V.diff(q[i]) * M[i, j] * V.diff(q[j]) for i in range(2) for j in range(2))
+    nested = commutator(B, lambda function: commutator(A, B, function), f)
+    return (sp.expand(double + G), *(double.diff(y) for y in p),
+            sp.expand((nested - bracket(f, double)).doit()))
+
+
+def _measured(composition: Composition) -> Iterator[Condition]:
+    """Yield the slopes on a small problem, and the error constant."""
+    for order, one_kick, name in (
+            (composition.order, False, "order, measured"),
+            *([(composition.orders[0], True, "order in small kicks, measured")]
+              if len(composition.orders) > 1 else [])):
+        found = observed_composition_order(composition, one_kick)
+        yield Condition(name, "log2 of the local error's ratio for h, h/2, less 1",
+                        f"{found:.3f}", holds=abs(found - order) < 0.1,
+                        residual=f"{found - order:.1e}", required=True)
+    constant = error_constant(composition)
+    yield Condition("error constant",
+                    f"norm of the error's coefficients at words of h^{composition.order + 1}",
+                    f"{constant:.3e}", holds=constant > 0, residual="the order is no higher")

@@ -1,0 +1,299 @@
+"""Search for compositions: ``python -m gyrospark.generator.tableaux.composition_search KL6``.
+
+Random starts, damped Gauss-Newton iterations on the order conditions (P. Deuflhard, Newton Methods
+for Nonlinear Problems, 2004, chapter 4), sequential quadratic programming along the family of
+solutions to the least objective
+
+    s (Σ|w_i|^{p+1})^{1/(p+1)}   for weights (W. Kahan, R.-C. Li 1997),
+    s ‖e‖^{1/p}                  for drifts and kicks, e the error's coefficients at p + 1 letters
+    Σ|a_i| + Σ|b_i| + ‖c‖₂       where kicks are small (S. Blanes and others 2013),
+
+then random steps from the best solution, kept where the objective falls. The numbers of a run
+depend on its seed and on nothing else. With ``--write`` the best solution is refined by Newton's
+method and stored in compositions.json. Needs SciPy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Context, Decimal
+from fractions import Fraction
+from functools import cached_property
+from itertools import product
+from typing import Any, NamedTuple
+
+import mpmath as mp
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import MissingDependencyError
+from ...core.extras import install
+from .composition_proofs import DIGITS, STORED, Affine, OrderConditions
+from .compositions import COMPOSITIONS, PATH, composition_named
+from .lyndon_words import Flow, factors_of, target
+
+__all__ = ["FloatConditions", "main", "search", "store"]
+
+Array = NDArray[np.float64]
+
+#: Where an iteration has arrived, or is given up: its last step, least damping, iterations, and
+#: singular values that count as zero.
+_SOLVED, _SHORTEST, _ITERATIONS, _RANK = 1e-12, 1e-4, 200, 1e-13
+#: Decimals of free unknowns that are stored: the objective is flat at its least.
+_FREE = 10
+#: A random step is optimised if its solution is not much worse than the best.
+_WORTH = 1.2
+
+
+class _Kind(NamedTuple):
+    """Flows of one kind: exponents and matrices of their monomials, places, indices of numbers."""
+
+    monomials: NDArray[np.int_]
+    matrices: Array
+    places: list[int]
+    numbers: list[list[int]]
+
+
+@dataclass(frozen=True)
+class FloatConditions:
+    """F(x) and F′(x) of a composition in doubles, as products of matrices."""
+
+    conditions: OrderConditions
+
+    @cached_property
+    def words(self) -> list[str]:
+        """Words of the conditions, then those of the leading error where letters are A and B."""
+        made = self.conditions.composition
+        error = [] if made.base else product("AB", repeat=made.order + 1)
+        return [*self.conditions.words, *map("".join, error)]
+
+    @cached_property
+    def _tables(self) -> tuple[list[str], list[_Kind], Array, Array]:
+        """Words of products, kinds of flows, and their numbers as constants and slopes."""
+        parts = factors_of(self.words)
+        flows = list(self.conditions.flows(self.words))
+        kinds: dict[int, _Kind] = {}
+        numbers: list[Affine] = []
+        for i, (flow, own) in enumerate(flows):
+            if id(flow) not in kinds:
+                kinds[id(flow)] = _Kind(*_matrices(flow, parts), [], [])
+            kinds[id(flow)].places.append(i)
+            kinds[id(flow)].numbers.append(list(range(len(numbers), len(numbers) + len(own))))
+            numbers += own
+        slopes = np.zeros((len(numbers), len(self.conditions.unknowns)))
+        for row, (_, terms) in zip(slopes, numbers, strict=True):
+            for i, k in terms.items():
+                row[i] = k
+        return parts, list(kinds.values()), np.array([float(c) for c, _ in numbers]), slopes
+
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Return the coefficients at the words less those of the exact flow, and their slopes."""
+        parts, kinds, constants, affine = self._tables
+        size, values = len(parts), constants + affine @ x
+        count = sum(len(kind.places) for kind in kinds)
+        flows = np.empty((count, size, size))
+        for kind in kinds:
+            scale = np.prod(values[kind.numbers][:, None, :] ** kind.monomials, axis=2)
+            flows[kind.places] = np.tensordot(scale, kind.matrices, 1)
+        left, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
+        left[0, 0] = 1
+        right[-1] = np.eye(size)[:, [parts.index(word) for word in self.words]]
+        for i in range(count):
+            left[i + 1] = left[i] @ flows[i]
+            right[-2 - i] = flows[-1 - i] @ right[-1 - i]
+        by_number = np.empty((len(values), len(self.words)))
+        for kind in kinds:
+            lefts = np.tensordot(left[kind.places], kind.matrices, (1, 1))
+            after = right[np.array(kind.places) + 1]
+            for by, own in enumerate(zip(*kind.numbers, strict=True)):
+                lower = kind.monomials.copy()
+                lower[:, by] = np.maximum(lower[:, by] - 1, 0)
+                scale = kind.monomials[:, by] * np.prod(
+                    values[kind.numbers][:, None, :] ** lower, axis=2)
+                by_number[list(own)] = (scale[:, None] @ lefts @ after)[:, 0]
+        exact = np.array([float(target(word)) for word in self.words])
+        return left[-1] @ right[-1] - exact, by_number.T @ affine
+
+    def objective(self, x: Array) -> float:
+        """Return what a search makes small, as the module says."""
+        made, parts = self.conditions.composition, self.conditions.values(x, float)
+        p = made.order
+        if made.base:
+            return float(len(made.weights) * np.linalg.norm(parts[0], p + 1))
+        if len(made.orders) > 1:
+            drifts, kicks, *gradients = parts
+            return float(np.abs(drifts).sum() + np.abs(kicks).sum() + np.linalg.norm(gradients))
+        error = self.evaluate(x)[0][len(self.conditions.words):]
+        return float(made.stages * np.linalg.norm(error) ** (1 / p))
+
+
+def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Array]:
+    """Return the exponents of a flow's monomials, and the matrix of each: it multiplies rows."""
+    monomials = sorted({e for terms in flow.values() for e in terms})
+    place = {word: i for i, word in enumerate(parts)}
+    made = np.zeros((len(monomials), len(parts), len(parts)))
+    for word in parts:
+        for i in range(len(word) + 1):
+            for e, value in flow.get(word[i:], {}).items():
+                made[monomials.index(e), place[word[:i]], place[word]] += float(value)
+    return np.array(monomials), made
+
+
+def search(
+    name: str, seed: int = 1, starts: int = 100, hops: int = 0, width: float = 0.5,
+    most: float = 1.5,
+) -> tuple[Array, float, int]:
+    """Return the best solution found, its objective, and how many starts led to a solution.
+
+    Parameters
+    ----------
+    name : str
+        A composition of ``COMPOSITIONS``: its form is searched, its numbers are not used.
+    seed : int
+        Of the random numbers.
+    starts, hops : int
+        Random starts, and random steps from the best solution.
+    width : float
+        Half the width of the box of the starts.
+    most : float
+        Largest magnitude of an unknown.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without SciPy.
+    ArithmeticError
+        If no start led to a solution.
+    """
+    conditions = OrderConditions(composition_named(name))
+    floats, draw = FloatConditions(conditions), np.random.default_rng(seed)
+    size = len(conditions.unknowns)
+    found: list[tuple[float, Array]] = []
+    for _ in range(starts):
+        x = _solve(floats, draw.uniform(-width, width, size), most)
+        if x is not None:
+            found.append((floats.objective(x), x))
+    if not found:
+        raise ArithmeticError(f"None of {starts} starts led to a composition like {name}; take "
+                              "more, or another seed.")
+    solved = len(found)
+    found.sort(key=lambda one: one[0])
+    value, x = min((_slide(floats, x, value, most) for value, x in found[:10]),
+                   key=lambda one: one[0])
+    for _ in range(hops):
+        y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), size), most)
+        if y is not None and floats.objective(y) < _WORTH * value:
+            better, y = _slide(floats, y, floats.objective(y), most)
+            if better < value:
+                value, x = better, y
+    return x, value, solved
+
+
+def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
+    """Return a solution of the conditions near a start; None if none is found.
+
+    Gauss-Newton steps Δ of least length, shortened until ‖F′(x)⁺F(x + λΔ)‖ falls: this test does
+    not depend on how conditions are scaled, some of which are nearly combinations of others.
+    """
+    k = len(floats.conditions.words)
+    F, J = (part[:k] for part in floats.evaluate(x))
+    size = 1.0
+    for _ in range(_ITERATIONS):
+        if not np.abs(x).max() < most:  # or not a number
+            return None
+        inverse = np.linalg.pinv(J, _RANK)
+        step = -inverse @ F
+        length = np.linalg.norm(step)
+        if length < _SOLVED:
+            return x if np.abs(F).max() < _SOLVED else None
+        size = min(1.0, 4 * size, 1 / length)
+        while True:
+            y = x + size * step
+            F, J = (part[:k] for part in floats.evaluate(y))
+            if np.linalg.norm(inverse @ F) <= (1 - size / 2) * length:
+                break
+            size /= 2
+            if size < _SHORTEST:
+                return None
+        x = y
+    return None
+
+
+def _slide(
+    floats: FloatConditions, x: Array, value: float, most: float
+) -> tuple[float, Array]:
+    """Return the least objective along the family of a solution, and where it is."""
+    if not floats.conditions.composition.free:
+        return value, x
+    k = len(floats.conditions.words)
+    found = _scipy().minimize(
+        floats.objective, x, method="SLSQP", options={"maxiter": 100, "ftol": 1e-12},
+        constraints={"type": "eq", "fun": lambda y: floats.evaluate(y)[0][:k],
+                     "jac": lambda y: floats.evaluate(y)[1][:k]}).x
+    y = _solve(floats, found, most)
+    if y is None or floats.objective(y) >= value:
+        return value, x
+    return floats.objective(y), y
+
+
+def _scipy() -> Any:
+    try:
+        from scipy import optimize
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"A search for compositions is asked for and SciPy is not installed; "
+            f"{install('rotation')} cures it.") from error
+    return optimize
+
+
+def store(name: str, x: Sequence[float], note: str) -> None:
+    """Refine a solution in 90 digits, and write 60 of them to compositions.json.
+
+    Free unknowns are rounded before; ``note`` says how the solution was found.
+    """
+    conditions = OrderConditions(composition_named(name))
+    free = conditions.composition.free
+    start = [Fraction(f"{value:.{_FREE}f}" if i in free else repr(float(value)))
+             for i, value in enumerate(x)]
+    with mp.workdps(DIGITS):
+        digits = [mp.nstr(value, DIGITS - 10, min_fixed=-mp.inf, max_fixed=mp.inf)
+                  for value in conditions.refine(start)]
+    last, context = Decimal(1).scaleb(-STORED), Context(prec=DIGITS)
+    texts = [f"{Decimal(text).quantize(last, context=context):f}" for text in digits]
+    texts = [text.rstrip("0") if i in free else text for i, text in enumerate(texts)]
+    stored = json.loads(PATH.read_text(encoding="utf-8"))
+    for part in ("weights", "drifts", "kicks", "gradients"):
+        if part in stored[name]:
+            count = len(stored[name][part])
+            stored[name][part], texts = texts[:count], texts[count:]
+    stored[name]["found"] = note
+    PATH.write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Search for a composition, and store it where asked."""
+    parser = argparse.ArgumentParser(description="Search for the numbers of a composition.")
+    parser.add_argument("name", choices=[name for name, one in COMPOSITIONS.items()
+                                         if OrderConditions(one).words])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--starts", type=int, default=100)
+    parser.add_argument("--hops", type=int, default=0)
+    parser.add_argument("--width", type=float, default=0.5)
+    parser.add_argument("--write", action="store_true", help="Store the best solution.")
+    choice = parser.parse_args(arguments)
+    x, value, solved = search(choice.name, choice.seed, choice.starts, choice.hops, choice.width)
+    floats = FloatConditions(OrderConditions(composition_named(choice.name)))
+    stored = floats.objective(np.array([float(v) for v in floats.conditions.unknowns]))
+    print(f"{choice.name}: {solved} of {choice.starts} starts led to a solution; the best has "
+          f"the objective {value:.6f} (stored: {stored:.6f})")
+    print(*(f"  {float(v)!r}" for v in x), sep="\n")
+    if choice.write:
+        store(choice.name, x.tolist(), f"seed {choice.seed}, starts {choice.starts}, "
+                                       f"hops {choice.hops}, width {choice.width}")
+
+
+if __name__ == "__main__":
+    main()

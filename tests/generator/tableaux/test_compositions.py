@@ -1,0 +1,268 @@
+"""Compositions of exact flows: numbers, order conditions, certificates, search."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from math import factorial
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from gyrospark.core.errors import InputError
+from gyrospark.generator.tableaux.composition_checks import (
+    check_composition,
+    error_constant,
+    force_gradient_residuals,
+)
+from gyrospark.generator.tableaux.composition_order import observed_composition_order
+from gyrospark.generator.tableaux.composition_proofs import OrderConditions
+from gyrospark.generator.tableaux.composition_search import FloatConditions, search
+from gyrospark.generator.tableaux.compositions import (
+    COMPOSITIONS,
+    composition,
+    composition_named,
+    flatten,
+)
+from gyrospark.generator.tableaux.lyndon_words import (
+    factors_of,
+    is_lyndon,
+    lyndon_words,
+    target,
+    words_up_to,
+)
+
+#: Closed forms: Chin's a₀ and c, Suzuki's w, and w where the base has order 4.
+CLOSED = {
+    "G4": lambda: [(1 - 1 / mp.sqrt(3)) / 2, (2 - mp.sqrt(3)) / 48],
+    "Suzuki4": lambda: [1 / (4 - mp.cbrt(4))] * 2,
+    "G6": lambda: [1 / (4 - mp.root(4, 5))] * 2,
+}
+
+
+def moved(made, part, i, by):
+    """Return a composition with one number, and its mirror image, moved by this much."""
+    numbers = list(getattr(made, part))
+    for j in {i, len(numbers) - 1 - i}:
+        numbers[j] += by
+    middle = len(numbers) // 2
+    if part != "gradients" and i != middle:
+        for j in {middle, len(numbers) - 1 - middle}:
+            numbers[j] -= 2 * by / (2 - len(numbers) % 2)
+    return replace(made, **{part: tuple(numbers)})
+
+
+@pytest.mark.parametrize("order", [2, 4, 6, 8, 10])
+@pytest.mark.parametrize("gradients", [False, True])
+def test_each_order_has_a_composition(order, gradients):
+    made = composition(order, gradients)
+    assert made.order == order
+    assert made is COMPOSITIONS[made.name]
+    assert made.has_gradients == (gradients and 2 < order < 10)
+    assert len(made.drifts) == made.stages + 1 == len(made.gradients) + 1
+
+
+@pytest.mark.parametrize("order", [7, 0, -4, 12, "8", None, 4.5, True])
+def test_other_orders_are_refused(order):
+    with pytest.raises(InputError, match="2, 4, 6, 8 or 10"):
+        composition(order)
+
+
+def test_names_are_proposed():
+    with pytest.raises(InputError, match="did you mean SABAG6"):
+        composition_named("sabag-6")
+
+
+@pytest.mark.parametrize("name", COMPOSITIONS)
+def test_numbers_are_symmetric_and_consistent(name):
+    made = COMPOSITIONS[name]
+    assert sum(made.drifts) == sum(made.kicks) == 1
+    for part in (made.drifts, made.kicks, made.gradients, made.weights):
+        assert part == part[::-1]
+    if made.base:
+        parts = (made.drifts, made.kicks, made.gradients)
+        assert flatten(COMPOSITIONS[made.base], made.weights) == parts
+
+
+def test_only_force_gradients_go_forward_beyond_order_two():
+    """Sheng 1989, Suzuki 1991: without them, an order above 2 takes a negative time."""
+    forward = {name for name, made in COMPOSITIONS.items() if made.forward}
+    assert forward == {"Strang", "G4", "SABAG6"}
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_closed_forms(name):
+    with mp.workdps(70):
+        for value, exact in zip(OrderConditions(COMPOSITIONS[name]).unknowns, CLOSED[name](),
+                                strict=True):
+            assert abs(mp.mpf(value.numerator) / value.denominator - exact) < mp.mpf(10) ** -60
+
+
+def test_nodes_of_sabag_are_gaussian():
+    """T at Gauss nodes, Gauss weights for V, and c of least norm."""
+    made, (x, w) = COMPOSITIONS["SABAG6"], np.polynomial.legendre.leggauss(6)
+    assert np.allclose(np.cumsum([float(a) for a in made.drifts])[:-1], (x + 1) / 2, atol=1e-15)
+    assert np.allclose([float(b) for b in made.kicks], w / 2, atol=1e-15)
+    conditions = OrderConditions(made)
+    x = np.array([float(value) for value in conditions.unknowns])
+    F, J = (part[: len(conditions.words)] for part in FloatConditions(conditions).evaluate(x))
+    along = np.linalg.svd(J)[2][-1]  # the family: its direction has no part in c
+    assert abs(along[5:] @ x[5:]) < 1e-7
+    assert np.abs(F).max() < 1e-14
+
+
+# ---------------------------------------------------------------- words
+
+
+def test_lyndon_words_are_counted_by_their_formula():
+    """Witt's formula for free Lie algebras of two generators."""
+    counts = [sum(len(w) == n and is_lyndon(w) for w in words_up_to("AB", 9)) for n in range(10)]
+    assert counts == [0, 2, 1, 2, 3, 6, 9, 18, 30, 56]
+    assert [len(lyndon_words("13579", order - 1)) for order in (4, 6, 8, 10)] == [2, 4, 8, 16]
+    assert [len(lyndon_words("1579", order - 1)) for order in (6, 8)] == [2, 4]
+
+
+def test_every_word_follows_from_lyndon_words():
+    """What the theory says: all coefficients up to the order are those of the exact flow."""
+    from gyrospark.generator.tableaux.composition_checks import _product
+
+    with mp.workdps(60):
+        for name in ("BM4", "KL6", "G6"):
+            made = COMPOSITIONS[name]
+            words = words_up_to("AB", made.order)
+            found = _product(made, words, lambda x: mp.mpf(x.numerator) / x.denominator)
+            assert all(abs(found[w] - mp.mpf(1) / factorial(len(w))) < 1e-55 for w in words)
+            assert set(factors_of(words)) == set(words)
+
+
+def test_conditions_agree_with_composed_maps():
+    """The same coefficients from matrices: A and B nilpotent, products by NumPy, eleven letters."""
+    made = COMPOSITIONS["G4"]
+    for word in ("AAB", "ABB", "AABAB"):
+        size = len(word) + 1
+        A, B = ([[Fraction(word[i] == letter) if j == i + 1 else Fraction(0) for j in range(size)]
+                 for i in range(size)] for letter in "AB")
+        A, B = np.array(A), np.array(B)
+        C = 2 * B @ A @ B - B @ B @ A - A @ B @ B
+        step = np.array([[Fraction(i == j) for j in range(size)] for i in range(size)])
+        kicks = [None, *zip(made.kicks, made.gradients, strict=True)]
+        for a, kick in zip(made.drifts, kicks, strict=True):
+            for element in ([] if kick is None else [kick[0] * B + kick[1] * C]) + [a * A]:
+                power = term = np.array([[Fraction(i == j) for j in range(size)]
+                                         for i in range(size)])
+                for n in range(1, size):
+                    term = term @ element / n
+                    power = power + term
+                step = step @ power
+        residual = step[0, -1] - target(word)
+        if word == "AABAB":
+            assert abs(residual) > Fraction(1, 10**4)  # of order 5: not a condition
+        else:
+            assert abs(residual) < Fraction(1, 10**60)
+
+
+def test_the_kick_of_a_force_gradient_is_a_potential():
+    assert force_gradient_residuals() == (0, 0, 0, 0)
+
+
+# ---------------------------------------------------------------- certificates
+
+
+@pytest.mark.parametrize("name", COMPOSITIONS)
+def test_stored_numbers_are_certified(name):
+    lines = check_composition(COMPOSITIONS[name])
+    assert all(line.holds for line in lines), [line for line in lines if not line.holds]
+    text = " ".join(line.name for line in lines)
+    for word in ("consistency", "symmetry", "order", "symplectic", "measured", "error constant"):
+        assert word in text
+
+
+@pytest.mark.parametrize("name", ["Suzuki4", "KL8", "G8", "BM4", "ABA1064"])
+def test_the_proof_encloses_the_stored_numbers(name):
+    conditions = OrderConditions(COMPOSITIONS[name])
+    for value, box in zip(conditions.unknowns, conditions.enclose(), strict=True):
+        with mp.workdps(90):
+            value = mp.mpf(value.numerator) / value.denominator
+            assert max(abs(mp.mpf(end) - value) for end in (box.a, box.b)) < mp.mpf(10) ** -59
+
+
+@pytest.mark.parametrize(("name", "part", "i"), [
+    ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("KL6", "weights", 3),
+    ("G6", "weights", 1), ("SABAG6", "gradients", 1)])
+@pytest.mark.parametrize("by", [Fraction(1, 10**45), Fraction(-1, 10**12)])
+def test_a_wrong_digit_is_found(name, part, i, by):
+    made = moved(COMPOSITIONS[name], part, i, by)
+    if made.base:
+        drifts, kicks, gradients = flatten(COMPOSITIONS[made.base], made.weights)
+        made = replace(made, drifts=drifts, kicks=kicks, gradients=gradients)
+    failed = [line.name for line in check_composition(made) if not line.holds]
+    assert any("order" in name for name in failed), failed
+    if abs(by) > Fraction(1, 10**40):  # no solution in the box; else one beside its middle
+        assert "exact solution" in failed
+
+
+def test_numbers_that_are_not_the_composition_are_found():
+    made = COMPOSITIONS["KL6"]
+    failed = {line.name for line in check_composition(
+        replace(made, drifts=(*made.drifts[:-1], Fraction(1, 5))))
+        if not line.holds}
+    assert {"consistency", "symmetry", "composition", "order"} <= failed
+    failed = {line.name for line in check_composition(replace(made, order=8, orders=(8,)))
+              if not line.holds}
+    assert {"order condition 7", "exact solution", "order", "order, measured"} <= failed
+
+
+def test_without_the_gradient_the_order_falls():
+    made = replace(COMPOSITIONS["G4"], gradients=(Fraction(0),) * 2)
+    assert abs(observed_composition_order(made) - 2) < 0.1
+
+
+@pytest.mark.parametrize("name", COMPOSITIONS)
+def test_measured_order(name):
+    made = COMPOSITIONS[name]
+    assert abs(observed_composition_order(made) - made.order) < 0.1
+    assert abs(observed_composition_order(made, one_kick=True) - made.orders[0]) < 0.1
+
+
+def test_error_constant_of_strang():
+    """h³ of T(h/2) K(h) T(h/2): [A, [A, B]]/24 + [B, [A, B]]/12, by hand."""
+    e = {"AAB": 1, "ABA": -2, "BAA": 1}, {"BAB": 2, "BBA": -1, "ABB": -1}
+    exact = sum((e[0].get(w, 0) / 24 + e[1].get(w, 0) / 12) ** 2 for w in {*e[0], *e[1]}) ** 0.5
+    assert error_constant(COMPOSITIONS["Strang"]) == pytest.approx(exact, rel=1e-14)
+
+
+# ---------------------------------------------------------------- search
+
+
+@pytest.mark.parametrize(("name", "starts"), [("G4", 3), ("Suzuki4", 40), ("KL6", 60), ("G8", 30)])
+def test_a_search_finds_what_is_stored(name, starts):
+    x, value, solved = search(name, seed=1, starts=starts)
+    conditions = OrderConditions(COMPOSITIONS[name])
+    floats = FloatConditions(conditions)
+    assert solved > 0
+    stored = floats.objective(np.array([float(v) for v in conditions.unknowns]))
+    assert value == pytest.approx(stored, rel=1e-6)
+    F, _ = floats.evaluate(x)
+    assert np.abs(F[: len(conditions.words)]).max() < 1e-12
+    assert search(name, seed=1, starts=starts)[1] == value  # the seed says it all
+
+
+def test_slopes_of_the_search_are_those_of_differences():
+    for name in ("BM4", "SABAG6", "KL8"):
+        floats = FloatConditions(OrderConditions(COMPOSITIONS[name]))
+        x = np.random.default_rng(3).uniform(-0.3, 0.3, len(floats.conditions.unknowns))
+        rows = [(floats.evaluate(x + d)[0] - floats.evaluate(x - d)[0]) / 2e-6
+                for d in 1e-6 * np.eye(len(x))]
+        assert np.allclose(np.array(rows).T, floats.evaluate(x)[1], atol=1e-8)
+
+
+def test_doubles_and_intervals_agree():
+    for name in ("ABA1064", "G8", "SS10"):
+        conditions = OrderConditions(COMPOSITIONS[name])
+        x = [float(value) for value in conditions.unknowns]
+        F, J = conditions.evaluate(x, float)
+        G, K = FloatConditions(conditions).evaluate(np.array(x))
+        size = len(F)
+        assert np.allclose(F, G[:size], atol=1e-14)
+        assert np.allclose(J, K[:size], atol=1e-13)
