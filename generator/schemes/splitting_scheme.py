@@ -29,6 +29,8 @@ from .step_equations import common_kernels
 
 __all__ = ["SplittingScheme", "splitting_scheme"]
 
+#: The time of a kick, an argument of its kernels.
+_TIME = sp.Symbol("_time", real=True)
 #: Kernels of states; the others of ``common_kernels`` are for Newton's method.
 _STATE_KERNELS = ("hamiltonian", "constraint", "constraint_jacobian", "hidden_constraint",
                   "hidden_matrix")
@@ -150,15 +152,15 @@ class SplittingScheme:
     def flow_kernels(self) -> list[Kernel]:
         """Return the kernels of a step, on numbers and on lanes."""
         system, weight = self.splitting.system, sp.Symbol("_gradient", real=True)
-        time = [system.time or sp.Symbol("_time", real=True)]
+        at = {"q": list(system.q), "y": self.momenta}
+        time = {"t": [_TIME]}
         rate = [self.kick[i] for i in self.kicked]
         if self.gradients:
             gradient = _flat(self.symmetric.gradient)
             rate = [sp.factor_terms(e + weight * gradient[i])
                     for e, i in zip(rate, self.kicked, strict=True)]
-        at = {"q": list(system.q), "y": self.momenta}
         made = [Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
-                       at | {"t": time, "gradient": [weight]},
+                       at | time | {"gradient": [weight]},
                        {"rate": self._hoisted(rate)})]
         velocity, offset = self._point_velocity()
         made.append(Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
@@ -166,7 +168,7 @@ class SplittingScheme:
                                                  "offset": self._hoisted(offset)}))
         if self.system.forces:
             made.append(Kernel("force_power", "power of forces and of explicit time in a kick",
-                               at | {"t": time},
+                               at | time,
                                {"power": self._hoisted([self._power()])[0]}))
         if self.has_drag:
             made.append(Kernel("kinetic_energy", "H - V", at,
@@ -186,7 +188,9 @@ class SplittingScheme:
 
     def _hoisted(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
         """Return expressions in constants of the run; at least one, for C has no empty arrays."""
-        return [self.constants.hoist(e) for e in expressions] or [sp.S.Zero]
+        clock = self.splitting.system.time
+        return [self.constants.hoist(e).xreplace({clock: _TIME})
+                for e in expressions] or [sp.S.Zero]
 
     def _kinetic(self) -> sp.Expr:
         """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p, in q and y."""
@@ -230,6 +234,14 @@ def _flat(kick: Kick) -> list[sp.Expr]:
     return [*(e for torque in kick.torques for e in torque), *kick.forces]
 
 
+def _is_local(splitting: Splitting) -> bool:
+    """Whether each term of V moves one body alone: then the force gradient costs some operations.
+
+    Between two bodies it costs more than another kick.
+    """
+    return all(len(one.bodies) == 1 and not one.coordinates for one in splitting.templates)
+
+
 def splitting_scheme(
     system: System, reduced: System, constants: Constants, order: int, named: str = "",
 ) -> SplittingScheme:
@@ -246,7 +258,9 @@ def splitting_scheme(
         raise InputError(f"order = {plain.order} is not reached where forces depend on momenta "
                          "other than by isotropic drag; choose order 2, or scheme G-L.")
     symmetric = split(system, symmetric=True)
-    fine = plain if named or not symmetric.has_gradient else composition(order, gradients=True)
+    fine = plain
+    if not named and symmetric.has_gradient and _is_local(symmetric):
+        fine = composition(order, gradients=True)
     if splitting.is_exact:
         return SplittingScheme(reduced, splitting, splitting, constants, (fine,))
     if named and not plain.weights:
