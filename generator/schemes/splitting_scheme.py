@@ -235,11 +235,12 @@ def _flat(kick: Kick) -> list[sp.Expr]:
 
 
 def _is_local(splitting: Splitting) -> bool:
-    """Whether each term of V moves one body alone: then the force gradient costs some operations.
+    """Whether each term of V moves one body alone, and does not depend on time.
 
-    Between two bodies it costs more than another kick.
+    Then the force gradient costs some operations; between two bodies it costs more than another
+    kick, and the work of explicit time would need the time derivative of G.
     """
-    return all(len(one.bodies) == 1 and not one.coordinates for one in splitting.templates)
+    return not splitting.time_dependent and all(len(one.bodies) == 1 and not one.coordinates for one in splitting.templates)
 
 
 def splitting_scheme(
