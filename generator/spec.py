@@ -13,8 +13,8 @@ from ..core.real_types import REALS, RealName
 from ..core.registry import FRAMES, MODELS, SYSTEMS, unknown_name
 from .codegen.profiles import PROFILES, ProfileName
 from .parsing.text_file import MODEL_FILES
-from .tableaux.compositions import composition, composition_named
 from .schemes.named_schemes import MAX_STAGES, SCHEMES, Scheme, scheme_named
+from .tableaux.compositions import composition, composition_named
 
 __all__ = ["MAX_STAGES", "PAPER_SPECS", "Spec", "is_model_file"]
 

@@ -32,7 +32,7 @@ def derivatives_of(
     iteration: LaneIteration | None,
 ) -> Derivatives:
     """Return the derivatives of a stepper whose C has these constants."""
-    scheme, system, real = derived.scheme, derived.system, derived.real
+    scheme, system, real = derived.implicit, derived.system, derived.real
     symbols = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
     constants = [symbols[name] for name in constants_c]
     times = time_columns(scheme)

@@ -25,7 +25,7 @@ __all__ = ["element_derivatives"]
 
 def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, Any]]:
     """Return the kernels of each template: its part of ``elements``, by their names."""
-    scheme, structure = derived.scheme, Structure(derived.scheme.system)
+    scheme, structure = derived.implicit, Structure(derived.scheme.system)
     emit, times = Emitter(derived.constants, derived.real), time_columns(scheme)
     kinds = ((structure.templates, elements.energies, _energy),
              (structure.constraint_templates, elements.constraints, _constraint),

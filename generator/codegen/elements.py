@@ -38,7 +38,7 @@ Placed = tuple[Kernel, str]
 
 def elements_of(structure: Structure, derived: Derived) -> Elements:
     """Return the tables and kernels of the element templates of a system."""
-    scheme, emit = derived.scheme, Emitter(derived.constants, derived.real)
+    scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
     forms = (*structure.templates, *structure.constraint_templates, *structure.force_templates)
     used = sorted({c for form in forms for i in form.instances for c in i.constants})
     place = {c: at for at, c in enumerate(used)}

@@ -195,8 +195,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
             more.union(*(k.functions for k in [*known, *(derivatives.lanes if derivatives
                                                          else [])])))),
         switch_functions=SWITCHES & functions,
-        costs={} if derived.profile == "control" or isinstance(scheme, SplittingScheme) else solver_costs(
-            scheme, kernels if plain else known, parts),
+        costs={} if derived.profile == "control" or isinstance(scheme, SplittingScheme)
+        else solver_costs(scheme, kernels if plain else known, parts),
         iteration_kernels=own,
         renamed=renamed,
         tableau=_tableau(tableau, real) if tableau else None,

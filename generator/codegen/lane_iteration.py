@@ -21,7 +21,7 @@ def lane_iteration(
     derived: Derived, elements: Elements | None
 ) -> tuple[LaneIteration | None, str]:
     """Return the iteration, or None and why the tableau does not permit one."""
-    scheme, real = derived.scheme, derived.real
+    scheme, real = derived.implicit, derived.real
     tables: dict[str, list[list[Fraction]]] = {}
     even_odd: dict[str, list[list[Fraction]]] = {}
     m = scheme.system.m

@@ -37,7 +37,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     InputError
         For what the profile does not take: other types, other tableaux, large systems.
     """
-    scheme, real, constants = derived.scheme, derived.real, derived.constants
+    scheme, real, constants = derived.implicit, derived.real, derived.constants
     _refuse(scheme, real, derived.profile)
     system = FastSystem(scheme.system)
     own = (system.spark_kernels(separate=True) if isinstance(scheme, SparkScheme)

@@ -20,7 +20,8 @@ from .profiles import ProfileName
 
 __all__ = [
     "CompositionText", "Derivatives", "Derived", "Elements", "Features", "Flows",
-    "FrameTransformation", "LaneIteration", "MassTables", "PlainIteration", "Program", "TableauText",
+    "FrameTransformation", "LaneIteration", "MassTables", "PlainIteration", "Program",
+    "TableauText",
 ]
 
 Table = list[list[str]]
@@ -44,6 +45,12 @@ class Derived:
     frame: CoMovingFrame | None = None
     #: Whether tangents and adjoints are written too.
     derivatives: bool = False
+
+    @property
+    def implicit(self) -> SparkScheme | MeanScheme:
+        """The scheme, where a step solves equations."""
+        assert not isinstance(self.scheme, SplittingScheme)
+        return self.scheme
 
     @property
     def is_spark(self) -> bool:

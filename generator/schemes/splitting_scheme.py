@@ -240,7 +240,8 @@ def _is_local(splitting: Splitting) -> bool:
     Then the force gradient costs some operations; between two bodies it costs more than another
     kick, and the work of explicit time would need the time derivative of G.
     """
-    return not splitting.time_dependent and all(len(one.bodies) == 1 and not one.coordinates for one in splitting.templates)
+    return not splitting.time_dependent and all(
+        len(one.bodies) == 1 and not one.coordinates for one in splitting.templates)
 
 
 def splitting_scheme(
