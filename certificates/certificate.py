@@ -34,7 +34,7 @@ from ..runtime.integration.frame_following import follow_frame
 from ..runtime.rigid_body.gamma_rules import gamma_m
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
-from .guarantees import Guarantees, MeanGuarantees, SparkGuarantees
+from .guarantees import Guarantees, MeanGuarantees, SparkGuarantees, SplittingGuarantees
 from .measured_properties import CertificateLine, Examination
 from .round_off import RoundOff
 
@@ -108,6 +108,8 @@ def certify(
     dt: float | None = None,
     steps: int | None = None,
     parameters: Mapping[str, Any] | None = None,
+    order: int | None = None,
+    composition: str | None = None,
 ) -> Certificate:
     """Integrate a model and check the properties that the scheme guarantees.
 
@@ -115,7 +117,7 @@ def certify(
     ----------
     model : Model or Problem
         A system with its numbers, or one of ``gyrospark.problems``.
-    scheme, stages, tableau, allow_invalid, frame
+    scheme, stages, order, composition, tableau, allow_invalid, frame
         As for ``gyrospark.stepper``; G-L with 3 stages if neither scheme nor tableau is given.
     real : {"double", "float"}
         Floating-point type of the stepper; what is measured of its states is in doubles.
@@ -140,12 +142,13 @@ def certify(
     StepFailed
         If the run itself does not get to its end.
     """
-    if scheme is None and tableau is None:
+    if scheme is None and tableau is None and order is None and composition is None:
         scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
     if choose("real", real, REALS) not in ("double", "float"):
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
-    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real)
+    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real, order,
+                           composition)
     if "velocity_names" in step.manifest["system"]:
         raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
                          "written out: guarantees are not proved for it. Certify a model with the "
@@ -173,13 +176,14 @@ def certify(
 def compiled(
     model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
     tableau: str | Path | Tableau | None, allow_invalid: bool, frame: str | None = None,
-    real: RealName = "double",
+    real: RealName = "double", order: int | None = None, composition: str | None = None,
 ) -> tuple[Model, Stepper]:
     """Return the model and its stepper; a named problem has its stepper checked in."""
     if isinstance(model, Problem):
         rep = "gamma" if rep is None else rep
         made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
-                            frame=frame, real=real, allow_invalid=allow_invalid)
+                            frame=frame, real=real, allow_invalid=allow_invalid, order=order,
+                            composition=composition)
         system = SYSTEMS[model.system].make(rep)
         known = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
@@ -191,7 +195,7 @@ def compiled(
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
     return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
                                frame=frame or model.frame or None, real=real,
-                               allow_invalid=allow_invalid)
+                               allow_invalid=allow_invalid, order=order, composition=composition)
 
 
 def _guarantees(
@@ -200,6 +204,8 @@ def _guarantees(
 ) -> Guarantees:
     """Return the guarantees of the scheme at these parameters, as exact fractions."""
     numbers = {s: as_rational(values[str(s)]) for s in model.system.parameters}
+    if not step.binding.solves:
+        return SplittingGuarantees(model.system, numbers, step.order)
     if tableau is None and scheme_named(scheme).tableau is None:
         return MeanGuarantees(model.system, numbers, str(scheme), step.order)
     if tableau is None:

@@ -16,6 +16,9 @@ import sympy as sp
 from ..generator.schemes.named_schemes import scheme_named
 from ..generator.schemes.step_equations import MeanScheme
 from ..generator.schemes.system_differences import with_time
+from ..generator.splitting.find import split
+from ..generator.splitting.parts import Splitting
+from ..generator.splitting.proofs import is_invariant
 from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.finite_fields import identically_zero
 from ..generator.symbolic.identities import compare
@@ -27,7 +30,7 @@ from ..generator.tableaux.families import gauss_lobatto
 from ..generator.tableaux.stability import Stability, stability
 from ..generator.tableaux.tableau import Tableau
 
-__all__ = ["Guarantee", "Guarantees", "MeanGuarantees", "SparkGuarantees"]
+__all__ = ["Guarantee", "Guarantees", "MeanGuarantees", "SparkGuarantees", "SplittingGuarantees"]
 
 Numbers = Mapping[sp.Symbol, sp.Rational]
 
@@ -330,3 +333,60 @@ class MeanGuarantees:
 def _slopes(scheme: MeanScheme) -> list[sp.Expr]:
     return [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
             *(e for row in scheme.mean_constraint for e in row)]
+
+
+# ---------------------------------------------------------------- splitting
+
+
+@dataclass(frozen=True)
+class SplittingGuarantees:
+    """Guaranteed properties of a composition of exact flows.
+
+    Each flow of a Hamiltonian part is symplectic, and keeps what has a bracket of 0 with the part;
+    a palindrome of flows is undone by its own step back. Drag and forces without potential are no
+    Hamiltonian parts.
+    """
+
+    system: System
+    numbers: Numbers
+    order: int
+
+    @cached_property
+    def splitting(self) -> Splitting:
+        """The parts of H."""
+        return split(self.system)
+
+    @property
+    def discrete(self) -> bool:
+        """Flows are exact."""
+        return False
+
+    @property
+    def symmetric(self) -> bool:
+        """Compositions are palindromes; kicks by forces that depend on momenta are not exact."""
+        return not self.splitting.other_forces
+
+    @property
+    def stability(self) -> Stability | None:
+        """Each flow is exact: p' = λp has no stability function."""
+        return None
+
+    def loop(self) -> Guarantee:
+        """Compositions of flows of Hamiltonian parts are symplectic."""
+        if not forces_are_gradient(self.system, self.numbers):
+            return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
+        return Guarantee(True, "each flow is that of a part of H, proved")
+
+    def energy(self) -> Guarantee:
+        """No part keeps H, unless there is one alone."""
+        if not self.system.forces and self.splitting.is_exact and not self.splitting.templates:
+            return Guarantee(True, "H has one part, whose flow is exact")
+        return Guarantee(False, f"an error of order {self.order} in Δt: parts do not keep H")
+
+    def momentum(self, J: MomentumMap) -> Guarantee:
+        """J is conserved if its bracket with each part is 0."""
+        if not J.everywhere:
+            return _not_exact(J)
+        if not is_invariant(self.splitting, J.J):
+            return Guarantee(False, f"{{J, H}} = 0{_domain(J)}, but not with each part of H")
+        return Guarantee(True, f"{{J, ·}} = 0 with each part of H{_domain(J)}")
