@@ -13,7 +13,10 @@ from ..core.real_types import REALS, RealName
 from ..generator.pipeline import Generated, generate
 from ..generator.schemes.fast_tableau import FastTableau
 from ..generator.schemes.midpoint_conditions import check_mean_scheme
+from ..generator.schemes.splitting_scheme import SplittingScheme
 from ..generator.spec import Spec
+from ..generator.splitting.parts import Splitting
+from ..generator.splitting.proofs import prove_flows, prove_splitting
 from ..generator.tableaux.composition_checks import check_composition
 from ..generator.tableaux.compositions import Composition
 from ..generator.tableaux.conditions import Condition, check_tableau
@@ -52,7 +55,10 @@ class Verification:
 def verify_stepper(spec: Spec) -> Verification:
     """Check the stepper of a spec; a tableau that violates conditions is checked all the same."""
     made = generate(spec, allow_invalid=True)
-    if made.tableau is None:
+    if isinstance(made.scheme, SplittingScheme):
+        conditions = [*_parts(made.scheme.symmetric), *(
+            line for one in made.scheme.compositions for line in check_composition(one))]
+    elif made.tableau is None:
         conditions = check_mean_scheme(made.scheme)  # type: ignore[arg-type]
     else:
         conditions = [
@@ -63,6 +69,13 @@ def verify_stepper(spec: Spec) -> Verification:
         ]
     return Verification(made.source.name, f"{made.source.name}, order {made.scheme.order}",
                         made.scheme.order, conditions)
+
+
+def _parts(splitting: Splitting) -> list[Condition]:
+    """What was proved of the parts of H."""
+    return [Condition(proof.name, proof.equation, "proved" if proof.holds else "not proved",
+                      holds=proof.holds, residual="0" if proof.holds else "-", required=True)
+            for proof in (*prove_splitting(splitting), *prove_flows())]
 
 
 def verify_composition(composition: Composition) -> Verification:

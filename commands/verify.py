@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.inertia import REPS, RepName
 from ..core.progress import log_task
@@ -22,7 +21,6 @@ from ..generator.tableaux.compositions import COMPOSITIONS, Composition, composi
 from ..generator.tableaux.compositions import composition as composition_of
 from .options import (
     check_picture,
-    completing,
     json_option,
     real_number,
     spec_from,
@@ -45,12 +43,6 @@ SPLITTING = "splitting"
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("target", required=False, metavar="[NAME or FILE]")
-@click.option("--order", metavar="P",
-              help="Of --scheme splitting: the composition for this order, 2, 4, 6, 8 or 10.")
-@click.option("--gradients", is_flag=True,
-              help="With --order: the composition with force gradients.")
-@click.option("--composition", metavar="NAME", shell_complete=completing(COMPOSITIONS),
-              help=f"Of --scheme splitting: {listed(COMPOSITIONS)} (default: all of them).")
 @click.option("--model", metavar="PROBLEM or FILE",
               help="Check what a run of this model keeps: a problem such as fast-top, or a TOML "
                    "file.")
@@ -65,7 +57,7 @@ SPLITTING = "splitting"
                    ".pdf).")
 @json_option
 def verify(
-    target: str | None, order: str | None, gradients: bool, composition: str | None,
+    target: str | None,
     model: str | None, moving: bool, dt: str | None, steps: str | None, plot: Path | None,
     as_json: bool, **choice: Any,
 ) -> int:
@@ -99,7 +91,7 @@ def verify(
     from ..certificates.verification import verify_composition, verify_stepper
 
     verdicts = []
-    for made in _compositions(target, order, gradients, composition, choice):
+    for made in _compositions(target, choice):
         with log_task(f"verifying {made.name}"):
             verdicts.append(verify_composition(made))
     for spec in [] if verdicts else _specs(target, choice):
@@ -114,30 +106,20 @@ def verify(
     return 0 if holds else 1
 
 
-def _compositions(
-    target: str | None, order: str | None, gradients: bool, name: str | None,
-    choice: dict[str, Any],
-) -> list[Composition]:
-    """Return the compositions to verify; none where the scheme is not the one of compositions."""
-    if choice["scheme"] != SPLITTING:
-        for option, value in (("--order", order), ("--gradients", gradients),
-                              ("--composition", name)):
-            if value:
-                raise InputError(f"{option} belongs to --scheme {SPLITTING}; name this scheme, or "
-                                 "leave the option out.")
+def _compositions(target: str | None, choice: dict[str, Any]) -> list[Composition]:
+    """Return the compositions to verify; none where a stepper or a tableau is."""
+    composed = {"scheme", "order", "composition"}
+    named = [choice[key] for key in composed if choice[key] is not None]
+    if target is not None or not named or choice["scheme"] not in (None, SPLITTING) or any(
+            value is not None for key, value in choice.items() if key not in composed):
         return []
-    given = [f"--{key}" for key, value in choice.items() if value and key != "scheme"]
-    if target is not None or given:
-        raise InputError(f"{given[0] if given else repr(target)} is given besides --scheme "
-                         f"{SPLITTING}, whose compositions are the same for every system; leave it "
-                         "out.")
-    if name is not None and (order is not None or gradients):
-        raise InputError("--composition is given besides --order or --gradients; give one.")
-    if name is not None:
-        return [composition_named(name)]
-    if order is not None:
-        return [composition_of(whole_number("--order", order), gradients)]
-    return [made for made in COMPOSITIONS.values() if made.has_gradients or not gradients]
+    if choice["composition"] is None and choice["order"] is None:
+        return list(COMPOSITIONS.values())
+    spec = spec_from(**choice)  # which says what may not be given together
+    if spec.composition:
+        return [composition_named(spec.composition)]
+    found = [composition_of(spec.order or 0, gradients) for gradients in (False, True)]
+    return list(dict.fromkeys(found))
 
 
 def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
