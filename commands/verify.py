@@ -184,7 +184,7 @@ def _certify(
         check_picture(plot)
     choice, note = with_default_scheme(choice)
     count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
-    Spec.checked(choice["scheme"], count, choice["rep"], tableau=choice["tableau"])
+    spec = spec_from(**choice)
     from ..certificates.certificate import certify
     from ..runtime.rigid_body.problems import Problem
 
@@ -198,11 +198,12 @@ def _certify(
             frame="symmetries" if moving else None,
             parameters={"frame": "start"} if moving else None,
             dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
+            order=None if spec.composition else spec.order, composition=spec.composition or None,
         )
     drawn = {}
     if plot is not None:
         with log_task(f"measuring how exact {found.stepper} is"):
-            drawn = _draw(model, found, choice, count, rep, plot)
+            drawn = _draw(model, found, choice, spec, rep, plot)
     if as_json:
         click.echo(json.dumps(found.as_dict() | drawn, indent=2, allow_nan=False))
     else:
@@ -213,14 +214,16 @@ def _certify(
 
 
 def _draw(
-    model: Model | Problem, found: Certificate, choice: dict[str, Any], count: int | None,
+    model: Model | Problem, found: Certificate, choice: dict[str, Any], spec: Spec,
     rep: RepName | None, plot: Path,
 ) -> dict[str, Any]:
     """Draw order, work and precision; return what was measured."""
     from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compiled
 
-    known, step = compiled(model, choice["scheme"], count, rep, choice["tableau"], True)
+    known, step = compiled(model, choice["scheme"], spec.stages, rep, choice["tableau"], True,
+                           order=None if spec.composition else spec.order,
+                           composition=spec.composition or None)
     measured = accuracy(step, known.q0, known.p0, dt=found.dt, steps=found.steps,
                         parameters=found.parameters)
     draw(found.model, measured, plot)
