@@ -353,8 +353,10 @@ class SplittingGuarantees:
 
     @cached_property
     def splitting(self) -> Splitting:
-        """The parts of H."""
-        return split(self.system)
+        """The parts of H; bodies that are symmetric at these parameters have fewer."""
+        found = split(self.system, symmetric=True)
+        met = all(c.xreplace(dict(self.numbers)) == 0 for c in found.conditions)
+        return found if met else split(self.system)
 
     @property
     def discrete(self) -> bool:
