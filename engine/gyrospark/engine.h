@@ -158,7 +158,9 @@
 
 typedef NAME(parameters) parameters_t;
 typedef NAME(constants) constants;
+#if !(GS_SPLITTING && GS_PROFILE_CONTROL)
 typedef NAME(options) options_t;
+#endif
 #if GS_PROFILE_CONTROL
 typedef NAME(work) state_t;
 #else

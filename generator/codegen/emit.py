@@ -97,6 +97,7 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     context |= {"full": program.profile == "full", "iteration": program.iteration,
                 "derivative_parts": program.derivatives.parts if program.derivatives else []}
     kind = "control" if program.profile == "control" else "stepper"
+    kind = f"splitting_{kind}" if program.flows and kind == "control" else kind
     header, source = (fitted(_environment().get_template(f"{kind}.{ending}.jinja").render(context))
                       for ending in "hc")
     if program.profile != "full":
@@ -119,23 +120,24 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     plain: PlainIteration | None = None
     refusal = ""
     flows = flows_of(derived) if isinstance(scheme, SplittingScheme) else None
-    if flows is not None:
+    if flows is not None and derived.profile == "full":
         lanes = flow_lanes(derived, flows)
-    elif derived.profile == "full":
+    elif flows is None and derived.profile == "full":
         lanes, refusal = lane_iteration(derived, parts)
-    else:
+    elif flows is None:
         plain = plain_iteration(derived)
     own, renamed = (plain.kernels if plain else []), dict[str, str]()
     kernels = own
     if isinstance(scheme, SplittingScheme):
-        kernels = [*(emit_kernel(k, constants, real) for k in scheme.state_kernels()),
+        states = scheme.state_kernels() if derived.profile == "full" else []
+        kernels = [*(emit_kernel(k, constants, real) for k in states),
                    *(flows.kernels if flows else [])]
     elif derived.profile != "control":
         kernels = [] if parts else [
             emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
                                                       *scheme.kernels()]]
         own, renamed = beside(kernels, own)
-    known = [*([] if derived.profile == "control" else kernels), *(plain.known if plain else []),
+    known = [*([] if derived.profile == "control" and flows is None else kernels), *(plain.known if plain else []),
              *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
     frame = _frame(derived)
     quantities = _quantity_kernel(system, real)
@@ -237,7 +239,8 @@ def _features(
         several_constraints=system.m > 1,
         spark=derived.is_spark,
         elements=elements is not None,
-        forces=bool(system.forces),
+        forces=bool(system.forces) and not (profile == "control" and isinstance(
+            scheme, SplittingScheme)),
         time_dependent=system.is_time_dependent,
         inputs=bool(system.inputs) and profile == "full",
         lagrangian=isinstance(system, LagrangianSystem),

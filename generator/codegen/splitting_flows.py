@@ -39,7 +39,8 @@ def flows_of(derived: Derived) -> Flows:
     numbers = sum(_length(shape) for _, shape in shapes)
     return Flows(
         kernels=[emit_kernel(k, derived.constants, real)
-                 for k in [*scheme.kernels(), *scheme.flow_kernels()]],
+                 for k in [*scheme.kernels(),
+                           *scheme.flow_kernels(work=derived.profile == "full")]],
         bodies=[list(body.q) for body in bodies],
         body_axis=[axis_of.get(i, -1) for i in range(len(bodies))],
         axis_which=[_which(axis) for _, axis in scheme.axes],

@@ -149,8 +149,9 @@ class SplittingScheme:
         """Return the kernels of states."""
         return [k for k in common_kernels(self.system) if k.name in _STATE_KERNELS]
 
-    def flow_kernels(self) -> list[Kernel]:
-        """Return the kernels of a step, on numbers and on lanes."""
+    def flow_kernels(self, *, work: bool = True) -> list[Kernel]:
+        """Return the kernels of a step, on numbers and on lanes; those of work if it is asked for.
+        """
         system, weight = self.splitting.system, sp.Symbol("_gradient", real=True)
         at = {"q": list(system.q), "y": self.momenta}
         time = {"t": [_TIME]}
@@ -166,11 +167,11 @@ class SplittingScheme:
         made.append(Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
                            {"y": self.momenta}, {"velocity": self._hoisted(velocity),
                                                  "offset": self._hoisted(offset)}))
-        if self.system.forces:
+        if work and self.system.forces:
             made.append(Kernel("force_power", "power of forces and of explicit time in a kick",
                                at | time,
                                {"power": self._hoisted([self._power()])[0]}))
-        if self.has_drag:
+        if work and self.has_drag:
             made.append(Kernel("kinetic_energy", "H - V", at,
                                {"T": self._hoisted([self._kinetic()])[0]}))
         return made

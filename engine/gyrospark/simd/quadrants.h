@@ -2,14 +2,16 @@
 #ifndef GS_SIMD_QUADRANTS_H
 #define GS_SIMD_QUADRANTS_H
 
+#if !GS_PROFILE_CONTROL
 #include "gyrospark/simd/vector.h"
+#endif
 
 /*
  * Numbers and lanes give the same bits only if a sum of products is contracted to the same fma in
  * both. A product that an optimiser moves out of a loop is not contracted any more: the state is
  * loaded again in each turn of a loop.
  */
-#if defined(__GNUC__)
+#if defined(__GNUC__) && !GS_PROFILE_CONTROL
 #define RELOAD_STATE __asm__ volatile("" ::: "memory")
 #else
 #define RELOAD_STATE ((void)0)
@@ -26,6 +28,7 @@ INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, re
     *cosine = (turns + 1) & 2 ? -second : second;
 }
 
+#if !GS_PROFILE_CONTROL
 #if defined(LANE_BYTES)
 /* By bits: compilers compare vectors of several registers number by number. */
 INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lanes *sine,
@@ -45,6 +48,7 @@ INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lane
 {
     select_quadrant(n, shifted, s, c, sine, cosine);
 }
+#endif
 #endif
 #endif
 

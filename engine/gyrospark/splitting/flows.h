@@ -116,7 +116,7 @@ INLINE void TYPED(kick_and_rotate)(const TYPED(flow_constants) *c, TYPED(flows) 
 /* One drift of the step that counts its work, where there is drag. */
 INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
 {
-#if GS_DRAG
+#if GS_DRAG && GS_FORCES
     const NUMBER before = TYPED(kinetic_energy)(c, s->now.q, s->now.y);
     TYPED(drift)(c, s, i, s->now.q, s->now.q_low, s->now.y);
     TYPED(accumulate)(&s->now.work, &s->now.work_low, TYPED(kinetic_energy)(c, s->now.q, s->now.y) - before);
@@ -160,7 +160,7 @@ INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows
         y[e] = s->now.y[e];
     *work = TYPED(broadcast)(0);
     if (s->is_underway) {
-#if GS_DRAG
+#if GS_DRAG && GS_FORCES
         *work = -TYPED(kinetic_energy)(c, q, y);
         TYPED(drift)(c, s, s->stages, q, q_low, y);
         *work += TYPED(kinetic_energy)(c, q, y);

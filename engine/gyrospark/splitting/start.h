@@ -2,7 +2,7 @@
 #ifndef GS_SPLITTING_START_H
 #define GS_SPLITTING_START_H
 
-#include "gyrospark/linear_algebra/norms.h"
+#include "gyrospark/engine.h"
 
 /* h w for a weight in two words */
 static real duration_of(real h, const real w[2])
