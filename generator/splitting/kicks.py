@@ -20,6 +20,9 @@ from ..symbolic.shared_subexpressions import Shared, parts_of
 from ..systems.jacobians import shortest
 from .quotient import Quotient, unit_quaternions
 
+#: Terms of a sum that is factored.
+_MOST_TERMS = 32
+
 __all__ = ["Vector", "moved", "shortened", "space_matrix", "space_torque"]
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
@@ -60,11 +63,16 @@ def shortened(
         return list(expressions)
     quotient = Quotient(unit_quaternions(quaternions))
     try:
-        found = [shortest(quotient.expression(e)) for e in expressions]
+        found = [_factored(quotient.expression(e)) for e in expressions]
     except TooLongError:
         return list(expressions)
     symbols = {x for q in quaternions for x in q}
     return min((list(expressions), found), key=lambda row: _operations(row, symbols))
+
+
+def _factored(e: sp.Expr) -> sp.Expr:
+    """Return a sum in its shortest form; a long one as it is, for factoring would take seconds."""
+    return shortest(e) if len(sp.Add.make_args(e)) <= _MOST_TERMS else e
 
 
 def _operations(expressions: Sequence[sp.Expr], symbols: set[sp.Symbol]) -> int:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+
+from compilers import MAIN, compiler
 from processes import call
 
 STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
@@ -18,3 +21,11 @@ def run(command, folder, **changes):
     assert done.returncode == 0, done.stderr
     assert not done.stderr
     return done.stdout
+
+
+def shared_library(source, folder):
+    """Compile a stepper with all warnings as errors, and load it."""
+    write(source.files(), folder)
+    run([*compiler(MAIN), *STRICT, "-Wshadow", "-O2", "-shared", "-fPIC", f"{source.name}.c", "-o",
+         f"{source.name}.so", "-lm"], folder)
+    return ctypes.CDLL(str(folder / f"{source.name}.so"))

@@ -72,12 +72,14 @@ static int is_observed(long n)
 static void observe_steps(const constants *c, long n, const real q[N], const real p[N],
     report_t *report)
 {
-    const report_t before = *report;
-    observe(c, q, p, report);
-    const real more = (real)(n <= OBSERVED_STEPS ? 0 : OBSERVED_EVERY - 1);
-    report->energy_error_sum += more*(report->energy_error_sum - before.energy_error_sum);
-    report->constraint_sum += more*(report->constraint_sum - before.constraint_sum);
-    report->hidden_sum += more*(report->hidden_sum - before.hidden_sum);
+    const real count = (real)(n <= OBSERVED_STEPS ? 1 : OBSERVED_EVERY);
+    report_t one = *report;
+    one.energy_error_sum = one.constraint_sum = one.hidden_sum = 0;
+    observe(c, q, p, &one);
+    one.energy_error_sum = report->energy_error_sum + count*one.energy_error_sum;
+    one.constraint_sum = report->constraint_sum + count*one.constraint_sum;
+    one.hidden_sum = report->hidden_sum + count*one.hidden_sum;
+    *report = one;
 }
 
 #if !GS_PROFILE_RUN

@@ -1,0 +1,187 @@
+"""Compositions of exact flows: orders, bits, round-off, forces, failures, profile control."""
+
+from __future__ import annotations
+
+import ctypes
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from c_programs import shared_library
+from gyrospark.core.errors import InputError, StepFailed
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+
+TOP = gs.problems.fast_top()
+SYMMETRIC = TOP.parameters | {"gamma": 1.0}
+ASYMMETRIC = SYMMETRIC | {"I2": 1.3 * TOP.parameters["I1"]}
+ORDERS = (2, 4, 6, 8, 10)
+
+
+def end(step, start, parameters, t, steps, **more):
+    run = step.integrate(*start, dt=t / steps, steps=steps, parameters=parameters, every=steps,
+                         **more)
+    return np.concatenate([run.q[-1], run.p[-1]]), run
+
+
+def distance(step, start, parameters, t, steps, exact):
+    return float(np.abs(end(step, start, parameters, t, steps)[0] - exact).max())
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """An asymmetric body and a point on a spring to a point of the body, in gravity."""
+    model = gs.Multibody("pair", gravity=(0, 0, -1))
+    a = model.body("a", mass=1, inertia=(1, 1.2, 0.7), angular_velocity=(0.5, 0.2, 1))
+    b = model.point_mass("b", mass=2, position=(1.5, 0.2, 0.1), velocity=(0, 0.3, 0))
+    k = model.parameter("k", 2.0, positive=True)
+    reach = [x - y for x, y in zip(a.point((0.2, 0, 0)), b.point((0, 0, 0)), strict=True)]
+    model.potential(k * sum(x**2 for x in reach) / 2)
+    return model.model()
+
+
+@pytest.mark.parametrize("parameters", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
+@pytest.mark.parametrize("order", [4, 6, 8, 10])
+def test_order_in_113_bits(order, parameters):
+    exact = {name: Fraction(value) for name, value in parameters.items()}
+    step = gs.stepper("splitting", order=order, real="float128")
+    start = step.project(TOP.q0, TOP.p0, parameters=exact)
+    fine, _ = end(gs.stepper("splitting", order=10, real="float128"), start, exact, Fraction(1, 50),
+                  64)
+    errors = [distance(step, start, exact, Fraction(1, 50), n, fine) for n in (6, 12)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
+
+
+def test_bodies_in_space_forces_and_drag_against_gauss_lobatto(pair):
+    model = gs.Multibody("driven")
+    top = model.top("t", mass=1, inertia=(1, 1, 0.7), centre=(0, 0, 0.3),
+                    quaternion=(0.9, np.sqrt(0.19), 0, 0), angular_velocity=(0.5, 0.2, 9))
+    c, u = model.parameter("c", 0.2), model.input("u", 0.3)
+    model.torque(top, [-c * sp.Symbol(f"t_I{i}", positive=True) * w + u * top.rotation[2, 0]
+                       for i, w in zip((1, 2, 3), top.angular_velocity, strict=True)])
+    model.potential(0.3 * sp.cos(2 * model.time) * top.rotation[0, 2])
+    for one in (pair, model.model()):
+        start = one.q0, one.p0
+        reference = gs.stepper("G-L", stages=5, system=one.system)
+        exact, run = end(reference, start, one.parameters, 1.0, 400)
+        for order, bound in ((4, 2e-6), (8, 1e-11)):
+            step = gs.stepper("splitting", order=order, system=one.system)
+            found, own = end(step, start, one.parameters, 1.0, 40)
+            assert np.abs(found - exact).max() < bound
+            assert own.report.work == pytest.approx(run.report.work, abs=20 * bound)
+            assert own.report.energy_error_max < 20 * bound
+
+
+def test_a_run_has_the_same_bits_in_pieces_in_ensembles_and_stored_seldom():
+    step, count = gs.stepper("splitting", order=4), 40
+    sets = [SYMMETRIC | {"mgl": 0.1 + 0.01 * i, "I2": SYMMETRIC["I1"] * (1 + (i % 3 == 1) * 0.2)}
+            for i in range(count)]
+    q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
+    dt = np.linspace(1e-3, 3e-3, count)
+    many = step.integrate_ensemble(q, p, dt=dt, steps=70, parameters=sets, every=7)
+    for i in (0, 1, 33, 39):
+        alone = step.integrate(TOP.q0, TOP.p0, dt=dt[i], steps=70, parameters=sets[i])
+        assert np.array_equal(many.q[i], alone.q[::7]) and np.array_equal(many.p[i], alone.p[::7])
+        assert many.members[i].report == alone.report
+        held = step.start(TOP.q0, TOP.p0, dt=dt[i], parameters=sets[i])
+        for steps in (1, 20, 49):
+            held.advance(steps)
+        assert np.array_equal(held.q, alone.q[-1]) and np.array_equal(held.p, alone.p[-1])
+
+
+def test_parameters_change_between_steps():
+    step = gs.stepper("splitting", order=4)
+    held = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=SYMMETRIC)
+    held.advance(30)
+    heavier = SYMMETRIC | {"mgl": 1.2 * SYMMETRIC["mgl"], "I2": 1.1 * SYMMETRIC["I1"]}
+    held.parameters = heavier
+    fresh = step.integrate(held.q, held.p, dt=2e-3, steps=5, parameters=heavier)
+    held.advance(5)
+    assert np.array_equal(held.q, fresh.q[-1]) and np.array_equal(held.p, fresh.p[-1])
+    assert held.report.energy_error_max < 1e-6
+
+
+def test_events_and_states_between_steps_agree_with_gauss_lobatto():
+    event = gs.Event("q1")
+    runs = [gs.stepper(*scheme, **named).integrate(
+        TOP.q0, TOP.p0, dt=5e-3, steps=100, parameters=SYMMETRIC, events=[event])
+        for scheme, named in ((("splitting",), {"order": 10}), (("G-L", 6), {}))]
+    ours, theirs = runs
+    assert ours.events["q1"].t == pytest.approx(theirs.events["q1"].t, abs=1e-14)
+    assert np.abs(ours.at([0.0123, 0.4]).q - theirs.at([0.0123, 0.4]).q).max() < 1e-12
+
+
+def test_round_off_does_not_drift():
+    step = gs.stepper("splitting", order=10)
+    count, rng = 32, np.random.default_rng(1)
+    sets = [SYMMETRIC | {"mgl": SYMMETRIC["mgl"] * x} for x in rng.uniform(0.9, 1.1, count)]
+    q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
+    runs = step.integrate_ensemble(q, p, dt=8e-3, steps=20_000, parameters=sets, every=20_000)
+    error = np.array([run.energy()[-1] / run.energy()[0] - 1 for run in runs.members])
+    assert np.sqrt(np.mean(error**2)) < 1e-13
+    assert abs(error.mean()) < 4 * error.std() / np.sqrt(count)
+    assert np.abs((runs.q**2).sum(axis=-1) - 1).max() < 1e-15
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_a_step_that_fails_keeps_what_was_before_it():
+    step = gs.stepper("splitting", order=2)
+    bad = SYMMETRIC | {"mgl": 1e306}
+    with pytest.raises(StepFailed) as failed:
+        step.integrate(TOP.q0, TOP.p0, dt=1e4, steps=50, parameters=bad)
+    done = failed.value.trajectory
+    assert done.report.steps == failed.value.step - 1 and np.isfinite(done.q).all()
+    q, p = np.tile(TOP.q0, (3, 1)), np.tile(TOP.p0, (3, 1))
+    many = step.integrate_ensemble(q, p, dt=[1e-3, 1e4, 1e-3], steps=50,
+                                   parameters=[SYMMETRIC, bad, SYMMETRIC])
+    assert list(many.failures) == [1] and many.failures[1].step == failed.value.step
+    alone = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=50, parameters=SYMMETRIC)
+    assert np.array_equal(many.q[2], alone.q)
+
+
+def test_what_a_splitting_does_not_have_is_refused():
+    step = gs.stepper("splitting", order=4)
+    for call in (
+        lambda: gs.stepper("splitting", order=7),
+        lambda: gs.stepper("splitting"),
+        lambda: gs.stepper("splitting", stages=3, order=4),
+        lambda: gs.stepper("G-L", stages=2, order=4),
+        lambda: gs.stepper("splitting", order=6, composition="G4"),
+        lambda: gs.stepper("splitting", composition="SABAG6"),  # I2 may differ from I1
+        lambda: gs.stepper("splitting", order=4, frame="symmetries"),
+        lambda: gs.stepper("splitting", order=4, system="double_pendulum"),
+        lambda: gs.stepper("splitting", order=4, system="chain"),
+        lambda: step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
+        lambda: step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC,
+                               solver="newton"),
+        lambda: step.jvp(TOP.q0, TOP.p0, TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
+    ):
+        with pytest.raises(InputError):
+            call()
+
+
+def test_a_rotation_near_pi_between_kicks_is_warned_of():
+    step = gs.stepper("splitting", order=2)
+    with pytest.warns(gs.InputWarning, match="rad a step"):
+        step.integrate(TOP.q0, TOP.p0, dt=3e-2, steps=3, parameters=SYMMETRIC)
+
+
+@pytest.mark.parametrize("parameters", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
+def test_profile_control_takes_the_steps_of_the_full_profile(parameters, tmp_path):
+    source = generate(Spec.checked("splitting", order=6).with_profile("control")).source
+    library = shared_library(source, tmp_path)
+    name = source.name
+    values = [parameters[key] for key in ("I1", "I2", "I3", "mgl", "gamma")]
+    work = ctypes.create_string_buffer(getattr(library, f"{name}_work_size")())
+    par = (ctypes.c_double * 5)(*values)
+    q, p = ((ctypes.c_double * 4)(*x) for x in (TOP.q0, TOP.p0))
+    getattr(library, f"{name}_begin")(work, par, ctypes.c_double(2e-3), q, p)
+    for _ in range(50):
+        assert getattr(library, f"{name}_advance")(work, q, p) == 0
+    run = gs.stepper("splitting", order=6).integrate(TOP.q0, TOP.p0, dt=2e-3, steps=50,
+                                                     parameters=parameters)
+    assert np.abs(np.array(q) - run.q[-1]).max() < 1e-14
+    assert np.abs(np.array(p) - run.p[-1]).max() < 1e-14
