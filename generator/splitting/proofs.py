@@ -1,0 +1,332 @@
+"""Proofs of flows, of sums and brackets of parts, and of invariants: exact algebra, no numbers.
+
+A flow is a polynomial in q, l and C, N, …, which stand for cosines, sines and exponentials of the
+time: C² + |w|² N² = 1 with Ċ = −|w|² N, Ṅ = C for a rotation vector t w. It is proved by
+
+    (i)   its derivative by t is the field of its Hamiltonian at the flow's state,
+    (ii)  at t = 0 it is the identity,
+    (iii) |q|² = 1 and qᵀp = 0 stay.
+
+Fields come from H(q, p): q̇ = H_p, ṗ = −H_q, so that 2 l̇ = Λ(q̇) p + Λ(q) ṗ; the constraint force is
+a multiple of q, and Λ(q) q = 0. All equations hold modulo |q|² = 1 and p = 2 Λ(q)ᵀ l.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import chain, combinations
+
+import sympy as sp
+
+from ..multibody.rigid_body import left_matrix, rotation_matrix
+from ..symbolic.derivatives import derivative
+from ..symbolic.shared_subexpressions import expand_shared
+from ..symmetry.linear_fields import known_fields
+from ..systems.elimination_order import connected
+from .kicks import space_matrix, space_torque
+from .parts import Splitting
+from .quotient import Quotient, unit_quaternions
+
+__all__ = ["Proof", "bracket", "hamiltonians", "invariants", "is_invariant", "prove_flows",
+           "prove_gradient", "prove_splitting"]
+
+q, p = (sp.symbols(f"{letter}0:4", real=True) for letter in "qp")
+l = sp.symbols("l1:4", real=True)  # noqa: E741
+e = sp.symbols("e1:4", real=True)
+omega = sp.symbols("omega1:4", real=True)
+a, d, c, k = sp.symbols("a d c k", real=True)
+C, N, D, M, E, rate = sp.symbols("C N D M E rate", real=True)
+#: d (e·m) in q and l.
+_RATE = d * (rotation_matrix(q) * sp.Matrix(e)).dot(sp.Matrix(l))
+
+
+@dataclass(frozen=True)
+class Proof:
+    """An equation and whether algebra proves it."""
+
+    name: str
+    equation: str
+    holds: bool
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """A flow on the state (q, l) of a body whose field is 2 q̇ = W q + q w, l̇ = f.
+
+    Attributes
+    ----------
+    left, right, force : three expressions each
+        W in space axes, w in body axes, and f, in q and l.
+    q, l : expressions
+        The flow.
+    along : tuple of three times three expressions
+        W, w and f at the state of the flow; ``rate`` stands for d (e·m) at t = 0.
+    """
+
+    name: str
+    equation: str
+    H: sp.Expr
+    left: Sequence[sp.Expr]
+    right: Sequence[sp.Expr]
+    q: Sequence[sp.Expr]
+    l: Sequence[sp.Expr]  # noqa: E741
+    along: tuple[Sequence[sp.Expr], Sequence[sp.Expr]]
+    rates: Mapping[sp.Symbol, sp.Expr]
+    squares: Mapping[sp.Symbol, sp.Expr]
+    drag: sp.Expr = sp.S.Zero
+    force: Sequence[sp.Expr] = (sp.S.Zero,) * 3
+
+    def proofs(self) -> Iterator[Proof]:
+        """Yield (i), (ii) and (iii)."""
+        ring = Quotient({**unit_quaternions([q]), **self.squares})
+        state = {**dict(zip(q, self.q, strict=True)), **dict(zip(l, self.l, strict=True))}
+
+        def equal(left: Sequence[sp.Expr], right: Sequence[sp.Expr]) -> bool:
+            return all(ring.vanishes(x - y) for x, y in zip(left, right, strict=True))
+
+        field = [*_turning(q, self.left, self.right), *self.force]
+        yield Proof(self.name, "the field of H is 2q̇ = W q + q w", equal(
+            _field(self.H, self.drag), field))
+        yield Proof(self.name, f"W and w along {self.equation}", equal(
+            [x.xreplace(state) for x in (*self.left, *self.right)],
+            [x.xreplace({rate: _RATE}) for x in (*self.along[0], *self.along[1])]))
+        moved = [sp.Add(*(derivative(x, y) * r for y, r in self.rates.items()))
+                 for x in (*self.q, *self.l)]
+        yield Proof(self.name, f"d/dt {self.equation} = (½ W q + ½ q w, f)", equal(
+            moved, [*_turning(self.q, *self.along),
+                    *(x.xreplace(state) for x in self.force)]))
+        start = {x: sp.Integer(x in (C, D, E)) for x in self.rates}
+        yield Proof(self.name, f"{self.equation} = (q, l) at t = 0", equal(
+            [x.xreplace(start) for x in (*self.q, *self.l)], (*q, *l)))
+        yield Proof(self.name, "|q|² = 1", ring.vanishes(sp.Add(*(x**2 for x in self.q), -1)))
+
+
+def _turning(x: Sequence[sp.Expr], left: Sequence[sp.Expr], right: Sequence[sp.Expr]
+             ) -> list[sp.Expr]:
+    """Return ½ W x + ½ x w."""
+    return [(u + v) / 2 for u, v in zip(_product([0, *left], x), _product(x, [0, *right]),
+                                        strict=True)]
+
+
+def _field(H: sp.Expr, drag: sp.Expr) -> list[sp.Expr]:
+    """Return q̇ and l̇ of a Hamiltonian in q and p, and of a drag, as functions of q and l."""
+    q_rate = [derivative(H, y) for y in p]
+    l_rate = (space_matrix(q_rate) * sp.Matrix(p)
+              - space_matrix(q) * sp.Matrix([derivative(H, x) for x in q])) / 2
+    momenta = dict(zip(p, 2 * space_matrix(q).T * sp.Matrix(l), strict=True))
+    found = [x.xreplace(momenta) for x in (*q_rate, *l_rate)]
+    return [*found[:4], *(x - drag * y for x, y in zip(found[4:], l, strict=True))]
+
+
+def _product(x: Sequence[sp.Expr], y: Sequence[sp.Expr]) -> list[sp.Expr]:
+    """Return the product of quaternions."""
+    x0, y0 = x[0], y[0]
+    v, w = sp.Matrix(x[1:]), sp.Matrix(y[1:])
+    return [x0 * y0 - v.dot(w), *(x0 * w + y0 * v + v.cross(w))]
+
+
+def _flows() -> Iterator[_Flow]:
+    """Yield the flows of the catalogue, for any axis e and any numbers."""
+    m = left_matrix(q) * sp.Matrix(p) / 2
+    space = space_matrix(q) * sp.Matrix(p) / 2
+    none, half = [sp.S.Zero] * 3, sp.Rational(1, 2)
+    sphere, along = a * m.dot(m) / 2, sp.Matrix(e).dot(m)
+    axis = d * along**2 / 2 + c * along
+    squared, size = (sp.Add(*(x**2 for x in v)) for v in (l, omega))
+    unit = {e[0]: 1 - e[1]**2 - e[2]**2}
+    left, right = [C, *(N * x for x in l)], [D, *(M * x for x in e)]
+    turned, about = [a * x for x in l], [(_RATE + c) * x for x in e]
+    yield _Flow(
+        "sphere", "(exp(½ t a l) q, l)", sphere, turned, none, _product(left, q), l,
+        (turned, none), {C: -half * a * squared * N, N: half * a * C}, {C: 1 - squared * N**2})
+    yield _Flow(
+        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, none, about, _product(q, right), l,
+        (none, [(rate + c) * x for x in e]),
+        {D: -half * (rate + c) * M, M: half * (rate + c) * D}, unit | {D: 1 - M**2})
+    yield _Flow(
+        "symmetric body with drag", "(exp(½ s a l) q exp(½ (s d (e·m) + c t) e), E l)",
+        sphere + axis, turned, about, _product(_product(left, q), right), [E * x for x in l],
+        ([E * x for x in turned], [(E * rate + c) * x for x in e]),
+        {C: -half * a * E * squared * N, N: half * a * E * C, D: -half * (rate * E + c) * M,
+         M: half * (rate * E + c) * D, E: -k * E},
+        unit | {C: 1 - squared * N**2, D: 1 - M**2}, k, [-k * x for x in l])
+    back = [C, *(-N * x for x in omega)]
+    velocity = [-x for x in omega]
+    yield _Flow(
+        "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), velocity, none,
+        _product(back, q), list(rotation_matrix(back) * sp.Matrix(l)), (velocity, none),
+        {C: -half * size * N, N: half * C}, {C: 1 - size * N**2},
+        force=list(-sp.Matrix(omega).cross(sp.Matrix(l))))
+
+
+@cache
+def prove_flows() -> tuple[Proof, ...]:
+    """Prove the flows of rotations, (i) to (iii), and that those of T commute."""
+    m = left_matrix(q) * sp.Matrix(p) / 2
+    along = sp.Matrix(e).dot(m)
+    sphere, axis = a * m.dot(m) / 2, d * along**2 / 2 + c * along
+    space = sp.Matrix(omega).dot(space_matrix(q) * sp.Matrix(p) / 2)
+    names = {"½ a |m|²": sphere, "½ d (e·m)² + c (e·m)": axis, "ω·l": space}
+    ring = Quotient({**unit_quaternions([q]), e[0]: 1 - e[1]**2 - e[2]**2})
+    momenta = dict(zip(p, 2 * space_matrix(q).T * sp.Matrix(l), strict=True))
+    return (*(x for flow in _flows() for x in flow.proofs()), *(
+        Proof("parts of T", f"{{{x}, {y}}} = 0", ring.vanishes(
+            bracket(names[x], names[y], q, p).xreplace(momenta)))
+        for x, y in combinations(names, 2)))
+
+
+def bracket(
+    f: sp.Expr, g: sp.Expr, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol]
+) -> sp.Expr:
+    """Return the canonical bracket {f, g} = f_q·g_p − f_p·g_q.
+
+    On T*S³ it is the bracket of functions of q and l, which commute with |q|² and with qᵀp.
+    """
+    return sp.Add(*(derivative(f, x) * derivative(g, y) - derivative(f, y) * derivative(g, x)
+                    for x, y in zip(q, p, strict=True)
+                    if {x, y} & f.free_symbols and {x, y} & g.free_symbols))
+
+
+# ---------------------------------------------------------------- one splitting
+
+
+class _Ring:
+    """The ideal of a system's bodies: |q|² = 1 and p = 2 L(q)ᵀ m."""
+
+    def __init__(self, splitting: Splitting) -> None:
+        self.p = [[splitting.system.p[i] for i in body.q] for body in splitting.bodies]
+        m = [[sp.Symbol(f"_m{b}_{k}", real=True) for k in range(3)] for b in range(len(self.p))]
+        self.momenta = {y: x for q, p, names in zip(splitting.quaternions, self.p, m, strict=True)
+                        for y, x in zip(p, 2 * left_matrix(q).T * sp.Matrix(names), strict=True)}
+        self.quotient = Quotient(unit_quaternions(splitting.quaternions))
+
+    def vanishes(self, expression: sp.Expr) -> bool:
+        """Whether an expression is proved to vanish on the phase space."""
+        return self.quotient.vanishes(expression.xreplace(self.momenta))
+
+
+def hamiltonians(splitting: Splitting) -> list[tuple[str, sp.Expr]]:
+    """Return the parts as functions of q and p of the system, with their names."""
+    system, found = splitting.system, []
+    for body, x in zip(splitting.bodies, splitting.quaternions, strict=True):
+        y = [system.p[i] for i in body.q]
+        m = left_matrix(x) * sp.Matrix(y) / 2
+        found.append((f"½ a |m|² of {body.name}", body.a * m.dot(m) / 2))
+        for axis in (*body.axes, *body.further):
+            along = sp.Matrix(axis.axis).dot(m)
+            found.append((f"axis {axis.axis} of {body.name}",
+                          axis.d * along**2 / 2 + axis.c * along))
+    move = splitting.translation
+    if move is not None:
+        found += [(f"translation {system.p[i]} {system.p[j]}", x * system.p[i] * system.p[j] / 2)
+                  for (i, j), x in move.inverse_mass.items()]
+        found += [(f"translation {system.p[i]}", x * system.p[i])
+                  for i, x in move.velocity.items()]
+    for space in splitting.space:
+        J = sp.zeros(3, 1)
+        for b in space.bodies:
+            y = [system.p[i] for i in splitting.bodies[b].q]
+            J += space_matrix(splitting.quaternions[b]) * sp.Matrix(y) / 2
+        for point in space.points:
+            r, y = (sp.Matrix([side[i] if i >= 0 else 0 for i in point])
+                    for side in (system.q, system.p))
+            J += r.cross(y)
+        found.append(("−ω·J", -sp.Matrix(space.omega).dot(J)))
+    return [(name, x) for name, x in (*found, ("V", splitting.V)) if x != 0]
+
+
+def prove_splitting(splitting: Splitting) -> tuple[Proof, ...]:
+    """Prove that the parts add up to H, body by body, and that those of T commute.
+
+    Where bodies were taken as symmetric, both hold where the conditions do.
+    """
+    ring, system = _Ring(splitting), splitting.system
+    where = _solved(splitting.conditions)
+    H = [x.xreplace(where) for x in sp.Add.make_args(system.H)]
+    parts = [x.xreplace(where) for _, x in hamiltonians(splitting)]
+    groups = _by_momenta([*H, *(-x for x in parts)], system.p)
+    sums = all(ring.vanishes(sp.Add(*group)) for group in groups)
+    further = {f"axis {axis.axis} of {body.name}" for body in splitting.bodies
+               for axis in body.further}
+    exact = [x for name, x in hamiltonians(splitting) if name not in further and name != "V"]
+    commute = all(ring.vanishes(bracket(x, y, system.q, system.p))
+                  for x, y in _meeting(exact, system.p))
+    return (Proof("sum of the parts", "Σ parts = H mod (|q|² − 1, qᵀp)", sums),
+            Proof("one exact flow", "{X, Y} = 0 for parts of T", commute))
+
+
+def _by_momenta(
+    terms: Sequence[sp.Expr], p: Sequence[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Return terms in groups without common momenta; the first is of terms without any."""
+    place = {x: i for i, x in enumerate(p)}
+    sets = [frozenset(place[x] for x in e.free_symbols if x in place) for e in terms]
+    group_of = {x: k for k, part in enumerate(connected([s for s in sets if s]), 1) for x in part}
+    found: dict[int, list[sp.Expr]] = defaultdict(list)
+    for x, symbols in zip(terms, sets, strict=True):
+        found[group_of[next(iter(symbols))] if symbols else 0].append(x)
+    return list(found.values())
+
+
+def _solved(conditions: Sequence[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
+    """Return symbols for which conditions can be solved, with their solutions."""
+    found: dict[sp.Symbol, sp.Expr] = {}
+    for e in conditions:
+        rest = e.xreplace(found)
+        x = max((x for x in rest.free_symbols if sp.degree(rest, x) == 1), key=str, default=None)
+        if x is not None:
+            found[x] = sp.solve(rest, x)[0]
+    return found
+
+
+def _meeting(
+    parts: Sequence[sp.Expr], p: Sequence[sp.Symbol]
+) -> Iterator[tuple[sp.Expr, sp.Expr]]:
+    """Yield pairs of parts with a momentum in common; others without p or q in common commute."""
+    at: dict[sp.Symbol, list[int]] = defaultdict(list)
+    for k, x in enumerate(parts):
+        for symbol in x.free_symbols.intersection(p):
+            at[symbol].append(k)
+    for i, j in sorted({pair for places in at.values() for pair in combinations(places, 2)}):
+        yield parts[i], parts[j]
+
+
+def prove_gradient(splitting: Splitting) -> Proof:
+    """Prove that ``gradient`` is the kick of G = −{V, {T, V}}, for systems without forces."""
+    ring, system = _Ring(splitting), splitting.system
+    T = sp.Add(*(x for name, x in hamiltonians(splitting) if name != "V"))
+    inner = bracket(T, splitting.V, system.q, system.p)
+    G = -bracket(splitting.V, inner, system.q, system.p)
+    torques = [space_torque(x, [-derivative(G, y) for y in x]) for x in splitting.quaternions]
+    wanted = [*chain(*torques), *(-derivative(G, system.q[i]) for i in splitting.points)]
+    found = [*chain(*splitting.gradient.torques), *splitting.gradient.forces]
+    return Proof("force gradient", "kick of G = −{V, {T, V}}", all(
+        ring.vanishes(x - expand_shared(y)) for x, y in zip(wanted, found, strict=True)))
+
+
+def is_invariant(splitting: Splitting, J: sp.Expr) -> bool:
+    """Whether every part and every force is proved to leave J invariant.
+
+    J is a function of q and p of the system whose flow stays on the constraints. Drag is one of
+    the forces; a composition then conserves J whatever its order and its step.
+    """
+    ring, system = _Ring(splitting), splitting.system
+    conditions = _solved(splitting.conditions)
+    slides = (bracket(J, g, system.q, system.p) for g in system.constraints)
+    power = sp.Add(*(derivative(J, y) * F for y, F in zip(system.p, system.forces, strict=False)))
+    parts = [x for name, x in hamiltonians(splitting) if name != "V"]
+    return all(map(ring.vanishes, slides)) and ring.vanishes(power) and all(
+        ring.vanishes(bracket(J, x.xreplace(conditions), system.q, system.p)) for x in parts
+    ) and ring.vanishes(bracket(J, splitting.V, system.q, system.p))
+
+
+def invariants(splitting: Splitting) -> tuple[tuple[str, sp.Expr], ...]:
+    """Return momentum maps with a name that every part leaves invariant, each with its J."""
+    system = splitting.system
+    found: dict[sp.Expr, str] = {}
+    for field in known_fields(system):
+        found.setdefault(field.momentum(system.q, system.p), field.name)
+    return tuple((name, J) for J, name in found.items() if is_invariant(splitting, J))
