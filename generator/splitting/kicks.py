@@ -16,11 +16,14 @@ import sympy as sp
 from ..normal_forms.expansion import TooLongError
 from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
-from ..symbolic.shared_subexpressions import Shared, parts_of
+from ..symbolic.shared_subexpressions import Shared, parts_of, tree_size
 from ..systems.jacobians import shortest
 from .quotient import Quotient, unit_quaternions
 
 __all__ = ["Vector", "moved", "shortened", "space_matrix", "space_torque"]
+
+#: Nodes of expressions for which a shorter form is sought.
+_LONGEST = 3000
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 
@@ -54,16 +57,17 @@ def shortened(
 ) -> list[sp.Expr]:
     """Return expressions as they are or in a shorter form that is equal on |q| = 1.
 
-    Those with temporaries stay as they are.
+    Long ones, and those with temporaries, roots and functions, stay as they are.
     """
-    if not all(map(is_small, expressions)) or any(e.has(Shared) for e in expressions):
+    symbols = {x for q in quaternions for x in q}
+    if (tree_size(expressions) > _LONGEST or not all(map(is_small, expressions))
+            or not all(e.is_polynomial(*symbols) and not e.has(Shared) for e in expressions)):
         return list(expressions)
     quotient = Quotient(unit_quaternions(quaternions))
     try:
         found = [shortest(quotient.expression(e)) for e in expressions]
     except TooLongError:
         return list(expressions)
-    symbols = {x for q in quaternions for x in q}
     return min((list(expressions), found), key=lambda row: _operations(row, symbols))
 
 
