@@ -16,7 +16,7 @@ import sympy as sp
 from ..normal_forms.expansion import TooLongError
 from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
-from ..symbolic.shared_subexpressions import Shared, parts_of
+from ..symbolic.shared_subexpressions import Shared, parts_of, tree_size
 from ..systems.jacobians import shortest
 from .quotient import Quotient, unit_quaternions
 
@@ -24,6 +24,9 @@ from .quotient import Quotient, unit_quaternions
 _MOST_TERMS = 32
 
 __all__ = ["Vector", "moved", "shortened", "space_matrix", "space_torque"]
+
+#: Nodes of expressions for which a shorter form is sought.
+_LONGEST = 3000
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 
@@ -57,16 +60,17 @@ def shortened(
 ) -> list[sp.Expr]:
     """Return expressions as they are or in a shorter form that is equal on |q| = 1.
 
-    Those with temporaries stay as they are.
+    Long ones, and those with temporaries, roots and functions, stay as they are.
     """
-    if not all(map(is_small, expressions)) or any(e.has(Shared) for e in expressions):
+    symbols = {x for q in quaternions for x in q}
+    if (tree_size(expressions) > _LONGEST or not all(map(is_small, expressions))
+            or not all(e.is_polynomial(*symbols) and not e.has(Shared) for e in expressions)):
         return list(expressions)
     quotient = Quotient(unit_quaternions(quaternions))
     try:
         found = [_factored(quotient.expression(e)) for e in expressions]
     except TooLongError:
         return list(expressions)
-    symbols = {x for q in quaternions for x in q}
     return min((list(expressions), found), key=lambda row: _operations(row, symbols))
 
 

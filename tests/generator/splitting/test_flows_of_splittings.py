@@ -2,70 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 import pytest
 import sympy as sp
 
-import gyrospark as gs
-from gyrospark.generator.multibody.rigid_body import (
-    body_system,
-    gamma,
-    gravity_potential,
-    heavy_top,
-    kinetic_energy,
-    left_matrix,
-    mgl,
-    moments,
-    p,
-    q,
-    rotation_matrix,
-)
 from gyrospark.generator.splitting.find import split
-from gyrospark.generator.systems.system import System
-from splitting_flows import Flows, motion
-
-TOP = {"I1": 1.0, "I2": 1.0, "I3": 0.4, "mgl": 1.3, "gamma": 0.7, "alpha": 0.7}
-ASYMMETRIC = TOP | {"I2": 1.4}
-UNIT = (sum(x**2 for x in q) - 1,)
-k, c1, c2, c3 = sp.symbols("k c1 c2 c3", real=True)
-
-
-def start(omega, values, linear=(0, 0, 0)):
-    """Return q, p of a body with an angular velocity in body axes."""
-    q0 = np.array([0.8, 0.4, -0.2, 0.1])
-    q0 /= np.linalg.norm(q0)
-    m = np.array([values[f"I{i}"] * w for i, w in zip((1, 2, 3), omega, strict=True)])
-    lifted = np.array(left_matrix(q0), float)
-    return q0, 2 * lifted.T @ (m + np.array(linear))
-
-
-def drag():
-    torque = [-k * e / 2 for e in left_matrix(q) * sp.Matrix(p)]
-    return body_system("drag", "gamma", gravity_potential(), (mgl, k), torque=torque)
-
-
-def driven():
-    t = gs.symbols.t
-    torque = [k * sp.cos(t), 0, -k * gs.symbols.omega[2]]
-    return body_system("driven", "gamma", gravity_potential() * (1 + sp.sin(t) / 2), (mgl, k),
-                       torque=torque)
-
-
-def gyrostat():
-    m = left_matrix(q) * sp.Matrix(p) / 2
-    linear = c1 * m[0] + c2 * m[1] + c3 * m[2]
-    return System(q, p, (*moments, gamma, mgl, c1, c2, c3), kinetic_energy("gamma") + linear
-                  + mgl * rotation_matrix(q)[2, 0], UNIT, name="gyrostat")
-
-
-SYSTEMS = {
-    "gamma": (heavy_top("gamma"), TOP, True),
-    "alpha": (heavy_top("alpha"), TOP, True),
-    "asymmetric": (heavy_top("gamma"), ASYMMETRIC, False),
-    "drag": (drag(), TOP | {"k": 0.3}, True),
-    "driven": (driven(), TOP | {"k": 0.3}, True),
-    "gyrostat": (gyrostat(), ASYMMETRIC | {"c1": 0.4, "c2": -0.3, "c3": 0.7}, False),
-}
+from splitting_flows import Flows, _rotation, motion
+from splitting_systems import SYSTEMS, molecules, start
 
 
 def error(flows, step, q0, p0, exact, t_end, steps):
@@ -99,3 +44,49 @@ def test_force_gradients_give_order_four(name):
     coarse, fine = (error(flows, flows.forward4, q0, p0, exact, 1.0, n) for n in (8, 16))
     assert coarse < 1e-5
     assert 14 < coarse / fine < 18
+
+
+def test_molecules_have_order_two_and_four():
+    for inertia, order, t_end in (((1, 1.4, 0.8), 2, 0.5), ((1, 1, 0.8), 4, 1.0)):
+        model = molecules(2, inertia)
+        splitting = split(model.system, symmetric=order == 4)
+        flows = Flows(splitting, model.parameters)
+        exact = motion(model.system, model.parameters, model.q0, model.p0, t_end, 200)
+        step = flows.forward4 if order == 4 else flows.strang
+        coarse, fine = (error(flows, step, model.q0, model.p0, exact, t_end, n) for n in (8, 16))
+        assert coarse < 1e-4
+        assert coarse / fine == pytest.approx(2**order, rel=0.1)
+
+
+def test_templates_add_up_to_the_gradient():
+    model = molecules(3, (1, 1.4, 0.8))
+    splitting = split(model.system)
+    flows = Flows(splitting, model.parameters)
+    whole = Flows(splitting, model.parameters)._function(splitting.gradient)
+    x = flows.start(model.q0, model.p0)
+    at = [*x.q, *x.l.ravel(), *x.p, 0.0]
+    kick = np.array(flows.kick_of(*at))
+    torques, forces = kick[:9].reshape(3, 3), dict(zip(splitting.points, kick[9:], strict=True))
+    turning, found, moved = [], np.zeros((3, 3)), dict.fromkeys(splitting.points, 0.0)
+    for body, N in zip(splitting.bodies, torques, strict=True):
+        R = _rotation(x.q[list(body.q)])
+        S = np.array(body.S.xreplace(flows.values), float)
+        turning.append(R @ S @ R.T @ N)
+    for template in splitting.templates:
+        names = [y for slot in template.bodies for y in slot]
+        slope = sp.lambdify([*names, *template.coordinates, *template.constants,
+                             *(y for rate in template.rates for y in rate)],
+                            [*chain(*template.slope.torques), *template.slope.forces], cse=True)
+        for one in template.instances:
+            rates = slope(
+                *(x.q[i] for b in one.bodies for i in splitting.bodies[b].q),
+                *(x.q[i] for i in one.coordinates),
+                *(model.parameters[str(model.system.parameters[i])] for i in one.constants),
+                *(w for b in one.bodies for w in turning[b]),
+                *(flows._number(splitting.translation.inverse_mass[i, i]) * forces[i]
+                  for i in one.coordinates))
+            for k, b in enumerate(one.bodies):
+                found[b] += rates[3 * k : 3 * k + 3]
+            for i, e in zip(one.coordinates, rates[3 * len(one.bodies) :], strict=True):
+                moved[i] += e
+    np.testing.assert_allclose([*found.ravel(), *moved.values()], whole(*at), rtol=1e-12)

@@ -1,0 +1,113 @@
+"""Proofs hold for what is true, and do not for what is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.multibody.body import Body
+from gyrospark.generator.multibody.rigid_body import heavy_top, p, q
+from gyrospark.generator.splitting import proofs
+from gyrospark.generator.splitting.find import split
+from gyrospark.generator.splitting.kicks import space_matrix
+from gyrospark.generator.splitting.parts import Kick
+from gyrospark.generator.splitting.quotient import Quotient, unit_quaternions
+from splitting_systems import SYSTEMS, molecules
+
+
+def test_flows_of_the_catalogue_are_proved():
+    found = proofs.prove_flows()
+    assert all(line.holds for line in found)
+    assert {line.name for line in found} == {
+        "sphere", "axis", "symmetric body with drag", "space", "parts of T"}
+
+
+@pytest.mark.parametrize("change", [
+    lambda flow: {"H": 2 * flow.H},
+    lambda flow: {"drag": flow.drag + 1},
+    lambda flow: {"rates": {x: 2 * e for x, e in flow.rates.items()}},
+    lambda flow: {"q": [flow.q[0] + 1, *flow.q[1:]]},
+    lambda flow: {"l": [2 * flow.l[0], *flow.l[1:]]},
+])
+def test_wrong_flows_are_not_proved(change):
+    for flow in proofs._flows():
+        assert not all(line.holds for line in replace(flow, **change(flow)).proofs())
+
+
+@pytest.mark.parametrize("name", [*SYSTEMS, "satellite", "molecules"])
+def test_parts_add_up_to_H(name):
+    if name in SYSTEMS:
+        system, _, symmetric = SYSTEMS[name]
+    else:
+        symmetric = False
+        system = (gs.models.satellite() if name == "satellite" else
+                  molecules(3, (1, 1.4, 0.8))).system
+    found = split(system, symmetric=symmetric)
+    assert all(line.holds for line in proofs.prove_splitting(found))
+    body = found.bodies[0]
+    wrong = replace(found, bodies=(replace(body, a=2 * body.a), *found.bodies[1:]))
+    assert not proofs.prove_splitting(wrong)[0].holds
+
+
+def test_parts_that_do_not_commute_are_no_exact_flow():
+    found = split(heavy_top("gamma"))
+    body = found.bodies[0]
+    merged = replace(found, bodies=(replace(body, axes=(*body.axes, *body.further), further=()),))
+    sums, commute = proofs.prove_splitting(merged)
+    assert sums.holds
+    assert not commute.holds
+
+
+@pytest.mark.parametrize("rep", ["alpha", "gamma"])
+def test_the_gradient_is_the_double_bracket(rep):
+    found = split(heavy_top(rep), symmetric=True)
+    assert proofs.prove_gradient(found).holds
+    wrong = replace(found)
+    wrong.__dict__["gradient"] = Kick(
+        tuple(tuple(-e for e in N) for N in found.gradient.torques), ())
+    assert not proofs.prove_gradient(wrong).holds
+
+
+def test_the_gradient_of_points_and_of_an_unsteady_axis():
+    x, px, m = sp.symbols("x px m", positive=True)
+    spring = gs.System((x,), (px,), (m,), px**2 / (2 * m) + x**4, name="spring")
+    found = split(spring)
+    (force,) = found.gradient.forces
+    assert sp.expand(force.replace(lambda e: e.func.__name__ == "Shared", lambda e: e.args[0])
+                     + sp.diff((4 * x**3)**2 / m, x)) == 0
+    assert proofs.prove_gradient(found).holds
+
+
+def test_invariants():
+    top = split(heavy_top("gamma"), symmetric=True)
+    assert [name for name, _ in proofs.invariants(top)] == [
+        "angular momentum about e3", "angular momentum about the body's axis 3"]
+    asymmetric = split(heavy_top("gamma"))
+    assert [name for name, _ in proofs.invariants(asymmetric)] == ["angular momentum about e3"]
+    pair = split(molecules(2, (1, 1.4, 0.8)).system)
+    assert {name for name, _ in proofs.invariants(pair)} == {
+        f"{kind} {axis}" for kind in ("angular momentum about", "linear momentum along")
+        for axis in ("e1", "e2", "e3")}
+    assert not proofs.invariants(split(SYSTEMS["drag"][0]))
+    assert not proofs.is_invariant(top, q[0] * p[1])
+
+
+def test_the_space_torque_is_the_rate_of_angular_momentum():
+    momentum = Body.free("a", "gamma").angular_momentum
+    names = dict(zip(sp.symbols("a_q0:4 a_p0:4", real=True), (*q, *p), strict=True))
+    found = space_matrix(q) * sp.Matrix(p) / 2
+    assert [e.xreplace(names) for e in momentum] == [sp.expand(e) for e in found] or all(
+        sp.expand(e.xreplace(names) - x) == 0 for e, x in zip(momentum, found, strict=True))
+
+
+def test_normal_forms_modulo_the_sphere():
+    ring = Quotient(unit_quaternions([q]))
+    square = sum(x**2 for x in q)
+    assert ring.vanishes(square**3 - 1)
+    assert ring.vanishes(sp.cos(square * q[1]) - sp.cos(q[1]))
+    assert not ring.vanishes(square - 2)
+    assert ring.expression(q[0]**5) == sp.expand(
+        q[0] * (1 - q[1]**2 - q[2]**2 - q[3]**2)**2)
