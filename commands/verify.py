@@ -90,6 +90,12 @@ def verify(
     gyrospark verify examples/tableaux/gauss_lobatto_2.json --json
     gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000 --plot order.png
     """
+    if model is not None or choice["scheme"] != SPLITTING:
+        for option, value in (("--order", order), ("--gradients", gradients),
+                              ("--composition", composition)):
+            if value:
+                raise InputError(f"{option} belongs to --scheme {SPLITTING} without --model; name "
+                                 "this scheme, or leave the option out.")
     if model is not None:
         return _certify(model, target, dt, steps, plot, choice, moving=moving, as_json=as_json)
     for option, value in (("--dt", dt), ("--steps", steps), ("--plot", plot),
@@ -120,11 +126,6 @@ def _compositions(
 ) -> list[Composition]:
     """Return the compositions to verify; none where the scheme is not the one of compositions."""
     if choice["scheme"] != SPLITTING:
-        for option, value in (("--order", order), ("--gradients", gradients),
-                              ("--composition", name)):
-            if value:
-                raise InputError(f"{option} belongs to --scheme {SPLITTING}; name this scheme, or "
-                                 "leave the option out.")
         return []
     given = [f"--{key}" for key, value in choice.items() if value and key != "scheme"]
     if target is not None or given:
