@@ -31,7 +31,7 @@ from .lyndon_words import (
     target,
 )
 
-__all__ = ["check_composition", "error_constant", "force_gradient_residuals"]
+__all__ = ["check_composition", "error_constant", "force_gradient_residuals", "step_coefficients"]
 
 #: Residuals of stored numbers: their last decimal, times what a condition makes of it.
 _SMALL = Fraction(1, 10 ** (STORED - 8))
@@ -113,7 +113,7 @@ def _written_out(composition: Composition) -> Condition:
     """The order of drifts and kicks as they are used, at all Lyndon words of A and B."""
     words = lyndon_words("AB", composition.order - 1)
     with intervals() as interval:
-        series = _product(composition, words, interval)
+        series = step_coefficients(composition, words, interval)
         sizes = [_size_of(series[word] - interval(target(word))) for word in words]
         most = max(sizes)
         holds = most < as_mpf(_SMALL)
@@ -123,7 +123,7 @@ def _written_out(composition: Composition) -> Condition:
         required=True)
 
 
-def _product(composition: Composition, words: list[str], number: Any) -> Series:
+def step_coefficients(composition: Composition, words: list[str], number: Any) -> Series:
     """Return the coefficients of a step at words of A and B."""
     most = max(map(len, words))
     drift, kick = drift_flow(most), kick_flow(most, composition.has_gradients)
@@ -141,7 +141,7 @@ def error_constant(composition: Composition) -> float:
     The error of a step is h^{order+1} Σ_w e_w w to leading order, a sum of nested commutators.
     """
     words = ["".join(word) for word in product("AB", repeat=composition.order + 1)]
-    series = _product(composition, words, float)
+    series = step_coefficients(composition, words, float)
     return float(sum((series[word] - float(target(word))) ** 2 for word in words) ** 0.5)
 
 

@@ -103,6 +103,12 @@ class OrderConditions:
             first = own.stop
         return found
 
+    @cached_property
+    def equal(self) -> list[float]:
+        """The unknowns of equal steps without force gradients."""
+        return [1 / size if summed else 0.0 for size, summed in self._parts
+                for _ in range((size + 1) // 2 - summed)]
+
     def values(self, x: Sequence[Any], number: Callable[[Fraction], Any]) -> list[list[Any]]:
         """Return the numbers of each palindrome for these unknowns."""
         return [[_value(affine, x, number) for affine in part] for part in self._numbers()]

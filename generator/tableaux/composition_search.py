@@ -39,9 +39,11 @@ __all__ = ["FloatConditions", "main", "search", "store"]
 
 Array = NDArray[np.float64]
 
-#: Where an iteration has arrived, or is given up: its last step, least damping, iterations, and
-#: singular values that count as zero.
-_SOLVED, _SHORTEST, _ITERATIONS, _RANK = 1e-12, 1e-4, 200, 1e-13
+#: Where an iteration has arrived: its step, which rounding of the conditions keeps from zero, and
+#: the conditions. Where it is given up: least damping, iterations; and relative singular values
+#: that count as zero.
+_NEAR, _SOLVED = 1e-6, 1e-14
+_SHORTEST, _ITERATIONS, _RANK = 1e-4, 200, 1e-13
 #: Decimals of free unknowns that are stored: the objective is flat at its least.
 _FREE = 10
 #: A random step is optimised if its solution is not much worse than the best.
@@ -157,7 +159,7 @@ def search(
     starts, hops : int
         Random starts, and random steps from the best solution.
     width : float
-        Half the width of the box of the starts.
+        Half the width of the box of the starts around equal steps.
     most : float
         Largest magnitude of an unknown.
 
@@ -170,10 +172,10 @@ def search(
     """
     conditions = OrderConditions(composition_named(name))
     floats, draw = FloatConditions(conditions), np.random.default_rng(seed)
-    size = len(conditions.unknowns)
+    middle = np.array(conditions.equal)
     found: list[tuple[float, Array]] = []
     for _ in range(starts):
-        x = _solve(floats, draw.uniform(-width, width, size), most)
+        x = _solve(floats, middle + draw.uniform(-width, width, len(middle)), most)
         if x is not None:
             found.append((floats.objective(x), x))
     if not found:
@@ -184,7 +186,7 @@ def search(
     value, x = min((_slide(floats, x, value, most) for value, x in found[:10]),
                    key=lambda one: one[0])
     for _ in range(hops):
-        y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), size), most)
+        y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), len(x)), most)
         if y is not None and floats.objective(y) < _WORTH * value:
             better, y = _slide(floats, y, floats.objective(y), most)
             if better < value:
@@ -207,8 +209,8 @@ def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
         inverse = np.linalg.pinv(J, _RANK)
         step = -inverse @ F
         length = np.linalg.norm(step)
-        if length < _SOLVED:
-            return x if np.abs(F).max() < _SOLVED else None
+        if length < _NEAR and np.abs(F).max() < _SOLVED:
+            return x + step
         size = min(1.0, 4 * size, 1 / length)
         while True:
             y = x + size * step

@@ -148,7 +148,7 @@ def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fract
 COMPOSITIONS: dict[str, Composition] = _stored()
 #: What each order takes, without force gradients and with them. None of order 10 is known whose
 #: base has force gradients, so that order is the same in both.
-_CHOICE = {False: {2: "Strang", 4: "Suzuki4", 6: "KL6", 8: "KL8", 10: "SS10"},
+_CHOICE = {False: {2: "Strang", 4: "BM4", 6: "KL6", 8: "KL8", 10: "SS10"},
            True: {2: "Strang", 4: "G4", 6: "G6", 8: "G8", 10: "SS10"}}
 
 

@@ -15,6 +15,7 @@ from gyrospark.generator.tableaux.composition_checks import (
     check_composition,
     error_constant,
     force_gradient_residuals,
+    step_coefficients,
 )
 from gyrospark.generator.tableaux.composition_order import observed_composition_order
 from gyrospark.generator.tableaux.composition_proofs import OrderConditions
@@ -125,13 +126,11 @@ def test_lyndon_words_are_counted_by_their_formula():
 
 def test_every_word_follows_from_lyndon_words():
     """What the theory says: all coefficients up to the order are those of the exact flow."""
-    from gyrospark.generator.tableaux.composition_checks import _product
-
-    with mp.workdps(60):
+    with mp.workdps(70):
         for name in ("BM4", "KL6", "G6"):
             made = COMPOSITIONS[name]
             words = words_up_to("AB", made.order)
-            found = _product(made, words, lambda x: mp.mpf(x.numerator) / x.denominator)
+            found = step_coefficients(made, words, lambda x: mp.mpf(x.numerator) / x.denominator)
             assert all(abs(found[w] - mp.mpf(1) / factorial(len(w))) < 1e-55 for w in words)
             assert set(factors_of(words)) == set(words)
 
@@ -235,7 +234,7 @@ def test_error_constant_of_strang():
 # ---------------------------------------------------------------- search
 
 
-@pytest.mark.parametrize(("name", "starts"), [("G4", 3), ("Suzuki4", 40), ("KL6", 60), ("G8", 30)])
+@pytest.mark.parametrize(("name", "starts"), [("G4", 3), ("Suzuki4", 10), ("KL6", 60), ("G8", 10)])
 def test_a_search_finds_what_is_stored(name, starts):
     x, value, solved = search(name, seed=1, starts=starts)
     conditions = OrderConditions(COMPOSITIONS[name])
