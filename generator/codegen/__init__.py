@@ -8,6 +8,7 @@
     derivatives      tangents and adjoints of a stepper
     lane_iteration   the fixed-point iteration of profile full, on lanes
     plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
+    splitting_flows  compositions of exact flows: tables, weights, kernels
     solver_costs     what an iteration of either solver costs, counted
     manifest         what the C guarantees, for those who call it
     bytecode         templates as Python's bytecode, cached beside them

@@ -137,8 +137,9 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
             emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
                                                       *scheme.kernels()]]
         own, renamed = beside(kernels, own)
-    known = [*([] if derived.profile == "control" and flows is None else kernels), *(plain.known if plain else []),
-             *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
+    known = [*([] if derived.profile == "control" and flows is None else kernels),
+             *(plain.known if plain else []), *(lanes.kernels if lanes else []),
+             *(parts.kernels if parts else [])]
     frame = _frame(derived)
     quantities = _quantity_kernel(system, real)
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters})

@@ -7,6 +7,7 @@
     system_differences   H and g between two states or times; symbols of kernel inputs
     lagrangian_kernels   kernels of a system from its Lagrangian
     lagrangian_midpoint  IMS and EMS of such a system
+    splitting_scheme     flows and compositions of a step, for bodies without joints
     derivative_kernels   kernels that derivatives of a step need beside its own
     midpoint_conditions  conditions that IMS and EMS satisfy
     frame_kernels        rotation back from a co-moving frame

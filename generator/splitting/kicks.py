@@ -21,7 +21,7 @@ from ..systems.jacobians import shortest
 from .quotient import Quotient, unit_quaternions
 
 #: Terms of a sum that is factored.
-_MOST_TERMS = 32
+_MOST_TERMS = 100
 
 __all__ = ["Vector", "moved", "shortened", "space_matrix", "space_torque"]
 

@@ -13,5 +13,8 @@
     observed_order     the order as measured
     compositions       compositions of exact flows, with 60 digits from compositions.json
     lyndon_words       order conditions of compositions, at Lyndon words
+    composition_checks conditions of a composition, each with its residual
+    composition_order  its order as measured
+    composition_search its coefficients from random starts
     composition_proofs their certificates, by Newton's method and Krawczyk's operator
 """

@@ -84,12 +84,14 @@ def test_a_run_has_the_same_bits_in_pieces_in_ensembles_and_stored_seldom():
     many = step.integrate_ensemble(q, p, dt=dt, steps=70, parameters=sets, every=7)
     for i in (0, 1, 33, 39):
         alone = step.integrate(TOP.q0, TOP.p0, dt=dt[i], steps=70, parameters=sets[i])
-        assert np.array_equal(many.q[i], alone.q[::7]) and np.array_equal(many.p[i], alone.p[::7])
+        assert np.array_equal(many.q[i], alone.q[::7])
+        assert np.array_equal(many.p[i], alone.p[::7])
         assert many.members[i].report == alone.report
         held = step.start(TOP.q0, TOP.p0, dt=dt[i], parameters=sets[i])
         for steps in (1, 20, 49):
             held.advance(steps)
-        assert np.array_equal(held.q, alone.q[-1]) and np.array_equal(held.p, alone.p[-1])
+        assert np.array_equal(held.q, alone.q[-1])
+        assert np.array_equal(held.p, alone.p[-1])
 
 
 def test_parameters_change_between_steps():
@@ -100,7 +102,8 @@ def test_parameters_change_between_steps():
     held.parameters = heavier
     fresh = step.integrate(held.q, held.p, dt=2e-3, steps=5, parameters=heavier)
     held.advance(5)
-    assert np.array_equal(held.q, fresh.q[-1]) and np.array_equal(held.p, fresh.p[-1])
+    assert np.array_equal(held.q, fresh.q[-1])
+    assert np.array_equal(held.p, fresh.p[-1])
     assert held.report.energy_error_max < 1e-6
 
 
@@ -133,11 +136,13 @@ def test_a_step_that_fails_keeps_what_was_before_it():
     with pytest.raises(StepFailed) as failed:
         step.integrate(TOP.q0, TOP.p0, dt=1e4, steps=50, parameters=bad)
     done = failed.value.trajectory
-    assert done.report.steps == failed.value.step - 1 and np.isfinite(done.q).all()
+    assert done.report.steps == failed.value.step - 1
+    assert np.isfinite(done.q).all()
     q, p = np.tile(TOP.q0, (3, 1)), np.tile(TOP.p0, (3, 1))
     many = step.integrate_ensemble(q, p, dt=[1e-3, 1e4, 1e-3], steps=50,
                                    parameters=[SYMMETRIC, bad, SYMMETRIC])
-    assert list(many.failures) == [1] and many.failures[1].step == failed.value.step
+    assert list(many.failures) == [1]
+    assert many.failures[1].step == failed.value.step
     alone = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=50, parameters=SYMMETRIC)
     assert np.array_equal(many.q[2], alone.q)
 
