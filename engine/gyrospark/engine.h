@@ -79,6 +79,12 @@
 #ifndef GS_SPLITTING /* a composition of exact flows */
 #define GS_SPLITTING 0
 #endif
+#ifndef GS_DRAG /* isotropic drag, a part of free motions */
+#define GS_DRAG 0
+#endif
+#ifndef GS_MOMENTUM_FORCES /* forces of kicks depend on momenta */
+#define GS_MOMENTUM_FORCES 0
+#endif
 #ifndef GS_FIXED_POINT /* the tableau permits the fixed-point iteration */
 #define GS_FIXED_POINT 0
 #endif

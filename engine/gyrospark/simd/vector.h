@@ -26,6 +26,9 @@ typedef real lanes;
 #endif
 #if GS_SPLITTING
 /* Several registers: independent operations hide the latency of square roots and quotients. */
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic ignored "-Wpsabi" /* all functions of such vectors are static */
+#endif
 typedef real lanes __attribute__((vector_size(sizeof(real)/2*LANE_BYTES), aligned(LANE_BYTES)));
 #else
 typedef real lanes __attribute__((vector_size(LANE_BYTES)));

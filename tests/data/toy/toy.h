@@ -19,6 +19,7 @@
  *   TOY_LANES         1: template headers work on lanes, 0: on numbers
  *   TOY_SINGLE        1: template headers are of one trajectory, 0: of a batch
  *   TOY_DERIVATIVES   above 0 for headers of derivatives: see derivatives.h
+ *   TOY_SPLITTING     above 0 for headers of splitting: see splitting.h, another system
  *   TOY_BEFORE        template headers that come before: 1 state.h, 2 constraints.h, 3 update.h,
  *                     4 work.h, 5 select.h
  */
@@ -29,9 +30,17 @@
 #include <math.h>
 #include <stddef.h>
 
+#ifndef TOY_SPLITTING
+#define TOY_SPLITTING 0
+#endif
+
 #ifndef TOY_CONSTRAINTS
 #define TOY_CONSTRAINTS 1
 #endif
+#if TOY_SPLITTING
+#include "splitting.h"
+#else
+
 #ifndef TOY_STAGES
 #define TOY_STAGES 2
 #endif
@@ -402,4 +411,5 @@ static inline void second_rates(const constants *c, const real *q, const real *p
 #include "derivatives.h"
 #endif
 
+#endif
 #endif
