@@ -232,7 +232,8 @@ class _Search:
                 rest = {shape: e for shape in rest | part for e in [sp.expand(
                     rest.get(shape, _ZERO) - part.get(shape, _ZERO))] if e != 0}
                 found |= {("δ", x): e for x, e in zip(m, delta, strict=True) if e != 0}
-        wanted = [("S", x, y) for m in slots.m for x, y in combinations_with_replacement(m, 2)]
+        wanted: list[tuple[Any, ...]] = [
+            ("S", x, y) for m in slots.m for x, y in combinations_with_replacement(m, 2)]
         wanted += [("M", x, y) for x, y in combinations_with_replacement(slots.y, 2)]
         wanted += [("c", x) for m in slots.m for x in m] + [("v", y) for y in slots.y]
         wanted += [("A", y, x) for y in slots.y for x in slots.r]
@@ -501,7 +502,7 @@ def _inner(e: Sequence[sp.Expr], c: Sequence[sp.Expr]) -> sp.Expr:
 
 def _is_zero(e: sp.Expr) -> bool:
     """Whether a rational expression of constants is 0."""
-    return e == 0 or sp.expand(sp.numer(sp.together(e))) == 0
+    return bool(e == 0 or sp.expand(sp.numer(sp.together(e))) == 0)
 
 
 def _fresh(prefix: str, taken: set[str]) -> tuple[sp.Symbol, ...]:
