@@ -175,7 +175,7 @@ def test_joints_are_refused_by_name(make, words):
 @pytest.mark.parametrize(("H", "words"), [
     (px**2 / 2 + b * px * py * sp.cos(x - y) + py**2, ["px*py*cos(x - y)"]),
     (px**4 / 2 + py**2, ["degree 4 in p"]),
-    (sp.sqrt(1 + px**2) + py**2, ["not a polynomial in p"]),
+    (sp.sqrt(1 + px**2) + py**2, ["polynomial in p"]),
     (px**2 / 2 + py**2 / x**2, ["py**2/x**2"]),
     (px**2 / 2 + py**2 / 4 - b * (x * py - y * px), ["px*y"]),
     (px**2 / 2 + py**2 / 2 - b * x * py, ["py*x"]),
