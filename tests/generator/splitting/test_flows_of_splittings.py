@@ -88,4 +88,5 @@ def test_templates_add_up_to_the_gradient():
                 found[b] += rates[3 * k : 3 * k + 3]
             for i, e in zip(one.coordinates, rates[3 * len(one.bodies) :], strict=True):
                 moved[i] += e
-    np.testing.assert_allclose([*found.ravel(), *moved.values()], whole(*at), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose([*found.ravel(), *moved.values()], whole(*at),
+                               rtol=1e-12, atol=1e-15)
