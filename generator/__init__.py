@@ -11,7 +11,7 @@
     multibody/     quaternion bodies, joints, models
     symmetry/      momentum maps, symmetries of moving frames
     models/        model files: TOML and URDF
-    splitting/     parts of H with closed flows, found and proved
+    splitting/     H as a sum of parts with flows in closed form, proved
     schemes/       equations of a step; discrete gradients; structure for fixed-point iteration
     codegen/       kernels, tableau, templates and files of the engine to header, source, manifest
 

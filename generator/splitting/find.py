@@ -154,9 +154,16 @@ class _Search:
             tuple(replace(kick, instances=tuple(at)) for kick, at in self.kicks.items()),
             applied, tuple(conditions),
             any(e.free_symbols & momenta for e in (*applied.forces, *chain(*applied.torques))))
+        slots: dict[int, set[tuple[int, int]]] = defaultdict(set)
+        for k, template in enumerate(found.templates):
+            for at in template.instances:
+                for slot, b in enumerate(at.bodies):
+                    slots[b].add((k, slot))
+        turned: dict[tuple[int, int, Vector], bool] = {}
         return replace(found, bodies=tuple(
-            replace(body, axes=tuple(replace(axis, steady=is_steady(found, b, axis))
-                                     for axis in body.axes)) for b, body in enumerate(bodies)))
+            replace(body, axes=tuple(replace(axis, steady=_is_steady(
+                found, b, axis, slots[b], turned)) for axis in body.axes))
+            for b, body in enumerate(bodies)))
 
     def _at(self, y: sp.Symbol) -> int:
         return self.system.p.index(y)
@@ -232,7 +239,8 @@ class _Search:
                 rest = {shape: e for shape in rest | part for e in [sp.expand(
                     rest.get(shape, _ZERO) - part.get(shape, _ZERO))] if e != 0}
                 found |= {("δ", x): e for x, e in zip(m, delta, strict=True) if e != 0}
-        wanted = [("S", x, y) for m in slots.m for x, y in combinations_with_replacement(m, 2)]
+        wanted: list[tuple[Any, ...]] = [
+            ("S", x, y) for m in slots.m for x, y in combinations_with_replacement(m, 2)]
         wanted += [("M", x, y) for x, y in combinations_with_replacement(slots.y, 2)]
         wanted += [("c", x) for m in slots.m for x in m] + [("v", y) for y in slots.y]
         wanted += [("A", y, x) for y in slots.y for x in slots.r]
@@ -501,7 +509,7 @@ def _inner(e: Sequence[sp.Expr], c: Sequence[sp.Expr]) -> sp.Expr:
 
 def _is_zero(e: sp.Expr) -> bool:
     """Whether a rational expression of constants is 0."""
-    return e == 0 or sp.expand(sp.numer(sp.together(e))) == 0
+    return bool(e == 0 or sp.expand(sp.numer(sp.together(e))) == 0)
 
 
 def _fresh(prefix: str, taken: set[str]) -> tuple[sp.Symbol, ...]:
@@ -512,18 +520,23 @@ def _fresh(prefix: str, taken: set[str]) -> tuple[sp.Symbol, ...]:
     return x, y, z
 
 
-def is_steady(splitting: Splitting, b: int, axis: AxisRotation) -> bool:
-    """Whether every part leaves e·m of a body as it is."""
+def _is_steady(
+    splitting: Splitting, b: int, axis: AxisRotation, slots: set[tuple[int, int]],
+    known: dict[tuple[int, int, Vector], bool],
+) -> bool:
+    """Whether every part leaves e·m of a body as it is: no torque acts about the axis.
+
+    ``slots`` are those of the body in the templates of V, ``known`` are earlier results.
+    """
     body = splitting.bodies[b]
     if body.further or body.drag != 0 or any(splitting.applied.torques[b]):
         return False
-    for template in splitting.templates:
-        slots = {slot for at in template.instances for slot, i in enumerate(at.bodies) if i == b}
-        for slot in slots:
-            q = template.bodies[slot]
-            turned = rotation_matrix(q) * sp.Matrix(axis.axis)
-            power = sp.Add(*(x * N for x, N in zip(turned, template.kick.torques[slot],
-                                                   strict=True)))
-            if not Quotient(unit_quaternions(template.bodies)).vanishes(power):
-                return False
+    for at in sorted(slots):
+        if (*at, axis.axis) not in known:
+            template = splitting.templates[at[0]]
+            turned = rotation_matrix(template.bodies[at[1]]) * sp.Matrix(axis.axis)
+            known[*at, axis.axis] = Quotient(unit_quaternions(template.bodies)).vanishes(
+                turned.dot(sp.Matrix(template.kick.torques[at[1]])))
+        if not known[*at, axis.axis]:
+            return False
     return True

@@ -161,7 +161,8 @@ class Kick:
     """What a potential or forces add to the momenta per unit of time, at fixed q and r.
 
     Expressions in ``system.q``, parameters, time and inputs; if the splitting has
-    ``other_forces``, also in ``BodyFlow.l`` and in ``system.p`` of points.
+    ``other_forces``, also in ``BodyFlow.l`` and in ``system.p`` of points. Parts that recur may be
+    temporaries (``shared_subexpressions.Shared``).
 
     Attributes
     ----------

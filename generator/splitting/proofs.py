@@ -212,7 +212,8 @@ class _Ring:
         """Whether an expression is proved to vanish on the phase space."""
         symbols = expression.free_symbols
         found = sorted({self.body_of[x] for x in symbols if x in self.body_of})
-        quaternions, names = [], {}
+        quaternions: list[Sequence[sp.Symbol]] = []
+        names: dict[sp.Symbol, sp.Expr] = {}
         for slot, b in enumerate(found):
             x = sp.symbols(f"_q{slot}_0:4", real=True)
             m = sp.Matrix(sp.symbols(f"_m{slot}_1:4", real=True))

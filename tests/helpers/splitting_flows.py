@@ -14,7 +14,12 @@ import sympy as sp
 
 from gyrospark.generator.multibody.rigid_body import rotation_matrix
 from gyrospark.generator.splitting.kicks import space_matrix
-from gyrospark.generator.symbolic.shared_subexpressions import expand_shared
+from gyrospark.generator.symbolic.shared_subexpressions import (
+    Shared,
+    parts_of,
+    share_repeated,
+    substitute,
+)
 
 Q = sp.symbols("q0:4", real=True)
 _rotation = sp.lambdify([Q], rotation_matrix(Q))
@@ -37,6 +42,16 @@ def turn(x, w):
     """Return a vector turned by the rotation vector w."""
     c = _rotation(exponential(w / 2))
     return c @ x
+
+
+def compiled(arguments, rows):
+    """Return a function of the arguments in which repeated parts are temporaries."""
+    rows = share_repeated(rows)
+    parts = [e for e in parts_of(rows) if isinstance(e, Shared)]
+    names = {e: sp.Symbol(f"temporary{k}") for k, e in enumerate(parts)}
+    found = substitute([*(e.args[0] for e in parts), *rows], names)
+    pairs, rows = list(zip(names.values(), found, strict=False)), found[len(parts):]
+    return sp.lambdify(arguments, rows, cse=lambda _: (pairs, rows))
 
 
 @dataclass
@@ -65,8 +80,7 @@ class Flows:
 
     def _function(self, kick):
         rows = [e for N in kick.torques for e in N] + list(kick.forces)
-        rows = [expand_shared(e).xreplace(self.values) for e in rows]
-        return sp.lambdify(self._arguments, rows, cse=True)
+        return compiled(self._arguments, substitute(rows, self.values))
 
     def start(self, q, p):
         """Return the state of q and p of the system."""
