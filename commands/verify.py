@@ -91,9 +91,9 @@ def verify(
     gyrospark verify --model fast-top --scheme EMS --dt 1e-3 --steps 1000 --plot order.png
     """
     if model is not None or choice["scheme"] != SPLITTING:
-        for option, value in (("--order", order), ("--gradients", gradients),
+        for option, given in (("--order", order), ("--gradients", gradients),
                               ("--composition", composition)):
-            if value:
+            if given:
                 raise InputError(f"{option} belongs to --scheme {SPLITTING} without --model; name "
                                  "this scheme, or leave the option out.")
     if model is not None:

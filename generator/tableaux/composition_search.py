@@ -121,7 +121,7 @@ class FloatConditions:
 
     def objective(self, x: Array) -> float:
         """Return what a search makes small, as the module says."""
-        made, parts = self.conditions.composition, self.conditions.values(x, float)
+        made, parts = self.conditions.composition, self.conditions.values(x.tolist(), float)
         p = made.order
         if made.base:
             return float(len(made.weights) * np.linalg.norm(parts[0], p + 1))
@@ -208,10 +208,10 @@ def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
             return None
         inverse = np.linalg.pinv(J, _RANK)
         step = -inverse @ F
-        length = np.linalg.norm(step)
+        length = float(np.linalg.norm(step))
         if length < _NEAR and np.abs(F).max() < _SOLVED:
             return x + step
-        size = min(1.0, 4 * size, 1 / length)
+        size = min(1.0, 4 * size, 1 / max(length, _NEAR))
         while True:
             y = x + size * step
             F, J = (part[:k] for part in floats.evaluate(y))
