@@ -8,9 +8,9 @@ solutions to the least objective
     s ‖e‖^{1/p}                  for drifts and kicks, e the error's coefficients at p + 1 letters
     Σ|a_i| + Σ|b_i| + ‖c‖₂       where kicks are small (S. Blanes and others 2013),
 
-then random steps from the best solution, kept where the objective falls. The numbers of a run
-depend on its seed and on nothing else. With ``--write`` the best solution is refined by Newton's
-method and stored in compositions.json. Needs SciPy.
+then random steps from the best solution, kept where the objective falls. A run depends on its
+arguments and its seed only, but for rounding. With ``--write`` the best solution is refined by
+Newton's method and stored in compositions.json with the arguments. Needs SciPy.
 """
 
 from __future__ import annotations
