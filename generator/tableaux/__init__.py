@@ -12,9 +12,9 @@
     conditions         each condition as a residual, and predicates derived from it
     observed_order     the order as measured
     compositions       compositions of exact flows, with 60 digits from compositions.json
-    lyndon_words       order conditions of compositions, at Lyndon words
-    composition_checks conditions of a composition, each with its residual
-    composition_order  its order as measured
-    composition_search its coefficients from random starts
-    composition_proofs their certificates, by Newton's method and Krawczyk's operator
+    lyndon_words       coefficients of products of exponentials, at Lyndon words
+    composition_proofs order conditions of compositions, by Newton and Krawczyk
+    composition_order  the order of a composition as measured
+    composition_checks everything that verify checks of a composition
+    composition_search the search for their numbers; a program
 """

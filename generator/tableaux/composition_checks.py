@@ -49,7 +49,7 @@ def check_composition(composition: Composition) -> list[Condition]:
 def _exact(composition: Composition) -> Iterator[Condition]:
     """Yield what holds in rational arithmetic."""
     drifts, kicks, gradients = composition.drifts, composition.kicks, composition.gradients
-    off = max(abs(sum(drifts) - 1), abs(sum(kicks) - 1))
+    off = max(abs(sum(part, Fraction(-1))) for part in (drifts, kicks))
     yield _line("consistency", "sum a_i = sum b_i = 1", off, f"{len(kicks)} stages")
     off = max(abs(x - y) for part in (drifts, kicks, gradients)
               for x, y in zip(part, reversed(part), strict=True))

@@ -8,9 +8,9 @@ solutions to the least objective
     s ‖e‖^{1/p}                  for drifts and kicks, e the error's coefficients at p + 1 letters
     Σ|a_i| + Σ|b_i| + ‖c‖₂       where kicks are small (S. Blanes and others 2013),
 
-then random steps from the best solution, kept where the objective falls. The numbers of a run
-depend on its seed and on nothing else. With ``--write`` the best solution is refined by Newton's
-method and stored in compositions.json. Needs SciPy.
+then random steps from the best solution, kept where the objective falls. A run depends on its
+arguments and its seed only, but for rounding. With ``--write`` the best solution is refined by
+Newton's method and stored in compositions.json with the arguments. Needs SciPy.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class FloatConditions:
 
     def objective(self, x: Array) -> float:
         """Return what a search makes small, as the module says."""
-        made, parts = self.conditions.composition, self.conditions.values(x, float)
+        made, parts = self.conditions.composition, self.conditions.values(x.tolist(), float)
         p = made.order
         if made.base:
             return float(len(made.weights) * np.linalg.norm(parts[0], p + 1))
@@ -146,7 +146,7 @@ def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Array
 
 def search(
     name: str, seed: int = 1, starts: int = 100, hops: int = 0, width: float = 0.5,
-    most: float = 1.5,
+    middle: float = 1.0, most: float = 1.5,
 ) -> tuple[Array, float, int]:
     """Return the best solution found, its objective, and how many starts led to a solution.
 
@@ -159,7 +159,9 @@ def search(
     starts, hops : int
         Random starts, and random steps from the best solution.
     width : float
-        Half the width of the box of the starts around equal steps.
+        Half the width of the box of the starts.
+    middle : float
+        Where the box is: 0 around zeros, 1 around equal steps.
     most : float
         Largest magnitude of an unknown.
 
@@ -172,10 +174,10 @@ def search(
     """
     conditions = OrderConditions(composition_named(name))
     floats, draw = FloatConditions(conditions), np.random.default_rng(seed)
-    middle = np.array(conditions.equal)
+    centre = middle * np.array(conditions.equal)
     found: list[tuple[float, Array]] = []
     for _ in range(starts):
-        x = _solve(floats, middle + draw.uniform(-width, width, len(middle)), most)
+        x = _solve(floats, centre + draw.uniform(-width, width, len(centre)), most)
         if x is not None:
             found.append((floats.objective(x), x))
     if not found:
@@ -208,10 +210,10 @@ def _solve(floats: FloatConditions, x: Array, most: float) -> Array | None:
             return None
         inverse = np.linalg.pinv(J, _RANK)
         step = -inverse @ F
-        length = np.linalg.norm(step)
+        length = float(np.linalg.norm(step))
         if length < _NEAR and np.abs(F).max() < _SOLVED:
             return x + step
-        size = min(1.0, 4 * size, 1 / length)
+        size = min(1.0, 4 * size, 1 / max(length, _NEAR))
         while True:
             y = x + size * step
             F, J = (part[:k] for part in floats.evaluate(y))
@@ -284,9 +286,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--starts", type=int, default=100)
     parser.add_argument("--hops", type=int, default=0)
     parser.add_argument("--width", type=float, default=0.5)
+    parser.add_argument("--middle", type=float, default=1.0)
     parser.add_argument("--write", action="store_true", help="Store the best solution.")
     choice = parser.parse_args(arguments)
-    x, value, solved = search(choice.name, choice.seed, choice.starts, choice.hops, choice.width)
+    x, value, solved = search(choice.name, choice.seed, choice.starts, choice.hops, choice.width,
+                              choice.middle)
     floats = FloatConditions(OrderConditions(composition_named(choice.name)))
     stored = floats.objective(np.array([float(v) for v in floats.conditions.unknowns]))
     print(f"{choice.name}: {solved} of {choice.starts} starts led to a solution; the best has "
@@ -294,7 +298,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(*(f"  {float(v)!r}" for v in x), sep="\n")
     if choice.write:
         store(choice.name, x.tolist(), f"seed {choice.seed}, starts {choice.starts}, "
-                                       f"hops {choice.hops}, width {choice.width}")
+              f"hops {choice.hops}, width {choice.width}, middle {choice.middle}")
 
 
 if __name__ == "__main__":

@@ -87,8 +87,9 @@ def kick_flow(most: int, gradients: bool) -> Flow:
     """Return exp(bB), or exp(bB + cC) of the numbers b and c with C = 2 BAB − BBA − ABB."""
     if not gradients:
         return exponential({"B": {(1,): Fraction(1)}}, most)
-    C = {"BAB": {(0, 1): Fraction(2)}, "BBA": {(0, 1): Fraction(-1)}, "ABB": {(0, 1): Fraction(-1)}}
-    return exponential({"B": {(1, 0): Fraction(1)}, **C}, most)
+    element: Flow = {"B": {(1, 0): Fraction(1)}}
+    element |= {word: {(0, 1): Fraction(n)} for word, n in (("BAB", 2), ("BBA", -1), ("ABB", -1))}
+    return exponential(element, most)
 
 
 @cache

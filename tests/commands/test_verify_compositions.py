@@ -63,7 +63,7 @@ def test_a_wrong_composition_fails(gyrospark, monkeypatch):
 
 
 @pytest.mark.parametrize(("arguments", "fragments"), [
-    ([*SPLITTING, "--order", "7"], ["7", "2, 4, 6, 8 or 10"]),
+    ([*SPLITTING, "--order", "7"], ["7", "8 or 10"]),
     ([*SPLITTING, "--order", "eight"], ["'eight'", "whole number"]),
     ([*SPLITTING, "--composition", "KL9"], ["'KL9'", "KL8"]),
     ([*SPLITTING, "--composition", "KL8", "--order", "6"], ["leave out"]),
