@@ -244,7 +244,8 @@ class Flows:
     #: Of each body: coordinates of its quaternion, and its axis rotation or -1.
     bodies: list[list[int]]
     body_axis: list[int]
-    #: Axis rotations: 0, 1, 2 for a coordinate axis, 3 for another; whether the rate stays.
+    #: Axis rotations: 0, 1, 2 for a coordinate axis, 3 for another; whether the rate stays, where
+    #: bodies are symmetric.
     axis_which: list[int]
     axis_steady: list[int]
     further_body: list[int]

@@ -1,1 +1,181 @@
+/*
+ * One step of a composition of exact flows, for numbers and for lanes:
+ *
+ *     T(a_0 h) K_1 T(a_1 h) K_2 ... K_s T(a_s h),   K_i = K(b_i h), or K(b_i h/2) R(b_i h) K(b_i h/2)
+ *
+ * T: free rotations and translations, K: kicks by the potential with its force gradient and by
+ * forces, R: rotations of asymmetric bodies that do not commute with T (Hairer-Lubich-Wanner, II.5,
+ * VII.5). The last T of a step and the first of the next are one flow: TYPED(flows) is behind the
+ * last kick, and the state at the end of the step is found on a copy.
+ */
 
+/* Free motion during duration i: bodies rotate, points move. */
+INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, int i, NUMBER q[N],
+    NUMBER q_low[N], NUMBER y[Y])
+{
+    const NUMBER duration = s->drift[i];
+    for (int b = 0; b < BODIES; ++b) {
+        const int *at = body_q[b], k = body_axis[b];
+        NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] }, *l = y + 3*b;
+#if GS_DRAG
+        const NUMBER elapsed = s->elapsed[b][i];
+#else
+        const NUMBER elapsed = duration;
+#endif
+        if (k >= 0) {
+            NUMBER cosine = s->cosine[k][i], sine = s->sine[k][i];
+            if (!(axis_steady[k] && s->is_symmetric))
+                TYPED(sine_cosine)((real)0.5*(s->axis_rate[k]*elapsed
+                    *TYPED(axis_momentum)(r, l, axis_which[k], s->axis[k])
+                    + s->axis_offset[k]*duration), &sine, &cosine);
+            TYPED(rotate_about_axis)(r, axis_which[k], s->axis[k], cosine, sine);
+        }
+        TYPED(rotate_freely)(r, l, (real)0.5*s->sphere[b]*elapsed);
+        for (int e = 0; e < 4; ++e)
+            q[at[e]] = r[e];
+#if GS_DRAG
+        for (int e = 0; e < 3; ++e)
+            l[e] *= s->decay[b][i];
+#endif
+    }
+    if (FREE > 0) {
+        NUMBER velocity[FREE + 1], offset[FREE + 1];
+        TYPED(free_velocity)(c, y, velocity, offset);
+        for (int e = 0; e < FREE; ++e) {
+#if GS_DRAG
+            TYPED(accumulate)(&q[free_q[e]], &q_low[free_q[e]],
+                s->elapsed[BODIES + e][i]*velocity[e] + duration*offset[e]);
+            y[3*BODIES + e] *= s->decay[BODIES + e][i];
+#else
+            TYPED(accumulate)(&q[free_q[e]], &q_low[free_q[e]],
+                duration*(velocity[e] + offset[e]));
+#endif
+        }
+    }
+}
+
+/* Kick i for the duration: momenta change, positions stay. */
+INLINE void TYPED(kick)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i, NUMBER duration)
+{
+    const NUMBER t[1] = { s->t + s->kick_time[i] }, gradient[1] = { s->gradient[i] };
+    NUMBER rate[KICKED + 1];
+#if GS_MOMENTUM_FORCES
+    NUMBER middle[Y]; /* explicit midpoint rule: order 2 */
+    TYPED(kick_rate)(c, s->now.q, s->now.y, t, gradient, rate);
+    for (int e = 0; e < Y; ++e)
+        middle[e] = s->now.y[e];
+    for (int k = 0; k < KICKED; ++k)
+        middle[kicked[k]] += (real)0.5*duration*rate[k];
+    TYPED(kick_rate)(c, s->now.q, middle, t, gradient, rate);
+#else
+    TYPED(kick_rate)(c, s->now.q, s->now.y, t, gradient, rate);
+#endif
+#if GS_FORCES
+    NUMBER mean[Y];
+    for (int e = 0; e < Y; ++e)
+        mean[e] = s->now.y[e];
+    for (int k = 0; k < KICKED; ++k)
+        mean[kicked[k]] += (real)0.5*duration*rate[k];
+    TYPED(accumulate)(&s->now.work, &s->now.work_low, duration*TYPED(force_power)(c, s->now.q, mean, t));
+#endif
+    for (int k = 0; k < KICKED; ++k)
+        TYPED(accumulate)(&s->now.y[kicked[k]], &s->now.y_low[kicked[k]], duration*rate[k]);
+}
+
+/* The rotation k of an asymmetric body for a duration. */
+INLINE void TYPED(rotate_further)(TYPED(flows) *s, int k, NUMBER duration)
+{
+    const int *at = body_q[further_body[k]];
+    NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] }, sine, cosine;
+    TYPED(sine_cosine)((real)0.5*duration*(s->further_rate[k]
+        *TYPED(axis_momentum)(r, s->now.y + 3*further_body[k], further_which[k], s->further_axis[k])
+        + s->further_offset[k]), &sine, &cosine);
+    TYPED(rotate_about_axis)(r, further_which[k], s->further_axis[k], cosine, sine);
+    for (int e = 0; e < 4; ++e)
+        s->now.q[at[e]] = r[e];
+}
+
+/* What is between two drifts: a kick, and rotations that do not commute with the drift. */
+INLINE void TYPED(kick_and_rotate)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
+{
+    const NUMBER duration = s->kick[i];
+    if (FURTHER == 0 || s->is_symmetric) {
+        TYPED(kick)(c, s, i, duration);
+        return;
+    }
+    TYPED(kick)(c, s, i, (real)0.5*duration);
+    for (int k = 0; k < FURTHER - 1; ++k)
+        TYPED(rotate_further)(s, k, (real)0.5*duration);
+    if (FURTHER > 0)
+        TYPED(rotate_further)(s, FURTHER - 1, duration);
+    for (int k = FURTHER - 2; k >= 0; --k)
+        TYPED(rotate_further)(s, k, (real)0.5*duration);
+    TYPED(kick)(c, s, i, (real)0.5*duration);
+}
+
+/* One drift of the step that counts its work, where there is drag. */
+INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
+{
+#if GS_DRAG && GS_FORCES
+    const NUMBER before = TYPED(kinetic_energy)(c, s->now.q, s->now.y);
+    TYPED(drift)(c, s, i, s->now.q, s->now.q_low, s->now.y);
+    TYPED(accumulate)(&s->now.work, &s->now.work_low, TYPED(kinetic_energy)(c, s->now.q, s->now.y) - before);
+#else
+    TYPED(drift)(c, s, i, s->now.q, s->now.q_low, s->now.y);
+#endif
+}
+
+/* One step, up to its last kick. */
+INLINE void TYPED(advance_flows)(const TYPED(flow_constants) *c, TYPED(flows) *s)
+{
+    const int s_last = s->stages;
+    TYPED(drift_on)(c, s, s->is_underway ? s_last + 1 : 0);
+    for (int i = 0; i < s_last; ++i) {
+        RELOAD_STATE;
+        if (i > 0)
+            TYPED(drift_on)(c, s, i);
+        TYPED(kick_and_rotate)(c, s, i);
+    }
+    RELOAD_STATE;
+    for (int b = 0; b < BODIES; ++b) {
+        const int *at = body_q[b];
+        NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };
+        TYPED(normalise)(r);
+        for (int e = 0; e < 4; ++e)
+            s->now.q[at[e]] = r[e];
+    }
+    s->is_underway = 1;
+}
+
+/* The state at the end of the step: the last drift on a copy. `work` is that of this drift. */
+INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows) *s, NUMBER q[N],
+    NUMBER p[N], NUMBER *work)
+{
+    NUMBER y[Y], q_low[N];
+    for (int a = 0; a < N; ++a) {
+        q[a] = s->now.q[a];
+        q_low[a] = s->now.q_low[a];
+    }
+    for (int e = 0; e < Y; ++e)
+        y[e] = s->now.y[e];
+    *work = TYPED(broadcast)(0);
+    if (s->is_underway) {
+#if GS_DRAG && GS_FORCES
+        *work = -TYPED(kinetic_energy)(c, q, y);
+        TYPED(drift)(c, s, s->stages, q, q_low, y);
+        *work += TYPED(kinetic_energy)(c, q, y);
+#else
+        TYPED(drift)(c, s, s->stages, q, q_low, y);
+#endif
+    }
+    for (int b = 0; b < BODIES; ++b) {
+        const int *at = body_q[b];
+        const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
+        NUMBER momentum[4];
+        TYPED(momentum_of)(r, y + 3*b, momentum);
+        for (int e = 0; e < 4; ++e)
+            p[at[e]] = momentum[e];
+    }
+    for (int e = 0; e < FREE; ++e)
+        p[free_q[e]] = y[3*BODIES + e];
+}

@@ -82,7 +82,6 @@ static void observe_steps(const constants *c, long n, const real q[N], const rea
     *report = one;
 }
 
-#if !GS_PROFILE_RUN
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
     (void)w, (void)options, (void)multipliers; /* no constraint forces are computed */
@@ -117,6 +116,4 @@ void NAME(hamiltonian)(const parameters_t *parameters, long count, IF_TIME(
     for (long i = 0; i < count; ++i)
         H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
 }
-#endif
-
 #endif

@@ -83,7 +83,7 @@ static void start_flows(flows *s, const real q[N], const real p[N])
         const real momentum[4] = { p[at[0]], p[at[1]], p[at[2]], p[at[3]] };
         real *l = s->now.y + 3*b;
         angular_momentum_of(r, momentum, l);
-        if (k >= 0 && axis_steady[k]) {
+        if (k >= 0 && axis_steady[k] && s->is_symmetric) {
             const real rate = (real)0.5*(s->axis_offset[k]
                 + s->axis_rate[k]*axis_momentum(r, l, axis_which[k], s->axis[k]));
             for (int i = 0; i < s->stages + 2; ++i)
