@@ -24,7 +24,7 @@ from ..splitting.find import split
 from ..splitting.parts import AxisRotation, Kick, Splitting
 from ..systems.jacobians import jacobian
 from ..systems.system import System
-from ..tableaux.compositions import Composition, composition, composition_named
+from ..tableaux.compositions import COMPOSITIONS, Composition, composition, composition_named
 from .step_equations import common_kernels
 
 __all__ = ["SplittingScheme", "splitting_scheme"]
@@ -235,6 +235,11 @@ def _flat(kick: Kick) -> list[sp.Expr]:
     return [*(e for torque in kick.torques for e in torque), *kick.forces]
 
 
+def _of_strang_steps(one: Composition) -> bool:
+    """Whether it is composed of symmetric steps of order 2, of however many parts."""
+    return one.name == "Strang" or one.base == "Strang"
+
+
 def _is_local(splitting: Splitting) -> bool:
     """Whether each term of V moves one body alone, and does not depend on time.
 
@@ -266,10 +271,13 @@ def splitting_scheme(
         fine = composition(order, gradients=True)
     if splitting.is_exact:
         return SplittingScheme(reduced, splitting, splitting, constants, (fine,))
-    if named and not plain.weights:
+    if named and not _of_strang_steps(plain):
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
                          f"system {system.name!r} has others; give an order instead, or choose a "
                          "composition of Strang steps such as KL8.")
+    if not named:
+        plain = next(one for one in COMPOSITIONS.values()
+                     if one.order == order and _of_strang_steps(one))
     if fine is plain or not symmetric.is_exact:
         return SplittingScheme(reduced, splitting, splitting, constants, (plain,))
     return SplittingScheme(reduced, splitting, symmetric, constants, (plain, fine))
