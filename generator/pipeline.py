@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.arguments import few, listed
 from ..core.errors import InputError, TableauError
 from ..core.inertia import REPS
 from ..core.real_types import REALS
@@ -15,7 +16,7 @@ from .models.model_file import load_model
 from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
-from .schemes.named_schemes import scheme_named
+from .schemes.named_schemes import SCHEMES, scheme_named
 from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
 from .spec import Spec, join_name
 from .symmetry.frame_symmetries import frame_of
@@ -85,6 +86,7 @@ def generate(
         raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
                          "take profile 'full'.")
     system, rep = _system(spec, system, model)
+    _refuse_velocity_constraints(spec, system, own_tableau=tableau is not None)
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
@@ -109,6 +111,20 @@ def generate(
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
                           spec.profile, frame, derivatives), structured)
     return Generated(source, scheme, system, coefficients)
+
+
+def _refuse_velocity_constraints(spec: Spec, system: System, *, own_tableau: bool) -> None:
+    """Refuse velocity constraints with a scheme that has no equations for them."""
+    own_tableau = own_tableau or spec.tableau is not None
+    if not system.velocity_count or (
+            not own_tableau and scheme_named(spec.scheme).velocity_constraints):
+        return
+    others = [scheme.name for scheme in SCHEMES.values() if scheme.velocity_constraints]
+    cure = f"choose {listed(others)}" if others else "no scheme has; leave them out"
+    what = "A given tableau" if own_tableau else f"Scheme {spec.scheme!r}"
+    raise InputError(
+        f"{what} has no equations for the velocity constraints of {system.name!r}, "
+        f"{few(system.velocity_constraint_names)}; {cure}.")
 
 
 def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:

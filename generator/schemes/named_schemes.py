@@ -39,6 +39,8 @@ class Scheme:
         Number of stages → its exact tableau; None for a mean value.
     discrete : bool
         Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
+    velocity_constraints : bool
+        Whether it has equations for velocity constraints, A(q, t) q̇ + a(q, t) = 0.
     sources : dict of str to str
         Works that it is from, by their keys in ``certificates/citations.py``, and for what.
     """
@@ -49,6 +51,7 @@ class Scheme:
     tableau: Callable[[int], Tableau] | None = None
     discrete: bool = False
     most: int = MAX_STAGES
+    velocity_constraints: bool = False
     sources: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -367,11 +367,13 @@ def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
     clock = {system.time: "_t", TIME_STEP: "_dt"} if system.is_time_dependent else {}
-    constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
+    constants = Constants(system.parameters, (*system.q, *system.p, *system.velocities, *time),
+                          clock, system.inputs)
     defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)
+    rows = tuple(constants.hoist(e) for e in system.velocity_constraints)
     forces = tuple(constants.hoist(e) for e in system.forces)
     symbols = tuple(constants.definitions.values())
     made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
-                           quantities={}, **defining)
+                           velocity_constraints=rows, quantities={}, **defining)
     return made, constants

@@ -1,0 +1,75 @@
+"""Velocity constraints A(q, t) q̇ + a(q, t) = 0 of a system: coefficients, copies, refusals."""
+
+from dataclasses import replace
+
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from gyrospark.generator.normal_forms.canonical_system import canonical
+from gyrospark.generator.schemes.step_equations import hoisted
+
+x, y, th, px, py, pt, vx, vy, w, t = sp.symbols("x y th px py pt vx vy w t", real=True)
+m, J, d = sp.symbols("m J d", positive=True)
+SKATE = sp.cos(th) * vy - sp.sin(th) * vx - d * w
+
+
+def sleigh(*rows: sp.Expr, **more: object) -> gs.System:
+    """A Chaplygin sleigh: its blade, at distance d behind the centre of mass, does not slip."""
+    return gs.System((x, y, th), (px, py, pt), (m, J, d), (px**2 + py**2) / (2 * m) + pt**2 / 2 / J,
+                     **{"velocities": (vx, vy, w), "name": "sleigh",
+                        "velocity_constraints": rows or (SKATE,)} | more)
+
+
+def test_coefficients_of_linear_and_affine_rows():
+    system = sleigh(SKATE + t * sp.cos(th), time=t)
+    assert [[-sp.sin(th), sp.cos(th), -d]] == system.A
+    assert system.a == [t * sp.cos(th)]
+    assert system.is_time_dependent
+
+
+def test_a_row_may_be_linear_in_the_velocities_though_it_is_not_written_so():
+    system = sleigh(((vx + 1)**2 - (vx - 1)**2) / 4 + sp.log(sp.exp(w * sp.cos(th))) - 0 * vy)
+    assert [sp.simplify(e) for e in system.A[0]] == [1, 0, sp.cos(th)]
+    assert system.a == [0]
+
+
+def test_copies_hash_and_normal_form_carry_them():
+    system = sleigh()
+    other = sleigh(-(sp.sin(th) * vx - sp.cos(th) * vy + d * w))
+    assert hash(system) == hash(replace(system, quantities={"spin": th}))
+    assert hash(system) != hash(sleigh(2 * SKATE))
+    assert canonical(other).velocity_constraints == canonical(system).velocity_constraints
+    reduced, constants = hoisted(canonical(sleigh(m * d * SKATE)))
+    assert m not in set().union(*(e.free_symbols for e in reduced.A[0]))
+    assert [sp.expand(constants.expand_shared(e) - m * d * own)
+            for e, own in zip(reduced.A[0], system.A[0], strict=True)] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("rows", "named"), [
+    ((vx**2 - vy,), "2*vx"),
+    ((vx * vy,), "linear"),
+    (((vx**2 + vx * vy) / (vx + vy),), "linear"),
+    ((x * y,), "'A0'"),
+    ((px * vx,), "'px'"),
+    ((sp.Symbol("z") * vx,), "'z'"),
+    ((vx, vy, w), "3 constraints"),
+])
+def test_refused(rows, named):
+    with pytest.raises(InputError, match="'sleigh'") as refused:
+        sleigh(*rows)
+    assert named in str(refused.value)
+
+
+@pytest.mark.parametrize("more", [{"velocities": ()}, {"velocities": (vx, vy)},
+                                  {"velocity_constraint_names": ("blade", "wheel")}])
+def test_counts_must_agree(more):
+    with pytest.raises(InputError, match="'sleigh'"):
+        sleigh(**more)
+
+
+def test_schemes_without_equations_for_them_refuse():
+    for scheme, stages in (("IMS", None), ("EMS", None), ("LIIIA-B", 2)):
+        with pytest.raises(InputError, match="skate"):
+            gs.stepper(scheme, stages, system=sleigh(velocity_constraint_names=("skate",)))
