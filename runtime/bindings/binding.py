@@ -213,6 +213,7 @@ class CompiledConstraints:
         self.coordinates, self.momenta = system["coordinates"], system["momenta"]
         default = [f"g{i}" for i in range(binding.m)]
         self.constraint_names = system.get("constraint_names", default)
+        self.velocity_constraint_names = system.get("velocity_constraints", {}).get("names", [])
 
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""
@@ -230,6 +231,8 @@ class CompiledConstraints:
         g, _ = self._defects(np.vstack([q + h, q - h]), np.zeros((2 * len(q), len(q))))
         slopes: Array = (g[: len(q)] - g[len(q) :]).T / (2 * h[0, 0])
         return slopes
+
+    rows = G  # no compiled system has velocity constraints
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
         """Return (∂f/∂p) Gᵀ, shape (m, m), by central differences along the rows of G."""

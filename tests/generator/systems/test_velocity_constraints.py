@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import sympy as sp
 
@@ -9,6 +10,7 @@ import gyrospark as gs
 from gyrospark.core.errors import InputError
 from gyrospark.generator.normal_forms.canonical_system import canonical
 from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.systems.redundant_constraints import refuse_redundant_anywhere
 
 x, y, th, px, py, pt, vx, vy, w, t = sp.symbols("x y th px py pt vx vy w t", real=True)
 m, J, d = sp.symbols("m J d", positive=True)
@@ -17,7 +19,8 @@ SKATE = sp.cos(th) * vy - sp.sin(th) * vx - d * w
 
 def sleigh(*rows: sp.Expr, **more: object) -> gs.System:
     """A Chaplygin sleigh: its blade, at distance d behind the centre of mass, does not slip."""
-    return gs.System((x, y, th), (px, py, pt), (m, J, d), (px**2 + py**2) / (2 * m) + pt**2 / 2 / J,
+    H = (px**2 + py**2) / (2 * m) + pt**2 / 2 / J
+    return gs.System((x, y, th), (px, py, pt), (m, J, d), H,
                      **{"velocities": (vx, vy, w), "name": "sleigh",
                         "velocity_constraints": rows or (SKATE,)} | more)
 
@@ -73,3 +76,34 @@ def test_schemes_without_equations_for_them_refuse():
     for scheme, stages in (("IMS", None), ("EMS", None), ("LIIIA-B", 2)):
         with pytest.raises(InputError, match="skate"):
             gs.stepper(scheme, stages, system=sleigh(velocity_constraint_names=("skate",)))
+
+
+# ---------------------------------------------------------------- rows that depend on others
+
+
+@pytest.mark.parametrize(("rows", "named"), [
+    ((SKATE, sp.cos(th) * SKATE), "redundant"),
+    ((SKATE, sp.cos(th) * SKATE + 1), "contradict"),
+])
+def test_dependent_rows_are_refused(rows, named):
+    with pytest.raises(InputError, match=named):
+        refuse_redundant_anywhere(sleigh(*rows))
+
+
+def test_a_row_that_a_constraint_implies_is_refused():
+    around = sleigh(x * vx + y * vy, constraints=(x**2 + y**2 - d**2,))
+    with pytest.raises(InputError, match="'A0'"):
+        refuse_redundant_anywhere(around)
+
+
+def test_momenta_are_projected_onto_the_rows():
+    """p ← p − Rᵀ(R H_pp Rᵀ)⁻¹(R H_p), R = (g_q, A), in closed form for one row of unit mass."""
+    system = sleigh(SKATE + sp.Rational(1, 2))
+    q, p = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
+    values = {"m": 1.0, "J": 1.0, "d": 0.4}
+    moved = gs.consistent(system, q, p, values)
+    A = np.array([-np.sin(0.3), np.cos(0.3), -0.4])
+    np.testing.assert_allclose(moved.p, p - A * (A @ p + 0.5) / (A @ A), rtol=1e-14)
+    assert moved.hidden_before["A0"] == pytest.approx(abs(A @ p + 0.5), rel=1e-14)
+    assert moved.hidden_after["A0"] < 1e-15
+    assert "A0" in str(moved)
