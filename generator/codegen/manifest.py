@@ -70,6 +70,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "unknowns": scheme.size,
             "unknowns_are_state": scheme.unknowns_are_state,
             "multipliers": scheme.multipliers,
+            **({"reactions": scheme.reactions} if scheme.reactions else {}),
             "keeps_momentum_constraint": tableau is not None,
         },
         **({} if frame is None else {"frame": frame_manifest(frame, system)}),

@@ -92,10 +92,12 @@ SCHEMES: dict[SchemeName, Scheme] = {
             "gonzalez1996": "discrete gradients, energy and momentum",
             "gonzalez1999": "the same with constraints",
             "mclachlan1999": "discrete gradients as a class of methods"}),
-        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto),
+        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto,
+               velocity_constraints=True),
         Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab,
                sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),
         Scheme("Radau-L", "Radau-Lobatto SPARK method", 1, _radau_lobatto,
+               velocity_constraints=True,
                sources={"hairer1996": "Radau IIA methods, L-stable"}),
     )
 }

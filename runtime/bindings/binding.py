@@ -173,17 +173,18 @@ class Binding(Compiled):
     def defects(
         self, parameters: Any, q: Array, p: Array, t: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return g(q) and f(q, p) of each row of q and p, m entries a row.
+        """Return g(q), and f(q, p) and A H_p + a of each row of q and p.
 
+        g has m entries a row, the others together ``conditions``.
         The times are t, or those of the parameters. Of ``parameter_sets`` each one is that of as
         many rows as the next.
         """
-        g, f = self.new(len(q), self.m), self.new(len(q), self.m)
-        if not self.m:
+        g, f = self.new(len(q), self.m), self.new(len(q), self.conditions)
+        if not self.conditions:
             return g, f
         function, sets = self.function("defects"), self.sets(parameters)
         arrays, rows = [self.pointer(array) for array in (q, p, g, f)], len(q) // sets
-        widths = [rows * width for width in (self.n, self.n, self.m, self.m)]
+        widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         if sets == 1:
             function(parameters, rows, *self._times(t), *arrays)
             return g, f
@@ -199,7 +200,7 @@ class Binding(Compiled):
 
     def project(self, parameters: Any, q: Array, p: Array) -> int:
         """Move (q, p) onto the constraints in place; return the status."""
-        if not self.m:
+        if not self.conditions:
             return 0
         return int(self.function("project")(parameters, self.pointer(q), self.pointer(p)))
 

@@ -47,6 +47,9 @@ class Trajectory(Shown):
         Coordinates and momenta; a unit quaternion, scalar first, for a body.
     multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
         Λ_0..Λ_p of the step that ends at each stored state (λ for IMS and EMS).
+    reactions : array, shape (N, s, m')
+        μ of each velocity constraint at the s stages of that step: the reactions are −A(q)ᵀμ. Else
+        (N, 0, 0).
     iterations : array, shape (N,)
         Iterations of that step (fixed-point or Newton), the most of the ``every`` steps since the
         last state.
@@ -73,6 +76,7 @@ class Trajectory(Shown):
     q: Array
     p: Array
     multipliers: Array
+    reactions: Array
     iterations: Array
     dt: Any
     every: int

@@ -4,6 +4,10 @@
 
 #include "gyrospark/spark/residual.h"
 
+#if GS_VELOCITY_CONSTRAINTS
+#include "gyrospark/velocity_constraints/step_end.h"
+#endif
+
 #if GS_CONSTRAINED
 /* d <- q1 - q (A.3) */
 static void displacement(real dt, const real x[U], real d[N])
@@ -16,6 +20,7 @@ static void displacement(real dt, const real x[U], real d[N])
     }
 }
 
+#if !GS_VELOCITY_CONSTRAINTS
 /*
  * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l.
  * The projection of P onto f(q1, p1) = 0 yields p1 and the last multiplier (A.5), (A.6).
@@ -41,7 +46,8 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
-#else
+#endif
+#elif !GS_VELOCITY_CONSTRAINTS
 /* T2 without constraints: q1 = q + dt sum b_j k_j, p1 = p + dt sum b^_j k^_j (A.3). */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
@@ -101,6 +107,9 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
         IF_FRAME_WORK(for (int a = 0; a < N; ++a))
             IF_FRAME_WORK(power += F[a]*v[a];)
         IF_TIME(power += energy_rate(&w->constants, w->stage_q[i], w->stage_p[i]);)
+#if GS_VELOCITY_CONSTRAINTS
+        power += reaction_power(&w->constants, w->stage_q[i], x + REACTIONS + i*ROWS);
+#endif
         sum += tableau.b[i]*power;
     }
     IF_TIME(sum += node_power(w, dt, q, p, x);)
