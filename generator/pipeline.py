@@ -87,6 +87,8 @@ def generate(
                          "take profile 'full'.")
     system, rep = _system(spec, system, model)
     _refuse_velocity_constraints(spec, system, own_tableau=tableau is not None)
+    if system.velocity_count:
+        _refuse_without_velocity_constraints(spec, system, derivatives, structured)
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
@@ -125,6 +127,20 @@ def _refuse_velocity_constraints(spec: Spec, system: System, *, own_tableau: boo
     raise InputError(
         f"{what} has no equations for the velocity constraints of {system.name!r}, "
         f"{few(system.velocity_constraint_names)}; {cure}.")
+
+
+def _refuse_without_velocity_constraints(
+    spec: Spec, system: System, derivatives: bool, structured: bool | None
+) -> None:
+    """Refuse what no stepper with velocity constraints has."""
+    asked = [(spec.profile != "full", f"Profile {spec.profile!r} does", "take profile 'full'"),
+             (derivatives, "Derivatives of steps and runs do", "use differences of runs"),
+             (structured, "Loops over element templates do", "leave out structured")]
+    for wanted, what, cure in asked:
+        if wanted:
+            raise InputError(
+                f"{what} not know velocity constraints, and {system.name!r} has "
+                f"{few(system.velocity_constraint_names)}; {cure}.")
 
 
 def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:

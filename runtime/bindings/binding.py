@@ -233,7 +233,7 @@ class CompiledConstraints:
         slopes: Array = (g[: len(q)] - g[len(q) :]).T / (2 * h[0, 0])
         return slopes
 
-    rows = G  # no compiled system has velocity constraints
+    rows = G  # with velocity constraints compiled code alone projects
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
         """Return (∂f/∂p) Gᵀ, shape (m, m), by central differences along the rows of G."""
