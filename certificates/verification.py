@@ -14,9 +14,10 @@ from ..generator.pipeline import Generated, generate
 from ..generator.schemes.fast_tableau import FastTableau
 from ..generator.schemes.midpoint_conditions import check_mean_scheme
 from ..generator.spec import Spec
-from ..generator.tableaux.conditions import Condition, check_tableau
+from ..generator.tableaux.conditions import Condition, check_tableau, velocity_conditions
 from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
+from ..generator.tableaux.velocity_rows import refusal_of_velocity_rows, velocity_matrix
 from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["Verification", "verify_stepper"]
@@ -55,6 +56,8 @@ def verify_stepper(spec: Spec) -> Verification:
     else:
         conditions = [
             *check_tableau(made.tableau),
+            *([] if refusal_of_velocity_rows(made.tableau) else
+              velocity_conditions(made.tableau, velocity_matrix(made.tableau))),
             _measured(made.tableau),
             _compiled(made, made.tableau, spec.real),
             *_symmetrised(made.tableau, spec.real),

@@ -130,3 +130,51 @@ def skate_chain() -> System:
 SKATE_CHAIN = {"m": 2.0, "I": 0.7, "k": 1.5}
 #: The rod is horizontal, and nothing moves against it or sideways.
 SKATE_CHAIN_START = (np.array([0.0, 0.0, 0.0, 1.5, 0.0]), np.array([1.6, 0.0, 0.35, 0.8, 0.4]))
+
+
+def _rattleback_parameters():
+    """Return Kane and Levinson's data, with the moments about principal axes."""
+    A, B, C, D = 0.0002, 0.0016, 0.0017, -0.00002
+    half = np.arctan2(2 * D, A - B) / 2  # of the axes, from those of the ellipsoid
+    (I1, I2), axes = np.linalg.eigh(np.array([[A, D], [D, B]]))
+    angle = np.arctan(axes[1, 0] / axes[0, 0])
+    assert abs(np.sin(2 * (half - angle))) < 1e-12
+    return {"m": 1.0, "I1": I1, "I2": I2, "I3": C, "gravity": 9.81, "gamma": (I1 + I2 + C) / 3,
+            "a": 0.2, "b": 0.03, "c": 0.02, "h": 0.01, "ce": np.cos(angle), "se": -np.sin(angle)}
+
+
+RATTLEBACK = _rattleback_parameters()
+
+
+def rattleback_contact(u):
+    """Return the contact of the rattleback in its own axes."""
+    ce, se = RATTLEBACK["ce"], RATTLEBACK["se"]
+    turn = np.array([[ce, se, 0], [-se, ce, 0], [0, 0, 1]])
+    M = turn.T @ np.diag([0.2**2, 0.03**2, 0.02**2]) @ turn
+    return -M @ u / np.sqrt(u @ M @ u) + np.array([0, 0, 0.01])
+
+
+def rattleback_state(tilt=np.radians(0.5), spin=-5.0):
+    """Return a start that spins the wrong way round."""
+    return rolling_state(RATTLEBACK, [np.cos(tilt / 2), np.sin(tilt / 2), 0, 0],
+                         np.array([0, 0, spin]), rattleback_contact)
+
+
+@cache
+def transmission() -> System:
+    """Two oscillators that a pendulum couples: a continuously variable transmission.
+
+    The constraint does not act on the pendulum (Modin, Verdier 2020); k turns its potential into
+    one without a mirror.
+    """
+    (x, y, s), p = sp.symbols("x y s", real=True), sp.symbols("px py ps", real=True)
+    vx, vy, vs = v = sp.symbols("vx vy vs", real=True)
+    k = sp.Symbol("k", real=True)
+    H = sum(e**2 for e in p) / 2 + (x**2 + y**2) / 2 - sp.cos(s) + k * sp.sin(2 * s)
+    return System((x, y, s), p, (k,), H, name="transmission", velocities=v,
+                  velocity_constraints=(vy - sp.sin(s) * vx,))
+
+
+def transmission_state(k, speed=2.6):
+    """Return a start in which the pendulum turns over."""
+    return np.array([1.0, 0.3, 0.0]), np.array([0.4, 0.0, speed])
