@@ -2,7 +2,7 @@
 #ifndef GS_VELOCITY_CONSTRAINTS_STEP_END_H
 #define GS_VELOCITY_CONSTRAINTS_STEP_END_H
 
-#include "gyrospark/velocity_constraints/residual.h"
+#include "gyrospark/spark/residual.h"
 
 /* q1 = Q~_P, p1 = P~_P and the multipliers Lambda_0..Lambda_P, M_1..M_S */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
