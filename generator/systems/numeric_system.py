@@ -31,22 +31,23 @@ class NumericConstraints:
     """g, g_q and A at given parameters; states are float arrays, shape (n,).
 
     ``A`` are the coefficients of velocity constraints A q̇ + a = 0, row by row, and ``row_names``
-    their names.
+    their names; ``g_t`` are the explicit time derivatives of the constraints, if there are any.
     """
 
     def __init__(
         self, q: Sequence[sp.Symbol], constraints: Sequence[sp.Expr], names: Sequence[str],
         parameters: Mapping[str, float], A: Sequence[Sequence[sp.Expr]] = (),
-        a: Sequence[sp.Expr] = (), row_names: Sequence[str] = (),
+        a: Sequence[sp.Expr] = (), row_names: Sequence[str] = (), g_t: Sequence[sp.Expr] = (),
     ) -> None:
         self.constraint_names = names
         self.velocity_constraint_names = row_names
         self._A, self._a = [e for row in A for e in row], list(a)
+        self._g_t = list(g_t) or [sp.Integer(0)] * len(constraints)
         self.coordinates = [str(x) for x in q]
         self.expressions = constraints
         self._q = q
         used: set[sp.Symbol] = set().union(
-            *(g.free_symbols for g in (*constraints, *self._A, *self._a))) - set(q)
+            *(g.free_symbols for g in (*constraints, *self._A, *self._a, *self._g_t))) - set(q)
         self._parameters = values_of(used, parameters)
 
     def g(self, q: Array) -> Array:
@@ -67,6 +68,10 @@ class NumericConstraints:
     def a(self, q: Array) -> Array:
         """Return the velocity constraints at rest, shape (m',)."""
         return evaluate(self._a, self._at(q))
+
+    def drift(self, q: Array) -> Array:
+        """Return g_t and below it a, shape (m + m',): ``rows`` q̇ + ``drift`` = 0."""
+        return evaluate([*self._g_t, *self._a], self._at(q))
 
     def rows(self, q: Array) -> Array:
         """Return g_q and below it A, shape (m + m', n)."""

@@ -149,7 +149,7 @@ def refuse_redundant_anywhere(system: System) -> None:
         while len(on) < 3 and len(off) < _TRIES:
             constraints = NumericConstraints(
                 system.q, system.constraints, system.constraint_names, _draw(system, rng),
-                system.A, system.a, system.velocity_constraint_names)
+                system.A, system.a, system.velocity_constraint_names, system.g_t)
             q = rng.standard_normal(system.n)
             found = nearest_point(constraints, q)
             slopes = constraints.rows(q if found is None else found)
@@ -224,8 +224,8 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
 
 def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:
     """Whether dependent rows of A q̇ + a = 0 are independent with a as one more column."""
-    a = np.concatenate([np.zeros(len(constraints.constraint_names)), constraints.a(q)])
-    return len(dependent_rows(np.column_stack([constraints.rows(q), a]))[1]) < len(left_out)
+    rows = np.column_stack([constraints.rows(q), constraints.drift(q)])
+    return len(dependent_rows(rows)[1]) < len(left_out)
 
 
 def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> bool:

@@ -8,6 +8,7 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.core.errors import InputError
+from gyrospark.generator.models.model_file import load_model
 from gyrospark.generator.normal_forms.canonical_system import canonical
 from gyrospark.generator.schemes.step_equations import hoisted
 from gyrospark.generator.systems.redundant_constraints import refuse_redundant_anywhere
@@ -76,6 +77,28 @@ def test_schemes_without_equations_for_them_refuse():
     for scheme, stages in (("IMS", None), ("EMS", None), ("LIIIA-B", 2)):
         with pytest.raises(InputError, match="skate"):
             gs.stepper(scheme, stages, system=sleigh(velocity_constraint_names=("skate",)))
+
+
+def test_model_files_have_them(tmp_path):
+    file = tmp_path / "skate.toml"
+    file.write_text("""
+name = "skate"
+[system]
+coordinates = ["x", "y", "th"]
+momenta = ["px", "py", "pth"]
+velocities = ["vx", "vy", "w"]
+hamiltonian = "(px**2 + py**2)/2 + pth**2/2"
+velocity_constraints = ["cos(th)*vy - sin(th)*vx - d*w"]
+velocity_constraint_names = ["blade"]
+[parameters]
+d = 0.3
+[start]
+q = [0, 0, 0]
+p = [1, 0.3, 1]
+""", encoding="utf-8")
+    model = load_model(file)
+    assert [str(e) for e in model.system.A[0]] == ["-sin(th)", "cos(th)", "-d"]
+    assert model.system.velocity_constraint_names == ("blade",)
 
 
 # ---------------------------------------------------------------- rows that depend on others
