@@ -115,8 +115,8 @@ class SparkGuarantees:
     where {J, H} = 0 everywhere and g_q X = 0 on g(Q̃_j) = 0. A J without q needs none of them.
 
     Reactions −AᵀM_i of velocity constraints add −Δt Σ_i b_i M_iᵀ A(Q_i) X(Q_i) to it. With them no
-    flow is symplectic, and the energy of a step has an error μ·(A q̇ + a) of the order of the method;
-    symmetry keeps it near on motions that a reversal maps to themselves (Modin, Verdier 2020).
+    flow is symplectic, and the energy of a step has an error of the order of the method; symmetry
+    keeps it near on motions that a reversal maps to themselves (Modin, Verdier 2020).
     """
 
     system: System

@@ -142,11 +142,11 @@ class Examination:
     # ------------------------------------------------------------ the compiled equations
 
     def _compiled_system(self) -> CertificateLine:
-        """Compare compiled H, H_p, H_q - F, g and A H_p + a with the model's expressions, in units of ε.
+        """Compare compiled H, H_p, H_q - F, g, A H_p + a with the model's, in units of ε.
 
         All other lines are measured with the compiled stepper alone, which would agree with itself
         if it were one of another system. The residual at x = 0 (SPARK; for IMS and EMS at the start
-        itself) is (-H_p, H_q - F, g) in the limit of a short step; A H_p + a are its last rows.
+        itself) is (-H_p, H_q - F, g) in the limit of a short step; its last rows are A H_p + a.
         """
         system, n, step = self.model.system, self.model.system.n, self.step
         slip = substitute(system.velocity_constraints,
@@ -174,8 +174,9 @@ class Examination:
             off = np.abs(found - expected) / (self.round_off.epsilon * sizes)
         off[found == expected] = 0.0
         value = float(off.max())
-        return compared(f"compiled H, H_p, H_q − F, g{', A H_p + a' * bool(slip)}", f"{value:.2g} times the estimated round-off",
-                      "≤ 16", Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
+        return compared(f"compiled H, H_p, H_q − F, g{', A H_p + a' * bool(slip)}",
+                      f"{value:.2g} times the estimated round-off", "≤ 16",
+                        Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
 
     # ------------------------------------------------------------ symplecticity, symmetry
 

@@ -12,9 +12,8 @@ two lengths of steps tell how many digits are right. None of it is code of the p
 """
 
 import json
+from decimal import Decimal, getcontext
 from pathlib import Path
-
-import mpmath as mp
 
 from rolling_systems import RATTLEBACK, rattleback_state
 
@@ -33,7 +32,8 @@ def _solve(A, b):
     """Return A⁻¹b of three equations, by Cramer's rule."""
     columns = list(zip(*A, strict=True))
     d = _dot(columns[0], _cross(columns[1], columns[2]))
-    return [_dot(b, _cross(columns[1], columns[2])) / d, _dot(columns[0], _cross(b, columns[2])) / d,
+    return [_dot(b, _cross(columns[1], columns[2])) / d,
+            _dot(columns[0], _cross(b, columns[2])) / d,
             _dot(columns[0], _cross(columns[1], b)) / d]
 
 
@@ -46,7 +46,7 @@ def _rates(y, k):
          [2*(b*d - a*c), 2*(c*d + a*b), a*a - b*b - c*c + d*d]]
     u = R[2]
     Mu = [_dot(row, u) for row in k["M"]]
-    root = mp.sqrt(_dot(u, Mu))
+    root = _dot(u, Mu).sqrt()
     r = [-e / root for e in Mu]
     r[2] += k["h"]
     u_rate = _cross(u, w)
@@ -78,7 +78,7 @@ def _extrapolated(y, h, k, columns):
         row = [[(a + b + step * c) / 2
                 for a, b, c in zip(before, now, _rates(now, k), strict=True)]]
         for i, old in enumerate(table):
-            ratio = mp.mpf(n) / (n - 2 * (i + 1))
+            ratio = Decimal(n) / (n - 2 * (i + 1))
             row.append([a + (a - b) / (ratio**2 - 1) for a, b in zip(row[-1], old, strict=True)])
         table = row
     return table[-1]
@@ -86,7 +86,7 @@ def _extrapolated(y, h, k, columns):
 
 def reference(end, steps, columns):
     """Return coordinates, and w, of the rattleback at a time."""
-    P = {name: mp.mpf(float(value)) for name, value in RATTLEBACK.items()}
+    P = {name: Decimal(float(value)) for name, value in RATTLEBACK.items()}
     turn = [[P["ce"], P["se"], 0], [-P["se"], P["ce"], 0], [0, 0, 1]]
     axes = [P["a"], P["b"], P["c"]]
     M = [[sum(turn[e][i] * axes[e]**2 * turn[e][j] for e in range(3)) for j in range(3)]
@@ -94,19 +94,19 @@ def reference(end, steps, columns):
     k = {"M": M, "m": P["m"], "g": P["gravity"], "h": P["h"],
          "J": [P["I1"], P["I2"], P["I3"]]}
     q0, _ = rattleback_state()
-    q = [mp.mpf(float(e)) for e in q0[3:]]
-    size = mp.sqrt(_dot(q, q))
-    y = [mp.mpf(0), mp.mpf(0), *(e / size for e in q), mp.mpf(0), mp.mpf(0), mp.mpf(-5)]
+    q = [Decimal(float(e)) for e in q0[3:]]
+    size = _dot(q, q).sqrt()
+    y = [Decimal(0), Decimal(0), *(e / size for e in q), Decimal(0), Decimal(0), Decimal(-5)]
     for _ in range(steps):
-        y = _extrapolated(y, mp.mpf(end) / steps, k, columns)
+        y = _extrapolated(y, Decimal(end) / steps, k, columns)
     return y
 
 
 if __name__ == "__main__":
-    mp.mp.dps = 42
-    rough, fine = reference(6, 600, 14), reference(6, 900, 14)
+    getcontext().prec = 42
+    rough, fine = reference(6, 4500, 16), reference(6, 6000, 16)
     error = max(abs(a - b) for a, b in zip(rough, fine, strict=True))
-    print("two lengths of steps differ by", mp.nstr(error, 3))
+    print("two lengths of steps differ by", f"{error:.2e}")
     names = ["x", "y", "q0", "q1", "q2", "q3", "w1", "w2", "w3"]
-    FILE.write_text(json.dumps({"t": 6, **{name: mp.nstr(value, 31) for name, value
+    FILE.write_text(json.dumps({"t": 6, **{name: f"{value:.30e}" for name, value
                                            in zip(names, fine, strict=True)}}, indent=1) + "\n")

@@ -5,7 +5,15 @@ from functools import cache
 import numpy as np
 import sympy as sp
 
+import gyrospark as gs
 from gyrospark.generator.systems.system import System
+
+
+@cache
+def stepper_of(make, stages, scheme="G-L", real="double"):
+    """Return a stepper of one of these systems, made once."""
+    return gs.stepper(scheme, stages, system=make(), real=real)
+
 
 SLEIGH = {"m": 1.0, "I": 0.5, "a": 0.3}
 
@@ -15,16 +23,18 @@ def sleigh() -> System:
     """Chaplygin's sleigh: a blade at distance a behind the centre of mass."""
     (x, y, th), p = sp.symbols("x y th", real=True), sp.symbols("px py pth", real=True)
     vx, vy, w = v = sp.symbols("vx vy w", real=True)
-    m, I, a = sp.symbols("m I a", positive=True)
-    return System((x, y, th), p, (m, I, a), (p[0]**2 / m + p[1]**2 / m + p[2]**2 / I) / 2,
+    m, inertia, a = sp.symbols("m I a", positive=True)
+    return System((x, y, th), p, (m, inertia, a),
+                  (p[0]**2 / m + p[1]**2 / m + p[2]**2 / inertia) / 2,
                   velocities=v, name="sleigh",
                   velocity_constraints=(-sp.sin(th) * vx + sp.cos(th) * vy - a * w,))
 
 
 def sleigh_state(u, w, th=0.3, x=0.0, y=0.0):
     """Return (q, p) of a sleigh whose blade goes on at the speed u while it turns at the rate w."""
-    m, I, a = SLEIGH.values()
-    p = [m * (u * np.cos(th) - a * w * np.sin(th)), m * (u * np.sin(th) + a * w * np.cos(th)), I * w]
+    m, inertia, a = SLEIGH.values()
+    p = [m * (u * np.cos(th) - a * w * np.sin(th)), m * (u * np.sin(th) + a * w * np.cos(th)),
+         inertia * w]
     return np.array([x, y, th]), np.array(p)
 
 
@@ -33,8 +43,8 @@ def sleigh_end(u, w, th, t):
 
     u' = a w², w' = -m a u w/(I + m a²) keep E² = u² + k² w² with k² = (I + m a²)/m.
     """
-    m, I, a = SLEIGH.values()
-    k = np.sqrt((I + m * a * a) / m)
+    m, inertia, a = SLEIGH.values()
+    k = np.sqrt((inertia + m * a * a) / m)
     E, rate = np.hypot(u, k * w), a / k**2
     s0 = np.arctanh(u / E)
     s = s0 + rate * E * t
@@ -119,11 +129,11 @@ def skate_chain() -> System:
     x, y, th, u, v = q = sp.symbols("x y th u v", real=True)
     p = sp.symbols("px py pth pu pv", real=True)
     vx, vy, *_ = rates = sp.symbols("vx vy vth vu vv", real=True)
-    m, I, k = sp.symbols("m I k", positive=True)
-    H = (p[0]**2 + p[1]**2) / (2 * m) + p[2]**2 / (2 * I) + (p[3]**2 + p[4]**2) / 2 + v + y / 2 \
-        + k * (th**2 + u * th) / 2
+    m, inertia, k = sp.symbols("m I k", positive=True)
+    H = (p[0]**2 + p[1]**2) / (2 * m) + p[2]**2 / (2 * inertia) + (p[3]**2 + p[4]**2) / 2 \
+        + v + y / 2 + (u**2 + v**2 + k * (th**2 + u * th)) / 2
     rod = (u - x - sp.cos(th) / 2)**2 + (v - y - sp.sin(th) / 2)**2 - 1
-    return System(q, p, (m, I, k), H, (rod,), name="skate_chain", velocities=rates,
+    return System(q, p, (m, inertia, k), H, (rod,), name="skate_chain", velocities=rates,
                   velocity_constraints=(-sp.sin(th) * vx + sp.cos(th) * vy,))
 
 
@@ -154,8 +164,9 @@ def rattleback_contact(u):
     return -M @ u / np.sqrt(u @ M @ u) + np.array([0, 0, 0.01])
 
 
-def rattleback_state(tilt=np.radians(0.5), spin=-5.0):
-    """Return a start that spins the wrong way round."""
+def rattleback_state(degrees=0.5, spin=-5.0):
+    """Return a start that leans and spins the wrong way round."""
+    tilt = np.radians(degrees)
     return rolling_state(RATTLEBACK, [np.cos(tilt / 2), np.sin(tilt / 2), 0, 0],
                          np.array([0, 0, spin]), rattleback_contact)
 
@@ -168,7 +179,7 @@ def transmission() -> System:
     one without a mirror.
     """
     (x, y, s), p = sp.symbols("x y s", real=True), sp.symbols("px py ps", real=True)
-    vx, vy, vs = v = sp.symbols("vx vy vs", real=True)
+    vx, vy, _ = v = sp.symbols("vx vy vs", real=True)
     k = sp.Symbol("k", real=True)
     H = sum(e**2 for e in p) / 2 + (x**2 + y**2) / 2 - sp.cos(s) + k * sp.sin(2 * s)
     return System((x, y, s), p, (k,), H, name="transmission", velocities=v,
