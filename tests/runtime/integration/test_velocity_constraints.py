@@ -122,14 +122,14 @@ def test_events_end_a_run_on_the_rows():
 
 
 def test_a_rattleback_turns_round():
-    """Kane's stone, spun the wrong way: after 5 s it spins the other way, as in the reference."""
-    run = stepper_of(rattleback, 2).integrate(*rattleback_state(), dt=5e-3, steps=1000, every=100,
+    """Kane's stone, spun the wrong way: after 6 s it spins the other way, as in the reference."""
+    known = json.loads((DATA / "rattleback.json").read_text())
+    run = stepper_of(rattleback, 2).integrate(*rattleback_state(), dt=4e-3, steps=1500, every=100,
                                               parameters=RATTLEBACK)
     (a, b, c, d), p = run.q[:, 3:].T, run.p[:, 3:].T
     spin = (-d * p[0] + c * p[1] - b * p[2] + a * p[3]) / 2 / RATTLEBACK["I3"]
     assert spin[0] == pytest.approx(-5)
-    assert (np.diff(spin) > -0.05).all()
-    assert spin[-1] > 1
+    assert spin[-1] == pytest.approx(float(known["w3"]), abs=0.02)
     assert run.report.momentum_constraint_max <= ROUND_OFF
 
 
