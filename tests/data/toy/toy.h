@@ -158,6 +158,8 @@ typedef struct {
     int exponents[U], pivots[U];
     real forward[U], t, step, node_time[P + 1], work_done, frame_q[N], frame_p[N];
     real stage_q[S][N], stage_p[S][N], D[P + 1][N], force[P + 1][N], Q_tilde[P + 1][N];
+    real differences[8][U];
+    int stored, order, has_factors;
     real G[P + 1][M > 0 ? M : 1][N], K[P + 1][N][N], q_mean[N], p_mean[N];
     toy_state state;
     int failures, newton_steps_left;
