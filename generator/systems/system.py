@@ -37,6 +37,8 @@ __all__ = ["BodyLayout", "System"]
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
+#: Constraints of a system with velocity constraints whose W = g_q H_pp g_qᵀ is not shortened.
+_MANY = 8
 #: Constraints and forces that notebooks show.
 _SHOWN = 6
 
@@ -442,7 +444,9 @@ class System:
     def hidden_matrix(self) -> list[list[sp.Expr]]:
         """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ less dropped factors."""
         rows = jacobian(self.hidden, self.p)
-        return [
-            [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
-            for row in rows
-        ]
+        # Many bodies that roll have no element templates: hundreds of entries of W are written out.
+        products = [[sum((a * b for a, b in zip(row, other, strict=True)), sp.Integer(0))
+                     for other in self.G] for row in rows]
+        if self.velocity_count and self.m > _MANY:
+            return products
+        return [[shortest(e) for e in row] for row in products]
