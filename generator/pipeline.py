@@ -20,6 +20,7 @@ from .schemes.named_schemes import SCHEMES, scheme_named
 from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
 from .spec import Spec, join_name
 from .symmetry.frame_symmetries import frame_of
+from .systems.integrable_rows import warn_of_row_integrals
 from .systems.redundant_constraints import refuse_redundant_anywhere
 from .systems.smoothness import refuse_kinks
 from .systems.system import System
@@ -92,6 +93,7 @@ def generate(
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
+        warn_of_row_integrals(system)
     system = canonical(system)
     frame = frame_of(system) if framed else None
     if frame is not None:

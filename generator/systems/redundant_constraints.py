@@ -7,7 +7,7 @@ ones, at points that Gauss-Newton steps find on g = 0.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,8 @@ from ..symbolic.rounding_errors import rounding
 from .numeric_system import NumericConstraints
 from .system import System
 
-__all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere"]
+__all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere",
+           "somewhere"]
 
 Array = NDArray[Any]
 EPS = float(np.finfo(float).eps)
@@ -220,6 +221,29 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
                 return None
             q, g = q_new, g_new
     return None
+
+
+def somewhere(
+    system: System, more: Iterable[sp.Symbol] = (), seed: int = 23
+) -> tuple[Array, dict[sp.Symbol, float]]:
+    """Return random coordinates on g = 0, if any are found, and values of all other symbols.
+
+    These are parameters, the time, and ``more``; all are positive.
+    """
+    rng = np.random.default_rng(seed)
+    time = {*filter(None, (system.time,))}
+    symbols = sorted({*system.parameters} | time | ({*more} - {*system.q}), key=str)
+    for _ in range(_TRIES):
+        values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
+        q = rng.standard_normal(system.n)
+        if not system.m:
+            return q, values
+        numbers = NumericConstraints(system.q, system.constraints, system.constraint_names,
+                                     {str(s): x for s, x in values.items()})
+        found = nearest_point(numbers, q)
+        if found is not None:
+            return found, values
+    return q, values
 
 
 def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:

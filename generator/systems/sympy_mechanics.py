@@ -17,7 +17,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
 import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics import mechanics as me
@@ -32,8 +31,7 @@ from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.shared_subexpressions import parts_of, substitute, symbols_of
 from .expression_arguments import as_sequence
 from .lagrangian import LagrangianSystem, from_lagrangian
-from .numeric_system import NumericConstraints
-from .redundant_constraints import nearest_point
+from .redundant_constraints import somewhere
 from .sympy_motion import FrameMotion
 from .velocity_rows import coefficients_of
 
@@ -342,7 +340,7 @@ def _independent(
     if not bound:
         return ()
     flat = [e for row in rows for e in row]
-    q, values = _somewhere(system, symbols_of(flat))
+    q, values = somewhere(system, symbols_of(flat))
     at: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
     numbers = evaluate(flat, at).reshape(len(rows), system.n + 1)
     implied = {*dependent_rows(numbers)[1]}
@@ -353,23 +351,3 @@ def _independent(
                          f"{system.name!r} contradicts the others: no velocities satisfy them all; "
                          "leave it out, or correct it.")
     return tuple(e for i, e in enumerate(bound, start=system.m) if i not in implied)
-
-
-def _somewhere(
-    system: LagrangianSystem, more: set[sp.Symbol]
-) -> tuple[Any, dict[sp.Symbol, float]]:
-    """Return coordinates on g = 0, if any are found, and values of the parameters and of t."""
-    rng = np.random.default_rng(23)
-    time = {*filter(None, (system.time,))}
-    symbols = sorted({*system.parameters} | time | (more - {*system.q}), key=str)
-    for _ in range(12):
-        values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
-        q = rng.standard_normal(system.n)
-        if not system.m:
-            return q, values
-        numbers = NumericConstraints(system.q, system.constraints, system.constraint_names,
-                                     {str(s): x for s, x in values.items()})
-        found = nearest_point(numbers, q)
-        if found is not None:
-            return found, values
-    return q, values

@@ -360,6 +360,17 @@ class System:
 
         return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
 
+    def with_row_integrals(self) -> System:
+        """Return the system with integrable velocity constraints as constraints on positions.
+
+        They then hold to round-off, where as velocities they hold to the order of the method:
+        see ``integrable_rows``. Each has a new parameter NAME_0, the value of the integral at the
+        start.
+        """
+        from .integrable_rows import with_row_integrals
+
+        return with_row_integrals(self)
+
     @property
     def is_nonautonomous(self) -> bool:
         """Whether H, g or F depends on time."""
