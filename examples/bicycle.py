@@ -11,6 +11,8 @@ about straight running, in axes that move with the wheels, and reduces them to t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,31 +45,36 @@ def bicycle(speed: float = 5.0, lean_rate: float = 0.0) -> gs.Model:
     return build.model()
 
 
-def eigenvalues(model: gs.Model) -> NDArray[np.complex128]:
-    """Return the eigenvalues of straight running that are not 0, largest real part first."""
-    system, n = model.system, model.system.n
-    z, z0 = [*system.q, *system.p], np.concatenate([model.q0, model.p0])
+@lru_cache
+def equations(system: gs.System) -> Callable[..., list[float]]:
+    """Return a function of q, p, ν and the parameters: the rates of q and p, g, and R H_p."""
     v, R = system.H_p, [*system.G, *system.A]
     nu = sp.symbols(f"nu0:{len(R)}")
     pushes = [-h - sp.Add(*(x * row[i] for x, row in zip(nu, R, strict=True)))
               for i, h in enumerate(system.H_q)]
     kept = [sp.Add(*(a * b for a, b in zip(row, v, strict=True))) for row in R]
-    functions = sp.lambdify([*z, *nu, *system.parameters],
-                            [*v, *pushes, *system.constraints, *kept], cse=True)
+    made: Callable[..., list[float]] = sp.lambdify(
+        [*system.q, *system.p, *nu, *system.parameters],
+        [*v, *pushes, *system.constraints, *kept], cse=True)
+    return made
+
+
+def eigenvalues(model: gs.Model) -> NDArray[np.complex128]:
+    """Return the four eigenvalues of leaning and steering, largest real part first.
+
+    The other six, of place, heading, angles of the wheels and speed, are 0.
+    """
+    system, n = model.system, model.system.n
+    z0 = np.concatenate([model.q0, model.p0])
+    constants = [model.parameters[str(s)] for s in system.parameters]
 
     def values(z: NDArray[Any], nu: NDArray[np.float64]) -> NDArray[Any]:
-        """Return the rates of q and p, and what is kept."""
-        shape = np.broadcast_shapes(z.shape[1:])
-        found = functions(*z, *nu, *(model.parameters[str(s)] for s in system.parameters))
-        return np.array([np.broadcast_to(e, shape) for e in found])
+        found = equations(system)(*z, *nu, *constants)
+        return np.array([np.broadcast_to(e, z.shape[1:]) for e in found])
 
-    def slopes(nu: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return their derivatives by z, Im f(z + iε e_k)/ε."""
-        return values(z0[:, None] + 1e-100j * np.eye(2 * n), nu).imag * 1e100
-
-    none = np.zeros(len(nu))
-    rest = values(z0, none)[: 2 * n]
-    rows = np.array([rest[n:] - values(z0, e)[n:2 * n] for e in np.eye(len(nu))])  # R
+    count = system.m + system.velocity_count
+    rest = values(z0, np.zeros(count))[: 2 * n]
+    rows = np.array([rest[n:] - values(z0, e)[n:2 * n] for e in np.eye(count)])  # R
     frame = np.zeros((2 * n, 2 * n))  # of axes that spin with a wheel: q̇ = ½ q (0, 0, 0, ω)
     for name in ("rear", "front"):
         first = next(system.q.index(b.q[0]) for b in system.bodies if b.name == name)
@@ -78,14 +85,15 @@ def eigenvalues(model: gs.Model) -> NDArray[np.complex128]:
     pull = rest[n:] - (frame @ z0)[n:]
     held, *_ = np.linalg.lstsq(rows.T, pull, rcond=None)
     assert np.linalg.norm(rows.T @ held - pull) < 1e-9  # in its frame the motion is steady
-    J = slopes(held)
+    moved = z0[:, None] + 1e-100j * np.eye(2 * n)
+    J = values(moved, held).imag * 1e100  # derivatives by z, Im f(z + iε e_k)/ε
     tangents = null_space(J[2 * n:])
     free = np.eye(2 * n)  # what no multiplier reaches
     free[n:, n:] -= np.linalg.pinv(rows) @ rows
     reduced, *_ = np.linalg.lstsq(free @ tangents, free @ (J[: 2 * n] - frame) @ tangents,
                                   rcond=None)
-    found = np.linalg.eigvals(reduced)
-    return np.array(sorted(found[abs(found) > 1e-2], key=lambda x: (-x.real, -x.imag)))
+    growth = sorted(np.linalg.eigvals(reduced), key=abs)[6:]
+    return np.array(sorted(growth, key=lambda x: (-x.real, -x.imag)))
 
 
 if __name__ == "__main__":
