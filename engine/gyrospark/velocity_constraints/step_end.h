@@ -4,7 +4,10 @@
 
 #include "gyrospark/spark/residual.h"
 
-/* q1 = Q~_P, p1 = P~_P and the multipliers Lambda_0..Lambda_P, M_1..M_S */
+/*
+ * q1 = Q~_P, p1 = P~_P and the multipliers Lambda_0..Lambda_P, M_1..M_S. P~_P satisfies all conditions
+ * on momenta but for the error of Newton's method, which a projection removes.
+ */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
 {
@@ -17,7 +20,8 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
     }
     for (int l = 0; l < MULTIPLIERS; ++l)
         multipliers[l] = x[FIRST_LAMBDA + l];
-    return isfinite(norm(N, q1) + norm(N, p1)) ? OK : NOT_FINITE;
+    const int status = project_momentum(AT(&w->constants, w->t + w->step), q1, p1);
+    return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
 
 #if GS_FORCES
