@@ -23,7 +23,7 @@ from ..systems.body_layout import BodyLayout, ConstraintForce, Entries, Entry, J
 from ..systems.numeric_system import NumericConstraints
 from ..systems.redundant_constraints import Redundancy, find_redundant
 from ..systems.system import System
-from ..systems.velocity_rows import coefficients_of
+from ..systems.velocity_coefficients import coefficients_of
 from .body import GROUND, Body, Frame, MovingPoint, Particle, dot
 from .components import TIME, Components
 from .initial_poses import Pose, in_range, propagate_all

@@ -33,7 +33,7 @@ from .expression_arguments import as_sequence
 from .lagrangian import LagrangianSystem, from_lagrangian
 from .redundant_constraints import somewhere
 from .sympy_motion import FrameMotion
-from .velocity_rows import coefficients_of
+from .velocity_coefficients import coefficients_of
 
 __all__ = ["from_mechanics"]
 

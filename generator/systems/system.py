@@ -30,7 +30,7 @@ from ..parsing.reserved_names import is_taken
 from .body_layout import BodyLayout, JointLayout
 from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
-from .velocity_rows import coefficients_of, refuse_unless_linear
+from .velocity_coefficients import coefficients_of, refuse_unless_linear
 
 __all__ = ["BodyLayout", "System"]
 
