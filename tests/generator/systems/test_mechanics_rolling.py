@@ -141,5 +141,5 @@ def test_constraints_that_are_not_linear_in_the_velocities_are_refused():
     rate = method.q[1].diff(T)
     bent = me.LagrangesMethod(method._L[0], method.q, None, method.bodies, method.inertial,
                               nonhol_coneqs=[rate**2 - method.q[2].diff(T)])
-    with pytest.raises(InputError, match="linear in the velocities"):
+    with pytest.raises(InputError, match="A0"):
         gs.from_mechanics(bent)
