@@ -134,7 +134,7 @@ def from_mechanics(
     _refuse_functions(name, rows, t)
     own = symbols_of(rows)
     constants = {*system.parameters, *own} - {*q, *v, *given, t}
-    return replace(system, parameters=sorted(constants, key=str), velocity_constraints=rows,
+    return replace(system, parameters=tuple(sorted(constants, key=str)), velocity_constraints=rows,
                    time=t if t in own else system.time) if rows else system
 
 

@@ -12,6 +12,7 @@ from gyrospark.generator.models.model_file import load_model
 from gyrospark.generator.normal_forms.canonical_system import canonical
 from gyrospark.generator.schemes.step_equations import hoisted
 from gyrospark.generator.systems.redundant_constraints import refuse_redundant_anywhere
+from gyrospark.generator.systems.smoothness import refuse_kinks
 
 x, y, th, px, py, pt, vx, vy, w, t = sp.symbols("x y th px py pt vx vy w t", real=True)
 m, J, d = sp.symbols("m J d", positive=True)
@@ -71,6 +72,18 @@ def test_refused(rows, named):
 def test_counts_must_agree(more):
     with pytest.raises(InputError, match="'sleigh'"):
         sleigh(**more)
+
+
+def test_rows_that_jump_are_refused():
+    """A ratchet: the blade slips to one side of x = 0 only. A kink, as of |x|, is no jump."""
+    refuse_kinks(sleigh(SKATE + abs(x) * vx))
+    with pytest.raises(InputError, match=r"'A0'.*jumps where x"):
+        refuse_kinks(sleigh(SKATE + sp.sign(x) * vx))
+
+
+def test_notebooks_show_them():
+    text = sleigh(velocity_constraint_names=("blade",))._repr_html_()
+    assert "A v + a: blade" in text
 
 
 def test_schemes_without_equations_for_them_refuse():
