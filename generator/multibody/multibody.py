@@ -407,7 +407,9 @@ class Multibody:
         """Let a body roll on a plane of space without slip: one constraint, two on velocities.
 
         They are ``name: height``, and ``name: slip 1`` and ``slip 2`` along two tangents of the
-        plane. A position and a velocity that are not given follow from them.
+        plane. A position and a velocity that are not given follow from them. The force of the
+        plane on the body is −λ along the normal, with λ of the height in ``run.multipliers``, and
+        −μ along the tangents, with μ in ``run.reactions``; one that pulls, λ > 0, is not refused.
 
         Parameters
         ----------

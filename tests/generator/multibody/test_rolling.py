@@ -123,6 +123,25 @@ def test_point_masses_do_not_roll():
         made.rolls("foot", made.point_mass("bead", mass=1.0), sphere=0.1)
 
 
+def test_a_ball_on_a_turntable_moves_on_a_circle_at_two_sevenths_of_its_rate():
+    """And the forces of the plane, at the stages, carry its momentum and its weight."""
+    build = gs.Multibody("turntable")
+    ball = build.body("ball", mass=0.3, inertia=[0.4 * 0.3 * 0.05**2] * 3, velocity=(0, 0.2, 0),
+                      position=(0.5, 0, 0.05), angular_velocity=(0, 0, 0))
+    build.rolls("table", ball, sphere=0.05, turning=3.5)
+    model = build.model()
+    step = gs.stepper("G-L", 3, system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=200, parameters=model.parameters)
+    x, v = (run.q[:, 4:6], run.p[:, 4:6] / 0.3)
+    z, rate = x[:, 0] + 1j * x[:, 1], 2 / 7 * 3.5
+    circle = z[0] + (v[0, 0] + 1j * v[0, 1]) * (np.exp(1j * rate * run.t) - 1) / (1j * rate)
+    assert np.abs(z - circle).max() < 1e-8
+    height = model.system.constraint_names.index("table: height")
+    np.testing.assert_allclose(run.multipliers[..., height], -0.3 * 9.81, rtol=1e-9)
+    pushed = -0.01 * np.tensordot(run.reactions, [5 / 18, 8 / 18, 5 / 18], axes=(1, 0))
+    np.testing.assert_allclose(np.diff(run.p[:, 4:6], axis=0), pushed, atol=1e-14)
+
+
 def test_model_files_have_them(tmp_path):
     file = tmp_path / "marble.toml"
     file.write_text("""
