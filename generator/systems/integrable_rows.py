@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ...core.warnings import warn
 from ..parsing.tokens import shorten
+from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
 from ..symbolic.identities import compare
 from ..symbolic.numeric_evaluation import evaluate
@@ -172,7 +173,10 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
 def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | None:
     """Return φ with dφ = ω, or ω divided by one of its entries; None if there is none."""
     for factor in (sp.Integer(1), *(e for e in dict.fromkeys(omega) if e.free_symbols & {*x})):
-        scaled = [sp.cancel(e / factor) if e != factor else sp.Integer(1) for e in omega]
+        ratios = [e / factor if e != factor else sp.Integer(1) for e in omega]
+        if not all(map(is_small, ratios)):
+            continue
+        scaled = [sp.cancel(e) for e in ratios]
         if not all(_is_simple(e, x) for e in scaled):
             continue
         phi = sp.Integer(0)
