@@ -9,7 +9,7 @@ differentiation: φ has dφ = ω, or ω divided by one of its coefficients.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -27,7 +27,7 @@ from ..symbolic.numeric_evaluation import evaluate
 from .redundant_constraints import somewhere
 from .system import System
 
-__all__ = ["RowIntegral", "row_integrals", "warn_of_row_integrals",
+__all__ = ["RowIntegral", "curls_of", "row_integrals", "warn_of_row_integrals",
            "with_row_integrals"]
 
 Array = NDArray[Any]
@@ -115,20 +115,16 @@ def _candidates(
     Of the combinations ω whose dω vanish on the velocities that all rows allow, those are kept
     whose dω vanish on the velocities that these combinations allow, and so on.
     """
-    flat = [e for row in rows for e in row]
     slopes = [e for row, rate in zip(system.G, system.g_t, strict=True) for e in (*row, rate)]
     points = []
     for seed in range(_POINTS):
         q, values = somewhere(system, {x[-1]}, seed)
         at = np.array([*q, values[x[-1]]])
-        moved = at[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
-        numbers = evaluate(flat, values | dict(zip(x, moved, strict=True)))
-        W = numbers.real[:, 0].reshape(len(rows), len(x))
-        by_x = (numbers.imag / _TINY).reshape(len(rows), len(x), len(x))
+        W, curls = curls_of(rows, x, at, values)
         G = evaluate(slopes, values | dict(zip(x, at, strict=True))).reshape(-1, len(x))
-        if not (np.isfinite(W).all() and np.isfinite(by_x).all() and np.isfinite(G).all()):
+        if not all(np.isfinite(part).all() for part in (W, curls, G)):
             return
-        points.append((G, W, by_x - by_x.transpose(0, 2, 1)))
+        points.append((G, W, curls))
     kept = np.eye(len(rows))
     while len(kept):
         conditions = []
@@ -141,6 +137,21 @@ def _candidates(
             yield from _rational(kept)
             return
         kept = smaller
+
+
+def curls_of(
+    rows: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Symbol], at: Array,
+    values: Mapping[sp.Symbol, float],
+) -> tuple[Array, Array]:
+    """Return 1-forms ω at a point, and ∂ω_i/∂x_j − ∂ω_j/∂x_i, shape (rows, n, n).
+
+    Derivatives are Im ω(x + iε e_j)/ε, exact to round-off. ``values`` are those of the parameters.
+    """
+    moved = at[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
+    numbers = evaluate([e for row in rows for e in row],
+                       {**values, **dict(zip(x, moved, strict=True))})
+    by_x = (numbers.imag / _TINY).reshape(len(rows), len(x), len(x))
+    return numbers.real[:, 0].reshape(len(rows), len(x)), by_x - by_x.transpose(0, 2, 1)
 
 
 def _null_space(A: Array) -> Array:

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics import mechanics as me
@@ -30,6 +31,7 @@ from ..symbolic.derivatives import slopes
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.shared_subexpressions import parts_of, substitute, symbols_of
 from .expression_arguments import as_sequence
+from .integrable_rows import curls_of
 from .lagrangian import LagrangianSystem, from_lagrangian
 from .redundant_constraints import somewhere
 from .sympy_motion import FrameMotion
@@ -100,8 +102,8 @@ def from_mechanics(
     Raises
     ------
     InputError
-        For constraints that contradict each other or are not linear in the velocities, and as
-        ``System.from_lagrangian``.
+        For constraints that contradict each other or are not linear in the velocities, for bodies
+        whose velocity is the rate of no place, and as ``System.from_lagrangian``.
     """
     readers = {me.LagrangesMethod: _of_lagrange, me.KanesMethod: _of_kane, me.System: _of_system}
     reader = next((f for kind, f in readers.items() if isinstance(method, kind)), None)
@@ -109,7 +111,7 @@ def from_mechanics(
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     found = reader(method)
-    _warn_of_velocities(found.motion, getattr(method, "bodies", None) or ())
+    astray = _warn_of_velocities(found.motion, getattr(method, "bodies", None) or ())
     found.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
@@ -124,6 +126,9 @@ def from_mechanics(
     quantities = dict(zip(shown_of, rest[last:], strict=True))
     q, v = [names[x] for x in found.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F], t)
+    _refuse_substituted(found, names, [
+        body for body in getattr(method, "bodies", None) or ()
+        if astray or not found.motion.is_placed(body.masscenter)])
     given = tuple(found.inputs.values())
     everything = [L, *g, *F, *quantities.values()]
     parameters = sorted(symbols_of(everything) - {*q, *v, *given, t}, key=str)
@@ -183,8 +188,11 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     return dict(zip(u, left, strict=True))
 
 
-def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
-    """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
+def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
+    """Warn of velocities that are no rates of places: a base that moves may stand still in them.
+
+    Return whether there are any.
+    """
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:
         point, near = pair
@@ -193,6 +201,34 @@ def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
              "there changes; velocities are taken as they are. A joint of SymPy sets its point "
              "at rest in the axes of its first body: a base that moves needs a frame of its own, "
              f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
+    return pair is not None
+
+
+def _refuse_substituted(
+    found: Mechanics, names: Mapping[sp.Expr, sp.Symbol], bodies: Sequence[Any]
+) -> None:
+    """Refuse bodies whose velocity is the rate of no place: rolling was put into it.
+
+    Lagrange's equations of such a T are wrong, since it holds on the constraints only. The
+    velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j, seen at a random point.
+    """
+    t = me.dynamicsymbols._t
+    q = [names[x] for x in found.q]
+    velocities = [names[x.diff(t)] for x in found.q]
+    rng = np.random.default_rng(29)
+    for body in bodies:
+        v = body.masscenter.vel(found.motion.frame).to_matrix(found.motion.frame)
+        A, a = coefficients_of(_named(found, list(v), names), velocities)
+        rows, x = [[*row, rest] for row, rest in zip(A, a, strict=True)], [*q, t]
+        constants = symbols_of([e for row in rows for e in row]) - {*x}
+        values = {s: float(rng.uniform(0.5, 2.0)) for s in sorted(constants, key=str)}
+        W, curls = curls_of(rows, x, rng.uniform(0.5, 1.5, len(x)), values)
+        if np.abs(curls).max() > _SMALL * np.abs(W).max():
+            raise InputError(
+                f"The velocity of {body.masscenter} in {found.motion.frame} is the rate of no "
+                "place: constraints such as rolling have been put into it, where Lagrange's "
+                "equations need multipliers. Give the body all coordinates of its place, and the "
+                "constraints as velocity_constraints, u_dependent of KanesMethod.")
 
 
 # ---------------------------------------------------------------- loads

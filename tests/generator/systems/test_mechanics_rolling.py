@@ -143,3 +143,25 @@ def test_constraints_that_are_not_linear_in_the_velocities_are_refused():
                               nonhol_coneqs=[rate**2 - method.q[2].diff(T)])
     with pytest.raises(InputError, match="A0"):
         gs.from_mechanics(bent)
+
+
+@pytest.mark.filterwarnings("ignore::gyrospark.InputWarning")
+@pytest.mark.parametrize("placed", [True, False])
+def test_rolling_that_was_put_into_a_velocity_is_refused(placed):
+    """The disc of SymPy's documentation: three angles, and a contact at rest. T lacks its place."""
+    q, u = me.dynamicsymbols("q1:4"), me.dynamicsymbols("u1:4")
+    N = me.ReferenceFrame("N")
+    yawed = N.orientnew("Y", "Axis", [q[0], N.z])
+    leant = yawed.orientnew("L", "Axis", [q[1], yawed.x])
+    body = leant.orientnew("R", "Axis", [q[2], leant.y])
+    turned, axes = body.ang_vel_in(N), (leant.x, leant.y, leant.z)
+    omega = sum((a * e for a, e in zip(u, axes, strict=True)), 0 * N.x)
+    contact = me.Point("C")
+    contact.set_vel(N, 0 * N.x)
+    D = contact.locatenew("D", r * leant.z) if placed else me.Point("D")
+    D.set_vel(N, omega.cross(r * leant.z))
+    inertia = me.inertia(leant, m * r**2 / 4, m * r**2 / 2, m * r**2 / 4)
+    made = me.RigidBody("disc", D, body, m, (inertia, D))
+    method = me.KanesMethod(N, q, u, [(omega - turned).dot(e) for e in axes], bodies=[made])
+    with pytest.raises(InputError, match="D in N"):
+        gs.from_mechanics(method)
