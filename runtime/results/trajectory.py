@@ -56,7 +56,8 @@ class Trajectory(Shown):
     energies : array, shape (N+1,)
         H of each state.
     g_errors, f_errors : array, shape (N+1,)
-        Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state.
+        Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state; with
+        velocity constraints also of |A H_p + a|.
     work : array, shape (N+1,)
         Work W done by the system's forces since the start; 0 without forces.
     velocities : array, shape (N+1, n)

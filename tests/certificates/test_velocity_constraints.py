@@ -74,22 +74,23 @@ def test_no_loop_invariant_is_claimed():
 
 
 def test_momentum_maps_that_reactions_leave_alone():
-    """The third momentum of a particle with a row in the other two; not that of the sleigh."""
-    q, p, v = (sp.symbols(f"{c}0:3", real=True) for c in "qpv")
+    """Momenta of a particle along and across a row."""
+    q, p, v = (sp.symbols(f"{c}0:4", real=True) for c in "qpv")
     k = sp.Symbol("k", real=True)
     system = gs.System(q, p, (k,), sum(e**2 for e in p) / 2, velocities=v, name="edge",
-                       velocity_constraints=(v[1] - q[0] * v[0],))
-    state = np.array([0.2, 0.1, 0.3]), np.array([0.5, 0.1, 0.7])
+                       velocity_constraints=(v[2] - q[0] * v[1],))
+    state = np.array([0.2, 0.1, 0.3, 0]), np.array([0.5, 0.6, 0.12, 0.7])
     kept = {str(J.J): guarantees(system, {"k": 1}).momentum(J).guaranteed
             for J in momentum_maps(system, {"k": 1.0}, *state)}
-    assert kept["p2"]
-    assert not kept["p0"]
+    assert kept["p3"]
+    assert kept["p0"]  # the row does not have the velocity of q0
     assert not kept["p1"]
+    assert not kept["p2"]
     step = gs.stepper("G-L", 2, system=system)
     q0, p0 = step.project(*state, parameters={"k": 1})
     run = step.integrate(q0, p0, dt=0.05, steps=200, parameters={"k": 1})
-    assert np.ptp(run.p[:, 2]) < 1e-14
-    assert np.ptp(run.p[:, 1]) > 1e-2
+    assert np.ptp(run.p[:, [0, 3]], axis=0).max() < 1e-14
+    assert np.ptp(run.p[:, [1, 2]], axis=0).min() > 1e-2
 
 
 def test_works_to_cite():

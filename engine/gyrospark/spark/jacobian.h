@@ -6,10 +6,6 @@
 
 #include "gyrospark/spark/rates_by_state.h"
 
-#if GS_VELOCITY_CONSTRAINTS
-#include "gyrospark/velocity_constraints/jacobian.h"
-#endif
-
 #if GS_CONSTRAINED
 /*
  * J <- dr/dx at the stage values of the last residual. K_l = d(G_l^T Lambda_l)/dQ~_l enters through

@@ -126,7 +126,7 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
 }
 
 #if GS_VELOCITY_CONSTRAINTS
-#include "gyrospark/velocity_constraints/residual.h"
+#include "gyrospark/velocity_constraints/equations.h"
 #endif
 
 /* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i) - F(Q_i, P_i, t_i); g(Q~_l), l = 1..P] */

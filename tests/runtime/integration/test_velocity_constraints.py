@@ -104,6 +104,10 @@ def test_every_way_to_run_has_the_same_states(tmp_path):
                        out=tmp_path / "run.zarr")
     assert (stored.trajectory().reactions == whole.reactions).all()
     assert (stored.trajectory().multipliers == whole.multipliers).all()
+    part = {"dt": 0.02, "parameters": SKATE_CHAIN, "out": tmp_path / "parts.zarr"}
+    gs.record(step, *SKATE_CHAIN_START, steps=20, **part)
+    resumed = gs.record(step, *SKATE_CHAIN_START, steps=50, resume=True, **part)
+    assert (resumed.trajectory().q == whole.q).all()
     whole.save(tmp_path / "run.npz")
     assert (gs.Trajectory.load(tmp_path / "run.npz").reactions == whole.reactions).all()
     slow = skates(5, solver="python")
