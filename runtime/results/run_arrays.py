@@ -209,7 +209,7 @@ def value_of(one: Output, states: States) -> Array:
     """Return an output of stored states, in the stepper's own type unless it has one of its own."""
     binding = states.binding
     if one.inner(states.manifest) is None:
-        return binding.new(len(states.q) - one.of_steps, *one.absent)
+        return binding.new(max(len(states.q) - one.of_steps, 0), *one.absent)
     found = one.compute(states)
     return found if one.dtype or found.dtype == binding.dtype else binding.converted(found)
 
