@@ -37,8 +37,8 @@ static void record_unknowns(work_t *w, real dt, const real q[N], const real p[N]
         newest[e] = x[e];
     w->order = 1;
     for (int k = 0; ; ++k) {
-        const real size = k > 0 ? increment_size(w, dt, q, p, x, newest) : HUGE_VAL;
-        if (size < smallest) {
+        const real size = increment_size(w, dt, q, p, x, newest);
+        if (k > 0 && size < smallest) {
             smallest = size;
             w->order = k;
         }

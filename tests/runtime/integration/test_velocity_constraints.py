@@ -114,6 +114,17 @@ def test_every_way_to_run_has_the_same_states(tmp_path):
     assert np.abs(slow.q - whole.q[:6]).max() < 1e-14
 
 
+@pytest.mark.parametrize(("real", "bits"), [("float", 24), ("long-double", 64)])
+def test_rows_hold_in_other_types(real, bits):
+    if real == "long-double" and np.finfo(np.longdouble).nmant != 63:
+        pytest.skip("long double is no x87 number here")
+    step = stepper_of(disc, 1, real=real)
+    start = step.project(*disc_state(), parameters=DISC)
+    run = step.integrate(*start, dt=0.02, steps=50, parameters=DISC)
+    assert run.report.momentum_constraint_max < 32 * 2.0**-bits
+    assert np.abs(run.energies - run.energies[0]).max() < 0.02
+
+
 def test_events_end_a_run_on_the_rows():
     run = skates(50, events=[gs.Event("x", level=0.5, terminal=True)])
     assert abs(run.q[-1, 0] - 0.5) < 1e-12
