@@ -60,7 +60,8 @@ class Ensemble:
     ----------
     t, q, p, multipliers, iterations : arrays
         As in ``Trajectory`` with a leading axis; NaN (0 iterations) after a failed step, and after
-        Ctrl-C where the ensemble comes with ``Stopped``.
+        Ctrl-C where the ensemble comes with ``Stopped``. Reactions of velocity constraints are in
+        ``members``.
     failures : dict
         Number of a failed trajectory → its ``StepFailed``.
     events : dict of str to CrossingsOfMany

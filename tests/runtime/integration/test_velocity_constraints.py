@@ -24,6 +24,7 @@ from rolling_systems import (
     stepper_of,
     transmission,
 )
+from work_memory import integers_of
 
 #: Rows A H_p + a and g after a step.
 ROUND_OFF = 4e-15
@@ -123,6 +124,32 @@ def test_rows_hold_in_other_types(real, bits):
     run = step.integrate(*start, dt=0.02, steps=50, parameters=DISC)
     assert run.report.momentum_constraint_max < 32 * 2.0**-bits
     assert np.abs(run.energies - run.energies[0]).max() < 0.02
+
+
+def test_integers_of_work_memory_are_checked(tmp_path):
+    """History and factors go from step to step, and from a store to a run that is resumed."""
+    step = stepper_of(sleigh, 1)
+    binding = step.binding
+    parameters = binding.parameters(SLEIGH, 0.0)
+    q, p = (x.copy() for x in sleigh_state(0.7, 1.5))
+    report, work = binding.report(), binding.work()
+    out = (binding.new(20, 3), binding.new(20, 3), binding.new(20, binding.multipliers),
+           np.zeros(20, np.intc), binding.new(20))
+    options = binding.options(None, 50, "auto")
+    assert binding.integrate(parameters, options, 0.1, 20, 1, q, p, out, report, work) == 0
+    assert binding.function("is_valid")(report, work)
+    found = {}
+    for place in integers_of(step.name, step.files, tmp_path)["work"]:
+        if place.path not in ("stored", "order", "has_factors", "pivots", "exponents"):
+            continue
+        image, sound = binding.image(work), binding.image(work).copy()
+        for value in (-(2**31), 2**31 - 1):
+            image[place.offset : place.offset + 4] = np.frombuffer(
+                value.to_bytes(4, "little", signed=True), np.uint8)
+            found.setdefault(place.path, []).append(binding.function("is_valid")(report, work))
+        image[:] = sound
+    assert len(found) == 5
+    assert not any(any(verdicts) for verdicts in found.values()), found
 
 
 def test_events_end_a_run_on_the_rows():
