@@ -109,6 +109,10 @@ WORKS = {work.key: work for work in (
              "formulations and conservative integration", "1999",
              journal="Physica D", volume="132", pages="165--174",
              doi="10.1016/S0167-2789(99)00054-8"),
+    _article("modin2020", "Modin, Klas and Verdier, Olivier",
+             "What makes nonholonomic integrators work?", "2020",
+             journal="Numerische Mathematik", volume="145", pages="405--435",
+             doi="10.1007/s00211-020-01126-y"),
     _article("mclachlan1999", "McLachlan, Robert I. and Quispel, G. R. W. and Robidoux, Nicolas",
              "Geometric integration using discrete gradients", "1999",
              journal="Philosophical Transactions of the Royal Society A", volume="357",
@@ -191,6 +195,8 @@ def _reasons(manifest: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "xu2020", "rigid bodies in unit quaternions with the free parameter γ or α"
         yield "betsch2009", "rigid bodies in unit quaternions, in Hamilton's form"
     yield from _of_scheme(scheme, constrained)
+    if "velocity_constraints" in manifest["system"]:
+        yield "modin2020", "near energy of reversible motions with velocity constraints"
     if scheme["kind"] == "spark" and manifest["fast_path"]["available"]:
         yield "hairer2008", "implicit Runge-Kutta methods in which round-off grows like √t"
         yield "antonana2017", "fixed-point sweeps down to round-off, coefficients that are " \

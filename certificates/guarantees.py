@@ -116,6 +116,10 @@ class SparkGuarantees:
         J_(k+1) − J_k = Δt Σ_i b_i {J, H}(Q_i, P_i) − Δt Σ_j b̃_j Λ_jᵀ g_q(Q̃_j) X(Q̃_j),
 
     where {J, H} = 0 everywhere and g_q X = 0 on g(Q̃_j) = 0. A J without q needs none of them.
+
+    Reactions −AᵀM_i of velocity constraints add −Δt Σ_i b_i M_iᵀ A(Q_i) X(Q_i) to it. With them no
+    flow is symplectic, and the energy of a step has an error of the order of the method; symmetry
+    keeps it near on motions that a reversal maps to themselves (Modin, Verdier 2020).
     """
 
     system: System
@@ -153,6 +157,8 @@ class SparkGuarantees:
 
     def loop(self) -> Guarantee:
         """Every SPARK method that does not deny it should be symplectic."""
+        if self.system.velocity_count:
+            return Guarantee(False, "the motion itself is not symplectic with velocity constraints")
         if not forces_are_gradient(self.system, self.numbers):
             return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if self.disclaimed:
@@ -166,6 +172,8 @@ class SparkGuarantees:
         order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
         state = [*system.q, *system.p]
+        if system.velocity_count:
+            return Guarantee(False, f"{order}; {self._reversal}")
         if system.m or system.is_time_dependent or not is_quadratic(system.H, state, self.numbers):
             return Guarantee(False, order)
         violation = _first_violated(invariant_conditions(self.tableau))
@@ -174,11 +182,33 @@ class SparkGuarantees:
         return Guarantee(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
                          f"and each by itself{self._digits}")
 
+    @cached_property
+    def _reversal(self) -> str:
+        """Why the energy of a system with velocity constraints stays near, or may drift."""
+        system = self.system
+        if not self.symmetric:
+            return "the tableau is not symmetric, it may drift"
+        back = {x: -x for x in system.p}
+        even = [[e, -f] for e, f in zip((system.H, *system.forces), substitute(
+            [system.H, *system.forces], back), strict=True)]
+        odd = [[e] for e in system.a]
+        if system.is_nonautonomous or not identically_zero(
+                [substitute(terms, self.numbers) for terms in (*even, *odd)]):
+            return "the system is not reversible under p → −p, it may drift"
+        return ("the system is reversible under p → −p: near on a motion that this maps to itself, "
+                "others may drift")
+
     def momentum(self, J: MomentumMap) -> Guarantee:
         """J is conserved under the conditions of the class."""
         if not J.everywhere:
             return _not_exact(J)
         why = f"{{J, H}} = 0{_domain(J)} ({J.proof})"
+        X = [derivative(J.J, x) for x in self.system.p]
+        for name, row in zip(self.system.velocity_constraint_names, self.system.A, strict=True):
+            push = [a * x for a, x in zip(row, X, strict=True)]
+            if not identically_zero([substitute(push, {} if J.any_parameters else self.numbers)]):
+                return Guarantee(False, f"{why}, but the reaction of {name} changes it: A X is not "
+                                 "0")
         if not J.A.any():
             return Guarantee(True, f"{why}, and J is linear in p alone")
         if self.disclaimed and self.violation:

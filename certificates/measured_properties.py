@@ -14,6 +14,7 @@ from ..generator.multibody.model import Model
 from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.numeric_evaluation import evaluate
 from ..generator.symbolic.rounding_errors import rounding
+from ..generator.symbolic.shared_subexpressions import substitute
 from ..generator.symmetry.momentum_maps import (
     MAX_COORDINATES,
     MomentumMap,
@@ -130,7 +131,7 @@ class Examination:
         yield self._compiled_system()
         yield self._loop()
         yield self._reversal()
-        if self.step.m:
+        if self.step.binding.conditions:
             yield from self._constraints()
         yield from self._energies()
         yield from self._damping()
@@ -141,17 +142,20 @@ class Examination:
     # ------------------------------------------------------------ the compiled equations
 
     def _compiled_system(self) -> CertificateLine:
-        """Compare compiled H, H_p, H_q - F and g with the model's expressions, in units of ε.
+        """Compare compiled H, H_p, H_q - F, g, A H_p + a with the model's, in units of ε.
 
         All other lines are measured with the compiled stepper alone, which would agree with itself
         if it were one of another system. The residual at x = 0 (SPARK; for IMS and EMS at the start
-        itself) is (-H_p, H_q - F, g) in the limit of a short step. A composition of flows has no
-        residual: H and g are compared, and the line on energy shows that its flows are those of H.
+        itself) is (-H_p, H_q - F, g) in the limit of a short step; its last rows are A H_p + a. A
+        composition of flows has no residual: H and g are compared, and the line on energy shows
+        that its flows are those of H.
         """
         system, n, step = self.model.system, self.model.system.n, self.step
         solves = step.binding.solves
         rates = [*system.H_p, *system.minus_p_rate] if solves else []
-        expressions = [system.H, *rates, *system.constraints]
+        slip = substitute(system.velocity_constraints,
+                          dict(zip(system.velocities, system.H_p, strict=bool(system.velocities))))
+        expressions = [system.H, *rates, *system.constraints, *slip]
         rows = np.unique(np.linspace(0, self.steps, 5).astype(int))
         at = self.round_off.values(rows)
         expected = np.broadcast_to(evaluate(expressions, at), (len(expressions), len(rows)))
@@ -171,15 +175,17 @@ class Examination:
             r = step.residual(x, q, p, dt=_SHORT, parameters=still, t=t).astype(float)
             end = 2 * stages * n
             found[:, k] = [energy, *-r[:n],
-                           *r[stages * n : (stages + 1) * n], *r[end : end + step.m]]
+                           *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
+                           *r[len(r) - len(slip):]]
         sizes = sizes + sizes.max() * self.round_off.epsilon  # some vanish, at a time of 1e-30 s
         with np.errstate(all="ignore"):
             off = np.abs(found - expected) / (self.round_off.epsilon * sizes)
         off[found == expected] = 0.0
         value = float(off.max())
         what = "compiled H, H_p, H_q − F, g" if solves else "compiled H, g"
-        return compared(what, f"{value:.2g} times the estimated round-off",
-                      "≤ 16", Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
+        return compared(f"{what}{', A H_p + a' * bool(slip)}",
+                        f"{value:.2g} times the estimated round-off", "≤ 16",
+                        Guarantee(True, "compiled from this model's H, g and F"), value, 16.0)
 
     # ------------------------------------------------------------ symplecticity, symmetry
 
@@ -273,12 +279,19 @@ class Examination:
     def _constraints(self) -> Iterator[CertificateLine]:
         """Yield the lines of the constraints, without the initial state, which is the user's."""
         unit = 16 * self.round_off.epsilon
-        g_size, f_size = (float(sizes.max()) for sizes in self.round_off.constraints)
+        g_size, f_size = (float(sizes.max(initial=0)) for sizes in self.round_off.constraints)
         g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
-        yield compared("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
-                     Guarantee(True, "g(q) = 0 is solved in every step: 16 ε of what rounding the "
-                                   "run is worth in it"), g, unit * g_size)
+        if self.step.m:
+            yield compared("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
+                         Guarantee(True, "g(q) = 0 is solved in every step: 16 ε of what rounding "
+                                       "the run is worth in it"), g, unit * g_size)
         quantity = "largest |g_q H_p|"
+        if self.step.binding.rows:
+            yield compared(f"{quantity}, |A H_p + a|" if self.step.m else "largest |A H_p + a|",
+                         f"{f:.1e}", f"≤ {unit * f_size:.1e}",
+                         Guarantee(True, "solved in every step, at its end and at every node"), f,
+                         unit * f_size)
+            return
         if not self._projects:
             yield reported(quantity, f"{f:.1e}", "O(Δt²), comes back",
                            f"{self._manifest['method']} has no projection of p", f)
@@ -317,7 +330,8 @@ class Examination:
                        f"≤ {bound:.1e}", guarantee, value, bound)
 
     def _energy(self, guarantee: Guarantee) -> CertificateLine:
-        works = self.model.system.forces or self.model.system.is_time_dependent
+        system = self.model.system
+        works = system.forces or system.is_time_dependent or any(system.a)
         quantity = "energy H less work" if works else "energy H"
         error = self.run.energy_error().astype(float)
         linear, swing = trend(self.run.t, error)

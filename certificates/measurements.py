@@ -97,15 +97,16 @@ def constraint_scales(
     stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
     sizes: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Return the scales of g and f from sizes of coordinates and momenta, m entries each.
+    """Return the scales of g and f from sizes of coordinates and momenta, an entry for each row.
 
     Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i by differences, the largest over the
     run; with the round-off r and s of q and p in units of ε, that of g and f.
     """
-    n, m, nudge, binding = stepper.n, stepper.m, 2.0**-15, stepper.binding
+    n, nudge, binding = stepper.n, 2.0**-15, stepper.binding
+    m = binding.conditions
     given = binding.parameters(dict(parameters))
     moves = nudge * np.concatenate([np.zeros((1, 2 * n)), np.diag(np.concatenate(sizes))])
-    largest = np.zeros((2, m))
+    largest = [np.zeros(stepper.m), np.zeros(m)]
     count = max(1, _MOST_NUMBERS // (2 * n * (n + m)))
     for start in range(0, len(run.q), count):
         rows = slice(start, start + count)
@@ -114,7 +115,7 @@ def constraint_scales(
         q, p = (np.ascontiguousarray(x, dtype=binding.dtype) for x in (moved[:, :n], moved[:, n:]))
         t = np.repeat(run.t[rows].astype(binding.dtype), 2 * n + 1)
         for k, defects in enumerate(binding.defects(given, q, p, t)):
-            d = defects.reshape(-1, 2 * n + 1, m)
+            d = defects.reshape(len(q) // (2 * n + 1), 2 * n + 1, len(largest[k]))
             changes = np.abs(d[:, 1:] - d[:, :1]).sum(axis=1).astype(float)
             largest[k] = np.maximum(largest[k], changes.max(axis=0))
     return largest[0] / nudge, largest[1] / nudge

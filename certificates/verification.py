@@ -19,9 +19,10 @@ from ..generator.splitting.parts import Splitting
 from ..generator.splitting.proofs import prove_flows, prove_splitting
 from ..generator.tableaux.composition_checks import check_composition
 from ..generator.tableaux.compositions import Composition
-from ..generator.tableaux.conditions import Condition, check_tableau
+from ..generator.tableaux.conditions import Condition, check_tableau, velocity_conditions
 from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
+from ..generator.tableaux.velocity_rows import refusal_of_velocity_rows, velocity_matrix
 from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["Verification", "verify_composition", "verify_stepper"]
@@ -63,6 +64,8 @@ def verify_stepper(spec: Spec) -> Verification:
     else:
         conditions = [
             *check_tableau(made.tableau),
+            *([] if refusal_of_velocity_rows(made.tableau) else
+              velocity_conditions(made.tableau, velocity_matrix(made.tableau))),
             _measured(made.tableau),
             _compiled(made, made.tableau, spec.real),
             *_symmetrised(made.tableau, spec.real),

@@ -3,6 +3,8 @@
     q ← q − Gᵀ(GGᵀ)⁻¹ g          the shortest way, with G = g_q; halved while |g| would grow
     p ← p − Gᵀ W⁻¹ G H_p         W = G H_pp Gᵀ: the smallest change of kinetic energy
 
+Rows A of velocity constraints A q̇ + a = 0 join those of G in the second, and only there.
+
 Both rooms use this: the generator for models that are not compiled yet, ``gs.consistent`` for
 any system. Nothing here knows SymPy or compiled code.
 """
@@ -37,6 +39,11 @@ class Constrained(Protocol):
         ...
 
     @property
+    def velocity_constraint_names(self) -> Sequence[str]:
+        """What messages call the velocity constraints."""
+        ...
+
+    @property
     def coordinates(self) -> Sequence[str]:
         """Names of q."""
         ...
@@ -54,12 +61,16 @@ class Constrained(Protocol):
         """Return g_q, shape (m, n)."""
         ...
 
-    def f(self, q: Array, p: Array) -> Array:
-        """Return g_q H_p, or what vanishes with it, shape (m,)."""
+    def rows(self, q: Array) -> Array:
+        """Return g_q and below it A, shape (m + m', n)."""
         ...
 
-    def W(self, q: Array, p: Array, G: Array) -> Array:
-        """Return (∂f/∂p) Gᵀ, shape (m, m)."""
+    def f(self, q: Array, p: Array) -> Array:
+        """Return g_q H_p, or what vanishes with it, then A H_p + a, shape (m + m',)."""
+        ...
+
+    def W(self, q: Array, p: Array, rows: Array) -> Array:
+        """Return (∂f/∂p) rowsᵀ, shape (m + m', m + m')."""
         ...
 
 
@@ -78,7 +89,8 @@ class Projection:
     before, after : dict of str to float
         |g| of each constraint by name.
     hidden_before, hidden_after : dict of str to float
-        |g_q H_p| of each constraint by name: of the given momenta at the projected q.
+        |g_q H_p| of each constraint by name, |A H_p + a| of each velocity constraint: of the given
+        momenta at the projected q.
     """
 
     q: Array
@@ -99,12 +111,14 @@ class Projection:
 
     def __str__(self) -> str:
         lines = [_moved("q", self.q_moved, self.q_name), _moved("p", self.p_moved, self.p_name)]
-        width = max(map(len, self.before), default=0)
+        width = max(map(len, self.hidden_before), default=0)
         lines += [
             f"  {name:{width}s}  |g| {self.before[name]:.1e} -> {self.after[name]:.1e}   "
             f"|g_q H_p| {self.hidden_before[name]:.1e} -> {self.hidden_after[name]:.1e}"
             for name in self.before
         ]
+        lines += [f"  {name:{width}s}  |A H_p + a| {size:.1e} -> {self.hidden_after[name]:.1e}"
+                  for name, size in self.hidden_before.items() if name not in self.before]
         return "\n".join(lines)
 
 
@@ -130,12 +144,12 @@ def report(
     f: tuple[Array, Array],
 ) -> Projection:
     """Return the report of a projection that was made; g and f before and after."""
-    names = list(system.constraint_names)
+    names = _names(system)
     q_moved, q_name = _furthest(new[0] - old[0], system.coordinates)
     p_moved, p_name = _furthest(new[1] - old[1], system.momenta)
     return Projection(
         new[0], new[1], q_moved, p_moved, q_name, p_name,
-        *({name: abs(float(x)) for name, x in zip(names, part, strict=True)}
+        *({name: abs(float(x)) for name, x in zip(names[: len(part)], part, strict=True)}
           for part in (*g, *f)),
     )
 
@@ -170,11 +184,14 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
 
 
 def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
-    """Return the p with g_q H_p = 0 next to the given one, by Newton steps along Gᵀ."""
-    G = system.G(q)
+    """Return the p with g_q H_p = 0 next to the given one, by Newton steps along Gᵀ.
+
+    Likewise A H_p + a = 0, along Aᵀ.
+    """
+    rows = system.rows(q)
     for _ in range(50):
         f = system.f(q, p)
-        step = _along(system, G, system.W(q, p, G), f)
+        step = _along(system, rows, system.W(q, p, rows), f)
         p = p - step
         if np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(p), EPS):
             return p
@@ -182,8 +199,8 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
             break
     worst = int(np.argmax(np.abs(f)))
     raise InputError(
-        f"No momenta near the given ones satisfy {system.constraint_names[worst]!r}: "
-        f"|g_q H_p| stays at {abs(f[worst]):.3e}; give a nearer start."
+        f"No momenta near the given ones satisfy {_names(system)[worst]!r}: "
+        f"its rate stays at {abs(f[worst]):.3e}; give a nearer start."
     )
 
 
@@ -251,7 +268,7 @@ def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
 
 def _singular(system: Constrained, G: Array) -> str:
     """Return which constraints leave the multipliers undetermined, as a sentence."""
-    names = system.constraint_names
+    names = _names(system)[: len(G)]
     if not np.isfinite(G).all():
         return "The constraints have no finite gradient here; start elsewhere."
     flat = [name for name, row in zip(names, G, strict=True) if not row.any()]
@@ -262,6 +279,10 @@ def _singular(system: Constrained, G: Array) -> str:
         return "G H_pp Gᵀ is singular: momenta cannot meet the constraints; H needs all of p."
     return (f"The constraints depend on each other here: {_listed(names[i] for i in involved)}; "
             f"leave out {_listed(names[i] for i in left_out)}, or start elsewhere.")
+
+
+def _names(system: Any) -> list[str]:
+    return [*system.constraint_names, *system.velocity_constraint_names]
 
 
 def _listed(names: Any) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.arguments import few, listed
 from ..core.errors import InputError, TableauError
 from ..core.inertia import REPS
 from ..core.real_types import REALS
@@ -15,11 +16,12 @@ from .models.model_file import load_model
 from .multibody.model import Model
 from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
-from .schemes.named_schemes import scheme_named
+from .schemes.named_schemes import SCHEMES, scheme_named
 from .schemes.splitting_scheme import SplittingScheme, splitting_scheme
 from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
 from .spec import Spec, join_name
 from .symmetry.frame_symmetries import frame_of
+from .systems.integrable_rows import warn_of_row_integrals
 from .systems.redundant_constraints import refuse_redundant_anywhere
 from .systems.smoothness import refuse_kinks
 from .systems.system import System
@@ -88,9 +90,13 @@ def generate(
         raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
                          "take profile 'full'.")
     system, rep = _system(spec, system, model)
+    _refuse_velocity_constraints(spec, system, own_tableau=tableau is not None)
+    if system.velocity_count:
+        _refuse_without_velocity_constraints(spec, system, derivatives, structured)
     if given and not allow_invalid:
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
+        warn_of_row_integrals(system)
     system = canonical(system)
     frame = frame_of(system) if framed else None
     if frame is not None:
@@ -128,6 +134,34 @@ def _refuse_beyond_splitting(spec: Spec, model: Model | None, *, derivatives: bo
     if spec.profile == "run":
         raise InputError("Scheme splitting has the profiles 'full' and 'control', not 'run'; its "
                          "steps of profile 'control' solve nothing and need no fallback.")
+
+
+def _refuse_velocity_constraints(spec: Spec, system: System, *, own_tableau: bool) -> None:
+    """Refuse velocity constraints with a scheme that has no equations for them."""
+    own_tableau = own_tableau or spec.tableau is not None
+    if not system.velocity_count or (
+            not own_tableau and scheme_named(spec.scheme).velocity_constraints):
+        return
+    others = [scheme.name for scheme in SCHEMES.values() if scheme.velocity_constraints]
+    cure = f"choose {listed(others)}" if others else "no scheme has; leave them out"
+    what = "A given tableau" if own_tableau else f"Scheme {spec.scheme!r}"
+    raise InputError(
+        f"{what} has no equations for the velocity constraints of {system.name!r}, "
+        f"{few(system.velocity_constraint_names)}; {cure}.")
+
+
+def _refuse_without_velocity_constraints(
+    spec: Spec, system: System, derivatives: bool, structured: bool | None
+) -> None:
+    """Refuse what no stepper with velocity constraints has."""
+    asked = [(spec.profile != "full", f"Profile {spec.profile!r} does", "take profile 'full'"),
+             (derivatives, "Derivatives of steps and runs do", "use differences of runs"),
+             (structured, "Loops over element templates do", "leave out structured")]
+    for wanted, what, cure in asked:
+        if wanted:
+            raise InputError(
+                f"{what} not know velocity constraints, and {system.name!r} has "
+                f"{few(system.velocity_constraint_names)}; {cure}.")
 
 
 def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:

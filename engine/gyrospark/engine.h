@@ -43,6 +43,9 @@
 #ifndef GS_SEVERAL_CONSTRAINTS /* there are at least two */
 #define GS_SEVERAL_CONSTRAINTS 0
 #endif
+#ifndef GS_VELOCITY_CONSTRAINTS /* there are constraints A(q) q' + a(q) = 0 */
+#define GS_VELOCITY_CONSTRAINTS 0
+#endif
 #ifndef GS_SPARK /* a SPARK method with stages; else IMS or EMS, one mean value a step */
 #define GS_SPARK 0
 #endif

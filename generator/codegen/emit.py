@@ -32,6 +32,7 @@ from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
 from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
+from ..tableaux.velocity_rows import velocity_enclosures
 from .bytecode import Bytecode
 from .c_lines import fitted
 from .derivatives import derivatives_of
@@ -171,13 +172,18 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
         N=system.n, M=system.m, U=scheme.size,
         S=tableau.s if tableau else 0, P=tableau.p if tableau else 0,
-        multipliers=scheme.multipliers * system.m,
+        multipliers=scheme.multipliers * system.m + scheme.reactions * system.velocity_count,
+        rows=system.velocity_count,
+        velocity_table=[[real.literal(real.round(e)) for e in row]
+                        for row in velocity_enclosures(tableau)]
+        if tableau and system.velocity_count else [],
         order=scheme.order,
         hamiltonian="" if parts else comment(
             legendre.texts()[0] if legendre else energy_of(system)),
         lagrangian=comment(legendre.texts()[1]) if legendre else "",
         forces=[comment(f) for f in system.forces],
         constraints=[] if parts else [comment(g) for g in system.constraints],
+        velocity_constraints=[comment(e) for e in system.velocity_constraints],
         hidden=", ".join(dict.fromkeys(f"f = {comment(f)}" for f in hidden)) or "no constraint",
         scheme_doc=_scheme_doc(scheme),
         unknowns_doc=_unknowns_doc(scheme),
@@ -218,8 +224,8 @@ def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
     """Return the system as sums over element templates, where that is possible and wanted."""
     system = derived.scheme.system
     if derived.profile != "full" or isinstance(system, LagrangianSystem) or isinstance(
-            derived.scheme, SplittingScheme):
-        return None  # M of a Lagrangian couples all of it
+            derived.scheme, SplittingScheme) or system.velocity_count:
+        return None  # M of a Lagrangian couples all of it, and so do reactions
     if isinstance(system, CoMovingSystem) and system.frame_velocity:
         return None
     structure = Structure(system)
@@ -238,6 +244,7 @@ def _features(
     return Features(
         constrained=system.m > 0,
         several_constraints=system.m > 1,
+        velocity_constraints=system.velocity_count > 0,
         spark=derived.is_spark,
         elements=elements is not None,
         forces=bool(system.forces) and not (profile == "control" and isinstance(
@@ -349,6 +356,12 @@ def _scheme_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]
         return [f"Composition of exact flows: {scheme.name}.",
                 "T(a_0 h) K(b_1 h) T(a_1 h) .. K(b_s h) T(a_s h), where T are free rotations and",
                 "translations and K are kicks by the potential and by forces."]
+    if scheme.system.velocity_count:
+        return [
+            "T1 solves (B.1) for k_i = H_p(Q_i, P_i), k^_i = -H_q(Q_i, P_i) - A(Q_i)^T M_i and all",
+            "multipliers, with g(Q~_l) = 0 and A H_p + a = 0 at the nodes l = 1..P, and with",
+            "g_q H_p + g_t = 0 at the end of the step, which T2 computes from them.",
+        ]
     if isinstance(scheme, SparkScheme):
         return [
             "T1 solves (B.1) for k_i = H_p(Q_i, P_i), k^_i = -H_q(Q_i, P_i) and the multipliers",
@@ -365,6 +378,9 @@ def _scheme_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]
 def _unknowns_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]:
     if isinstance(scheme, SplittingScheme):
         return []
+    if scheme.system.velocity_count:
+        last = "Lambda_0..Lambda_p, " if scheme.system.m else ""
+        return [f"x = (k_1..k_s, k^_1..k^_s, {last}M_1..M_s)"]
     if isinstance(scheme, SparkScheme):
         return ["x = (k_1..k_s, k^_1..k^_s, Lambda_0..Lambda_(p-1)), (B.2)"]
     return ["x = (dq, dp, lambda): the increments q_k - q_(k-1), p_k - p_(k-1) and the multiplier"]

@@ -25,6 +25,8 @@ def lane_iteration(
     tables: dict[str, list[list[Fraction]]] = {}
     even_odd: dict[str, list[list[Fraction]]] = {}
     m = scheme.system.m
+    if scheme.system.velocity_count:
+        return None, "reactions of velocity constraints are found by Newton's method"
     if isinstance(scheme, SparkScheme):
         tableau = FastTableau(scheme.tableau)
         if tableau.refusal is not None:

@@ -55,6 +55,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "hidden": hidden_constraints(derived, elements),
             "start_parameters": _start_parameters(derived, elements),
             **_given_names(system),
+            **_velocity_constraints(system),
             "rigid_body": system.rigid_body,
             **_bodies(system),
             **_forces_and_quantities(system),
@@ -71,6 +72,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "unknowns": scheme.size,
             "unknowns_are_state": scheme.unknowns_are_state,
             "multipliers": scheme.multipliers,
+            **({"reactions": scheme.reactions} if scheme.reactions else {}),
             "keeps_momentum_constraint": tableau is not None or program.flows is not None,
         },
         **({} if frame is None else {"frame": frame_manifest(frame, system)}),
@@ -127,12 +129,14 @@ def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
     Of a structured system, whose g_q H_p is never written out, all that could.
     """
     system = derived.system
-    if not system.constraints:
+    if not system.constraints and not system.velocity_count:
         return []
     deciding = (energy_of(system), *system.constraints) if elements is not None else (
         *system.constraints, *map(derived.constants.expand_shared, derived.scheme.system.hidden))
     if isinstance(system, LagrangianSystem):
         deciding = (system.L, *system.constraints)
+    if system.velocity_count:
+        deciding = (*deciding, energy_of(system), *system.velocity_constraints)
     found = {x for e in deciding for x in e.free_symbols}
     return [str(x) for x in system.parameters if x in found]
 
@@ -216,6 +220,16 @@ def _given_names(system: System) -> dict[str, list[str]]:
     names = list(system.constraint_names)
     default = [f"g{i}" for i in range(system.m)]
     return {} if names == default else {"constraint_names": names}
+
+
+def _velocity_constraints(system: System) -> dict[str, Any]:
+    """Return the velocity constraints as text, the velocities in them and their names."""
+    if not system.velocity_count:
+        return {}
+    return {"velocity_constraints": {
+        "expressions": [str(row) for row in system.velocity_constraints],
+        "velocities": [str(v) for v in system.velocities],
+        "names": list(system.velocity_constraint_names)}}
 
 
 def _domain(parameter: sp.Symbol) -> str:

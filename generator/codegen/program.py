@@ -64,6 +64,7 @@ class Features:
 
     constrained: bool
     several_constraints: bool
+    velocity_constraints: bool
     spark: bool
     elements: bool
     forces: bool
@@ -308,12 +309,16 @@ class Program:
     S: int
     P: int
     multipliers: int
+    #: Velocity constraints, and V of ``velocity_rows`` as literals.
+    rows: int
+    velocity_table: Table
     order: int
     # The system, to read.
     hamiltonian: str
     lagrangian: str
     forces: list[str]
     constraints: list[str]
+    velocity_constraints: list[str]
     hidden: str
     scheme_doc: list[str]
     unknowns_doc: list[str]

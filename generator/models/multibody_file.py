@@ -84,7 +84,7 @@ FORCES = {
 #: Types that act on so many joints.
 ON_JOINTS = {"gear": 2, "couple": 2, "joint_spring": 1, "motor": 1}
 #: Keys whose text may have a unit.
-WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "angle": ANGLES}
+WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "turning": RATES, "angle": ANGLES}
 
 
 def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | None) -> Model:

@@ -1,4 +1,4 @@
-"""The model file of any holonomic Hamiltonian system: [system], [start] q and p."""
+"""The model file of any Hamiltonian system with constraints: [system], [start] q and p."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         raise content.file_error(f"it is a system with its own hamiltonian, and rep {rep!r} "
                                  "belongs to models with [body]; leave it out.")
     table.allow("coordinates", "momenta", "hamiltonian", "constraints", "constraint_names",
-                "forces", "time")
+                "forces", "time", "velocities", "velocity_constraints",
+                "velocity_constraint_names")
     table.require("coordinates", "momenta", "hamiltonian")
     q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
     if len(q) != len(p):
@@ -39,18 +40,21 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     for symbol in q.keys() & p.keys():
         raise table.error("momenta", f"has the name {symbol!r}, which is a coordinate too; names "
                                      "must differ.")
+    v = _symbols(table, "velocities") if "velocities" in table else {}
     time = {"t": sp.Symbol("t", real=True)}
     if "time" in table:
         symbol = table.symbol("time", table.text("time"))
         time = {symbol: sp.Symbol(symbol, real=True)}
     state = q | p
     # Where nothing declares a time, t may be the name of a coordinate or of a parameter.
-    taken = "time" not in table and not time.keys().isdisjoint({*state, *formulas.parameters})
+    taken = "time" not in table and not time.keys().isdisjoint(
+        {*state, *v, *formulas.parameters})
     known = {} if taken else time
     H = formulas.read(table, "hamiltonian", table.formula("hamiltonian"), state | known)
     constraints = formulas.read_all(table, "constraints", q | known)
+    rows = formulas.read_all(table, "velocity_constraints", q | v | known)
     uses_time = "forces" in table or "quantities" in content or "time" in table or any(
-        e.has(*time.values()) for e in (H, *constraints))
+        e.has(*time.values()) for e in (H, *constraints, *rows))
     if uses_time:
         for symbol in time:
             if symbol in state:
@@ -59,7 +63,8 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     forces = formulas.read_all(table, "forces", state | time, count=len(q)) if (
         "forces" in table) else []
     quantities = formulas.quantities(state | time)
-    parameters, renamed, values = formulas.in_use([H, *constraints, *forces, *quantities.values()])
+    parameters, renamed, values = formulas.in_use(
+        [H, *constraints, *rows, *forces, *quantities.values()])
     start.allow("q", "p")
     start.require("q", "p")
     system = System(
@@ -67,6 +72,9 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         tuple(g.xreplace(renamed) for g in constraints),
         name=name,
         constraint_names=tuple(table.strings("constraint_names")),
+        velocities=tuple(v.values()),
+        velocity_constraints=tuple(row.xreplace(renamed) for row in rows),
+        velocity_constraint_names=tuple(table.strings("velocity_constraint_names")),
         forces=tuple(f.xreplace(renamed) for f in forces),
         time=next(iter(time.values())) if uses_time else None,
         quantities={key: e.xreplace(renamed) for key, e in quantities.items()},

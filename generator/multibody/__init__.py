@@ -4,6 +4,7 @@
     body_symbols    symbols for formulas of one body, as ``gyrospark.symbols``
     body            symbols, points and velocities of one body
     joints          joints, springs and motors: their constraints, energies and forces
+    rolling         discs, spheres and ellipsoids that roll on a plane
     components      bodies, connections and forces of a model, found by name
     initial_poses   positions and attitudes at the start
     assembly        constraints, H and forces from the components

@@ -10,6 +10,7 @@ Lengths, masses and moments are parameters, not numbers, so that equal joints ha
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..systems.body_layout import BodyLayout, ConstraintForce, Entries, Entry, J
 from ..systems.numeric_system import NumericConstraints
 from ..systems.redundant_constraints import Redundancy, find_redundant
 from ..systems.system import System
+from ..systems.velocity_coefficients import coefficients_of
 from .body import GROUND, Body, Frame, MovingPoint, Particle, dot
 from .components import TIME, Components
 from .initial_poses import Pose, in_range, propagate_all
@@ -36,6 +38,7 @@ from .joints import (
     copies,
     hinge_of,
 )
+from .rolling import Rolling
 
 __all__ = ["Assembly"]
 
@@ -64,15 +67,21 @@ class Assembly:
         self.store = components.values | self._body_values()
         with in_range(f"Multibody {components.name!r}"):
             self.poses = self._poses()
-            self.equations = self._equations(without)
+            self.equations, self.velocity_equations = self._equations(without)
             self.q0, self.p0 = self._state()
 
     def redundancy(self) -> Redundancy:
         """Return which constraints depend on others at the start."""
         coordinates = [x for body in self.components.bodies for x in body.coordinates]
+        A, a = coefficients_of([e.expression for e in self.velocity_equations], self._velocities)
         return find_redundant(self.components.name, NumericConstraints(
             coordinates, [e.expression for e in self.equations],
-            [e.name for e in self.equations], self.store | {str(TIME): 0.0}), self.q0)
+            [e.name for e in self.equations], self.store | {str(TIME): 0.0}, A, a,
+            [e.name for e in self.velocity_equations]), self.q0)
+
+    @property
+    def _velocities(self) -> tuple[sp.Symbol, ...]:
+        return tuple(v for body in self.components.bodies for v in body.velocities)
 
     def _poses(self) -> dict[Frame, Pose]:
         poses: dict[Frame, Pose] = {GROUND: Pose.ground()}
@@ -83,16 +92,21 @@ class Assembly:
                 np.array(part) for part in zip(*self.components.start_of_point(point), strict=True))
         joints = [link for link in self.links if isinstance(link, Joint)]
         propagate_all(poses, "spin", [link.turn for link in self.links])
-        propagate_all(poses, "x", [joint.place for joint in joints])
+        rolling = [link for link in self.links if isinstance(link, Rolling)]
+        propagate_all(poses, "x", [joint.place for joint in joints],
+                      [partial(link.place, self.store) for link in rolling])
         for joint in joints:
             if joint.on_a is None or joint.on_b is None:
                 raise InputError(f"Joint {joint.name!r} has no position; give at= in "
                                  "space, or on_a= and on_b= in body axes.")
-        propagate_all(poses, "v", [joint.move for joint in joints])
+        propagate_all(poses, "v", [joint.move for joint in joints],
+                      [partial(link.move, self.store) for link in rolling])
+        for link in rolling:
+            link.refuse_off_ground(self.store, poses)
         return poses
 
-    def _equations(self, without: set[str]) -> list[Equation]:
-        """Return the constraints, each with the later of its bodies."""
+    def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:
+        """Return the constraints, each with the later of its bodies, and those on velocities."""
         order = {body: index for index, body in enumerate(self.components.bodies)}
         rows = {body: [Equation(f"{body.name}: unit quaternion", body.unit)] if body.q else []
                 for body in self.components.bodies}
@@ -100,13 +114,16 @@ class Assembly:
             own = [frame for frame in link.frames if isinstance(frame, Body)]
             rows[max(own, key=order.__getitem__)] += link.equations(self.poses, self.store)
         found = [equation for body in self.components.bodies for equation in rows[body]]
-        unknown = without - {equation.name for equation in found}
+        slips = [equation for link in self.links if isinstance(link, Rolling)
+                 for equation in link.velocity_equations(self.store)]
+        unknown = without - {equation.name for equation in (*found, *slips)}
         if unknown:
             raise InputError(
                 f"There is no constraint {min(unknown)!r} to leave out; the constraints are "
-                f"{', '.join(repr(equation.name) for equation in found)}."
+                f"{', '.join(repr(equation.name) for equation in (*found, *slips))}."
             )
-        return [equation for equation in found if equation.name not in without]
+        return ([equation for equation in found if equation.name not in without],
+                [equation for equation in slips if equation.name not in without])
 
     def _hamiltonian(self) -> sp.Expr:
         terms = []
@@ -118,7 +135,8 @@ class Assembly:
 
     def make_system(self, left_out: Collection[str]) -> System:
         """Return the system without some constraints; unused parameters leave the store."""
-        equations = [e for e in self.equations if e.name not in left_out]
+        equations, slips = ([e for e in part if e.name not in left_out]
+                            for part in (self.equations, self.velocity_equations))
         store = self.store
         pushes = [*self.components.forces, *(push for link in self.links
                                              for push in link.forces(self.poses, store))]
@@ -145,9 +163,11 @@ class Assembly:
         p = tuple(x for body in self.components.bodies for x in body.momenta)
         forces = tuple(sp.Add(*acting.get(x, ())).xreplace(measures) for x in p) if acting else ()
         constraints = tuple(equation.expression for equation in equations)
+        rows = tuple(equation.expression for equation in slips)
+        velocities = self._velocities if rows else ()
         used: set[sp.Symbol] = set().union(*(
-            e.free_symbols for e in (H, *constraints, *forces, *quantities.values())))
-        parameters = tuple(sorted(used - {*q, *p, TIME}, key=_by_first_use(store)))
+            e.free_symbols for e in (H, *constraints, *rows, *forces, *quantities.values())))
+        parameters = tuple(sorted(used - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
         unknown = [s for s in parameters if str(s) not in store]
         if unknown:
             raise InputError(f"{str(unknown[0])!r} in Multibody {self.components.name!r} has no "
@@ -162,6 +182,8 @@ class Assembly:
         return System(
             q, p, parameters, H, constraints, name=self.components.name, forces=forces,
             constraint_names=tuple(equation.name for equation in equations),
+            velocity_constraints=rows, velocities=velocities,
+            velocity_constraint_names=tuple(equation.name for equation in slips),
             time=TIME if TIME in used else None, quantities=quantities,
             inputs=tuple(self.components.inputs),
             bodies=tuple(body_at(body, kept, values) for body in self.components.bodies if body.q),

@@ -185,6 +185,24 @@ class Body(Frame):
         return (*self.p, *self.p_x)
 
     @property
+    def velocities(self) -> tuple[sp.Symbol, ...]:
+        """The symbols of the rates of its coordinates, for velocity constraints."""
+        return tuple(sp.Symbol(f"{x}_t", real=True) for x in self.coordinates)
+
+    @property
+    def turning(self) -> Vector:
+        """ω = 2 E(q) q̇, the angular velocity in space in terms of the rates."""
+        (x0, x1, x2, x3), (v0, v1, v2, v3) = self.q, self.velocities[:4]
+        return (2 * (x0 * v1 - x1 * v0 + x2 * v3 - x3 * v2),
+                2 * (x0 * v2 - x2 * v0 + x3 * v1 - x1 * v3),
+                2 * (x0 * v3 - x3 * v0 + x1 * v2 - x2 * v1))
+
+    @property
+    def origin_rate(self) -> Vector:
+        """The velocity of the origin in terms of the rates."""
+        return _vector(self.velocities[4:] or [sp.Integer(0)] * 3)
+
+    @property
     def attitude(self) -> tuple[sp.Expr, ...]:
         """Its quaternion."""
         return self.q

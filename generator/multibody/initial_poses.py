@@ -215,11 +215,16 @@ def optional_vector(what: str, value: Any) -> Array | None:
 
 
 def propagate_all(
-    poses: Mapping[Any, Pose], attribute: str, steps: Sequence[Callable[[Mapping[Any, Pose]], bool]]
+    poses: Mapping[Any, Pose], attribute: str,
+    steps: Sequence[Callable[[Mapping[Any, Pose]], bool]],
+    last: Sequence[Callable[[Mapping[Any, Pose]], bool]] = (),
 ) -> None:
-    """Propagate a quantity from body to body until nothing changes; what stays unknown is zero."""
+    """Propagate a quantity from body to body until nothing changes; what stays unknown is zero.
+
+    One of the ``last`` steps is taken at a time, where no other finds anything.
+    """
     while True:
-        while sum(step(poses) for step in steps):
+        while sum(step(poses) for step in steps) or any(step(poses) for step in last):
             pass
         unknown = next((p for p in poses.values() if getattr(p, attribute) is None), None)
         if unknown is None:

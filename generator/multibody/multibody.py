@@ -62,6 +62,7 @@ from .joints import (
     named_vector,
 )
 from .model import Model
+from .rolling import Rolling
 
 __all__ = ["AXES", "JOINTS", "Multibody"]
 
@@ -74,7 +75,7 @@ Axes: TypeAlias = tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None]
 _SAME_AXIS = 1e-9
 
 JOINTS = ("ball", "fixed_point", "revolute", "align", "rod", "prismatic", "cylindrical", "planar",
-          "screw", "universal")
+          "screw", "universal", "rolls")
 
 
 class Multibody:
@@ -396,6 +397,61 @@ class Multibody:
                  float(finite(f"rate_b of {name!r}", rate_b, ())))
         return self._join(Universal(name, **self._pair(name, a, b, at, on_a, on_b),
                                     arms=arms, rates=rates))
+
+    def rolls(
+        self, name: str, body: Frame | str, *, disc: float | None = None,
+        sphere: float | None = None, ellipsoid: ArrayLike | None = None,
+        on_body: ArrayLike | None = None, axis_on_body: ArrayLike | None = None,
+        normal: ArrayLike | None = None, at: ArrayLike | None = None, turning: float = 0.0,
+    ) -> Rolling:
+        """Let a body roll on a plane of space without slip: one constraint, two on velocities.
+
+        They are ``name: height``, and ``name: slip 1`` and ``slip 2`` along two tangents of the
+        plane. A position and a velocity that are not given follow from them. The force of the
+        plane on the body is −λ along the normal, with λ of the height in ``run.multipliers``, and
+        −μ along the tangents, with μ in ``run.reactions``; one that pulls, λ > 0, is not refused.
+
+        Parameters
+        ----------
+        disc, sphere : float, optional
+            Radius in m of a thin disc with a sharp rim, or of a sphere.
+        ellipsoid : three floats, optional
+            Semi-axes in m, along the body axes. One of the three shapes has to be given.
+        on_body : three floats, optional
+            The middle of the shape in body axes; by default the body's origin.
+        axis_on_body : three floats, optional
+            The axis of a disc in body axes, by default the third one.
+        normal, at : three floats, optional
+            Normal of the plane, towards the body, and a point of it, in space; by default
+            (0, 0, 1) and the origin.
+        turning : float
+            Angular velocity in rad/s at which the plane turns about its normal through ``at``.
+
+        Raises
+        ------
+        InputError
+            From ``model()``, if the body starts off the plane.
+        """
+        shapes = {key: e for key, e in (("disc", disc), ("sphere", sphere),
+                                        ("ellipsoid", ellipsoid)) if e is not None}
+        if len(shapes) != 1:
+            raise InputError(f"{name!r} has {' and '.join(shapes) or 'no shape'}; give one of "
+                             "disc, sphere and ellipsoid.")
+        ((shape, size),) = shapes.items()
+        rolled = self._components.body(body, shown(name))
+        if isinstance(rolled, Particle):
+            raise InputError(f"{name!r} asks for axes of {rolled.name!r}, a point mass, which has "
+                             "none; give a body.")
+        what = f"{shape} of {name!r}"
+        sizes = finite(what, size, (3,) if shape == "ellipsoid" else ()).reshape(-1).tolist()
+        return self._join(Rolling(
+            name, GROUND, rolled, shape=shape, sizes=tuple(positive(what, x) for x in sizes),
+            axis=_direction(name, "axis_on_body", (0, 0, 1) if axis_on_body is None
+                            else axis_on_body),
+            middle=vector(f"on_body of {name!r}", (0, 0, 0) if on_body is None else on_body),
+            normal=_direction(name, "normal", (0, 0, 1) if normal is None else normal),
+            at=vector(f"at of {name!r}", (0, 0, 0) if at is None else at),
+            turning=float(finite(f"turning of {name!r} in rad/s", turning, ()))))
 
     def rod(
         self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),

@@ -49,15 +49,20 @@ def canonical(system: System) -> System:
     def by_itself(e: sp.Expr) -> sp.Expr:
         return named(forms.expression(e.xreplace(placeholders)), e)
 
+    v = system.velocities
+    rows = tuple(sp.Add(by_itself(rest), *(by_itself(e) * x for e, x in zip(row, v, strict=True)))
+                 for row, rest in zip(system.A, system.a, strict=True))
+    g = tuple(map(by_itself, system.constraints))
     if isinstance(system, LagrangianSystem):  # what is written is short: T of sums of velocities
-        return replace(system, constraints=tuple(map(by_itself, system.constraints)))
+        return replace(system, constraints=g, velocity_constraints=rows)
     q, p = ([placeholders[x] for x in side] for side in (system.q, system.p))
     H = HamiltonianTerms(forms, q, p, system.H.xreplace(placeholders))
     F = ForceTerms(forms, H.support, [e.xreplace(placeholders) for e in system.forces])
     return replace(
         system,
         H=named(H.sum(), system.H),
-        constraints=tuple(map(by_itself, system.constraints)),
+        constraints=g,
+        velocity_constraints=rows,
         forces=tuple(named(e, old) for e, old in zip(F.rows(), system.forces, strict=True)),
         quantities={name: by_itself(e) for name, e in system.quantities.items()},
     )

@@ -41,6 +41,8 @@ class Scheme:
         Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
     composed : bool
         Whether a step is a composition of exact flows, whose order has to be given.
+    velocity_constraints : bool
+        Whether it has equations for velocity constraints, A(q, t) q̇ + a(q, t) = 0.
     sources : dict of str to str
         Works that it is from, by their keys in ``certificates/citations.py``, and for what.
     """
@@ -52,6 +54,7 @@ class Scheme:
     discrete: bool = False
     composed: bool = False
     most: int = MAX_STAGES
+    velocity_constraints: bool = False
     sources: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -92,10 +95,12 @@ SCHEMES: dict[SchemeName, Scheme] = {
             "gonzalez1996": "discrete gradients, energy and momentum",
             "gonzalez1999": "the same with constraints",
             "mclachlan1999": "discrete gradients as a class of methods"}),
-        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto),
+        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto,
+               velocity_constraints=True),
         Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab,
                sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),
         Scheme("Radau-L", "Radau-Lobatto SPARK method", 1, _radau_lobatto,
+               velocity_constraints=True,
                sources={"hairer1996": "Radau IIA methods, L-stable"}),
         Scheme("splitting", "composition of exact flows", composed=True,
                sources={"mclachlan2002": "splitting methods"}),

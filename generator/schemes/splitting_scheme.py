@@ -64,6 +64,7 @@ class SplittingScheme:
     unknowns_are_state = False
     size = 0
     multipliers = 0
+    reactions = 0
 
     @property
     def order(self) -> int:

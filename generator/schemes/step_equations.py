@@ -3,6 +3,11 @@
 SPARK (B.1), (B.2): unknowns k_1..k_s, k̂_1..k̂_s, Λ_0..Λ_{p−1};
     r = [k_i − H_p(Q_i, P_i);  k̂_i + H_q(Q_i, P_i);  g(Q̃_l), l = 1..p]
 
+With velocity constraints A(q, t) q̇ + a(q, t) = 0 of reactions −A(Q_i)ᵀM_i, which k̂_i contains,
+    further unknowns Λ_p (where there is a g) and M_1..M_s,
+    r = […; k̂_i + H_q(Q_i, P_i) + A(Q_i)ᵀM_i; …; g_q H_p + g_t at (Q̃_p, P̃_p);
+         A(Q̃_i) H_p(Q̃_i, P̃_i) + a(Q̃_i), i = 1..s],   P̃_i of ``velocity_rows``.
+
 IMS (53) and EMS (61): unknowns Δq, Δp, λ;
     r = [Δq/Δt − D_pH;  Δp/Δt + D_qH + Ḡᵀλ;  g(q + Δq)]
 with D the gradient at the midpoint (IMS) or the discrete gradient (EMS), Ḡ likewise of g.
@@ -113,12 +118,20 @@ class SparkScheme:
     @property
     def size(self) -> int:
         """Number of unknowns of T1."""
-        return 2 * self.system.n * self.tableau.s + self.system.m * self.tableau.p
+        size = 2 * self.system.n * self.tableau.s + self.system.m * self.tableau.p
+        if not self.system.velocity_count:
+            return size
+        return size + self.system.m + self.system.velocity_count * self.tableau.s
 
     @property
     def multipliers(self) -> int:
         """How many multipliers a step reports for each constraint: Λ_0..Λ_p."""
         return self.tableau.p + 1 if self.system.m else 0
+
+    @property
+    def reactions(self) -> int:
+        """How many multipliers a step reports for each velocity constraint: M_1..M_s."""
+        return self.tableau.s if self.system.velocity_count else 0
 
     @cached_property
     def order(self) -> int:
@@ -130,7 +143,8 @@ class SparkScheme:
         system = self.system
         state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
         if isinstance(system, LagrangianSystem):
-            return [*motion_kernels(system), *newton_kernels(system), *self._curvature()]
+            return [*motion_kernels(system), *newton_kernels(system), *self._curvature(),
+                    *velocity_kernels(system)]
         kernels = [
             Kernel("gradient", "H_q = dH/dq, H_p = dH/dp", state,
                    {"H_q": system.H_q, "H_p": system.H_p}),
@@ -146,7 +160,7 @@ class SparkScheme:
                                "H_pq": system.H_pq, "H_pp": system.H_pp}),
             ]
         return [*kernels, *energy_rate_kernels(system), *constraint_rate_kernels(system),
-                *self._curvature()]
+                *self._curvature(), *velocity_kernels(system)]
 
     def _curvature(self) -> list[Kernel]:
         """Return the kernel of what constraints add to the derivatives."""
@@ -174,6 +188,11 @@ class MeanScheme:
     def multipliers(self) -> int:
         """One λ for each constraint."""
         return 1 if self.system.m else 0
+
+    @property
+    def reactions(self) -> int:
+        """None: there are no equations for velocity constraints."""
+        return 0
 
     @cached_property
     def means(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
@@ -356,9 +375,32 @@ def constraint_rate_kernels(system: System) -> list[Kernel]:
             ] if system.is_time_dependent and system.m else []
 
 
+def velocity_kernels(system: System) -> list[Kernel]:
+    """Return the kernels of velocity constraints, as functions of q and of v = H_p."""
+    if not system.velocity_count:
+        return []
+    q, v, mu = list(system.q), list(system.velocities), vector("mu", system.velocity_count)
+    rows = [sp.Add(rest, *(a * b for a, b in zip(row, v, strict=True)))
+            for row, rest in zip([*system.G, *system.A], [*system.g_t, *system.a], strict=True)]
+    force = [sp.Add(*(x * row[i] for x, row in zip(mu, system.A, strict=True)))
+             for i in range(system.n)]
+    return [
+        Kernel("velocity_rows", "A of the velocity constraints A v + a = 0", {"q": q},
+               {"A": system.A}),
+        Kernel("reaction_curvature", "K = d(A^T mu)/dq", {"q": q, "mu": mu},
+               {"K": jacobian(force, system.q)}),
+        Kernel("velocity_defect", "g_q v + g_t and A v + a", {"q": q, "v": v}, {"f": rows}),
+        Kernel("velocity_defect_by_q", "D = d(g_q v + g_t)/dq and d(A v + a)/dq", {"q": q, "v": v},
+               {"D": jacobian(rows, system.q)}),
+    ]
+
+
 def with_work_of_time(system: System) -> System:
-    """Return the system, with zero forces if H or g depends on time: their work is then counted."""
-    if not system.is_time_dependent or system.forces:
+    """Return the system, with zero forces if something else does work, which is then counted.
+
+    That are H or g that depend on time, and velocity constraints with a ≠ 0.
+    """
+    if system.forces or not (system.is_time_dependent or any(system.a)):
         return system
     return replace(system, forces=(sp.Integer(0),) * system.n)
 
@@ -367,11 +409,13 @@ def hoisted(system: System) -> tuple[System, Constants]:
     """Return the system with its parameter-only subexpressions as constants of the run."""
     time = () if system.time is None else (system.time,)
     clock = {system.time: "_t", TIME_STEP: "_dt"} if system.is_time_dependent else {}
-    constants = Constants(system.parameters, (*system.q, *system.p, *time), clock, system.inputs)
+    constants = Constants(system.parameters, (*system.q, *system.p, *system.velocities, *time),
+                          clock, system.inputs)
     defining = {name: constants.hoist(e) for name, e in system.defining.items()}
     g = tuple(constants.hoist(e) for e in system.constraints)
+    rows = tuple(constants.hoist(e) for e in system.velocity_constraints)
     forces = tuple(constants.hoist(e) for e in system.forces)
     symbols = tuple(constants.definitions.values())
     made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
-                           quantities={}, **defining)
+                           velocity_constraints=rows, quantities={}, **defining)
     return made, constants

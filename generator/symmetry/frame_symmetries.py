@@ -29,6 +29,7 @@ import sympy as sp
 from sympy import QQ
 from sympy.polys.matrices import DomainMatrix
 
+from ...core.arguments import few
 from ...core.errors import InputError
 from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
@@ -127,6 +128,10 @@ def frame_of(system: System) -> CoMovingFrame:
     if system.is_time_dependent:
         raise InputError(f"System {system.name!r} has time in H or in a constraint, which a "
                          "co-moving frame does not know; leave out frame, or time.")
+    if system.velocity_count:
+        raise InputError(f"System {system.name!r} has the velocity constraints "
+                         f"{few(system.velocity_constraint_names)}, which a co-moving frame does "
+                         "not know; leave out frame.")
     if isinstance(system, LagrangianSystem):
         raise InputError(f"System {system.name!r} is from a Lagrangian, and its H is not written "
                          "out: leave out frame, or take the system that its legendre() returns.")

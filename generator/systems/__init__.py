@@ -8,6 +8,8 @@
     body_layout            coordinates of bodies and joints in a system
     numeric_system         g, g_q and H_p with numbers, in NumPy
     redundant_constraints  constraints that others imply
+    velocity_coefficients  coefficients of velocity constraints, extracted exactly
+    integrable_rows        velocity constraints that are rates of functions of position
     jacobians              matrices of derivatives
     moving_frame           a system in a co-moving frame
     repeated_structure     element templates that many terms share, and their sparsity

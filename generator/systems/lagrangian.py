@@ -201,7 +201,9 @@ class LagrangianSystem(System):
         put_in = dict(zip(self.velocities, velocities, strict=True))
         return System(self.q, self.p, self.parameters, self.H.subs(put_in), self.constraints,
                       name=self.name, constraint_names=self.constraint_names, time=self.time,
-                      forces=tuple(f.subs(put_in) for f in self.forces))
+                      forces=tuple(f.subs(put_in) for f in self.forces),
+                      velocity_constraints=self.velocity_constraints, velocities=self.velocities,
+                      velocity_constraint_names=self.velocity_constraint_names)
 
 
 def from_lagrangian(
@@ -210,6 +212,7 @@ def from_lagrangian(
     name: str = "system", constraint_names: Sequence[str] = (), inputs: Any = (),
     quantities: Mapping[str, sp.Expr] | None = None,
     placed: Mapping[str, Mapping[str, Sequence[str]]] | None = None,
+    velocity_constraints: Any = (), velocity_constraint_names: Sequence[str] = (),
 ) -> LagrangianSystem:
     """Return the system of a Lagrangian L = ½ vᵀM(q)v + b(q)ᵀv − V(q), p = M v + b.
 
@@ -221,6 +224,8 @@ def from_lagrangian(
         Coordinates, and the symbols of their rates, n of each. The momenta are named p_…
     parameters, constraints, name, constraint_names, inputs, quantities
         As of ``System``; inputs may occur in forces only.
+    velocity_constraints, velocity_constraint_names
+        As of ``System``: A(q, t) v + a(q, t) = 0.
     placed
         As of ``LagrangianSystem``.
     forces : sequence of Expr, optional
@@ -252,7 +257,8 @@ def from_lagrangian(
         coordinates, tuple(_momentum(x, taken) for x in coordinates), constants,
         bound, L=L, velocities=speeds, forces=pushes, time=time, name=name,
         constraint_names=tuple(constraint_names), inputs=given, quantities=quantities or {},
-        placed=placed or {})
+        placed=placed or {}, velocity_constraints=velocity_constraints,
+        velocity_constraint_names=tuple(velocity_constraint_names))
     _refuse_unless_quadratic(system)
     _refuse_switching(system)
     _refuse_singular(system)

@@ -1,4 +1,4 @@
-"""A system with its numbers, before anything is compiled: g, g_q, H_p in NumPy.
+"""A system with its numbers, before anything is compiled: g, g_q, A, H_p in NumPy.
 
 g_q is Im g(q + iε e_k)/ε, exact to round-off: a way that shares nothing with the derived formulas.
 """
@@ -28,17 +28,26 @@ TINY = 1e-100  # ε of the complex step: its square vanishes beside 1
 
 
 class NumericConstraints:
-    """g and g_q at given parameters; states are float arrays, shape (n,)."""
+    """g, g_q and A at given parameters; states are float arrays, shape (n,).
+
+    ``A`` are the coefficients of velocity constraints A q̇ + a = 0, row by row, and ``row_names``
+    their names; ``g_t`` are the explicit time derivatives of the constraints, if there are any.
+    """
 
     def __init__(
         self, q: Sequence[sp.Symbol], constraints: Sequence[sp.Expr], names: Sequence[str],
-        parameters: Mapping[str, float],
+        parameters: Mapping[str, float], A: Sequence[Sequence[sp.Expr]] = (),
+        a: Sequence[sp.Expr] = (), row_names: Sequence[str] = (), g_t: Sequence[sp.Expr] = (),
     ) -> None:
         self.constraint_names = names
+        self.velocity_constraint_names = row_names
+        self._A, self._a = [e for row in A for e in row], list(a)
+        self._g_t = list(g_t) or [sp.Integer(0)] * len(constraints)
         self.coordinates = [str(x) for x in q]
         self.expressions = constraints
         self._q = q
-        used: set[sp.Symbol] = set().union(*(g.free_symbols for g in constraints)) - set(q)
+        used: set[sp.Symbol] = set().union(
+            *(g.free_symbols for g in (*constraints, *self._A, *self._a, *self._g_t))) - set(q)
         self._parameters = values_of(used, parameters)
 
     def g(self, q: Array) -> Array:
@@ -52,6 +61,27 @@ class NumericConstraints:
             slopes: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
         return slopes
 
+    def A(self, q: Array) -> Array:
+        """Return the coefficients of the velocity constraints, shape (m', n)."""
+        return evaluate(self._A, self._at(q)).reshape(len(self.velocity_constraint_names), len(q))
+
+    def a(self, q: Array) -> Array:
+        """Return the velocity constraints at rest, shape (m',)."""
+        return evaluate(self._a, self._at(q))
+
+    def drift(self, q: Array) -> Array:
+        """Return g_t and below it a, shape (m + m',): ``rows`` q̇ + ``drift`` = 0."""
+        return evaluate([*self._g_t, *self._a], self._at(q))
+
+    def rows(self, q: Array) -> Array:
+        """Return g_q and below it A, shape (m + m', n)."""
+        return np.vstack([self.G(q), self.A(q)]) if self._A else self.G(q)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the rows."""
+        return [*self.constraint_names, *self.velocity_constraint_names]
+
     def _at(self, q: Array) -> dict[sp.Symbol, Any]:
         return dict(zip(self._q, q, strict=True)) | self._parameters
 
@@ -64,7 +94,8 @@ class NumericSystem(NumericConstraints):
     ) -> None:
         time = {} if system.time is None else {str(system.time): t}
         values = {**as_mapping("parameters", parameters, "{'m': 1.0}"), **time}
-        super().__init__(system.q, system.constraints, system.constraint_names, values)
+        super().__init__(system.q, system.constraints, system.constraint_names, values,
+                         system.A, system.a, system.velocity_constraint_names)
         self.system = system
         self.momenta = [str(x) for x in system.p]
         self._parameters = values_of(
@@ -75,15 +106,18 @@ class NumericSystem(NumericConstraints):
         return evaluate(self._velocity, self._state(q, p))
 
     def f(self, q: Array, p: Array) -> Array:
-        """Return g_q H_p + g_t, shape (m,)."""
-        rates: Array = self.G(q) @ self.H_p(q, p)
+        """Return g_q H_p + g_t and A H_p + a, shape (m + m',)."""
+        rates: Array = self.rows(q) @ self.H_p(q, p)
+        if self._A:
+            rates[len(self.expressions):] += self.a(q)
         if self.system.clock is None:
             return rates
         later = self._at(q) | {self.system.clock: self._parameters[self.system.clock] + 1j * TINY}
-        return rates + evaluate(self.expressions, later).imag / TINY
+        rates[: len(self.expressions)] += evaluate(self.expressions, later).imag / TINY
+        return rates
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
-        """Return G H_pp Gᵀ, shape (m, m)."""
+        """Return G H_pp Gᵀ, square, of rows G."""
         if not len(G):
             return np.zeros((0, 0))
         along = self._state(q[:, None], p[:, None] + 1j * TINY * G.T)

@@ -1,12 +1,13 @@
 """Constraints that others imply are found before a stepper is made: refused by name, or left out.
 
-Where g_q lacks full rank on g = 0, multipliers are not unique. A model is checked where it
-starts; a system without numbers at random ones, at points that Gauss-Newton steps find on g = 0.
+Where g_q, with the rows A of velocity constraints A q̇ + a = 0 below it, lacks full rank on g = 0,
+multipliers are not unique. A model is checked where it starts; a system without numbers at random
+ones, at points that Gauss-Newton steps find on g = 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,8 @@ from ..symbolic.rounding_errors import rounding
 from .numeric_system import NumericConstraints
 from .system import System
 
-__all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere"]
+__all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere",
+           "somewhere"]
 
 Array = NDArray[Any]
 EPS = float(np.finfo(float).eps)
@@ -97,11 +99,11 @@ def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redu
         on each other than elsewhere.
     """
     refuse_constant(what, constraints.expressions, constraints.constraint_names)
-    if not constraints.expressions:
+    names = constraints.names
+    if not names:
         return Redundancy(what, ())
     found = nearest_point(constraints, q)
-    names = constraints.constraint_names
-    slopes = constraints.G(q if found is None else found)
+    slopes = constraints.rows(q if found is None else found)
     if not np.isfinite(slopes).all():
         endless = [i for i, row in enumerate(slopes) if not np.isfinite(row).all()]
         raise InputError(
@@ -111,7 +113,7 @@ def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redu
     involved, left_out = dependent_rows(slopes)
     if not involved:
         return Redundancy(what, tuple(names))
-    if found is None:
+    if found is None or _contradict(constraints, found, left_out):
         raise InputError(
             f"The constraints {_listed(names, involved)} of {what!r} contradict each other near "
             "the start: no state meets them all. Check their points, axes and lengths, or leave "
@@ -137,9 +139,9 @@ def refuse_redundant_anywhere(system: System) -> None:
     InputError
         With the names of all that take part; also for constraints without q.
     """
-    names = system.constraint_names
-    refuse_constant(system.name, system.constraints, names)
-    if not system.m or system.m * system.n > _LARGEST_SEARCH:
+    names = [*system.constraint_names, *system.velocity_constraint_names]
+    refuse_constant(system.name, system.constraints, system.constraint_names)
+    if not names or len(names) * system.n > _LARGEST_SEARCH:
         return
     rng = np.random.default_rng(20)
     on: list[tuple[list[int], list[int]]] = []  # verdicts where g = 0,
@@ -147,15 +149,18 @@ def refuse_redundant_anywhere(system: System) -> None:
     try:
         while len(on) < 3 and len(off) < _TRIES:
             constraints = NumericConstraints(
-                system.q, system.constraints, names, _draw(system, rng))
+                system.q, system.constraints, system.constraint_names, _draw(system, rng),
+                system.A, system.a, system.velocity_constraint_names, system.g_t)
             q = rng.standard_normal(system.n)
             found = nearest_point(constraints, q)
-            slopes = constraints.G(q if found is None else found)
+            slopes = constraints.rows(q if found is None else found)
             if not np.isfinite(slopes).all():
                 return
             involved, left_out = dependent_rows(slopes)
             if found is not None and not involved:
                 return
+            if found is not None and _contradict(constraints, found, left_out):
+                found = None
             (off if found is None else on).append((involved, left_out))
     except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
         return  # a function that NumPy does not know, or not off the real axis
@@ -194,6 +199,8 @@ def _varies(g: sp.Expr) -> bool:
 
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
     """Return a q with g(q) = 0 to round-off, by Gauss-Newton steps; None where they end above."""
+    if not constraints.expressions:
+        return q
     with np.errstate(all="ignore"):
         g = constraints.g(q)
         for _ in range(60):
@@ -216,6 +223,35 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
     return None
 
 
+def somewhere(
+    system: System, more: Iterable[sp.Symbol] = (), seed: int = 23
+) -> tuple[Array, dict[sp.Symbol, float]]:
+    """Return random coordinates on g = 0, if any are found, and values of all other symbols.
+
+    These are parameters, the time, and ``more``; all are positive.
+    """
+    rng = np.random.default_rng(seed)
+    time = {*filter(None, (system.time,))}
+    symbols = sorted({*system.parameters} | time | ({*more} - {*system.q}), key=str)
+    for _ in range(_TRIES):
+        values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
+        q = rng.standard_normal(system.n)
+        if not system.m:
+            return q, values
+        numbers = NumericConstraints(system.q, system.constraints, system.constraint_names,
+                                     {str(s): x for s, x in values.items()})
+        found = nearest_point(numbers, q)
+        if found is not None:
+            return found, values
+    return q, values
+
+
+def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:
+    """Whether dependent rows of A q̇ + a = 0 are independent with a as one more column."""
+    rows = np.column_stack([constraints.rows(q), constraints.drift(q)])
+    return len(dependent_rows(rows)[1]) < len(left_out)
+
+
 def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> bool:
     """Whether fewer constraints depend on others at a point nearby than here."""
     rng = np.random.default_rng(21)
@@ -228,7 +264,7 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
         way *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(way), EPS)
         near = nearest_point(constraints, q + way)
         if near is not None:
-            return len(dependent_rows(constraints.G(near))[1]) < dependent
+            return len(dependent_rows(constraints.rows(near))[1]) < dependent
     return False
 
 

@@ -41,13 +41,21 @@ class Meeting(IntEnum):
 
 
 def refuse_kinks(system: System) -> None:
-    """Refuse constraints that have no tangent somewhere.
+    """Refuse constraints that have no tangent somewhere, and velocity constraints that jump.
 
     Raises
     ------
     InputError
         With the constraint and the place.
     """
+    for name, row in zip(system.velocity_constraint_names, system.velocity_constraints,
+                         strict=True):
+        for w in switches_of([row]):
+            if not w.free_symbols.isdisjoint(system.q) and (
+                    meeting(row, w, [*system.q, *system.velocities]) is Meeting.JUMP):
+                raise InputError(
+                    f"The velocity constraint {name!r} of {system.name!r} jumps where "
+                    f"{_place(w)}: velocities would jump, too. Write it continuously.")
     for name, g in zip(system.constraint_names, system.constraints, strict=True):
         for w in switches_of([g]):
             if w.free_symbols.isdisjoint(system.q):

@@ -1,8 +1,8 @@
 """Systems of ``sympy.physics.mechanics``: its methods hold all that a Lagrangian needs.
 
-    LagrangesMethod  L, forces, holonomic constraints
-    KanesMethod      T of its bodies, loads, configuration constraints
-    System           T − V of its bodies, loads and actuators, holonomic constraints
+    LagrangesMethod  L, forces, holonomic and nonholonomic constraints
+    KanesMethod      T of its bodies, loads, constraints on configuration and velocities
+    System           T − V of its bodies, loads and actuators, all of its constraints
 
 No equations of motion are formed. Coordinates q(t) become symbols of the same names; so do speeds
 u = q̇, other velocities are called q_t. The time ``dynamicsymbols._t`` may stand in anything: what
@@ -14,7 +14,7 @@ a generalised force F_i = ∂v/∂q̇_i · load.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,16 +24,18 @@ from sympy.physics import mechanics as me
 
 from ...core.arguments import as_flag, shown
 from ...core.errors import InputError
+from ...core.projection import dependent_rows
 from ...core.warnings import warn
 from ..parsing.tokens import shorten
-from ..symbolic.derivatives import derivative, slopes
+from ..symbolic.derivatives import slopes
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.shared_subexpressions import parts_of, substitute, symbols_of
 from .expression_arguments import as_sequence
+from .integrable_rows import curls_of
 from .lagrangian import LagrangianSystem, from_lagrangian
-from .numeric_system import NumericConstraints
-from .redundant_constraints import nearest_point
+from .redundant_constraints import somewhere
 from .sympy_motion import FrameMotion
+from .velocity_coefficients import coefficients_of
 
 __all__ = ["from_mechanics"]
 
@@ -58,7 +60,7 @@ class Mechanics:
     constraints : list of Expr
         g(q, t).
     rates : list of Expr
-        Constraints on the velocities; ones that are not those of g are refused.
+        Constraints on the velocities; those that follow from g are left out.
     inputs : dict
         Output of a controller, as given → its symbol.
     """
@@ -94,11 +96,14 @@ def from_mechanics(
     -------
     System
         As of ``System.from_lagrangian``: coordinates, speeds and constants keep their names.
+        Nonholonomic constraints become velocity constraints with multipliers; which speeds a
+        ``KanesMethod`` calls dependent does not matter.
 
     Raises
     ------
     InputError
-        For nonholonomic constraints, and as ``System.from_lagrangian``.
+        For constraints that contradict each other or are not linear in the velocities, for bodies
+        whose velocity is the rate of no place, and as ``System.from_lagrangian``.
     """
     readers = {me.LagrangesMethod: _of_lagrange, me.KanesMethod: _of_kane, me.System: _of_system}
     reader = next((f for kind, f in readers.items() if isinstance(method, kind)), None)
@@ -106,7 +111,7 @@ def from_mechanics(
         raise InputError(f"method = {shown(method)} is no LagrangesMethod, KanesMethod or System "
                          "of sympy.physics.mechanics.")
     found = reader(method)
-    _warn_of_velocities(found.motion, getattr(method, "bodies", None) or ())
+    astray = _warn_of_velocities(found.motion, getattr(method, "bodies", None) or ())
     found.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in found.q]
@@ -121,24 +126,30 @@ def from_mechanics(
     quantities = dict(zip(shown_of, rest[last:], strict=True))
     q, v = [names[x] for x in found.q], [names[x] for x in rates]
     _refuse_functions(name, [L, *g, *F], t)
+    _refuse_substituted(found, names, [
+        body for body in getattr(method, "bodies", None) or ()
+        if astray or not found.motion.is_placed(body.masscenter)])
     given = tuple(found.inputs.values())
     everything = [L, *g, *F, *quantities.values()]
     parameters = sorted(symbols_of(everything) - {*q, *v, *given, t}, key=str)
     system = from_lagrangian(L, q, v, parameters, g, F if any(f != 0 for f in F) else None,
                              t if t in symbols_of(everything) else None, name=name,
                              inputs=given, quantities=quantities, placed=placed)
-    _refuse_nonholonomic(system, bound)
-    return system
+    rows = _independent(system, bound)
+    _refuse_functions(name, rows, t)
+    own = symbols_of(rows)
+    constants = {*system.parameters, *own} - {*q, *v, *given, t}
+    return replace(system, parameters=tuple(sorted(constants, key=str)), velocity_constraints=rows,
+                   time=t if t in own else system.time) if rows else system
 
 
 # ---------------------------------------------------------------- what a method holds
 
 
 def _of_lagrange(method: Any) -> Mechanics:
-    if len(method.coneqs) > len(method._hol_coneqs):
-        raise _nonholonomic("LagrangesMethod", method.coneqs[len(method._hol_coneqs)])
+    holonomic = list(method._hol_coneqs)
     return Mechanics(FrameMotion(method.inertial), list(method.q), method._L[0],
-                     [*(method.forcelist or ())], list(method._hol_coneqs))
+                     [*(method.forcelist or ())], holonomic, list(method.coneqs)[len(holonomic):])
 
 
 def _of_kane(method: Any) -> Mechanics:
@@ -156,8 +167,6 @@ def _of_kane(method: Any) -> Mechanics:
 
 
 def _of_system(method: Any) -> Mechanics:
-    if method.nonholonomic_constraints:
-        raise _nonholonomic("System", method.nonholonomic_constraints[0])
     bodies = list(method.bodies)
     if not bodies:
         raise InputError("System has no bodies as yet; add them, or joints that have some.")
@@ -179,8 +188,11 @@ def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr,
     return dict(zip(u, left, strict=True))
 
 
-def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
-    """Warn of velocities that are no rates of places: a base that moves may stand still in them."""
+def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
+    """Warn of velocities that are no rates of places: a base that moves may stand still in them.
+
+    Return whether there are any.
+    """
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:
         point, near = pair
@@ -189,6 +201,34 @@ def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> None:
              "there changes; velocities are taken as they are. A joint of SymPy sets its point "
              "at rest in the axes of its first body: a base that moves needs a frame of its own, "
              f"such as {motion.frame}.orientnew('B', 'Axis', [0, {motion.frame}.z]).")
+    return pair is not None
+
+
+def _refuse_substituted(
+    found: Mechanics, names: Mapping[sp.Expr, sp.Symbol], bodies: Sequence[Any]
+) -> None:
+    """Refuse bodies whose velocity is the rate of no place: rolling was put into it.
+
+    Lagrange's equations of such a T are wrong, since it holds on the constraints only. The
+    velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j, seen at a random point.
+    """
+    t = me.dynamicsymbols._t
+    q = [names[x] for x in found.q]
+    velocities = [names[x.diff(t)] for x in found.q]
+    rng = np.random.default_rng(29)
+    for body in bodies:
+        v = body.masscenter.vel(found.motion.frame).to_matrix(found.motion.frame)
+        A, a = coefficients_of(_named(found, list(v), names), velocities)
+        rows, x = [[*row, rest] for row, rest in zip(A, a, strict=True)], [*q, t]
+        constants = symbols_of([e for row in rows for e in row]) - {*x}
+        values = {s: float(rng.uniform(0.5, 2.0)) for s in sorted(constants, key=str)}
+        W, curls = curls_of(rows, x, rng.uniform(0.5, 1.5, len(x)), values)
+        if np.abs(curls).max() > _SMALL * np.abs(W).max():
+            raise InputError(
+                f"The velocity of {body.masscenter} in {found.motion.frame} is the rate of no "
+                "place: constraints such as rolling have been put into it, where Lagrange's "
+                "equations need multipliers. Give the body all coordinates of its place, and the "
+                "constraints as velocity_constraints, u_dependent of KanesMethod.")
 
 
 # ---------------------------------------------------------------- loads
@@ -318,47 +358,32 @@ def _refuse_functions(name: str, expressions: Sequence[sp.Expr], t: sp.Symbol) -
 # ---------------------------------------------------------------- constraints on velocities
 
 
-def _nonholonomic(what: str, constraint: sp.Expr) -> InputError:
-    return InputError(f"{what} has the nonholonomic constraint {shorten(str(constraint), 60)} = 0; "
-                      "a step solves holonomic ones, g(q, t) = 0: give its integral if it has one.")
+def _independent(
+    system: LagrangianSystem, bound: Sequence[sp.Expr]
+) -> tuple[sp.Expr, ...]:
+    """Return the constraints on velocities that neither g nor those before imply.
 
+    Seen at a random point of g = 0, where the row (a, a₀) of a(q, t) v + a₀(q, t) is a combination
+    of others, such as (g_q, g_t).
 
-def _refuse_nonholonomic(system: LagrangianSystem, bound: Sequence[sp.Expr]) -> None:
-    """Refuse constraints on velocities that are not rates of g, seen at a random point of g = 0.
-
-    Of a(q, t) v + a₀(q, t) the row (a, a₀) is a combination of the rows (g_q, g_t).
+    Raises
+    ------
+    InputError
+        For one whose a is a combination of others, and whose a₀ is another.
     """
+    A, a = coefficients_of(bound, system.velocities)
+    rows = [[*row, rest] for row, rest in zip((*system.G, *A), (*system.g_t, *a), strict=True)]
     if not bound:
-        return
-    at_rest = substitute(bound, dict.fromkeys(system.velocities, sp.Integer(0)))
-    rows = [[*(derivative(e, v) for v in system.velocities), rest]
-            for e, rest in zip(bound, at_rest, strict=True)]
-    q, values = _somewhere(system, symbols_of([e for row in rows for e in row]))
+        return ()
+    flat = [e for row in rows for e in row]
+    q, values = somewhere(system, symbols_of(flat))
     at: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
-    rates = [e for row, rate in zip(system.G, system.g_t, strict=True) for e in (*row, rate)]
-    own = evaluate(rates, at).reshape(system.m, system.n + 1)
-    for e, row in zip(bound, rows, strict=True):
-        slope = evaluate(row, at)
-        left = slope - own.T @ np.linalg.lstsq(own.T, slope, rcond=None)[0] if system.m else slope
-        if np.abs(left).max() > _SMALL * np.abs(slope).max():
-            raise _nonholonomic("The method", e)
-
-
-def _somewhere(
-    system: LagrangianSystem, more: set[sp.Symbol]
-) -> tuple[Any, dict[sp.Symbol, float]]:
-    """Return coordinates on g = 0, if any are found, and values of the parameters and of t."""
-    rng = np.random.default_rng(23)
-    time = {*filter(None, (system.time,))}
-    symbols = sorted({*system.parameters} | time | (more - {*system.q}), key=str)
-    for _ in range(12):
-        values = {s: float(rng.uniform(0.5, 2.0)) for s in symbols}
-        q = rng.standard_normal(system.n)
-        if not system.m:
-            return q, values
-        numbers = NumericConstraints(system.q, system.constraints, system.constraint_names,
-                                     {str(s): x for s, x in values.items()})
-        found = nearest_point(numbers, q)
-        if found is not None:
-            return found, values
-    return q, values
+    numbers = evaluate(flat, at).reshape(len(rows), system.n + 1)
+    implied = {*dependent_rows(numbers)[1]}
+    against = {*dependent_rows(numbers[:, :-1])[1]} - implied
+    if against:
+        row = bound[max(against) - system.m]
+        raise InputError(f"The constraint {shorten(str(row), 60)} = 0 on the velocities of "
+                         f"{system.name!r} contradicts the others: no velocities satisfy them all; "
+                         "leave it out, or correct it.")
+    return tuple(e for i, e in enumerate(bound, start=system.m) if i not in implied)

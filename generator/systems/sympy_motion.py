@@ -100,6 +100,10 @@ class FrameMotion:
             if not vanish(substitute(left, self.speeds)):
                 yield point, near
 
+    def is_placed(self, point: Any) -> bool:
+        """Whether the place of a point is known from another one."""
+        return any(other is not point for other in _reached(point))
+
     def place(self, point: Any) -> Any:
         """Return the place of a point from the nearest one at rest, or None."""
         rest = _nearest(point, lambda other: other._vel_dict.get(self.frame) == 0)

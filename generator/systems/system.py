@@ -6,6 +6,9 @@ Generalised forces F(q, p, t) that no potential has are added to ṗ. H and g ma
 then g_q H_p + g_t = 0, and energy changes by work of forces and of explicit time dependence, Ḣ =
 F·q̇ + H_t + λᵀg_t.
 
+Velocity constraints A(q, t) q̇ + a(q, t) = 0, such as those of rolling, add −Aᵀμ to ṗ: Ḣ then has
+the further term μᵀa.
+
 Nothing here knows of quaternions: a system is its symbols, its H and its g.
 """
 
@@ -27,12 +30,15 @@ from ..parsing.reserved_names import is_taken
 from .body_layout import BodyLayout, JointLayout
 from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula
 from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
+from .velocity_coefficients import coefficients_of, refuse_unless_linear
 
 __all__ = ["BodyLayout", "System"]
 
 #: The letters of principal moments, and those of J⁻¹ where the inertia is a tensor.
 MOMENTS = ("I1", "I2", "I3")
 INVERSE = ("K11", "K12", "K13", "K22", "K23", "K33")
+#: Constraints of a system with velocity constraints whose W = g_q H_pp g_qᵀ is not shortened.
+_MANY = 8
 #: Constraints and forces that notebooks show.
 _SHOWN = 6
 
@@ -63,6 +69,13 @@ class System:
     inputs : sequence of Symbol
         Parameters that may change from step to step, such as the output of a controller; they occur
         in forces only.
+    velocity_constraints : sequence of Expr
+        A(q, t) q̇ + a(q, t), m' expressions that vanish on every motion, linear or affine in the
+        velocities. They need not be integrable: rolling, skates, wheels.
+    velocities : sequence of Symbol
+        The symbols of q̇ in the velocity constraints, n of them, or none.
+    velocity_constraint_names : sequence of str
+        Name of each velocity constraint in messages; by default A0, A1, …
     quantities : mapping of str to Expr
         Quantities of q, p, t and parameters that trajectories offer by name.
     rigid_body : bool
@@ -96,9 +109,13 @@ class System:
     rigid_body: bool = field(default=False, kw_only=True)
     bodies: tuple[BodyLayout, ...] = field(default=(), kw_only=True)
     joints: tuple[JointLayout, ...] = field(default=(), kw_only=True)
+    velocity_constraints: tuple[sp.Expr, ...] = field(default=(), kw_only=True)
+    velocities: tuple[sp.Symbol, ...] = field(default=(), kw_only=True)
+    velocity_constraint_names: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("q", "p", "parameters", "constraints", "forces", "inputs"):
+        for name in ("q", "p", "parameters", "constraints", "forces", "inputs",
+                     "velocity_constraints", "velocities"):
             values = as_sequence(name, getattr(self, name))
             object.__setattr__(self, name, tuple(map(as_expression, values)))
         new = tuple(u for u in self.inputs if u not in self.parameters)
@@ -109,11 +126,12 @@ class System:
         quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
         object.__setattr__(self, "quantities", MappingProxyType(
             {name: as_expression(e) for name, e in quantities.items()}))
-        given = as_items("constraint_names", self.constraint_names, "texts")
-        names = tuple(as_text("a constraint's name", name) for name in given)
-        object.__setattr__(self, "constraint_names",
-                           names or tuple(f"g{i}" for i in range(self.m)))
-        for what in ("q", "p", "inputs", "parameters"):
+        for what, letter, count in (("constraint_names", "g", self.m),
+                                    ("velocity_constraint_names", "A", self.velocity_count)):
+            given = as_items(what, getattr(self, what), "texts")
+            names = tuple(as_text("a constraint's name", name) for name in given)
+            object.__setattr__(self, what, names or tuple(f"{letter}{i}" for i in range(count)))
+        for what in ("q", "p", "inputs", "parameters", "velocities"):
             refuse_unless_symbols(self.name, what, getattr(self, what))
         if self.time is not None:
             refuse_unless_symbols(self.name, "time", (self.time,))
@@ -126,16 +144,21 @@ class System:
                 f"System {self.name!r} has {len(self.q)} coordinates and {len(self.p)} momenta; "
                 "give one momentum for each of at least one coordinate."
             )
-        if len(self.constraints) > len(self.q) - (self.clock is None):
+        if len(self.velocities) not in ((0, self.n) if not self.velocity_count else (self.n,)):
             raise InputError(
-                f"System {self.name!r} has {len(self.constraints)} constraints on {len(self.q)} "
+                f"System {self.name!r} has {self.n} coordinates and {len(self.velocities)} "
+                "velocities; give the symbol of each coordinate's velocity, in the same order.")
+        count = self.m + self.velocity_count
+        if count > len(self.q) - (self.clock is None):
+            raise InputError(
+                f"System {self.name!r} has {count} constraints on {len(self.q)} "
                 "coordinates; fewer constraints than coordinates must remain."
             )
-        if len(self.constraint_names) != self.m:
-            raise InputError(
-                f"System {self.name!r} has {self.m} constraints and {len(self.constraint_names)} "
-                "constraint_names; give one name for each constraint, or none."
-            )
+        for what, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
+            if len(names := getattr(self, f"{what}_names")) != count:
+                raise InputError(
+                    f"System {self.name!r} has {count} {what}s and {len(names)} {what}_names; give "
+                    "one name for each constraint, or none.")
         if len(self.forces) not in (0, self.n):
             raise InputError(
                 f"System {self.name!r} has {len(self.forces)} forces on {self.n} coordinates; give "
@@ -143,6 +166,7 @@ class System:
             )
         self._refuse_unknown_symbols()
         self._refuse_inputs_elsewhere()
+        refuse_unless_linear(self)
         for what, kind in (("bodies", BodyLayout), ("joints", JointLayout)):
             given = as_items(what, getattr(self, what), f"what Multibody makes, {kind.__name__}")
             if not all(isinstance(one, kind) for one in given):
@@ -165,6 +189,7 @@ class System:
     def __repr__(self) -> str:
         parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
                  f"{self.m} constraints"]
+        parts += [f"{self.velocity_count} velocity constraints"] if self.velocity_count else []
         parts += ["forces"] if self.forces else []
         parts += [f"quantities {few(self.quantities)}"] if self.quantities else []
         return f"<System {self.name}: {'; '.join(parts)}>"
@@ -174,6 +199,9 @@ class System:
         rows = [("H", shown_formula(self.H)),
                 *((f"g: {name}", shown_formula(g)) for name, g in
                   zip(self.constraint_names[:_SHOWN], self.constraints, strict=False)),
+                *((f"A v + a: {name}", shown_formula(row)) for name, row in
+                  zip(self.velocity_constraint_names[:_SHOWN], self.velocity_constraints,
+                      strict=False)),
                 *((f"F({p})", shown_formula(F)) for p, F in
                   zip(self.p[:_SHOWN], self.forces, strict=False))]
         rows += [("coordinates", few(self.q)), ("momenta", few(self.p)),
@@ -182,7 +210,7 @@ class System:
 
     def _refuse_unknown_symbols(self) -> None:
         time = () if self.time is None else (self.time,)
-        names = [str(s) for s in (*self.q, *self.p, *self._others, *self.parameters, *time)]
+        names = [str(s) for s in (*self.q, *self.p, *self.velocities, *self.parameters, *time)]
         for name in names:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(
@@ -214,6 +242,14 @@ class System:
                     f"{min(map(str, unknown))!r}; a holonomic constraint depends on q, "
                     "parameters and what is declared as time; declare it there, or remove it."
                 )
+        for name, row in zip(self.velocity_constraint_names, self.velocity_constraints,
+                             strict=True):
+            unknown = row.free_symbols - (allowed - {*self.p} | {*self.velocities})
+            if unknown:
+                raise InputError(
+                    f"Velocity constraint {name!r} of system {self.name!r} contains "
+                    f"{min(map(str, unknown))!r}; it depends on q, velocities, parameters and what "
+                    "is declared as time; declare it there, or remove it.")
         for what, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
                         *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
             unknown = e.free_symbols - allowed
@@ -232,7 +268,7 @@ class System:
     def _refuse_inputs_elsewhere(self) -> None:
         """Refuse inputs outside forces: they jump between steps, which changes H and violates g."""
         places = {what: (e,) for what, e in self.defining.items()}
-        places |= {"a constraint": self.constraints,
+        places |= {"a constraint": (*self.constraints, *self.velocity_constraints),
                    "a quantity": tuple(self.quantities.values())}
         for what, expressions in places.items():
             found = {s for e in expressions for s in e.free_symbols}.intersection(self.inputs)
@@ -264,6 +300,11 @@ class System:
     def m(self) -> int:
         """Number of constraints."""
         return len(self.constraints)
+
+    @property
+    def velocity_count(self) -> int:
+        """Number m' of velocity constraints."""
+        return len(self.velocity_constraints)
 
     @cached_property
     def H_q(self) -> list[sp.Expr]:
@@ -319,6 +360,17 @@ class System:
 
         return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
 
+    def with_row_integrals(self) -> System:
+        """Return the system with integrable velocity constraints as constraints on positions.
+
+        They then hold to round-off, where as velocities they hold to the order of the method:
+        see ``integrable_rows``. Each has a new parameter NAME_0, the value of the integral at the
+        start.
+        """
+        from .integrable_rows import with_row_integrals
+
+        return with_row_integrals(self)
+
     @property
     def is_nonautonomous(self) -> bool:
         """Whether H, g or F depends on time."""
@@ -326,14 +378,15 @@ class System:
 
     @property
     def is_time_dependent(self) -> bool:
-        """Whether H or a constraint depends on time: then kernels find t among the constants."""
+        """Whether H, g, A or a depends on time: then kernels find t among the constants."""
         return self.clock is not None
 
     @cached_property
     def clock(self) -> sp.Symbol | None:
         """The time where H or a constraint depends on it."""
         time_dependent = any(self.time in e.free_symbols
-                             for e in (*self.defining.values(), *self.constraints))
+                             for e in (*self.defining.values(), *self.constraints,
+                                       *self.velocity_constraints))
         return self.time if time_dependent else None
 
     @cached_property
@@ -352,6 +405,20 @@ class System:
     def G(self) -> list[list[sp.Expr]]:
         """g_q = ∂g/∂q, m × n."""
         return jacobian(self.constraints, self.q)
+
+    @cached_property
+    def A(self) -> list[list[sp.Expr]]:
+        """The coefficients of the velocities in the velocity constraints, m' × n."""
+        return self._velocity_rows[0]
+
+    @cached_property
+    def a(self) -> list[sp.Expr]:
+        """The velocity constraints at rest, m' entries: A(q, t) q̇ + a(q, t) = 0."""
+        return self._velocity_rows[1]
+
+    @cached_property
+    def _velocity_rows(self) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
+        return coefficients_of(self.velocity_constraints, self.velocities)
 
     def curvature(self, multipliers: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
         """Σ_l λ_l ∂²g_l/∂q∂q, n × n: the derivative of g_qᵀ λ by q."""
@@ -388,7 +455,9 @@ class System:
     def hidden_matrix(self) -> list[list[sp.Expr]]:
         """W = (∂f/∂p) g_qᵀ with f = ``hidden``, m × m: g_q H_pp g_qᵀ less dropped factors."""
         rows = jacobian(self.hidden, self.p)
-        return [
-            [shortest(sum(a * b for a, b in zip(row, other, strict=True))) for other in self.G]
-            for row in rows
-        ]
+        # Many bodies that roll have no element templates: hundreds of entries of W are written out.
+        products = [[sum((a * b for a, b in zip(row, other, strict=True)), sp.Integer(0))
+                     for other in self.G] for row in rows]
+        if self.velocity_count and self.m > _MANY:
+            return products
+        return [[shortest(e) for e in row] for row in products]

@@ -8,6 +8,7 @@
     enclosures         its numbers in proved bounds
     separation_bounds  whether a number written with radicals is zero
     multipliers        M = Ā Ã, the effect of multipliers on constraints at the nodes
+    velocity_rows      V, weights of constraint forces where velocity constraints hold
     stability          R(z) of a fast decay: A-stable, L-stable, numerical damping
     conditions         each condition as a residual, and predicates derived from it
     observed_order     the order as measured

@@ -6,6 +6,7 @@
     symplectic   b_i â_ij + b̂_j a_ji = b_i b̂_j,   b_i ã_ij + b̃_j ā_ji = b_i b̃_j    (erratum 13)
     symmetric    a_{s+1−i,s+1−j} + a_ij = b_j             for each of the four
     stability    R(z) of a fast decay, and its limit      ``stability``
+    V            of velocity constraints                  ``velocity_conditions``
 
 Residuals are exact: zero is proved, not measured (``node_algebra``).
 """
@@ -26,7 +27,8 @@ from .separation_bounds import Rounding, vanishes_to
 from .stability import stability
 from .tableau import Tableau
 
-__all__ = ["Condition", "check_tableau", "invariant_conditions", "order", "remarks"]
+__all__ = ["Condition", "check_tableau", "invariant_conditions", "order", "remarks",
+           "velocity_conditions"]
 
 Matrix = Any
 
@@ -302,6 +304,35 @@ def invariant_conditions(tableau: Tableau) -> list[Condition]:
     ]
     return [_condition(t, equation, equation, residual, s, columns, required=False)
             for equation, residual, columns in lines]
+
+
+def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
+    """Return the conditions of V, the matrix of velocity constraints (``velocity_rows``).
+
+    C(p + 1) is what the order 2s takes beside those of the tableau.
+    """
+    t, part, nodes = tableau, tableau.basis, tableau.constraints
+    first, last = nodes.at(0), nodes.at(-1)
+    regular = part["A_bar"].rank() == t.s and is_zero(first * part["A_bar"], t)
+    found = holds_to(partial(stage_residual, nodes, nodes, V), t, t.p + 2)
+    wanted = t.p + 1
+    lines = [
+        _condition(t, "v_0l = 0", "v_0l = 0", first * V, None, nodes, required=True),
+        _condition(t, "v_pl = b̃_l", "v_pl = b̃_l", last * V - part["b_tilde"].transpose(), None,
+                   nodes, required=True),
+        Condition("C of V", f"Σ v c̃^(k−1) = c̃^k/k, k ≤ {wanted}", f"holds to k = {found}",
+                  found >= wanted, "0" if found >= wanted else mp.nstr(magnitude(
+                      stage_residual(nodes, nodes, V, found + 1), nodes, None), 5), required=True),
+        # A polynomial of degree s that vanishes at 0 and at c̃_1..c̃_p is 0.
+        Condition("reactions", "det ā_ij ≠ 0, i = 1..p, j = 1..s",
+                  "Ā is regular" if regular else "Ā is singular", regular,
+                  "0" if regular else "singular", required=True),
+    ]
+    mirrored = symmetry_residual(nodes, nodes, V, part["b_tilde"])
+    if is_symmetric(t) and mirrored is not None:
+        lines.append(_condition(t, "V symmetric", "v_(p−i,p−l) + v_il = b̃_l", mirrored, nodes,
+                                nodes, required=True))
+    return lines
 
 
 def _range(tableau: Tableau, label: str, found: dict[str, int]) -> Condition:

@@ -173,17 +173,18 @@ class Binding(Compiled):
     def defects(
         self, parameters: Any, q: Array, p: Array, t: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return g(q) and f(q, p) of each row of q and p, m entries a row.
+        """Return g(q), and f(q, p) and A H_p + a of each row of q and p.
 
+        g has m entries a row, the others together ``conditions``.
         The times are t, or those of the parameters. Of ``parameter_sets`` each one is that of as
         many rows as the next.
         """
-        g, f = self.new(len(q), self.m), self.new(len(q), self.m)
-        if not self.m:
+        g, f = self.new(len(q), self.m), self.new(len(q), self.conditions)
+        if not self.conditions:
             return g, f
         function, sets = self.function("defects"), self.sets(parameters)
         arrays, rows = [self.pointer(array) for array in (q, p, g, f)], len(q) // sets
-        widths = [rows * width for width in (self.n, self.n, self.m, self.m)]
+        widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         if sets == 1:
             function(parameters, rows, *self._times(t), *arrays)
             return g, f
@@ -199,7 +200,7 @@ class Binding(Compiled):
 
     def project(self, parameters: Any, q: Array, p: Array) -> int:
         """Move (q, p) onto the constraints in place; return the status."""
-        if not self.m:
+        if not self.conditions:
             return 0
         return int(self.function("project")(parameters, self.pointer(q), self.pointer(p)))
 
@@ -213,6 +214,7 @@ class CompiledConstraints:
         self.coordinates, self.momenta = system["coordinates"], system["momenta"]
         default = [f"g{i}" for i in range(binding.m)]
         self.constraint_names = system.get("constraint_names", default)
+        self.velocity_constraint_names = system.get("velocity_constraints", {}).get("names", [])
 
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""
@@ -230,6 +232,8 @@ class CompiledConstraints:
         g, _ = self._defects(np.vstack([q + h, q - h]), np.zeros((2 * len(q), len(q))))
         slopes: Array = (g[: len(q)] - g[len(q) :]).T / (2 * h[0, 0])
         return slopes
+
+    rows = G  # with velocity constraints compiled code alone projects
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
         """Return (∂f/∂p) Gᵀ, shape (m, m), by central differences along the rows of G."""

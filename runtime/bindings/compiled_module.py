@@ -45,6 +45,9 @@ class Compiled:
         self.input_names = list(system.get("inputs", ()))
         self.n = len(system["coordinates"])
         self.m = len(system["constraints"])
+        #: Velocity constraints, and all conditions on momenta: these and the hidden constraints.
+        self.rows = len(system.get("velocity_constraints", {}).get("names", ()))
+        self.conditions = self.m + self.rows
         self.has_forces = "forces" in system
         #: The field of the parameters with the time at the start; None where nothing has t.
         self.time: str | None = system.get("time")
@@ -53,7 +56,9 @@ class Compiled:
         self.quantity_names = list(system.get("quantities", ()))
         self.quantities_take_time = bool(system.get("quantities_take_time"))
         self.unknowns = int(manifest["scheme"]["unknowns"])
-        self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m
+        #: How many multipliers a step has, and how many of them are of velocity constraints.
+        self.reactions = int(manifest["scheme"].get("reactions", 0)) * self.rows
+        self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m + self.reactions
         #: Whether a step solves equations; a composition of exact flows does not.
         self.solves = manifest["scheme"]["kind"] != "splitting"
         #: Whether the unknowns are increments of the state, and residuals are rates.

@@ -65,20 +65,24 @@ def sizes_of(content: Any) -> dict[str, Any]:
     which something is missing or of another type.
     """
     system, scheme, fast = content["system"], content["scheme"], content["fast_path"]
+    rows = system.get("velocity_constraints", {"names": [], "expressions": [], "velocities": []})
     texts = (content["name"], system["name"], scheme["method"], *system["coordinates"],
              *system["momenta"], *system["constraints"], *system.get("constraint_names", ()),
              *system["parameters"], *system.get("velocity_names", ()),
              *system.get("quantities", ()), system.get("time", ""),
              *content.get("tableau", {}).get("remarks", ()), *system.get("remarks", ()),
-             system.get("jumps", ""), fast.get("reason", ""))
+             system.get("jumps", ""), fast.get("reason", ""), *rows["names"],
+             *rows["expressions"], *rows["velocities"])
     lists = (system["coordinates"], system["momenta"], system["constraints"],
              system.get("constraint_names", []), system.get("forces", []),
              system.get("velocity_names", []),
-             content.get("tableau", {}).get("remarks", []), system.get("remarks", []))
+             content.get("tableau", {}).get("remarks", []), system.get("remarks", []),
+             rows["names"], rows["expressions"], rows["velocities"])
     flags = (system["rigid_body"], scheme["unknowns_are_state"],
              scheme["keeps_momentum_constraint"], fast["available"],
              system.get("quantities_take_time", False))
-    counts = (scheme["unknowns"], scheme["multipliers"], scheme["order"], scheme["stages"] or 0)
+    counts = (scheme["unknowns"], scheme["multipliers"], scheme["order"], scheme["stages"] or 0,
+              scheme.get("reactions", 0))
     m = len(system["constraints"])
     bodies_of(content), joints_of(content), placed_of(content)  # which raise for what are none
     sound = (
@@ -87,6 +91,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
         and all(x in _DOMAINS for x in system["parameters"].values())
         and isinstance(system.get("quantities", {}), dict)
         and len(system.get("constraint_names", [0] * m)) == m
+        and len(rows["names"]) == len(rows["expressions"])
         and len(system["coordinates"]) == len(system["momenta"])
         and len(system.get("velocity_names", system["momenta"])) == len(system["momenta"])
         and (fast["available"] or "reason" in fast)
@@ -95,6 +100,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
     if not sound or not _is_sound_frame(content.get("frame", {"symmetries": []}), system):
         raise ValueError("the manifest holds something of another type")
     time = [system["time"]] if "time" in system else []
+    reactions = scheme.get("reactions", 0) * len(rows["names"])
     return {
         "name": content["name"],
         "real": REALS[content["real"]].c_type,
@@ -103,7 +109,7 @@ def sizes_of(content: Any) -> dict[str, Any]:
         "constraints": m,
         "unknowns": scheme["unknowns"],
         "order": scheme["order"],
-        "multipliers": scheme["multipliers"] * m,
+        "multipliers": scheme["multipliers"] * m + reactions,
         "forces": "forces" in system,
         "velocities": "velocity_names" in system,
         "fast path": fast["available"],

@@ -25,7 +25,7 @@ from ..integration.lanes import fill_ensemble, threads_of
 from ..integration.run_arguments import EnsembleArguments, RunArguments
 from ..integration.step_loop import Rows, integrate
 from ..results.crossings import Crossings
-from ..results.run_arrays import OUTPUTS, States, value_of
+from ..results.run_arrays import OUTPUTS, States, flat_multipliers, value_of
 from ..results.trajectory import Trajectory
 from .detection import Brackets, EventDetector, Levels
 
@@ -199,7 +199,7 @@ def _ended(
     if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
         trajectory = integrate(binding, stepper.manifest, run.until(int(last.steps[0])))
     rows = row_of_event(stepper, run, brackets, last)
-    flat = trajectory.multipliers.reshape(len(trajectory.multipliers), binding.multipliers)
+    flat = flat_multipliers(trajectory)
     steps = run.stored(int(last.steps[0]))  # without a last state that is stored as the last one
     states = slice(steps + 1)
     made = States(

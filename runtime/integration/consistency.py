@@ -49,7 +49,7 @@ class Defects:
 def defects_of_starts(
     binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array
 ) -> Defects:
-    """Return the defects of rows of q and p; m must not be 0.
+    """Return the defects of rows of q and p; there must be a constraint.
 
     ``parameters`` are those of all rows, or ``Binding.parameter_sets`` with one set for each.
     ``keeps_f`` says whether the scheme keeps the momentum constraint; ``dt`` is used if not.
@@ -67,7 +67,7 @@ def defects_of_starts(
 
 def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
     """Refuse a start that is off the constraints by more than round-off."""
-    if not binding.m:
+    if not binding.conditions:
         return
     parameters = binding.parameters(run.parameters, run.t0)
     found = defects_of_starts(binding, manifest["scheme"]["keeps_momentum_constraint"], parameters,
@@ -80,6 +80,8 @@ def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArgu
     rigid = manifest["system"]["rigid_body"]
     norm = f", |q| = {q_size:.15g}" if rigid else ""
     what = "q^T p" if rigid else "the momentum constraint"
+    if binding.rows:
+        what = "the constraints on momenta and velocities"
     raise InputError(
         f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
         f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
@@ -176,13 +178,13 @@ def _moved(
     binding: Binding, parameters: Any, q: Array, p: Array, dq: Array, dp: Array,
     q_moves: Array, p_moves: Array,
 ) -> tuple[Array, Array]:
-    """Return g and f, shape (rows, moves, m), of q + dq q_moves and p + dp p_moves."""
+    """Return g and f, shape (rows, moves, entries), of q + dq q_moves and p + dp p_moves."""
     moved = [x[:, None] + step[:, None, None] * moves
              for x, step, moves in ((q, dq, q_moves), (p, dp, p_moves))]
     states = [np.ascontiguousarray(x.reshape(-1, binding.n), dtype=binding.dtype) for x in moved]
     g, f = binding.defects(parameters, *states)
-    shape = len(q), len(q_moves), binding.m
-    return g.reshape(shape), f.reshape(shape)
+    shape = len(q), len(q_moves)
+    return g.reshape(*shape, binding.m), f.reshape(*shape, binding.conditions)
 
 
 def _sizes(changes: Iterable[Array]) -> tuple[Array, Array]:

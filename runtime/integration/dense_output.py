@@ -19,7 +19,7 @@ from ...core.errors import InputError, Stopped
 from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import Inputs
-from ..results.run_arrays import OUTPUTS, States, value_of
+from ..results.run_arrays import OUTPUTS, States, flat_multipliers, value_of
 from ..results.trajectory import Trajectory
 from .lanes import EnsembleStates, fill_ensemble, threads_of
 from .run_arguments import EnsembleArguments, RunArguments
@@ -71,10 +71,11 @@ def _states_at(
     at = places_of(stepper, trajectory.t, trajectory.dt, t)
     q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
     work = trajectory.work[at.rows].copy()
-    multipliers = np.zeros((len(t), *trajectory.multipliers.shape[1:]), trajectory.q.dtype)
+    of_steps = flat_multipliers(trajectory)
+    multipliers = np.zeros((len(t), of_steps.shape[1]), trajectory.q.dtype)
     iterations = np.zeros(len(t), dtype=np.intc)
     ended = at.rows > 0  # on a state that a step of the run ends at: what that step found
-    multipliers[ended] = trajectory.multipliers[at.rows[ended] - 1]
+    multipliers[ended] = of_steps[at.rows[ended] - 1]
     iterations[ended] = trajectory.iterations[at.rows[ended] - 1]
     made = _Made(q, p, work, multipliers, iterations)
     stored = np.rint(((trajectory.t - trajectory.t[0]) / trajectory.dt).astype(float)).astype(int)
@@ -132,7 +133,7 @@ def _go(
     rows = computed.rows
     made.q[part], made.p[part] = rows.q[row, steps], rows.p[row, steps]
     made.work[part] += rows.work[row, steps]
-    made.multipliers[part] = rows.multipliers[row, steps].reshape(made.multipliers[part].shape)
+    made.multipliers[part] = rows.multipliers[row, steps]
     made.iterations[part] = rows.iterations[row, steps]
 
 
@@ -252,9 +253,8 @@ def _trajectory(
     """Return the states as a trajectory: rows at the times, the report of the whole run."""
     binding = stepper.binding
     parameters = binding.parameters(trajectory.parameters, trajectory.t[0])
-    after_first = made.multipliers[1:].reshape(len(made.multipliers[1:]), binding.multipliers)
-    states = States(binding, stepper.manifest, parameters, t, made.q, made.p, after_first,
-                    made.iterations[1:], made.work)
+    states = States(binding, stepper.manifest, parameters, t, made.q, made.p,
+                    made.multipliers[1:], made.iterations[1:], made.work)
     outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
     origin = None if trajectory._origin is None else replace(trajectory._origin, between=True)
     return replace(trajectory, **outputs, tangents=None, _inputs=None, _origin=origin)

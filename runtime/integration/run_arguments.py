@@ -313,7 +313,7 @@ def _in_domain(column: Array, domain: str) -> bool:
 def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     """Whether every start is on the constraints."""
     binding = stepper.binding
-    if not binding.m:
+    if not binding.conditions:
         return True
     keeps_f = stepper.manifest["scheme"]["keeps_momentum_constraint"]
     varied = any((column != column[0]).any() for column in (runs.t0, *runs.parameters.values()))

@@ -20,9 +20,10 @@ class Report:
     Energy errors are |H_k − H_0| with the scheme's own H (α or γ term included), |H_k − H_0 − W_k|
     where forces do the work W_k (``work`` at the end of the run); constraint
     errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
-    constraint on the momenta); means run over k = 0..N as in (87)-(91). ``iterations`` counts
-    fixed-point and Newton iterations together; ``newton_steps`` the steps of solver ``auto`` whose
-    fixed-point iteration did not converge.
+    constraint on the momenta, and |A H_p + a| of velocity constraints, whichever is larger); means
+    run over k = 0..N as in (87)-(91). ``iterations`` counts fixed-point and Newton iterations
+    together; ``newton_steps`` the steps of solver ``auto`` whose fixed-point iteration, or
+    simplified Newton iteration, did not converge.
     """
 
     steps: int

@@ -18,7 +18,8 @@ from ...core.errors import InputError
 from ..bindings.binding import Binding
 
 __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
-           "labels_of", "parts", "pieces", "place_of_quantity", "together", "value_of"]
+           "flat_multipliers", "labels_of", "parts", "pieces", "place_of_quantity", "together",
+           "value_of"]
 
 Array = NDArray[Any]
 Manifest = Mapping[str, Any]
@@ -71,8 +72,15 @@ class States:
     @property
     def step_multipliers(self) -> Array:
         """The multipliers, (…, p+1) or (…, p+1, m) for m > 1 constraints."""
-        m, rows = self.binding.m, self.multipliers
-        return rows.reshape(len(rows), self.binding.multipliers // m, m) if m > 1 else rows
+        m, count = self.binding.m, self.binding.multipliers - self.binding.reactions
+        rows = self.multipliers[:, :count]
+        return rows.reshape(len(rows), count // m, m) if m > 1 else rows
+
+    @property
+    def reactions(self) -> Array:
+        """The multipliers of velocity constraints at the stages, (…, s, m')."""
+        rows, count = self.binding.rows, self.binding.reactions
+        return self.multipliers[:, -count:].reshape(-1, count // rows, rows)
 
     @property
     def velocities(self) -> Array:
@@ -100,6 +108,13 @@ def _multipliers(manifest: Manifest) -> Inner | None:
     m = len(manifest["system"]["constraints"])
     along = [("constraint", m)] if m > 1 else []
     return (("node", manifest["scheme"]["multipliers"]), *along) if m else None
+
+
+def _reactions(manifest: Manifest) -> Inner | None:
+    """Those of a step, of each velocity constraint."""
+    rows = manifest["system"].get("velocity_constraints")
+    return (("stage", manifest["scheme"]["reactions"]),
+            ("velocity_constraint", len(rows["names"]))) if rows else None
 
 
 def _where_forces(manifest: Manifest) -> Inner | None:
@@ -178,6 +193,9 @@ OUTPUTS = (
            lambda at: at.iterations, dtype="i4", of_steps=True),
     Output("multipliers", "multipliers", "multipliers of the step that ends here",
            lambda at: at.step_multipliers, _multipliers, of_steps=True, absent=(0,)),
+    Output("reactions", "reactions", "multipliers of velocity constraints, at the stages of the "
+           "step that ends here", lambda at: at.reactions, _reactions, of_steps=True,
+           absent=(0, 0)),
     Output("work", "work", "work of the forces since the start", lambda at: at.work,
            _where_forces),
     Output("velocities", "velocities", "velocities", lambda at: at.velocities, _where_lagrangian,
@@ -191,7 +209,7 @@ def value_of(one: Output, states: States) -> Array:
     """Return an output of stored states, in the stepper's own type unless it has one of its own."""
     binding = states.binding
     if one.inner(states.manifest) is None:
-        return binding.new(len(states.q) - one.of_steps, *one.absent)
+        return binding.new(max(len(states.q) - one.of_steps, 0), *one.absent)
     found = one.compute(states)
     return found if one.dtype or found.dtype == binding.dtype else binding.converted(found)
 
@@ -240,7 +258,17 @@ def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
     names = list(system.get("constraint_names", ()))
     if len(names) > 1:
         found["constraint"] = names, "name of the constraint"
+    rows = system.get("velocity_constraints")
+    if rows:
+        found["velocity_constraint"] = list(rows["names"]), "name of the velocity constraint"
     return found
+
+
+def flat_multipliers(trajectory: Any) -> Array:
+    """Return multipliers and reactions of each step in one row, as compiled code writes them."""
+    parts = [x.reshape(len(x), -1) if x.size else x.reshape(len(x), 0)
+             for x in (trajectory.multipliers, trajectory.reactions)]
+    return np.concatenate(parts, axis=1)
 
 
 def defect_sizes(

@@ -47,13 +47,17 @@ class Trajectory(Shown):
         Coordinates and momenta; a unit quaternion, scalar first, for a body.
     multipliers : array, shape (N, p+1), or (N, p+1, m) for m > 1 constraints
         Λ_0..Λ_p of the step that ends at each stored state (λ for IMS and EMS).
+    reactions : array, shape (N, s, m')
+        μ of each velocity constraint at the s stages of that step: the reactions are −A(q)ᵀμ. Else
+        (N, 0, 0).
     iterations : array, shape (N,)
         Iterations of that step (fixed-point or Newton), the most of the ``every`` steps since the
         last state.
     energies : array, shape (N+1,)
         H of each state.
     g_errors, f_errors : array, shape (N+1,)
-        Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state.
+        Largest |g(q)| and largest momentum-constraint error (|qᵀp| for a body) of each state; with
+        velocity constraints also of |A H_p + a|.
     work : array, shape (N+1,)
         Work W done by the system's forces since the start; 0 without forces.
     velocities : array, shape (N+1, n)
@@ -73,6 +77,7 @@ class Trajectory(Shown):
     q: Array
     p: Array
     multipliers: Array
+    reactions: Array
     iterations: Array
     dt: Any
     every: int

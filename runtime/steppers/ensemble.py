@@ -60,7 +60,8 @@ class Ensemble:
     ----------
     t, q, p, multipliers, iterations : arrays
         As in ``Trajectory`` with a leading axis; NaN (0 iterations) after a failed step, and after
-        Ctrl-C where the ensemble comes with ``Stopped``.
+        Ctrl-C where the ensemble comes with ``Stopped``. Reactions of velocity constraints are in
+        ``members``.
     failures : dict
         Number of a failed trajectory → its ``StepFailed``.
     events : dict of str to CrossingsOfMany
@@ -244,7 +245,8 @@ def _ensemble(
     states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
     at = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
     t = binding.times(runs.t0[:, None], runs.dt[:, None], at)
-    q, p, multipliers = rows.q.copy(), rows.p.copy(), rows.multipliers[:, 1:].copy()
+    q, p = rows.q.copy(), rows.p.copy()
+    multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
     iterations = rows.iterations[:, 1:].copy()
     for i, stored in enumerate(computed.stored):
         if stored < states:

@@ -162,7 +162,10 @@ class Evaluation:
     def defects(
         self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
     ) -> tuple[Array, Array]:
-        """Return g(q, t) and the constraint on the momenta (qᵀp for a body), m entries each."""
+        """Return g(q, t) and the constraint on the momenta (qᵀp for a body), m entries each.
+
+        With velocity constraints the second goes on with A H_p + a.
+        """
         q_one, p_one = self._state(q, p)
         g, f = self.binding.defects(self._parameters(parameters, t), q_one[None], p_one[None])
         return g[0], f[0]
@@ -173,7 +176,8 @@ class Evaluation:
         """Return the state moved onto the constraints: q/|q| and p without its part along q.
 
         In general q moves along g_qᵀ onto g = 0, then p along g_qᵀ onto g_q H_p = 0, or
-        g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it.
+        g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it. With velocity
+        constraints p moves along g_qᵀ and Aᵀ, onto A H_p + a = 0 too.
         """
         state, run = self._state(q, p), self._parameters(parameters, t)
         return self._projected(*state, run)
@@ -205,7 +209,7 @@ class Evaluation:
         status = self.binding.project(parameters, q_near, p_near)
         if not status:
             return q_near, p_near
-        if self.binding.dtype is not np.float64:
+        if self.binding.dtype is not np.float64 or self.binding.rows:
             raise GyrosparkError(
                 f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
             )

@@ -97,7 +97,8 @@ class Stepper(Differentiation):
         system, scheme = self.manifest["system"], self.manifest["scheme"]
         domains = self.parameter_domains.items()
         rows = [("method", f"{scheme['method']}, order {self.order}, {self.unknowns} unknowns"),
-                ("system", f"{system['name']}: {self.n} coordinates, {self.m} constraints"),
+                ("system", f"{system['name']}: {self.n} coordinates, {self.m} constraints"
+                 + f", {self.binding.rows} velocity constraints" * bool(self.binding.rows)),
                 ("H", textwrap.shorten(str(system["hamiltonian"]), _LONGEST, placeholder=" …")),
                 ("parameters", few(name if domain == "real" else f"{name} ({domain})"
                                    for name, domain in domains)),

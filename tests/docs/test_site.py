@@ -55,9 +55,10 @@ def cells(path: Path) -> list[str]:
 
 #: Of several bodies or schemes, derived for seconds each; the build runs them, too.
 LONG_PAGES = {f"gallery/{name}" for name in (
-    "andrews", "car_axis", "chain", "crane", "double_top", "energy", "four_bar", "gimbal",
-    "kapitza", "kovalevskaya", "many_digits", "reactions", "regular_precession",
-    "satellite_with_wheel", "section", "slider_crank", "three_wheels", "work_and_precision")}
+    "andrews", "bicycle", "car_axis", "chain", "crane", "double_top", "energy", "four_bar",
+    "gimbal", "kapitza", "kovalevskaya", "many_digits", "rattleback", "reactions",
+    "regular_precession", "rolling_disc", "satellite_with_wheel", "section", "slider_crank",
+    "three_wheels", "work_and_precision")}
 
 
 @pytest.mark.parametrize("path", [

@@ -226,7 +226,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
-              quantities={"z": x}, rigid_body=False, bodies=(), inputs=(), joints=()),
+              quantities={"z": x}, rigid_body=False, bodies=(), inputs=(), joints=(),
+              velocity_constraints=(), velocities=(), velocity_constraint_names=()),
         Call("from_mechanics", lambda: (gs.from_mechanics, {
             "method": free_particle(), "name": "a", "inputs": (), "bodies": False})),
         plain("body_system", gs.body_system, name="a", rep="gamma", potential=sp.Integer(0),
@@ -335,6 +336,10 @@ def multibody_calls() -> Iterator[Call]:
     yield of("planar", **pair, **axis, rate=1.0, angle=0.0)
     yield of("screw", **pair, **axis, lead=0.1, rate=1.0, travel=0.0)
     yield of("universal", **pair, axis_a=(1, 0, 0), axis_b=(0, 1, 0), rate_a=1.0, rate_b=0.0)
+    for shape in ({"disc": 1.0}, {"sphere": 1.0}, {"ellipsoid": (1, 2, 3)}):
+        yield of("rolls", name="j", body="body", on_body=(0, 0, 0.1), axis_on_body=(0, 0, 1),
+                 normal=(0, 0, 1), at=(0, 0, 0), turning=1.0,
+                 **dict.fromkeys(("disc", "sphere", "ellipsoid")) | shape)
     yield of("gear", name="j", first="hinge", second="other", teeth=(20, 30))
     yield of("couple", name="j", first="hinge", second="other", ratio=2.0, offset=0.0)
     yield of("drive", name="j", joint="hinge", angle=sp.Integer(1))

@@ -13,6 +13,7 @@ from gyrospark.core.real_types import REALS
 from gyrospark.engine.amalgamate import FOLDER
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.tableau import FIELDS
+from gyrospark.generator.tableaux.velocity_rows import velocity_enclosures
 from processes import DATA, ROOT
 
 TOY = DATA / "toy"
@@ -36,6 +37,8 @@ def tables(stages: int) -> str:
                   f"{braced(rows)};" for name, rows in named.items()]
     lines += [f"static const real {name}[S] = {braced(getattr(numeric, field))};"
               for name, field in (("weights", "b"), ("weights_hat", "b_hat"), ("nodes", "c"))]
+    rows = [[double.round(e) for e in row] for row in velocity_enclosures(tableau)]
+    lines.append(f"static const real velocity_table[P + 1][P + 1] = {braced(rows)};")
     return "\n".join([*lines, ""])
 
 
@@ -92,6 +95,12 @@ VARIANTS: dict[str, dict[str, object]] = {
            "Lagrangian, free": {"GS_LAGRANGIAN": 1, "TOY_CONSTRAINTS": 0},
            "Lagrangian, forces": {"GS_LAGRANGIAN": 1, "GS_FORCES": 1},
            "Lagrangian, time": {"GS_LAGRANGIAN": 1, "GS_TIME_DEPENDENT": 1, "GS_FORCES": 1},
+           "velocities": {"GS_VELOCITY_CONSTRAINTS": 1},
+           "velocities, free": {"GS_VELOCITY_CONSTRAINTS": 1, "TOY_CONSTRAINTS": 0},
+           "velocities, forces": {"GS_VELOCITY_CONSTRAINTS": 1, "GS_FORCES": 1},
+           "velocities, time": {"GS_VELOCITY_CONSTRAINTS": 1, "GS_TIME_DEPENDENT": 1,
+                                "GS_FORCES": 1},
+           "velocities, Lagrangian": {"GS_VELOCITY_CONSTRAINTS": 1, "GS_LAGRANGIAN": 1},
            "indefinite mass": {"GS_LAGRANGIAN": 1, "GS_INDEFINITE_MASS": 1},
            "elements": {"GS_ELEMENTS": 1, "TOY_CONSTRAINTS": 2},
            "elements, free": {"GS_ELEMENTS": 1, "TOY_CONSTRAINTS": 0},

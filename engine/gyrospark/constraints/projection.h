@@ -55,6 +55,7 @@ static void constraint_reach(const constants *c, const real q[N], real reach[M])
         reach[mu] = norm(N, G[mu]);
 }
 
+#if !GS_VELOCITY_CONSTRAINTS
 /* f <- W^-1 f with W = (df/dp) G^T */
 static int solve_momentum(const constants *c, const real q[N], const real p[N], real f[M])
 {
@@ -63,6 +64,7 @@ static int solve_momentum(const constants *c, const real q[N], const real p[N], 
     hidden_matrix(c, q, p, W);
     return solve(M, &W[0][0], f, exponents, pivots);
 }
+#endif
 
 /* g <- (G G^T)^-1 g */
 static int solve_coordinates(const constants *c, const real q[N], real g[M])
@@ -80,6 +82,7 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
 }
 #endif
 
+#if !GS_VELOCITY_CONSTRAINTS
 /*
  * Projects p along G^T onto f(q, p) = 0 by Newton's method, p <- p - G^T W^-1 f, until the step is
  * at round-off level; impulse is the sum of all W^-1 f. One step is exact if H is quadratic in p,
@@ -111,6 +114,8 @@ static int project_momentum(const constants *c, const real q[N], real p[N], real
     return NOT_CONVERGED;
 }
 
+#endif
+
 /* Projects q along G^T onto g(q) = 0 by minimum-norm Newton steps, q <- q - G^T (G G^T)^-1 g. */
 static int project_coordinates(const constants *c, real q[N])
 {
@@ -134,6 +139,7 @@ static int project_coordinates(const constants *c, real q[N])
     return NOT_CONVERGED;
 }
 
+#if !GS_VELOCITY_CONSTRAINTS
 int NAME(project)(const parameters_t *parameters, real q[N], real p[N])
 {
     constants c;
@@ -155,6 +161,7 @@ void NAME(defects)(const parameters_t *parameters, long count, IF_TIME(
         hidden_constraint(&c, q + i*N, p + i*N, f + i*M);
     }
 }
+#endif
 #endif
 
 #endif

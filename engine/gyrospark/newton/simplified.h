@@ -14,7 +14,11 @@ static int simplified_newton(work_t *w, const options_t *options, real dt, const
 {
     const real radius = (real)0.02, slow = (real)0.1;
     real previous = 0;
+#if GS_VELOCITY_CONSTRAINTS
+    int stale = !w->has_factors; /* of an earlier step */
+#else
     int stale = 1;
+#endif
     *iterations = 0;
     while (*iterations < options->max_iterations) {
         residual(w, dt, q, p, x, w->r);

@@ -61,6 +61,9 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     return status;
 }
 #else
+#if GS_VELOCITY_CONSTRAINTS
+#include "gyrospark/velocity_constraints/advance.h"
+#else
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N])
 {
@@ -78,6 +81,7 @@ static int advance_run(work_t *w, const options_t *options, real dt, real q[N], 
     observe(AT(&w->constants, w->t + w->step), q, p, report);
     return OK;
 }
+#endif
 
 /* Newton's method has already stored the multipliers of the last step. */
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])

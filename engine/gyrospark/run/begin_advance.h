@@ -37,6 +37,18 @@ static void reset_iteration(work_t *w)
     IF_FORCES(s->work = splat(w->simulation.report.work);)
     s->work_low = splat(0);
 }
+#elif GS_VELOCITY_CONSTRAINTS
+/* Another state or other constants: what earlier steps predict is of no use. */
+static void set_state(work_t *w, const real q[N], const real p[N])
+{
+    (void)q, (void)p;
+    begin_history(w);
+}
+
+static void reset_iteration(work_t *w)
+{
+    begin_history(w);
+}
 #elif !GS_SPLITTING
 /* Newton's method has no state from step to step. */
 static void set_state(work_t *w, const real q[N], const real p[N])

@@ -4,6 +4,10 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
+#if GS_VELOCITY_CONSTRAINTS
+#include "gyrospark/velocity_constraints/projection.h"
+#endif
+
 #if GS_FORCES && !GS_SPLITTING
 #if GS_SPARK
 #include "gyrospark/spark/step_end.h"
@@ -61,7 +65,7 @@ static void observe_energy(const constants *c, const real q[N], const real p[N],
     report->energy_error_sum += error;
 }
 
-#if GS_CONSTRAINED
+#if GS_CONSTRAINED || GS_VELOCITY_CONSTRAINTS
 /* Adds the constraint errors max |g| and max |f| of a state to the report. */
 static void observe_constraint_errors(real g_size, real f_size, report_t *report)
 {
@@ -74,11 +78,21 @@ static void observe_constraint_errors(real g_size, real f_size, report_t *report
 /* Adds the errors of the state (q, p) to the report. */
 static void observe(const constants *c, const real q[N], const real p[N], report_t *report)
 {
+#if GS_VELOCITY_CONSTRAINTS
+    real g[M + 1] = { 0 }, f[HIDDEN];
+    observe_energy(c, q, p, report);
+#if GS_CONSTRAINED
+    constraint(c, q, g);
+#endif
+    observed_defect(c, q, p, f);
+    observe_constraint_errors(norm(M, g), norm(HIDDEN, f), report);
+#else
     real g[M], f[M];
     observe_energy(c, q, p, report);
     constraint(c, q, g);
     hidden_constraint(c, q, p, f);
     observe_constraint_errors(norm(M, g), norm(M, f), report);
+#endif
 }
 #else
 /* Adds the errors of the state (q, p) to the report. */

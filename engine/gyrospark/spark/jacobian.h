@@ -4,29 +4,7 @@
 
 #include "gyrospark/spark/residual.h"
 
-#if !GS_LAGRANGIAN
-#if GS_FORCES
-/*
- * H_qq and H_qp <- the derivatives of H_q - F by q and p. Forces destroy the symmetry: H_qp is not
- * the transpose of H_pq.
- */
-static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
-    const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
-{
-    hessian(c, q, p, t, H_qq, H_qp, H_pq, H_pp);
-}
-#else
-/* The Hessian of H; without forces H_qp is the transpose of H_pq. */
-static inline void rates_by_state(const constants *c, const real q[N], const real p[N],
-    const real t[1], real H_qq[N][N], real H_qp[N][N], real H_pq[N][N], real H_pp[N][N])
-{
-    hessian(c, q, p, t, H_qq, H_pq, H_pp);
-    for (int a = 0; a < N; ++a)
-        for (int b = 0; b < N; ++b)
-            H_qp[a][b] = H_pq[b][a];
-}
-#endif
-#endif
+#include "gyrospark/spark/rates_by_state.h"
 
 #if GS_CONSTRAINED
 /*
@@ -99,6 +77,9 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
                 for (int b = 0; b < N; ++b)
                     row[j*N + b] = dt*tableau.A_bar[l][j]*w->G[l][mu][b];
         }
+#if GS_VELOCITY_CONSTRAINTS
+    add_velocity_constraints(w, dt, q, p, x, J);
+#endif
 }
 #else
 /*
@@ -110,6 +91,10 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
     real J[U*U])
 {
     (void)q, (void)p, (void)x;
+#if GS_VELOCITY_CONSTRAINTS
+    for (int e = 0; e < U*U; ++e)
+        J[e] = 0;
+#endif
     for (int i = 0; i < S; ++i) {
         real H_qq[N][N], H_qp[N][N], H_pq[N][N], H_pp[N][N];
         const real t = w->t + dt*tableau.c[i];
@@ -129,6 +114,9 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
             }
         }
     }
+#if GS_VELOCITY_CONSTRAINTS
+    add_velocity_constraints(w, dt, q, p, x, J);
+#endif
 }
 #endif
 

@@ -13,8 +13,13 @@
 #endif
 
 #if GS_CONSTRAINED
+#if GS_VELOCITY_CONSTRAINTS
+/* Number of multipliers Lambda_l, l = 0..P: the last enters the velocity constraints of T1 */
+enum { ACTING = P + 1 };
+#else
 /* Number of multipliers Lambda_l, l = 0..P-1, that enter the stage equations */
 enum { ACTING = P };
+#endif
 
 /* Constraint forces G(Q~_l)^T Lambda_l at the nodes l = 0..P-1 */
 static void node_forces(work_t *w, const real q[N], const real x[U])
@@ -23,7 +28,11 @@ static void node_forces(work_t *w, const real q[N], const real x[U])
     for (int l = 0; l <= P; ++l)
         for (int a = 0; a < N; ++a)
             w->Q_tilde[l][a] = q[a] + w->D[l][a];
+#if GS_VELOCITY_CONSTRAINTS
+    for (int l = 0; l < ACTING; ++l)
+#else
     for (int l = 0; l < P; ++l)
+#endif
         constraint_force(AT(&w->constants,
             w->t + w->node_time[l]), w->Q_tilde[l], lambda + l*M, w->force[l]);
 }
@@ -116,6 +125,10 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
         }
 }
 
+#if GS_VELOCITY_CONSTRAINTS
+#include "gyrospark/velocity_constraints/equations.h"
+#endif
+
 /* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i) - F(Q_i, P_i, t_i); g(Q~_l), l = 1..P] */
 static void residual(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real r[U])
@@ -131,6 +144,10 @@ static void residual(work_t *w, real dt, const real q[N], const real p[N], const
         }
     }
     node_residuals(w, q, r + LAMBDA);
+#if GS_VELOCITY_CONSTRAINTS
+    add_reactions(w, dt, x, r);
+    velocity_residuals(w, dt, q, p, x, r);
+#endif
 }
 
 /*

@@ -4,6 +4,28 @@
 
 #include "gyrospark/spark/residual.h"
 
+#if GS_VELOCITY_CONSTRAINTS
+/*
+ * q1 = Q~_P, p1 = P~_P and the multipliers Lambda_0..Lambda_P, M_1..M_S. P~_P satisfies all conditions
+ * on momenta but for the error of Newton's method, which a projection removes.
+ */
+static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    real q1[N], real p1[N], real multipliers[ROOM])
+{
+    real Q[N], momentum[N];
+    stage_values(w, dt, q, p, x);
+    node_state(w, dt, q, p, x, P, Q, momentum);
+    for (int a = 0; a < N; ++a) {
+        q1[a] = Q[a];
+        p1[a] = momentum[a];
+    }
+    for (int l = 0; l < MULTIPLIERS; ++l)
+        multipliers[l] = x[FIRST_LAMBDA + l];
+    const int status = project_momentum(AT(&w->constants, w->t + w->step), q1, p1);
+    return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
+}
+#endif
+
 #if GS_CONSTRAINED
 /* d <- q1 - q (A.3) */
 static void displacement(real dt, const real x[U], real d[N])
@@ -16,6 +38,7 @@ static void displacement(real dt, const real x[U], real d[N])
     }
 }
 
+#if !GS_VELOCITY_CONSTRAINTS
 /*
  * T2: q1 = q + dt sum b_j k_j (A.3), P = p + dt sum b^_j k^_j - dt sum_(l<p) b~_l G_l^T Lambda_l.
  * The projection of P onto f(q1, p1) = 0 yields p1 and the last multiplier (A.5), (A.6).
@@ -41,7 +64,8 @@ static int finish(work_t *w, real dt, const real q[N], const real p[N], const re
         multipliers[P*M + mu] /= dt*tableau.b_tilde[P];
     return status != OK || isfinite(norm(N, q1) + norm(N, p1)) ? status : NOT_FINITE;
 }
-#else
+#endif
+#elif !GS_VELOCITY_CONSTRAINTS
 /* T2 without constraints: q1 = q + dt sum b_j k_j, p1 = p + dt sum b^_j k^_j (A.3). */
 static int finish(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
     real q1[N], real p1[N], real multipliers[ROOM])
@@ -85,6 +109,19 @@ static real node_power(work_t *w, real dt, const real q[N], const real p[N], con
 #endif
 
 #if GS_FORCES
+#if GS_VELOCITY_CONSTRAINTS
+/* M_i.a(Q_i): the power of the reactions at the stage i, since A q' = -a */
+static real reaction_power(const constants *c, const real q[N], const real mu[ROWS])
+{
+    const real still[N] = { 0 };
+    real rest[HIDDEN], sum = 0;
+    velocity_defect(c, q, still, rest);
+    for (int nu = 0; nu < ROWS; ++nu)
+        sum += mu[nu]*rest[M + nu];
+    return sum;
+}
+#endif
+
 /* Work of the forces, dt sum b_i F(Q_i, P_i, t_i).k_i, accurate to the order of the method. */
 static real step_work(work_t *w, real dt, const real q[N], const real p[N], const real x[U])
 {
@@ -101,6 +138,9 @@ static real step_work(work_t *w, real dt, const real q[N], const real p[N], cons
         IF_FRAME_WORK(for (int a = 0; a < N; ++a))
             IF_FRAME_WORK(power += F[a]*v[a];)
         IF_TIME(power += energy_rate(&w->constants, w->stage_q[i], w->stage_p[i]);)
+#if GS_VELOCITY_CONSTRAINTS
+        power += reaction_power(&w->constants, w->stage_q[i], x + REACTIONS + i*ROWS);
+#endif
         sum += tableau.b[i]*power;
     }
     IF_TIME(sum += node_power(w, dt, q, p, x);)

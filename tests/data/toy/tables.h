@@ -30,3 +30,4 @@ static const real table_onward_nodes[2][2] = { { 3.0, -8.0 }, { 0.5, -1.0 } };
 static const real weights[S] = { 0.5, 0.5 };
 static const real weights_hat[S] = { 0.5, 0.5 };
 static const real nodes[S] = { 0.21132486540518711775, 0.78867513459481288225 };
+static const real velocity_table[P + 1][P + 1] = { { 0.0, 0.0, 0.0 }, { 0.20833333333333334, 0.3333333333333333, -0.041666666666666664 }, { 0.16666666666666666, 0.6666666666666666, 0.16666666666666666 } };

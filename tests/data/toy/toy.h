@@ -92,7 +92,8 @@
 #if TOY_STAGES > 0
 #define GS_SPARK 1
 #endif
-#if !defined(GS_PROFILE_RUN) && !defined(GS_PROFILE_CONTROL) && !defined(GS_FIXED_POINT)
+#if !defined(GS_PROFILE_RUN) && !defined(GS_PROFILE_CONTROL) && !defined(GS_FIXED_POINT) \
+    && !defined(GS_VELOCITY_CONSTRAINTS)
 #define GS_FIXED_POINT 1
 #endif
 #if TOY_CONSTRAINTS > 0 && (TOY_STAGES > 0 || !defined(GS_CONSTANT_SCHUR))
@@ -106,8 +107,13 @@ typedef double real;
 
 enum { N = 3, M = TOY_CONSTRAINTS };
 enum { S = TOY_STAGES > 0 ? TOY_STAGES : 1, P = S };
-enum { MULTIPLIERS = TOY_STAGES > 0 ? (P + 1)*M : M, ROOM = MULTIPLIERS > 0 ? MULTIPLIERS : 1 };
+#ifdef GS_VELOCITY_CONSTRAINTS
+enum { ROWS = 1, MULTIPLIERS = (P + 1)*M + S*ROWS, U = 2*N*S + MULTIPLIERS };
+#else
+enum { MULTIPLIERS = TOY_STAGES > 0 ? (P + 1)*M : M };
 enum { U = TOY_STAGES > 0 ? 2*N*S + M*P : 2*N + M };
+#endif
+enum { ROOM = MULTIPLIERS > 0 ? MULTIPLIERS : 1 };
 enum { ORDERS = 4, HISTORY = 32, INPUTS = 1 };
 enum { RESIDUAL_COST = U*U, JACOBIAN_COST = U*U*U, ITERATION_COST = 10*U };
 
@@ -160,8 +166,10 @@ typedef struct {
     real J[U*(3*U + 1)];
     int exponents[U], pivots[U];
     real forward[U], t, step, node_time[P + 1], work_done, frame_q[N], frame_p[N];
-    real stage_q[S][N], stage_p[S][N], D[P + 1][N], force[P][N], Q_tilde[P + 1][N];
-    real G[P + 1][M > 0 ? M : 1][N], K[P][N][N], q_mean[N], p_mean[N];
+    real stage_q[S][N], stage_p[S][N], D[P + 1][N], force[P + 1][N], Q_tilde[P + 1][N];
+    real differences[8][U];
+    int stored, order, has_factors;
+    real G[P + 1][M > 0 ? M : 1][N], K[P + 1][N][N], q_mean[N], p_mean[N];
     toy_state state;
     int failures, newton_steps_left;
     unsigned char memory[1 << 18];
@@ -214,6 +222,52 @@ static inline void set_inputs(constants *c, const real *u)
 
 #include "gyrospark/simd/numbers.h"
 #include "kernels.h"
+
+#if GS_VELOCITY_CONSTRAINTS
+/* z' - x y' = 0, which no function of q implies */
+static inline void velocity_rows(const constants *c, const real *q, real A[ROWS][N])
+{
+    (void)c;
+    A[0][0] = 0;
+    A[0][1] = -q[0];
+    A[0][2] = 1;
+}
+
+static inline void reaction_curvature(const constants *c, const real *q, const real *mu,
+    real K[N][N])
+{
+    (void)c, (void)q;
+    for (int a = 0; a < N; ++a)
+        for (int b = 0; b < N; ++b)
+            K[a][b] = a == 1 && b == 0 ? -mu[0] : 0;
+}
+
+static inline void velocity_defect(const constants *c, const real *q, const real *v, real *f)
+{
+    (void)c;
+    f[M] = v[2] - q[0]*v[1];
+#if GS_CONSTRAINED
+    real G[M][N];
+    constraint_jacobian(c, q, G);
+    for (int mu = 0; mu < M; ++mu) {
+        f[mu] = 0;
+        for (int a = 0; a < N; ++a)
+            f[mu] += G[mu][a]*v[a];
+    }
+#endif
+}
+
+static inline void velocity_defect_by_q(const constants *c, const real *q, const real *v,
+    real D[M + ROWS][N])
+{
+    (void)c, (void)q;
+    for (int a = 0; a < N; ++a) {
+        for (int mu = 0; mu < M; ++mu)
+            D[mu][a] = mu == 0 ? 2*squares[a]*v[a] : 0;
+        D[M][a] = a == 0 ? -v[1] : 0;
+    }
+}
+#endif
 
 #if GS_ELEMENTS
 /* W without its zeros: here there are none. The diagonal, then the column below it. */

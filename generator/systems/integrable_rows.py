@@ -1,0 +1,209 @@
+"""Velocity constraints that are rates of functions of position: found, integrated, held as such.
+
+A combination ω = Σ c_k (A_k dq + a_k dt) of the rows is integrable only if dω vanishes on the
+velocities that all rows and all constraints allow (Frobenius). Constant c_k with this property are
+the null vectors of Σ c_k dω_k(X_i, X_j) = 0 at random points of g = 0. What is found is proved by
+differentiation: φ has dφ = ω, or ω divided by one of its coefficients.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ...core.warnings import warn
+from ..parsing.tokens import shorten
+from ..symbolic.bounded_algebra import is_small
+from ..symbolic.derivatives import derivative
+from ..symbolic.identities import compare
+from ..symbolic.numeric_evaluation import evaluate
+from .redundant_constraints import somewhere
+from .system import System
+
+__all__ = ["RowIntegral", "curls_of", "row_integrals", "warn_of_row_integrals",
+           "with_row_integrals"]
+
+Array = NDArray[Any]
+_TINY = 1e-100
+_SMALL = 1e-9
+_POINTS = 3
+#: Largest denominator of a coefficient c_k.
+_DENOMINATOR = 64
+_CLOCK = sp.Symbol("_clock", real=True)
+
+
+@dataclass(frozen=True)
+class RowIntegral:
+    """A function of q and t that velocity constraints keep constant.
+
+    Attributes
+    ----------
+    rows : dict of str to Rational
+        Names of the rows that it is a combination of → their coefficients.
+    expression : Expr
+        φ(q, t).
+    """
+
+    rows: dict[str, sp.Rational]
+    expression: sp.Expr
+
+
+def row_integrals(system: System) -> list[RowIntegral]:
+    """Return the integrals of constant combinations of the velocity constraints, as far as found.
+
+    Coefficients are polynomials of q, t, and of sines and cosines of them; others are left alone.
+    """
+    if not system.velocity_count:
+        return []
+    x = [*system.q, system.time or _CLOCK]
+    rows = [[*row, rest] for row, rest in zip(system.A, system.a, strict=True)]
+    found = []
+    for c in _candidates(system, x, rows):
+        omega = [sp.Add(*(k * row[i] for k, row in zip(c, rows, strict=True)))
+                 for i in range(len(x))]
+        phi = _potential(omega, x)
+        if phi is not None:
+            names = zip(system.velocity_constraint_names, c, strict=True)
+            found.append(RowIntegral({name: k for name, k in names if k}, phi))
+    return found
+
+
+def with_row_integrals(system: System) -> System:
+    """Return the system with a constraint φ(q, t) − φ₀ = 0 for each row integral, a row less each.
+
+    φ₀ is a new parameter, named after the row that it replaces: NAME_0.
+    """
+    kept = dict(zip(system.velocity_constraint_names, system.velocity_constraints, strict=True))
+    g, names, values = [], [], []
+    for integral in row_integrals(system):
+        name = next(row for row in integral.rows if row in kept)
+        value = sp.Symbol(re.sub(r"\W+", "_", f"{name}_0"), real=True)
+        del kept[name]
+        g.append(integral.expression - value)
+        names.append(name)
+        values.append(value)
+    if not g:
+        return system
+    made: System = replace(
+        system, parameters=(*system.parameters, *values), constraints=(*system.constraints, *g),
+        constraint_names=(*system.constraint_names, *names),
+        velocity_constraints=tuple(kept.values()), velocity_constraint_names=tuple(kept))
+    return made
+
+
+def warn_of_row_integrals(system: System) -> None:
+    """Warn of velocity constraints that could be constraints on positions."""
+    for integral in row_integrals(system):
+        names = ", ".join(map(repr, integral.rows))
+        warn(f"Of the velocity constraints of {system.name!r}, {names} keep "
+             f"{shorten(str(integral.expression), 60)} constant: as velocities to the order of the "
+             "method only. system.with_row_integrals() holds it to round-off.")
+
+
+def _candidates(
+    system: System, x: Sequence[sp.Symbol], rows: Sequence[Sequence[sp.Expr]]
+) -> Iterator[list[sp.Rational]]:
+    """Yield coefficients c_k with which Frobenius' condition holds at all points tried.
+
+    Of the combinations ω whose dω vanish on the velocities that all rows allow, those are kept
+    whose dω vanish on the velocities that these combinations allow, and so on.
+    """
+    slopes = [e for row, rate in zip(system.G, system.g_t, strict=True) for e in (*row, rate)]
+    points = []
+    for seed in range(_POINTS):
+        q, values = somewhere(system, {x[-1]}, seed)
+        at = np.array([*q, values[x[-1]]])
+        W, curls = curls_of(rows, x, at, values)
+        G = evaluate(slopes, values | dict(zip(x, at, strict=True))).reshape(-1, len(x))
+        if not all(np.isfinite(part).all() for part in (W, curls, G)):
+            return
+        points.append((G, W, curls))
+    kept = np.eye(len(rows))
+    while len(kept):
+        conditions = []
+        for G, W, curls in points:
+            tangents = _null_space(np.vstack([G, kept @ W]))
+            curved = tangents.T @ np.tensordot(kept, curls, 1) @ tangents
+            conditions.append(curved.reshape(len(kept), -1).T)
+        smaller = _null_space(np.vstack(conditions)).T @ kept
+        if len(smaller) == len(kept):
+            yield from _rational(kept)
+            return
+        kept = smaller
+
+
+def curls_of(
+    rows: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Symbol], at: Array,
+    values: Mapping[sp.Symbol, float],
+) -> tuple[Array, Array]:
+    """Return 1-forms ω at a point, and ∂ω_i/∂x_j − ∂ω_j/∂x_i, shape (rows, n, n).
+
+    Derivatives are Im ω(x + iε e_j)/ε, exact to round-off. ``values`` are those of the parameters.
+    """
+    moved = at[:, None] + 1j * _TINY * np.eye(len(x))  # column j: along x_j
+    numbers = evaluate([e for row in rows for e in row],
+                       {**values, **dict(zip(x, moved, strict=True))})
+    by_x = (numbers.imag / _TINY).reshape(len(rows), len(x), len(x))
+    return numbers.real[:, 0].reshape(len(rows), len(x)), by_x - by_x.transpose(0, 2, 1)
+
+
+def _null_space(A: Array) -> Array:
+    """Return an orthonormal basis of the null space, as columns."""
+    _, sizes, directions = np.linalg.svd(A)
+    rank = int(np.sum(sizes > _SMALL * max(sizes.max(initial=0.0), 1.0)))
+    return directions[rank:].T
+
+
+def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
+    """Yield the rows of the reduced echelon form that have simple rational entries."""
+    rows, pivot = rows.copy(), 0
+    for column in range(rows.shape[1]):
+        if pivot == len(rows):
+            break
+        best = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
+        if abs(rows[best, column]) <= _SMALL * np.abs(rows).max():
+            continue
+        rows[[pivot, best]] = rows[[best, pivot]]
+        rows[pivot] /= rows[pivot, column]
+        others = [i for i in range(len(rows)) if i != pivot]
+        rows[others] -= rows[others, column, None] * rows[pivot]
+        pivot += 1
+    for row in rows[:pivot]:
+        near = [Fraction(e).limit_denominator(_DENOMINATOR) for e in row]
+        if all(abs(e - float(k)) <= _SMALL for e, k in zip(row, near, strict=True)):
+            yield [sp.Rational(k.numerator, k.denominator) for k in near]
+
+
+def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | None:
+    """Return φ with dφ = ω, or ω divided by one of its entries; None if there is none."""
+    for factor in (sp.Integer(1), *(e for e in dict.fromkeys(omega) if e.free_symbols & {*x})):
+        ratios = [e / factor if e != factor else sp.Integer(1) for e in omega]
+        if not all(map(is_small, ratios)):
+            continue
+        scaled = [sp.cancel(e) for e in ratios]
+        if not all(_is_simple(e, x) for e in scaled):
+            continue
+        phi = sp.Integer(0)
+        for e, s in zip(scaled, x, strict=True):
+            rest = sp.expand(e - derivative(phi, s))
+            phi += sp.Add(*(sp.integrate(term, s) for term in sp.Add.make_args(rest)))
+        if not phi.has(sp.Integral) and compare(
+                [derivative(phi, s) for s in x], scaled).holds:
+            return phi
+    return None
+
+
+def _is_simple(e: sp.Expr, x: Sequence[sp.Symbol]) -> bool:
+    """Whether e is a polynomial of x and of sines and cosines of linear functions of x."""
+    waves = {w for w in e.atoms(sp.sin, sp.cos) if w.args[0].free_symbols & {*x}}
+    names = {w: sp.Dummy() for w in waves}
+    return bool(all(w.args[0].is_polynomial(*x) and sp.Poly(w.args[0], *x).is_linear
+                    for w in waves)
+                and e.xreplace(names).is_polynomial(*x, *names.values()))

@@ -1,0 +1,171 @@
+"""The equations of a step with velocity constraints: orders, derivatives, work, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from rolling_systems import (
+    DISC,
+    SKATE_CHAIN,
+    SKATE_CHAIN_START,
+    SLEIGH,
+    disc,
+    disc_state,
+    skate_chain,
+    sleigh,
+    sleigh_end,
+    sleigh_state,
+    stepper_of,
+)
+
+
+def errors(step, start, parameters, end, steps, exact):
+    run = step.integrate(*start, dt=end / steps, steps=steps, parameters=parameters)
+    return [float(np.abs(run.q[-1] - exact[0]).max()), float(np.abs(run.p[-1] - exact[1]).max())]
+
+
+def slopes(step, start, parameters, end, counts, exact):
+    return np.log2(np.divide(*(errors(step, start, parameters, end, n, exact) for n in counts)))
+
+
+# ---------------------------------------------------------------- order
+
+
+@pytest.mark.parametrize(("s", "counts"), [(1, (32, 64)), (2, (32, 64)), (3, (16, 32)),
+                                           (4, (10, 20))])
+def test_order_on_the_sleigh(s, counts):
+    """A trigonometric row and no g, against the closed form of θ and p."""
+    u, w, th = sleigh_end(0.7, 1.5, 0.3, 2.0)
+    p = sleigh_state(u, w, th)[1]
+    found = []
+    for count in counts:
+        run = stepper_of(sleigh, s).integrate(*sleigh_state(0.7, 1.5), dt=2 / count, steps=count,
+                                              parameters=SLEIGH)
+        found.append([abs(run.q[-1, 2] - th), np.abs(run.p[-1] - p).max()])
+    assert np.log2(np.divide(*found)) == pytest.approx([2 * s, 2 * s], abs=0.12)
+
+
+@pytest.mark.parametrize(("make", "parameters", "start"), [
+    (disc, DISC, disc_state()), (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START)])
+def test_orders_with_constraints_of_both_kinds(make, parameters, start):
+    """|q|² = 1 and three rows of rolling; a skate that pulls a rod. Radau-L has 2s − 1."""
+    end = 0.5
+    run = stepper_of(make, 4).integrate(*start, dt=end / 50, steps=50, parameters=parameters)
+    exact = run.q[-1], run.p[-1]
+    for s, counts in ((1, (40, 80)), (2, (20, 40)), (3, (10, 20)))[: 2 if make is disc else 3]:
+        found = slopes(stepper_of(make, s), start, parameters, end, counts, exact)
+        assert found == pytest.approx([2 * s, 2 * s], abs=0.12), s
+    if make is not disc:
+        found = slopes(stepper_of(make, 2, "Radau-L"), start, parameters, end, (40, 80), exact)
+        assert found == pytest.approx([3, 3], abs=0.12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("make", "parameters", "start"), [
+    (sleigh, SLEIGH, sleigh_state(0.7, 1.5)), (disc, DISC, disc_state()),
+    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START)])
+@pytest.mark.parametrize("s", [1, 2, 3, 4])
+def test_orders_in_113_bits(make, parameters, start, s):
+    step, best = (stepper_of(make, count, real="float128") for count in (s, 7))
+    start = step.project(*start, parameters=parameters)
+    run = best.integrate(*start, dt=0.0125, steps=40, parameters=parameters)
+    found = []
+    for steps in (40, 80):
+        ours = step.integrate(*start, dt=0.5 / steps, steps=steps, parameters=parameters)
+        found.append([float(abs(ours.q[-1] - run.q[-1]).max()),
+                      float(abs(ours.p[-1] - run.p[-1]).max())])
+    assert np.log2(np.divide(*found)) == pytest.approx([2 * s, 2 * s], abs=0.1)
+
+
+# ---------------------------------------------------------------- kernels
+
+
+def driven(make):
+    """Return the system with a row that moves, a time-dependent force, and the time."""
+    system, t = make(), sp.Symbol("t", real=True)
+    first, *others = system.velocity_constraints
+    rows = (first + sp.sin(2 * t) * sp.cos(system.q[0]) / 3 - t * system.velocities[1] / 5, *others)
+    return replace(system, velocity_constraints=rows, time=t, name=f"driven_{system.name}",
+                   forces=(-system.p[0] / 7, *[sp.sin(t)] * (system.n - 1)))
+
+
+@pytest.mark.parametrize(("make", "parameters", "start"), [
+    (sleigh, SLEIGH, sleigh_state(0.7, 1.5)), (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START)])
+@pytest.mark.parametrize("scheme", ["G-L", "Radau-L"])
+def test_jacobian_is_the_derivative_of_the_residual(make, parameters, start, scheme):
+    step = gs.stepper(scheme, 2, system=driven(make))
+    x = np.random.default_rng(3).standard_normal(step.unknowns)
+    at = {"dt": 0.3, "parameters": parameters, "t": 0.4}
+    J = step.jacobian(x, *start, **at)
+    h = 1e-6 * np.eye(len(x))
+    found = np.array([(step.residual(x + d, *start, **at) - step.residual(x - d, *start, **at))
+                      / 2e-6 for d in h]).T
+    assert np.abs(found - J).max() < 1e-8 * np.abs(J).max()
+
+
+def test_a_lagrangian_has_the_motion_of_its_hamiltonian():
+    system = skate_chain()
+    masses = [system.parameters[0]] * 2 + [system.parameters[1], 1, 1]
+    V = system.H.subs(dict.fromkeys(system.p, 0))
+    kinetic = sum(m * v**2 for m, v in zip(masses, system.velocities, strict=True)) / 2
+    other = gs.System.from_lagrangian(
+        kinetic - V, system.q, system.velocities, system.parameters, system.constraints,
+        velocity_constraints=system.velocity_constraints, name="skate_lagrangian")
+    runs = [step.integrate(*SKATE_CHAIN_START, dt=0.05, steps=20, parameters=SKATE_CHAIN)
+            for step in (stepper_of(skate_chain, 2), gs.stepper("G-L", 2, system=other))]
+    assert np.abs(runs[0].q - runs[1].q).max() < 1e-14
+    assert np.abs(runs[0].reactions - runs[1].reactions).max() < 1e-10
+
+
+def test_work_of_rows_that_move():
+    """A blade on a belt: H gains μ·a, to the order of the method; rows hold at their own time."""
+    step = gs.stepper("G-L", 2, system=driven(lambda: replace(sleigh(), name="sleigh_on_belt")))
+    start = step.project(*sleigh_state(0.7, 1.5), parameters=SLEIGH)
+    runs = [step.integrate(*start, dt=2 / n, steps=n, parameters=SLEIGH) for n in (32, 64)]
+    gain = runs[1].energies[-1] - runs[1].energies[0]
+    assert abs(gain) > 0.05
+    assert abs(runs[1].report.work - gain) < 1e-6 * abs(gain)
+    ratio = runs[0].report.energy_error_max / runs[1].report.energy_error_max
+    assert np.log2(ratio) == pytest.approx(4, abs=0.15)
+    assert runs[1].report.momentum_constraint_max < 4e-15
+
+
+def test_reactions_are_those_of_the_equations():
+    """μ = −u w/(1/m + a²/I) of the sleigh, which no force pushes, at the times of the stages."""
+    step = stepper_of(sleigh, 3)
+    run = step.integrate(*sleigh_state(0.7, 1.5), dt=0.01, steps=1, parameters=SLEIGH)
+    m, inertia, a = SLEIGH.values()
+    for c, mu in zip(gs.tableau("G-L", 3).numeric(17).c, run.reactions[0, :, 0], strict=True):
+        u, w, _ = sleigh_end(0.7, 1.5, 0.3, 0.01 * float(c))
+        assert mu == pytest.approx(-u * w / (1 / m + a * a / inertia), rel=1e-5)
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("EMS", None), ("LIIIA-B", 3)])
+def test_schemes_without_equations_for_them_are_refused(scheme, stages):
+    with pytest.raises(InputError, match=rf"{scheme}.*sleigh.*G-L or Radau-L"):
+        gs.stepper(scheme, stages, system=sleigh())
+
+
+@pytest.mark.parametrize(("given", "named"), [
+    ({"spec": Spec.checked("G-L", 2).with_profile("control")}, "control"),
+    ({"spec": Spec.checked("G-L", 2).with_profile("run")}, "run"),
+    ({"spec": Spec.checked("G-L", 2).with_frame("symmetries")}, "frame"),
+    ({"derivatives": True}, "[Dd]erivatives"), ({"structured": True}, "structured"),
+    ({"tableau": gs.tableau("G-L", 2)}, "tableau")])
+def test_what_does_not_know_them_is_refused(given, named):
+    with pytest.raises(InputError, match=rf"{named}[^.]*sleigh|sleigh[^.]*{named}"):
+        generate(**{"spec": Spec.checked("G-L", 2)} | given, system=sleigh())
+
+
+def test_derivatives_of_steps_are_refused():
+    with pytest.raises(InputError, match=r"sleigh"):
+        stepper_of(sleigh, 2).vjp(*sleigh_state(0.7, 1.5), dt=0.1, parameters=SLEIGH)

@@ -1,0 +1,206 @@
+"""Runs with velocity constraints: rows to round-off, reactions, energy, and where it drifts."""
+
+import json
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from processes import DATA
+from rolling_systems import (
+    DISC,
+    RATTLEBACK,
+    SKATE_CHAIN,
+    SKATE_CHAIN_START,
+    SLEIGH,
+    disc,
+    disc_state,
+    rattleback,
+    rattleback_state,
+    skate_chain,
+    sleigh,
+    sleigh_state,
+    stepper_of,
+    transmission,
+)
+from work_memory import integers_of
+
+#: Rows A H_p + a and g after a step.
+ROUND_OFF = 4e-15
+
+
+def skates(steps, s=2, **more):
+    return stepper_of(skate_chain, s).integrate(*SKATE_CHAIN_START, dt=0.02, steps=steps,
+                                                parameters=SKATE_CHAIN, **more)
+
+
+# ---------------------------------------------------------------- rows and reactions
+
+
+@pytest.mark.parametrize(("make", "parameters", "start", "steps"), [
+    (sleigh, SLEIGH, sleigh_state(0.7, 1.5), 5000),
+    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START, 2000), (disc, DISC, disc_state(), 1000)])
+def test_rows_hold_to_round_off(make, parameters, start, steps):
+    run = stepper_of(make, 2).integrate(*start, dt=0.02, steps=steps, every=steps,
+                                        parameters=parameters)
+    assert run.report.constraint_max <= ROUND_OFF
+    assert run.report.momentum_constraint_max <= ROUND_OFF
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("make", "parameters", "start", "s"), [
+    (sleigh, SLEIGH, sleigh_state(0.7, 1.5), 3),
+    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START, 2), (disc, DISC, disc_state(), 1)])
+def test_rows_hold_for_a_million_steps(make, parameters, start, s):
+    run = stepper_of(make, s).integrate(*start, dt=0.02, steps=10**6, every=10**6,
+                                        parameters=parameters)
+    assert run.report.constraint_max <= ROUND_OFF
+    assert run.report.momentum_constraint_max <= ROUND_OFF
+
+
+def test_a_start_off_the_rows_is_refused_and_projected():
+    step, (q, p) = stepper_of(disc, 2), disc_state()
+    with pytest.raises(InputError, match=r"velocities.*project"):
+        step.integrate(q, p + 0.1, dt=0.01, steps=1, parameters=DISC)
+    found = step.consistent(q, p + 0.1, parameters=DISC)
+    assert max(found.hidden_after.values()) < 1e-15
+    assert set(found.hidden_after) == {"g0", "A0", "A1", "A2"}
+    step.integrate(*step.project(q, p + 0.1, parameters=DISC), dt=0.01, steps=1, parameters=DISC)
+    # The way is along the rows: M⁻¹ times it does no virtual work.
+    moved = found.p - (p + 0.1)
+    again = step.project(q, found.p + 3 * moved, parameters=DISC)[1]
+    assert np.abs(again - found.p).max() < 1e-14
+
+
+def test_multipliers_and_reactions_have_their_places():
+    run = skates(4, s=3)
+    assert run.multipliers.shape == (4, 4)
+    assert run.reactions.shape == (4, 3, 1)
+    at = run.to_xarray()
+    assert at.reactions.dims == ("time", "stage", "velocity_constraint")
+    free = gs.stepper("IMS").integrate(*(lambda top: (top.q0, top.p0))(gs.problems.fast_top()),
+                                       dt=1e-3, steps=2, parameters=gs.problems.fast_top()
+                                       .parameters | {"gamma": "m"})
+    assert free.reactions.shape == (2, 0, 0)
+
+
+# ---------------------------------------------------------------- every way to run
+
+
+def test_every_way_to_run_has_the_same_states(tmp_path):
+    step, whole = stepper_of(skate_chain, 2), skates(50)
+    held = step.start(*SKATE_CHAIN_START, dt=0.02, parameters=SKATE_CHAIN)
+    held.advance(50)
+    assert (held.q == whole.q[-1]).all()
+    at = whole.at(whole.t[[0, 7, 50]])
+    assert (at.reactions == whole.reactions[[6, 49]]).all()
+    between = whole.at([0.333])
+    assert np.abs(between.f_errors).max() < 1e-14
+    many = step.integrate_ensemble(*(np.array([x, x]) for x in SKATE_CHAIN_START), dt=0.02,
+                                   steps=50, parameters=SKATE_CHAIN)
+    assert (many.q == whole.q).all()
+    assert (many.members[1].reactions == whole.reactions).all()
+    stored = gs.record(step, *SKATE_CHAIN_START, dt=0.02, steps=50, parameters=SKATE_CHAIN,
+                       out=tmp_path / "run.zarr")
+    assert (stored.trajectory().reactions == whole.reactions).all()
+    assert (stored.trajectory().multipliers == whole.multipliers).all()
+    part = {"dt": 0.02, "parameters": SKATE_CHAIN, "out": tmp_path / "parts.zarr"}
+    gs.record(step, *SKATE_CHAIN_START, steps=20, **part)
+    resumed = gs.record(step, *SKATE_CHAIN_START, steps=50, resume=True, **part)
+    assert (resumed.trajectory().q == whole.q).all()
+    whole.save(tmp_path / "run.npz")
+    assert (gs.Trajectory.load(tmp_path / "run.npz").reactions == whole.reactions).all()
+    slow = skates(5, solver="python")
+    assert np.abs(slow.q - whole.q[:6]).max() < 1e-14
+
+
+@pytest.mark.parametrize(("real", "bits"), [("float", 24), ("long-double", 64)])
+def test_rows_hold_in_other_types(real, bits):
+    if real == "long-double" and np.finfo(np.longdouble).nmant != 63:
+        pytest.skip("long double is no x87 number here")
+    step = stepper_of(disc, 1, real=real)
+    start = step.project(*disc_state(), parameters=DISC)
+    run = step.integrate(*start, dt=0.02, steps=50, parameters=DISC)
+    assert run.report.momentum_constraint_max < 32 * 2.0**-bits
+    assert np.abs(run.energies - run.energies[0]).max() < 0.02
+
+
+def test_integers_of_work_memory_are_checked(tmp_path):
+    """History and factors go from step to step, and from a store to a run that is resumed."""
+    step = stepper_of(sleigh, 1)
+    binding = step.binding
+    parameters = binding.parameters(SLEIGH, 0.0)
+    q, p = (x.copy() for x in sleigh_state(0.7, 1.5))
+    report, work = binding.report(), binding.work()
+    out = (binding.new(20, 3), binding.new(20, 3), binding.new(20, binding.multipliers),
+           np.zeros(20, np.intc), binding.new(20))
+    options = binding.options(None, 50, "auto")
+    assert binding.integrate(parameters, options, 0.1, 20, 1, q, p, out, report, work) == 0
+    assert binding.function("is_valid")(report, work)
+    found = {}
+    for place in integers_of(step.name, step.files, tmp_path)["work"]:
+        if place.path not in ("stored", "order", "has_factors", "pivots", "exponents"):
+            continue
+        image, sound = binding.image(work), binding.image(work).copy()
+        for value in (-(2**31), 2**31 - 1):
+            image[place.offset : place.offset + 4] = np.frombuffer(
+                value.to_bytes(4, "little", signed=True), np.uint8)
+            found.setdefault(place.path, []).append(binding.function("is_valid")(report, work))
+        image[:] = sound
+    assert len(found) == 5
+    assert not any(any(verdicts) for verdicts in found.values()), found
+
+
+def test_events_end_a_run_on_the_rows():
+    run = skates(50, events=[gs.Event("x", level=0.5, terminal=True)])
+    assert abs(run.q[-1, 0] - 0.5) < 1e-12
+    assert run.t[-1] < 1
+    assert run.reactions.shape == (len(run.t) - 1, 2, 1)
+    assert run.f_errors[-1] < 1e-14
+
+
+# ---------------------------------------------------------------- motion
+
+
+def test_a_rattleback_turns_round():
+    """Kane's stone, spun the wrong way: after 6 s it spins the other way, as in the reference."""
+    known = json.loads((DATA / "rattleback.json").read_text())
+    run = stepper_of(rattleback, 2).integrate(*rattleback_state(), dt=4e-3, steps=1500, every=100,
+                                              parameters=RATTLEBACK)
+    (a, b, c, d), p = run.q[:, 3:].T, run.p[:, 3:].T
+    spin = (-d * p[0] + c * p[1] - b * p[2] + a * p[3]) / 2 / RATTLEBACK["I3"]
+    assert spin[0] == pytest.approx(-5)
+    assert spin[-1] == pytest.approx(float(known["w3"]), abs=0.02)
+    assert run.report.momentum_constraint_max <= ROUND_OFF
+
+
+@pytest.mark.slow
+def test_a_rattleback_has_the_digits_of_its_reference():
+    known = json.loads((DATA / "rattleback.json").read_text())
+    step = stepper_of(rattleback, 8)
+    run = step.integrate(*rattleback_state(), dt=2.5e-3, steps=2400, every=2400,
+                         parameters=RATTLEBACK)
+    names = ("x", "y", "q0", "q1", "q2", "q3")
+    errors = run.q[-1, [0, 1, 3, 4, 5, 6]] - [float(known[name]) for name in names]
+    assert np.abs(errors).max() < 1e-8
+
+
+@pytest.mark.parametrize("steps", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_the_energy_of_a_disc_stays_near(steps):
+    run = stepper_of(disc, 2).integrate(*disc_state(), dt=0.05, steps=steps, parameters=DISC)
+    errors = np.abs(run.energies - run.energies[0])
+    tenth = steps // 10
+    assert errors[-tenth:].max() < 1.5 * errors[:tenth].max() < 1e-4
+
+
+@pytest.mark.parametrize("k", [0.0, 0.3])
+def test_energy_drifts_where_a_motion_has_no_mirror(k):
+    """The pendulum turns over: with an even potential s → −s maps its motion to itself."""
+    step = stepper_of(transmission, 1)
+    run = step.integrate(np.array([1.0, 0.3, 0.0]), np.array([0.4, 0.0, 2.2]), dt=0.2, steps=20_000,
+                         parameters={"k": k})
+    error = np.abs(run.energies - run.energies[0])
+    assert (error.max() < 0.05) == (k == 0.0)
+    assert error[-1] > 100 * error[:200].max() or k == 0.0
+    assert run.report.momentum_constraint_max < 1e-8
