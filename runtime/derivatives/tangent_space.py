@@ -106,7 +106,7 @@ class TangentSpace:
         return found
 
     def pulled_back(self, z_bar: Array) -> Array:
-        """Return the transpose of ``projected`` applied to a cotangent."""
+        """Return the transpose of ``projected`` applied to a cotangent, or to columns of them."""
         n, found = self.n, z_bar.copy()
         if not len(self.g):
             return found
