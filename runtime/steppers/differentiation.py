@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,23 +38,24 @@ from .evaluation import Evaluation
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
 
-__all__ = ["Derive", "Differentiation", "Known"]
+__all__ = ["Derive", "Differentiation"]
 
 Array = NDArray[Any]
 
-#: Returns header, source and manifest of a stepper with derivatives.
-Derive = Callable[[], dict[str, str]]
-
-
 @dataclass(frozen=True)
-class Known:
-    """Files that were derived."""
+class Derive:
+    """How the files of a stepper with derivatives are made.
 
-    files: tuple[tuple[str, str], ...]
+    Attributes
+    ----------
+    files : callable
+        Returns header, source and manifest by their names.
+    portable : bool
+        Whether another process can call it: it holds no system and no tableau of this one.
+    """
 
-    def __call__(self) -> dict[str, str]:
-        """Return them."""
-        return dict(self.files)
+    files: Callable[[], dict[str, str]]
+    portable: bool
 
 
 class Differentiation(Evaluation):
@@ -78,9 +80,9 @@ class Differentiation(Evaluation):
                     raise InputError(
                         f"Stepper {self.name} was read from a file, or sent to this process before "
                         "its derivatives were first used; make it with gyrospark.stepper(...).")
-                files = self._derive()
+                files = self._derive.files()
                 own = self._bound(load_module(self.name, files, "derivatives"))
-                self._derive = Known(tuple(sorted(files.items())))
+                self._derive = Derive(partial(dict, files), portable=True)
                 quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_binding.append(kind(
@@ -88,10 +90,8 @@ class Differentiation(Evaluation):
         return self._derivative_binding[0]
 
     def portable_derive(self) -> Derive | None:
-        """Return what another process derives with: of a named stepper, or files that are known."""
-        arguments = getattr(self._derive, "args", ())
-        plain = isinstance(self._derive, Known) or len(arguments) == 1
-        return self._derive if plain else None
+        """Return what another process derives with; None if it cannot."""
+        return self._derive if self._derive is not None and self._derive.portable else None
 
     # ------------------------------------------------------------ one step
 
