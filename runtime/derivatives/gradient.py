@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
 from ...core.errors import InputError
 from ...core.registry import function_of
-from ...core.warnings import warn
 from ..bindings.array_checks import as_numbers
 from ..integration.run_arguments import RunArguments
 from .binding import KeptSteps
 from .frame import FrameMotion
-from .kept_steps import refuse_run, singular, split
+from .kept_steps import refuse_run, singular, split, warn_of_growth
 from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
@@ -70,6 +69,23 @@ class Gradient:
     inputs: Array
     wrt: tuple[str, ...]
     _numbers: dict[str, Any]
+
+    @classmethod
+    def of_cotangent(
+        cls, space: TangentSpace, z_bar: Array, wrt: tuple[str, ...], value: Any = None,
+        inputs: Array | None = None,
+    ) -> Gradient:
+        """Return the gradient of the cotangent of all rows of a direction at the start.
+
+        ``inputs`` are those of each step; by default of one step, whose inputs are parameters.
+        """
+        own, n = space.binding.own, space.n
+        z_bar = space.pulled_back(z_bar)
+        names = [*own.parameter_names, "dt", "t0"]
+        if inputs is None:
+            inputs = z_bar[[2 * n + names.index(u) for u in own.input_names]][None]
+        return cls(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs, wrt,
+                   dict(zip(names, z_bar[2 * n :].tolist(), strict=True)))
 
     def __repr__(self) -> str:
         value = "" if self.value is None else f" of a function with the value {self.value:.6g}"
@@ -279,14 +295,12 @@ def gradient_of(
     if w is None:
         w = rows[0] + of_points(0, run.q, run.p)
     z_bar[: 2 * n] = w
-    _warn_of_growth(stepper, w, cotangents.size)
+    if cotangents.size > 0:
+        warn_of_growth(stepper, "On its way to the start the cotangent has",
+                       float(np.linalg.norm(w.astype(float))) / cotangents.size)
     space = TangentSpace(binding, parameters, run.q, run.p, stepper.constraint_names)
-    z_bar = space.pulled_back(z_bar)
-    numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
-    if run.inputs is not None:
-        inputs_bar = _held(inputs_bar, run)
-    return Gradient(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs_bar,
-                    wrt, numbers)
+    return Gradient.of_cotangent(
+        space, z_bar, wrt, value, inputs_bar if run.inputs is None else _held(inputs_bar, run))
 
 
 def _of_frame(
@@ -325,15 +339,6 @@ def _held(inputs_bar: Array, run: RunArguments) -> Array:
     starts = np.arange(0, len(inputs_bar), hold)
     found: Array = np.add.reduceat(inputs_bar, starts, axis=0) if len(starts) else inputs_bar
     return found
-
-
-def _warn_of_growth(stepper: Stepper, w: Array, last: float) -> None:
-    growth = float(np.linalg.norm(w.astype(float))) / last if last > 0 else 0.0
-    lost = growth * float(stepper.binding.epsilon)
-    if lost > 1e-3:
-        warn(f"The cotangent has grown {growth:.1e} times on its way to the start: this gradient "
-             f"has at most {max(0, -int(math.log10(lost))):d} digits. Take a shorter run, or "
-             "real=\"float128\".")
 
 
 # ------------------------------------------------------------------ the steps, from the last on

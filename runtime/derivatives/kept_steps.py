@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import GyrosparkError, InputError
+from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
 from .binding import KeptSteps
 from .frame import FrameMotion
@@ -17,12 +18,14 @@ from .frame import FrameMotion
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["SingleStep", "pieces", "refuse_run", "singular", "split"]
+__all__ = ["SingleStep", "pieces", "refuse_run", "singular", "split", "warn_of_growth"]
 
 Array = NDArray[Any]
 
 #: Steps that are kept at a time.
 _PIECE = 512
+#: Growth beyond which a derivative has lost its digits, in 1/ε.
+_LOST = 1e-3
 
 
 def pieces(stepper: Stepper, run: RunArguments, kept: Any) -> Iterator[KeptSteps]:
@@ -63,6 +66,15 @@ def singular(step: int, status: int) -> GyrosparkError:
     why = {2: "is singular", 3: "is not finite"}.get(status, f"fails with status {status}")
     return GyrosparkError(f"The Jacobian of a step from step {step} on {why}, so that there are no "
                           "derivatives; take a smaller dt.")
+
+
+def warn_of_growth(stepper: Stepper, what: str, growth: float) -> None:
+    """Warn where derivatives have grown by so much that few of their digits are left."""
+    lost = growth * float(stepper.binding.epsilon)
+    if lost > _LOST:
+        warn(f"{what} grown {growth:.1e} times: of these derivatives at most "
+             f"{max(0, -int(np.log10(lost))):d} digits are left. Take a shorter run, or "
+             "real=\"float128\".")
 
 
 class SingleStep:

@@ -249,9 +249,9 @@ def cotangent_at(
         unit = stepper.binding.new(stepper.derivative_binding.rows, 1)
         unit[-2] = 1
         v = step.tangent(unit)[:, 0]
-        pull = point.normal * ((w @ v + s) / _rate(point, v))
-        found = step.adjoint(w - pull[: len(w)])
-        found[len(w) :] -= pull[len(w) :]
+        of_tau = point.normal * ((w @ v + s) / _rate(point, v))
+        found = step.adjoint(w - of_tau[: len(w)])
+        found[len(w) :] -= of_tau[len(w) :]
         of_start = found[-1] + s
     found[-2:] = point.step * of_start, of_start
     return found

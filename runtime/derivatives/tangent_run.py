@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from ...core.arguments import shown
 from ...core.errors import InputError
-from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
 from ..results.tangent_rows import EventTangents, TangentRows
 from .frame import FrameMotion
-from .kept_steps import pieces, refuse_run, singular, split
+from .kept_steps import pieces, refuse_run, singular, split, warn_of_growth
 from .points import Point, RunRows, rows_of, tangent_at
 from .tangent_space import Start, Tangents, TangentSpace
 
@@ -23,16 +22,9 @@ if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
-__all__ = [
-    "tangents_of",
-    "warn_of_growth",
-    "with_tangents",
-]
+__all__ = ["tangents_of", "with_tangents"]
 
 Array = NDArray[Any]
-
-#: Growth beyond which a derivative has lost its digits, in 1/ε.
-_LOST = 1e-3
 
 
 def tangents_of(
@@ -124,8 +116,8 @@ def _followed(
     times: list[Any] = [None] * len(points)
     steps_of_points = np.array([point.step for point in points], int)
 
-    def look(step: int, q: Array, p: Array) -> None:
-        """Find the points after so many steps, from the state (q, p) of the frame there."""
+    def differentiate_points(step: int, q: Array, p: Array) -> None:
+        """Differentiate the points after so many steps, where (q, p) is the state of the frame."""
         chosen = np.flatnonzero(steps_of_points == step)
         if not len(chosen):
             return
@@ -140,7 +132,7 @@ def _followed(
     at, last = np.unique(steps_of_points), (run.q, run.p)
     for piece in pieces(stepper, run, kept_run):
         for steps in split(piece, at):
-            look(steps.first, steps.q[0], steps.p[0])
+            differentiate_points(steps.first, steps.q[0], steps.p[0])
             first, end = steps.first // run.every, steps.first + steps.count
             rows = own.new(end // run.every - first, 2 * n, count)
             status = binding.integrate_tangent(run, kept_run.parameters, steps, dz, run.every,
@@ -153,8 +145,8 @@ def _followed(
             if end == run.steps and run.steps % run.every:
                 made[-1] = _in_space(frame, run.steps, steps, tangents, dz)
             last = steps.q[-1], steps.p[-1]
-    look(run.steps, *last)
-    warn_of_growth(stepper, made[-1], dz[: 2 * n], names)
+    differentiate_points(run.steps, *last)
+    warn_of_growth(stepper, "Directions of the start have", _growth(names, dz[: 2 * n], made[-1]))
     of_times = dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2])
     return TangentRows(made[:, :n], made[:, n:], names, dz[: 2 * n], of_times, dz), found, times
 
@@ -164,14 +156,8 @@ def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> 
     return frame.in_space(k, z, dz, row)[1]
 
 
-def warn_of_growth(stepper: Stepper, end: Array, start: Array, names: list[str]) -> None:
-    """Warn where the tangents of the start have grown by more than their digits."""
+def _growth(names: list[str], start: Array, end: Array) -> float:
+    """Return by how much the longest of the directions of the start has grown."""
     own = [k for k, name in enumerate(names) if name.startswith("start[")]
-    if not own:
-        return
     before, after = (np.linalg.norm(x[:, own].astype(float), axis=0) for x in (start, end))
-    growth = float((after / np.where(before > 0, before, 1)).max())
-    if growth * float(stepper.binding.epsilon) > _LOST:
-        warn(f"Directions of the start have grown {growth:.1e} times: of these derivatives at most "
-             f"{max(0, -int(np.log10(growth * float(stepper.binding.epsilon)))):d} digits are "
-             "left. Take a shorter run, or real=\"float128\".")
+    return float((after / np.where(before > 0, before, 1)).max(initial=0))

@@ -42,6 +42,7 @@ __all__ = ["Derive", "Differentiation"]
 
 Array = NDArray[Any]
 
+
 @dataclass(frozen=True)
 class Derive:
     """How the files of a stepper with derivatives are made.
@@ -161,12 +162,7 @@ class Differentiation(Evaluation):
 
         def back(wq: ArrayLike, wp: ArrayLike) -> Gradient:
             w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
-            z_bar = space.pulled_back(kept.adjoint(w))
-            labels = [*own.parameter_names, "dt", "t0"]
-            numbers = dict(zip(labels, z_bar[2 * n :].tolist(), strict=True))
-            columns = [2 * n + labels.index(u) for u in own.input_names]
-            return Gradient(None, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals,
-                            z_bar[columns][None], names, numbers)
+            return Gradient.of_cotangent(space, kept.adjoint(w), names)
 
         return kept.end[:n], kept.end[n:], back
 
