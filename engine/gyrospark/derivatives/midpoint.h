@@ -3,6 +3,7 @@
  * their transpose, on numbers or lanes. x = (dq, dp, lambda), q1 = q + dq, p1 = p + dp; at fixed x
  * the start moves the mean values.
  */
+#include "gyrospark/derivatives/solution.h"
 
 #if !GS_DERIVATIVES_IN_LANES
 /* dz1 <- the derivative of (q1, p1) along dz: rows q, p, constants, t0, h. */

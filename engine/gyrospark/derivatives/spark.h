@@ -6,6 +6,7 @@
  * The transpose takes a cotangent of (q1, p1) to one of the start. A linearisation is evaluated
  * once at the solution x; docs/theory/derivatives.md has the equations.
  */
+#include "gyrospark/derivatives/solution.h"
 
 #if !GS_DERIVATIVES_IN_LANES
 /* dz1 <- the derivative of (q1, p1) along dz: rows q, p, constants, t0, h. */

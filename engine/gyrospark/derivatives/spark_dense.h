@@ -322,14 +322,3 @@ static inline void TYPED(solve_hidden_transposed)(TYPED(linearisation_t) *l, NUM
     TYPED(solve_transposed_with)(M, l->W, l->W_pivots, b);
 }
 #endif
-
-/* b <- J^-1 b, b <- J^-T b */
-static inline void TYPED(solve_step)(TYPED(linearisation_t) *l, NUMBER b[U])
-{
-    TYPED(solve_with)(U, l->J, l->pivots, b);
-}
-
-static inline void TYPED(solve_step_transposed)(TYPED(linearisation_t) *l, NUMBER b[U])
-{
-    TYPED(solve_transposed_with)(U, l->J, l->pivots, b);
-}

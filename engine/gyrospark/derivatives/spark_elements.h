@@ -96,23 +96,23 @@ static const constants *node_constants(linearisation_t *l, int k)
 static void force_times(linearisation_t *l, int k, const real dq[N], const real dc[E],
     real force[N])
 {
-    pull_times(node_constants(l, k), l->w->Q_tilde[k], l->lambda + k*M, dq, dc, force);
+    constraint_force_times(node_constants(l, k), l->w->Q_tilde[k], l->lambda + k*M, dq, dc, force);
 }
 
 static void force_transposed(linearisation_t *l, int k, const real force[N], real q[N], real c[E])
 {
-    pull_transposed(node_constants(l, k), l->w->Q_tilde[k], l->lambda + k*M, force, q, c);
+    constraint_force_transposed(node_constants(l, k), l->w->Q_tilde[k], l->lambda + k*M, force, q, c);
 }
 
 static void constraint_times(linearisation_t *l, int k, const real dq[N], const real *dc,
     real dg[M])
 {
-    place_times(node_constants(l, k), l->w->Q_tilde[k], dq, dc, dg);
+    constraint_value_times(node_constants(l, k), l->w->Q_tilde[k], dq, dc, dg);
 }
 
 static void constraint_transposed(linearisation_t *l, int k, const real g[M], real q[N], real *c)
 {
-    place_transposed(node_constants(l, k), l->w->Q_tilde[k], g, q, c);
+    constraint_value_transposed(node_constants(l, k), l->w->Q_tilde[k], g, q, c);
 }
 
 static void hidden_times(linearisation_t *l, const real dq[N], const real dp[N], const real dc[E],
@@ -137,15 +137,5 @@ static void solve_hidden_transposed(linearisation_t *l, real b[M])
     substitute(l->hidden.W, b);
 }
 #endif
-
-static void solve_step(linearisation_t *l, real b[U])
-{
-    (void)band_substitute(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
-}
-
-static void solve_step_transposed(linearisation_t *l, real b[U])
-{
-    band_substitute_transposed(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
-}
 
 #endif

@@ -104,10 +104,7 @@ int NAME(integrate_and_keep)(size_t integrate, const parameters_t *parameters,
             NULL, NULL, NULL, NULL, IF_FORCES(NULL,) report, work);
         if (status != OK)
             return status;
-        IF_FRAME(for (int a = 0; a < N; ++a) {)
-            IF_FRAME(q[N + a] = work->frame_q[a];)
-            IF_FRAME(p[N + a] = work->frame_p[a];)
-        IF_FRAME(})
+        IF_FRAME(NAME(frame_state)(work, q + N, p + N);)
         NAME(keep)(work, options, x);
     }
     return OK;
@@ -125,11 +122,17 @@ static void to_constants(const derivatives_t *d, const real *dz, int stride, rea
     z[DT0] = dz[(2*N + PARAMETERS + 1)*stride];
 }
 
+/* Adds a cotangent of the constants to the rows of the parameters, by the chain rule. */
+static void add_chain(const derivatives_t *d, const real c[E], real *z_bar)
+{
+    for (int i = 0; i < CHAIN; ++i)
+        z_bar[2*N + chain_parameter[i]] += d->chain[i]*c[chain_constant[i]];
+}
+
 /* Adds a cotangent of rows q, p, constants, t0, h to one of rows q, p, parameters, h, t0. */
 static void add_to_parameters(const derivatives_t *d, const real z[Z], real *z_bar)
 {
-    for (int i = 0; i < CHAIN; ++i)
-        z_bar[2*N + chain_parameter[i]] += d->chain[i]*z[2*N + chain_constant[i]];
+    add_chain(d, z + 2*N, z_bar);
     z_bar[2*N + PARAMETERS] += z[DH];
     z_bar[2*N + PARAMETERS + 1] += z[DT0];
 }
@@ -151,8 +154,7 @@ static void rows_by_parameters(const derivatives_t *d, const real *by_q, const r
         row[a] = by_q[a];
         row[N + a] = by_p == NULL ? 0 : by_p[a];
     }
-    for (int i = 0; i < CHAIN; ++i)
-        row[2*N + chain_parameter[i]] += d->chain[i]*by_c[chain_constant[i]];
+    add_chain(d, by_c, row);
 #if TIMES
     row[2*N + PARAMETERS + 1] = by_c[E - TIMES];
 #endif
@@ -170,7 +172,7 @@ void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N
     for (int m = 0; m < M; ++m) {
         real unit[M] = { 0 }, by_q[N] = { 0 }, by_p[N] = { 0 }, by_c[E] = { 0 };
         unit[m] = 1;
-        place_transposed(at, q, unit, by_q, by_c);
+        constraint_value_transposed(at, q, unit, by_q, by_c);
         rows_by_parameters(d, by_q, NULL, by_c, g_z + m*ROWS);
         for (int a = 0; a < N; ++a)
             by_q[a] = 0;
@@ -193,8 +195,8 @@ void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N
 #endif
 
 #if GS_DERIVATIVES_IN_LANES
-/* Steps that are linearised together */
-enum { TOGETHER_STEPS = LANES };
+/* Steps of a block: they are linearised together. */
+enum { BLOCK_STEPS = LANES };
 
 /*
  * Linearises `count` steps, at most LANES, one in each lane; the others repeat the first. Row a of
@@ -260,7 +262,7 @@ static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], real z[Z
             z[e] += d->rows[i][a*Z + e]*w[a];
 }
 #else
-enum { TOGETHER_STEPS = 1 };
+enum { BLOCK_STEPS = 1 };
 
 /* Linearises the step from row 0 of q and p to row 1, step `first` of a run. */
 static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) long first,
@@ -341,8 +343,8 @@ int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
     IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
     prepare_derivatives(parameters, d);
     const real start = start_time(parameters);
-    for (long j = 0; j < steps; j += TOGETHER_STEPS) {
-        const int together = steps - j < TOGETHER_STEPS ? (int)(steps - j) : TOGETHER_STEPS;
+    for (long j = 0; j < steps; j += BLOCK_STEPS) {
+        const int together = steps - j < BLOCK_STEPS ? (int)(steps - j) : BLOCK_STEPS;
         const int status = linearise_steps(d, IF_INPUTS(
             &own,) first + j, start, dt, together, q + j*N, p + j*N, x + j*U);
         if (status != OK)
@@ -383,7 +385,7 @@ int NAME(integrate_adjoint)(const parameters_t *parameters, IF_INPUTS(
     prepare_derivatives(parameters, d);
     const real start = start_time(parameters);
     for (long end = steps; end > 0;) { /* blocks are those of integrate_tangent */
-        const long j = (end - 1)/TOGETHER_STEPS*TOGETHER_STEPS;
+        const long j = (end - 1)/BLOCK_STEPS*BLOCK_STEPS;
         const int status = linearise_steps(d, IF_INPUTS(
             &own,) first + j, start, dt, (int)(end - j), q + j*N, p + j*N, x + j*U);
         if (status != OK)
