@@ -241,7 +241,7 @@ class DiscreteFlow:
             for part in split(steps, np.arange(self.steps)) if u.any() else (steps,):
                 dz[self._input_places] = u[:, part.first].T if u.size else 0
                 status = binding.integrate_tangent(run, kept.parameters, part, dz, self.steps,
-                                                   none, tangents)
+                                                   none, none, tangents)
                 if status:
                     raise singular(part.first, status)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
@@ -266,7 +266,7 @@ class DiscreteFlow:
             is_last = False
             for one, own, inputs_bar in zip(ends, z_bar, u_bar, strict=True):
                 status = binding.integrate_adjoint(
-                    run, kept.parameters, steps, none, self.steps, one, own,
+                    run, kept.parameters, steps, none, self.steps, none, one, own,
                     inputs_bar[steps.first : steps.first + steps.count])
                 if status:
                     raise singular(steps.first, status)

@@ -159,20 +159,24 @@ class Cotangents:
     ----------
     rows, times : array, shapes (rows, 2 n) and (rows,)
         Of the states after whole steps that the run stores.
-    points : list of (Point, array of shape (2 n,), number)
+    multipliers : array, shape (rows, multipliers of a step)
+        By the multipliers of the steps that end at these states; empty if it has none of them.
+    points : list of (Point, array of shape (2 n,), number, array or None)
         The same of states within steps.
     """
 
     rows: Array
     times: Array
-    points: list[tuple[Point, Array, Any]]
+    multipliers: Array
+    points: list[tuple[Point, Array, Any, Array | None]]
     #: Its derivatives by parameters at fixed states.
     parameters: Mapping[str, Any]
 
     @property
     def size(self) -> float:
         """Their norm."""
-        parts = [self.rows.ravel(), *(w for _, w, _ in self.points)]
+        parts = [self.rows.ravel(), self.multipliers.ravel(), *(w for _, w, *_ in self.points),
+                 *(forces for *_, forces in self.points if forces is not None)]
         return float(np.linalg.norm(np.concatenate(parts).astype(float)))
 
 
@@ -193,16 +197,39 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
             raise unknown("parameter", name, stepper.binding.parameter_names)
     own = {name: array for name, array in given.items() if name not in ("events", "parameters")}
     w, s = _arrays(stepper, of_steps + len(kinds.points), own, "")
-    rows, times = stepper.binding.new(kinds.run.rows + 1, 2 * n), stepper.binding.new(
-        kinds.run.rows + 1)
+    forces = _of_multipliers(stepper, of_steps + len(kinds.points), own)
+    new, count = stepper.binding.new, kinds.run.rows + 1
+    rows, times = new(count, 2 * n), new(count)
     rows[:of_steps], times[:of_steps] = w[:of_steps], s[:of_steps]
-    points = list(zip(kinds.points, w[of_steps:], s[of_steps:], strict=True))
+    multipliers = new(count if len(forces) else 0, stepper.binding.multipliers)
+    multipliers[:of_steps] = forces[:of_steps]
+    points: list[tuple[Point, Array, Any, Array | None]] = list(zip(
+        kinds.points, w[of_steps:], s[of_steps:],
+        forces[of_steps:] if len(forces) else [None] * len(kinds.points), strict=True))
     for name, parts in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
         choose("event", name, [*kinds.events, *kinds.refused])
         at = kinds.event(name)
         w, s = _arrays(stepper, len(at), parts, f" at the event {name}")
-        points += zip(at, w, s, strict=True)
-    return Cotangents(rows, times, points, parameters)
+        points += zip(at, w, s, [None] * len(at), strict=True)
+    return Cotangents(rows, times, multipliers, points, parameters)
+
+
+def _of_multipliers(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Array:
+    """Return the cotangents of multipliers, a row for each state; empty if there are none.
+
+    The first state is the end of no step: its row is 0.
+    """
+    binding = stepper.binding
+    if "multipliers" not in given:
+        return binding.new(0, binding.multipliers)
+    if not stepper.m:
+        raise InputError("The cotangents have multipliers, and this system has no constraints; "
+                         "leave them out.")
+    nodes = binding.multipliers // binding.m
+    inner = (nodes, binding.m) if binding.m > 1 else (nodes,)
+    made = binding.new(rows, *inner)
+    _fill("multipliers", given["multipliers"], made[1:], "", "step that is stored")
+    return made.reshape(rows, -1)
 
 
 def _arrays(
@@ -212,19 +239,25 @@ def _arrays(
     n, own = stepper.n, stepper.binding
     made, times = own.new(rows, 2 * n), own.new(rows)
     for name, array in as_mapping("cotangents", given, "{'q': ...}").items():
+        if not where and name == "multipliers":
+            continue
         if name not in ("q", "p", "t"):
-            raise unknown("kind of cotangents", name,
-                          ["q", "p", "t", *(() if where else ("events", "parameters"))])
+            raise unknown("kind of cotangents", name, ["q", "p", "t", *(
+                () if where else ("multipliers", "events", "parameters"))])
         part = {"q": made[:, :n], "p": made[:, n:], "t": times}[name]
-        numbers, inner = as_numbers(f"cotangents of {name}", array), part.shape[1:]
-        if not np.isfinite(numbers.astype(float)).all():
-            raise InputError(f"The cotangents of {name} are not finite; give numbers.")
-        if numbers.shape not in (inner, (rows, *inner)) or (numbers.shape == inner and not rows):
-            raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
-                             f"give {(rows, *inner)}, a row for each state, or {inner} for the "
-                             "last.")
-        part[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
+        _fill(name, array, part, where, "state")
     return made, times
+
+
+def _fill(name: str, array: Any, part: Array, where: str, row: str) -> None:
+    """Put cotangents of rows, or of the last one alone, into ``part``."""
+    numbers, inner = as_numbers(f"cotangents of {name}", array), part.shape[1:]
+    if not np.isfinite(numbers.astype(float)).all():
+        raise InputError(f"The cotangents of {name} are not finite; give numbers.")
+    if numbers.shape not in (inner, part.shape) or (numbers.shape == inner and not len(part)):
+        raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
+                         f"give {part.shape}, a row for each {row}, or {inner} for the last.")
+    part[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
 
 
 def gradient_of(
@@ -250,6 +283,8 @@ def gradient_of(
     rows, points = cotangents.rows, cotangents.points
     steps_of_points = np.array([point.step for point, *_ in points], int)
     frame = FrameMotion(binding, stepper.symmetries, run)
+    if len(cotangents.multipliers) or any(forces is not None for *_, forces in points):
+        frame.refuse_rotating_multipliers(run)
     z_bar = binding.own.new(binding.rows)
     for name, slope in cotangents.parameters.items():
         z_bar[2 * n + names.index(name)] = slope
@@ -282,9 +317,10 @@ def gradient_of(
                 w = _of_frame(frame, steps, last, rows[-1] + of_points(
                     last, steps.q[-1], steps.p[-1]), z_bar)
             here = _of_stored(frame, run, steps, rows, z_bar)
+            forces = _of_steps(stepper, run, steps, cotangents.multipliers)
             own_bar = binding.own.new(steps.count if len(inputs_bar) else 0, len(fed))
-            status = binding.integrate_adjoint(run, parameters, steps, here, run.every, w, z_bar,
-                                               own_bar)
+            status = binding.integrate_adjoint(run, parameters, steps, here, run.every, forces, w,
+                                               z_bar, own_bar)
             if status:
                 raise singular(steps.first, status)
             if len(inputs_bar):
@@ -328,6 +364,17 @@ def _of_stored(
         if k >= steps.first:
             here[i] = _of_frame(frame, steps, k, here[i], z_bar)
     return here
+
+
+def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array) -> Array:
+    """Return the cotangents of the multipliers of each of these steps; empty if there are none."""
+    found: Array = stepper.binding.new(
+        steps.count if len(multipliers) else 0, stepper.binding.multipliers)
+    if len(multipliers):
+        ends = run.steps_of_rows(run.steps) - steps.first
+        stored = (ends > 0) & (ends <= steps.count)
+        found[ends[stored] - 1] = multipliers[stored]
+    return found
 
 
 def _held(inputs_bar: Array, run: RunArguments) -> Array:

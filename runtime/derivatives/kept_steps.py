@@ -100,25 +100,33 @@ class SingleStep:
         self.end = (self._frame.matrix(1) @ self._in_frame if self._frame.moves
                     else self._in_frame.copy())
 
-    def tangent(self, dz: Array) -> Array:
-        """Return the directions of the end, shape (2 n, k), of directions of all rows."""
-        run = self._run
+    def tangent(self, dz: Array, multipliers: bool = False) -> Array:
+        """Return the directions of the end, shape (2 n, k), of directions of all rows.
+
+        Those of the multipliers follow, if they are wanted.
+        """
+        run, own = self._run, self._binding.own
+        forces = own.new(own.multipliers if multipliers else 0, dz.shape[1])
         status, made = self._binding.tangent(
-            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz))
+            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz), forces)
         if status:
             raise singular(0, status)
         if self._frame.moves:
             made = (self._frame.matrix(1) @ made
                     + self._frame.own_derivatives(1, self._in_frame) @ dz)
-        return made
+        whole: Array = np.concatenate([made, forces])
+        return whole
 
-    def adjoint(self, w: Array) -> Array:
-        """Return the cotangent of all rows, of the cotangent w of the end."""
+    def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
+        """Return the cotangent of all rows, of those of the end, w, and of the multipliers."""
         run, whole = self._run, w
+        if multipliers is None:
+            multipliers = self._binding.own.new(0)
         if self._frame.moves:
             w = self._frame.matrix(1).T @ w
         status, z_bar = self._binding.adjoint(
-            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(w))
+            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(w),
+            multipliers)
         if status:
             raise singular(0, status)
         if self._frame.moves:

@@ -62,7 +62,8 @@ def with_tangents(stepper: Stepper, wanted: Any, found: Trajectory) -> Trajector
         if why:
             refused[name] = why[0]
         else:
-            made[name] = own.of_others(*_stacked(whole, q[part], t[part]))
+            states, of_times = _stacked(whole, q[part], t[part])
+            made[name] = own.of_others(states[:, : len(whole.start)], of_times)
     return replace(found, tangents=replace(own, events=EventTangents(made, refused)))
 
 
@@ -72,15 +73,16 @@ def _of_rows(rows: RunRows, whole: TangentRows, q: list[Any], t: list[Any]) -> t
     for error in q[:count]:
         if isinstance(error, InputError):
             raise error
-    of_steps = np.concatenate([whole.q, whole.p], axis=1)[: len(rows.of_steps)]
+    of_steps = whole.together()[: len(rows.of_steps)]
     made, times = _stacked(whole, q[:count], t[:count])
     return (np.concatenate([of_steps, made]),
             np.concatenate([whole.t[: len(of_steps)], times]))
 
 
 def _stacked(whole: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
-    rows, k = whole.start.shape
-    made, times = (np.zeros((len(q), *shape), whole.q.dtype) for shape in ((rows, k), (k,)))
+    shape = whole.together().shape[1:]
+    made, times = np.zeros((len(q), *shape), whole.q.dtype), np.zeros(
+        (len(q), shape[1]), whole.q.dtype)
     for i, (row, time) in enumerate(zip(q, t, strict=True)):
         made[i], times[i] = row, time
     return made, times
@@ -107,11 +109,15 @@ def _followed(
         dz, names = np.ascontiguousarray(start.directions), start.names
     else:
         dz, names = wanted._directions, wanted.names
-    count = dz.shape[1]
+    count, inner = dz.shape[1], _multipliers_of(stepper, wanted)
     tangents = dz[: 2 * n].copy()
-    made = own.new(run.rows + 1, 2 * n, count)
-    made[0] = tangents
     frame = FrameMotion(binding, stepper.symmetries, run)
+    if inner is not None:
+        frame.refuse_rotating_multipliers(run)
+    width = 0 if inner is None else own.multipliers
+    made = own.new(run.rows + 1, 2 * n + width, count)
+    made[0, : 2 * n] = tangents
+    ends = run.steps_of_rows(run.steps)
     found: list[Any] = [None] * len(points)
     times: list[Any] = [None] * len(points)
     steps_of_points = np.array([point.step for point in points], int)
@@ -125,7 +131,7 @@ def _followed(
         z, here[: 2 * n] = frame.in_space(step, z, dz, tangents)
         for i in chosen.tolist():
             try:
-                found[i], times[i] = tangent_at(stepper, run, points[i], z, here)
+                found[i], times[i] = tangent_at(stepper, run, points[i], z, here, width > 0)
             except InputError as error:
                 found[i] = error
 
@@ -135,20 +141,38 @@ def _followed(
             differentiate_points(steps.first, steps.q[0], steps.p[0])
             first, end = steps.first // run.every, steps.first + steps.count
             rows = own.new(end // run.every - first, 2 * n, count)
+            forces = own.new(steps.count if width else 0, width, count)
             status = binding.integrate_tangent(run, kept_run.parameters, steps, dz, run.every,
-                                               rows, tangents)
+                                               rows, forces, tangents)
             if status:
                 raise singular(steps.first, status)
             for i, row in enumerate(rows):
                 k = (first + 1 + i) * run.every
-                made[first + 1 + i] = _in_space(frame, k, steps, row, dz)
+                made[first + 1 + i, : 2 * n] = _in_space(frame, k, steps, row, dz)
             if end == run.steps and run.steps % run.every:
-                made[-1] = _in_space(frame, run.steps, steps, tangents, dz)
+                made[-1, : 2 * n] = _in_space(frame, run.steps, steps, tangents, dz)
+            if width:
+                here = (ends > steps.first) & (ends <= end)
+                made[here, 2 * n :] = forces[ends[here] - 1 - steps.first]
             last = steps.q[-1], steps.p[-1]
     differentiate_points(run.steps, *last)
-    warn_of_growth(stepper, "Directions of the start have", _growth(names, dz[: 2 * n], made[-1]))
+    warn_of_growth(stepper, "Directions of the start have", _growth(names, dz[: 2 * n],
+                                                                    made[-1, : 2 * n]))
     of_times = dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2])
-    return TangentRows(made[:, :n], made[:, n:], names, dz[: 2 * n], of_times, dz), found, times
+    forces = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
+    return TangentRows(made[:, :n], made[:, n : 2 * n], names, dz[: 2 * n], of_times, dz,
+                       multipliers=forces), found, times
+
+
+def _multipliers_of(stepper: Stepper, wanted: Tangents | TangentRows) -> tuple[int, ...] | None:
+    """Return the shape of a step's multipliers where their directions are wanted, else None."""
+    if not (wanted.multipliers if isinstance(wanted, Tangents) else wanted.multipliers is not None):
+        return None
+    if not stepper.m:
+        raise InputError("multipliers = True asks for those of constraints, and this system has "
+                         "none; leave it out.")
+    nodes = stepper.binding.multipliers // stepper.m
+    return (nodes, stepper.m) if stepper.m > 1 else (nodes,)
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:

@@ -202,7 +202,8 @@ class Differentiation(Evaluation):
             What this stepper integrated, or what was read of it. Its steps are done again.
         cotangents : mapping
             "q" and "p": derivatives of the function by the rows of the run, shape (rows, n), or
-            (n,) for the last one alone; "t": by their times, (rows,), or a number. "events": the
+            (n,) for the last one alone; "t": by their times, (rows,), or a number. "multipliers":
+            by those of the run, in their shape, or by those of the last row. "events": the
             same of crossings, {"x": {"t": ..., "q": ..., "p": ...}}. The last row of a run that a
             terminal event ended moves with the event.
         loss : callable, optional

@@ -36,16 +36,16 @@ CASES = {
 
 
 def step_in_113_bits(step, q, p, values, dt, t0):
-    """Return unknowns and end of a step by Newton's method."""
+    """Return unknowns, and end and multipliers of a step, by Newton's method."""
     b = step.binding
     parameters = b.parameters(values, t0)
     unknowns, work = b.new(step.unknowns), b.work()
     status = b.function("T1")(parameters, b.options(None, 60, "newton"), dt, b.pointer(q),
                               b.pointer(p), b.pointer(unknowns), b.ffi.new("int *"), work)
     assert status == 0
-    status, q1, p1, _ = b.finish(parameters, dt, q, p, unknowns, work)
+    status, *ends = b.finish(parameters, dt, q, p, unknowns, work)
     assert status == 0
-    return unknowns, np.concatenate([q1, p1])
+    return unknowns, np.concatenate(ends)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -69,8 +69,11 @@ def test_tangents_are_limits_of_differences(case):
     unit = binding.own.new(binding.rows, binding.rows)
     unit[np.arange(binding.rows), np.arange(binding.rows)] = 1
     parameters = binding.own.parameters(values, t0)
-    status, ends = binding.tangent(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns, unit)
+    forces = binding.own.new(binding.own.multipliers, binding.rows)
+    status, ends = binding.tangent(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns, unit,
+                                   forces)
     assert status == 0
+    ends = np.concatenate([ends, forces])
 
     def end(place, change):
         state, here, size, time = z.copy(), dict(values), dt, t0
@@ -85,18 +88,20 @@ def test_tangents_are_limits_of_differences(case):
         return step_in_113_bits(step, state[:n].copy(), state[n:].copy(), here, size, time)[1]
 
     scales = [1] * (2 * n) + [abs(values[name]) or 1 for name in names] + [dt, dt]
-    largest = max(abs(e) * s for row in ends for e, s in zip(row, scales, strict=True))
+    largest = [max([abs(e) * s for row in rows for e, s in zip(row, scales, strict=True)] or [0])
+               for rows in (ends[: 2 * n], forces)]
     h = as_real("h", 2.0**-36, number)
     places = range(binding.rows - (step.binding.time is None))
     for place in places if n < 4 else [0, n, 2 * n, 2 * n + 3, 2 * n + len(names)]:
         e = h * scales[place]
         slope = (8 * (end(place, e) - end(place, -e)) - (end(place, 2 * e) - end(place, -2 * e))
                  ) / 12
-        off = max(abs(d - e * made) for d, made in zip(slope, ends[:, place], strict=True))
-        assert off <= 1e-21 * h * largest, place
-    weights = np.array([as_real("w", k % 5 - 2, number) for k in range(2 * n)], dtype=object)
+        off = abs(slope - e * ends[:, place])
+        assert max(off[: 2 * n]) <= 1e-21 * h * largest[0], place
+        assert max(off[2 * n :], default=0) <= 1e-19 * h * largest[1], place
+    weights = np.array([as_real("w", k % 5 - 2, number) for k in range(len(ends))], dtype=object)
     status, cotangent = binding.adjoint(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns,
-                                        weights)
+                                        weights[: 2 * n].copy(), weights[2 * n :].copy())
     assert status == 0
     expected = weights @ ends
     assert max(abs(expected - cotangent)) <= 1e-30 * max(abs(expected))
