@@ -22,6 +22,7 @@ from ...core.errors import InputError
 from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers
 from ..integration.run_arguments import RunArguments
+from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
 from .frame import FrameMotion
 from .kept_steps import refuse_run, singular, split, warn_of_growth
@@ -479,7 +480,8 @@ def _reversed(
 def loss_of(loss: Any) -> Callable[..., Any]:
     """Return a function of a run that gives its value and cotangents."""
     if hasattr(loss, "free_symbols"):  # an expression of SymPy
-        return partial(function_of("generator.systems.run_functions", "sum_over_states"), loss)
+        return partial(function_of("generator.systems.run_functions", "sum_over_states"), loss,
+                       multipliers_at_states, cotangents_of_multipliers)
     if not callable(loss):
         raise InputError(f"loss = {shown(loss)} is no function; give an expression of SymPy, or a "
                          "function of a trajectory that returns its value and a dict of "

@@ -157,6 +157,32 @@ def test_a_loss_may_be_an_expression():
             loss=sp.Symbol("z"))
 
 
+@pytest.mark.parametrize("scheme", [("G-L", 2), ("IMS", None)], ids=["G-L", "IMS"])
+def test_a_loss_may_have_reactions(scheme):
+    """The force in a joint is its multipliers; by parameters and dt, against differences."""
+    model = gs.models.double_top()
+    step, force = gs.stepper(*scheme, system=model.system), sp.symbols("lambda_2:5")
+    loss = sum(part**2 for part in force) * (1 + sp.Symbol("b_q0"))
+
+    def gradient(name="dt", change=0.0, every=1):
+        here = {**model.parameters, "dt": 0.01}
+        here[name] += change
+        dt = here.pop("dt")
+        run = step.integrate(model.q0, model.p0, dt=dt, steps=12, every=every, parameters=here)
+        return run, run.gradient(loss=loss, wrt=["a_m", "gravity_z", "dt"])
+
+    run, found = gradient()
+    expected = (run.joint("joint").force()**2).sum(axis=1) @ (1 + run.q[:, 4])
+    assert found.value == pytest.approx(expected, rel=1e-13)
+    for name, size in (("a_m", 1.0), ("gravity_z", 10.0), ("dt", 0.01)):
+        e = 1e-4 * size
+        near, far = ([gradient(name, s * k * e)[1].value for s in (1, -1)] for k in (1, 2))
+        slope = (8 * (near[0] - near[1]) - (far[0] - far[1])) / (12 * e)
+        assert found[name] == pytest.approx(slope, rel=1e-7)
+    with pytest.raises(gs.InputError, match="every = 1"):
+        gradient(every=5)
+
+
 @pytest.mark.parametrize("real", ["double", "float128"])
 def test_a_file_keeps_tangents(tmp_path, real):
     step, problem = gs.stepper("IMS", real=real), gs.problems.fast_top()
