@@ -68,8 +68,7 @@ class DerivativeBinding:
         In place of the start time is the time t. None where they are not generated.
         """
         own, size = self.own, self.rows - 1
-        if not any(hasattr(own.lib, f"{prefix}{own.name}_quantities_by_state")
-                   for prefix in ("", PREFIX)):
+        if not self._has("quantities_by_state"):
             return None
         count = len(own.quantity_names)
         rows, found = own.new(count, size), own.new(count, self.rows)
@@ -80,6 +79,20 @@ class DerivativeBinding:
             own.pointer(q), own.pointer(p), own.pointer(rows))
         found[:, : size - 1], found[:, -1] = rows[:, : size - 1], rows[:, -1]
         return found
+
+    def count_switches(self, run: RunArguments, parameters: Any, steps: KeptSteps) -> int:
+        """Return how many of these steps end on another side of a switch of H or the forces."""
+        own = self.own
+        if not self._has("count_switches"):
+            return 0
+        return int(own.function("count_switches")(
+            parameters, run.dt, steps.first, steps.count, own.pointer(steps.q),
+            own.pointer(steps.p)))
+
+    def _has(self, function: str) -> bool:
+        """Whether the module has a function that not all systems have."""
+        return any(hasattr(self.own.lib, f"{prefix}{self.own.name}_{function}")
+                   for prefix in ("", PREFIX))
 
     def begin(self, run: RunArguments) -> KeptRun:
         """Return a run to be kept, at its start."""

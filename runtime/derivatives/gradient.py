@@ -25,7 +25,7 @@ from ..integration.run_arguments import RunArguments
 from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
 from .frame import FrameMotion
-from .kept_steps import refuse_run, singular, split, warn_of_growth
+from .kept_steps import refuse_run, singular, split, warn_of_growth, warn_of_jumps
 from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
@@ -60,6 +60,10 @@ class Gradient:
         By the inputs of each step, where there are inputs.
     wrt : tuple of str
         What was asked for; ``gradient[name]`` gives one of them, or any parameter, dt or t0.
+    switched_steps : int
+        Steps that end on another side of a switch of H or the forces (``Piecewise``, abs(x)) than
+        they begin. Derivatives are those of the sides that their stages are on; where a force
+        jumps, they are those of the discrete run, and not of the motion.
     """
 
     value: Any
@@ -70,11 +74,12 @@ class Gradient:
     inputs: Array
     wrt: tuple[str, ...]
     _numbers: dict[str, Any]
+    switched_steps: int = 0
 
     @classmethod
     def of_cotangent(
         cls, space: TangentSpace, z_bar: Array, wrt: tuple[str, ...], value: Any = None,
-        inputs: Array | None = None,
+        inputs: Array | None = None, switched_steps: int = 0,
     ) -> Gradient:
         """Return the gradient of the cotangent of all rows of a direction at the start.
 
@@ -86,7 +91,7 @@ class Gradient:
         if inputs is None:
             inputs = z_bar[[2 * n + names.index(u) for u in own.input_names]][None]
         return cls(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs, wrt,
-                   dict(zip(names, z_bar[2 * n :].tolist(), strict=True)))
+                   dict(zip(names, z_bar[2 * n :].tolist(), strict=True)), switched_steps)
 
     def __repr__(self) -> str:
         value = "" if self.value is None else f" of a function with the value {self.value:.6g}"
@@ -311,7 +316,9 @@ def gradient_of(
         return found[: 2 * n]
 
     w: Array | None = None
+    switched = 0
     for piece in backwards(stepper, run, as_bytes(memory), end):
+        switched += binding.count_switches(run, parameters, piece)
         for steps in reversed(split(piece, np.unique(steps_of_points))):
             last = steps.first + steps.count
             if w is None:
@@ -336,8 +343,10 @@ def gradient_of(
         warn_of_growth(stepper, "On its way to the start the cotangent has",
                        float(np.linalg.norm(w.astype(float))) / cotangents.size)
     space = TangentSpace(binding, parameters, run.q, run.p, stepper.constraint_names)
+    warn_of_jumps(stepper, switched)
     return Gradient.of_cotangent(
-        space, z_bar, wrt, value, inputs_bar if run.inputs is None else _held(inputs_bar, run))
+        space, z_bar, wrt, value, inputs_bar if run.inputs is None else _held(inputs_bar, run),
+        switched)
 
 
 def _of_frame(

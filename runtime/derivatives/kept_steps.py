@@ -18,7 +18,8 @@ from .frame import FrameMotion
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["SingleStep", "pieces", "refuse_run", "singular", "split", "warn_of_growth"]
+__all__ = ["SingleStep", "pieces", "refuse_run", "singular", "split", "warn_of_growth",
+           "warn_of_jumps"]
 
 Array = NDArray[Any]
 
@@ -75,6 +76,15 @@ def warn_of_growth(stepper: Stepper, what: str, growth: float) -> None:
         warn(f"{what} grown {growth:.1e} times: of these derivatives at most "
              f"{max(0, -int(np.log10(lost))):d} digits are left. Take a shorter run, or "
              "real=\"float128\".")
+
+
+def warn_of_jumps(stepper: Stepper, switched: int) -> None:
+    """Warn where steps cross places where forces jump."""
+    jumps = stepper.manifest["system"].get("jumps")
+    if switched and jumps:
+        warn(f"{switched:,} steps end on another side of a switch than they begin, and forces jump "
+             f"at {jumps}: these derivatives are those of the discrete run, and lack what the time "
+             "of a jump contributes.")
 
 
 class SingleStep:

@@ -14,7 +14,7 @@ from ...core.errors import InputError
 from ..integration.run_arguments import RunArguments
 from ..results.tangent_rows import EventTangents, TangentRows
 from .frame import FrameMotion
-from .kept_steps import pieces, refuse_run, singular, split, warn_of_growth
+from .kept_steps import pieces, refuse_run, singular, split, warn_of_growth, warn_of_jumps
 from .points import Point, RunRows, rows_of, tangent_at
 from .tangent_space import Start, Tangents, TangentSpace
 
@@ -136,7 +136,9 @@ def _followed(
                 found[i] = error
 
     at, last = np.unique(steps_of_points), (run.q, run.p)
+    switched = 0
     for piece in pieces(stepper, run, kept_run):
+        switched += binding.count_switches(run, kept_run.parameters, piece)
         for steps in split(piece, at):
             differentiate_points(steps.first, steps.q[0], steps.p[0])
             first, end = steps.first // run.every, steps.first + steps.count
@@ -159,9 +161,10 @@ def _followed(
     warn_of_growth(stepper, "Directions of the start have", _growth(names, dz[: 2 * n],
                                                                     made[-1, : 2 * n]))
     of_times = dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2])
+    warn_of_jumps(stepper, switched)
     forces = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
     return TangentRows(made[:, :n], made[:, n : 2 * n], names, dz[: 2 * n], of_times, dz,
-                       multipliers=forces), found, times
+                       multipliers=forces, switched_steps=switched), found, times
 
 
 def _multipliers_of(stepper: Stepper, wanted: Tangents | TangentRows) -> tuple[int, ...] | None:

@@ -47,6 +47,8 @@ class TangentRows:
         Derivatives of the times of the rows: 0 at times that were asked for.
     multipliers : array, shape (rows − 1, p+1, k), or (rows − 1, p+1, m, k), or None
         Derivatives of the run's multipliers, where they were asked for.
+    switched_steps : int
+        Steps that end on another side of a switch than they begin: see ``Gradient``.
     events : dict of str to TangentRows
         The same of the crossings of each event, at its own time. Events of quantities, and ones
         that only touch their level, have none: ``events[name]`` says why.
@@ -60,6 +62,7 @@ class TangentRows:
     #: The directions by all rows: q, p, parameters, dt, start time; None in what files have.
     _directions: Any = field(default=None, repr=False)
     multipliers: Any = field(default=None, repr=False)
+    switched_steps: int = field(default=0, repr=False)
     events: EventTangents = field(default_factory=lambda: EventTangents({}, {}), repr=False)
 
     def __repr__(self) -> str:
