@@ -50,7 +50,7 @@ def sum_over_states(
     columns |= dict(zip(system["momenta"], run.p.T, strict=True))
     time = system.get("time", "t")
     forces = [f"lambda_{k}" for k in range(len(system["constraints"]))]
-    known = dict(zip(forces, at_states(run).T, strict=True))
+    known = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
     known |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
     values: dict[sp.Symbol, Any] = {}
     for symbol in sorted(e.free_symbols, key=str):
@@ -60,7 +60,8 @@ def sum_over_states(
     walk = Evaluator(values)
 
     def of_rows(body: sp.Expr) -> Any:
-        return np.broadcast_to(walk(body), (rows,))
+        with np.errstate(all="ignore"):  # what is not finite is refused as a cotangent
+            return np.broadcast_to(walk(body), (rows,))
 
     slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
     zero = 0 * run.t

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
 from ...core.errors import InputError
+from ...core.exact_numbers import exact
 from ...core.registry import function_of
-from ..bindings.array_checks import as_numbers
+from ..bindings.array_checks import as_numbers, as_real
 from ..integration.run_arguments import RunArguments
 from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
@@ -30,6 +31,7 @@ from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
 if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
 __all__ = ["Cotangents", "Gradient", "as_bytes", "cotangents_of", "gradient_of", "names_of"]
@@ -133,7 +135,10 @@ def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ..
     if wrt is None:
         return ("start", *dict.fromkeys(parameters))
     names = (wrt,) if isinstance(wrt, str) else tuple(as_items("wrt", wrt, "names"))
-    allowed = [*dict.fromkeys(parameters), "start", "q", "p", "dt", "t0", "inputs"]
+    if not names:
+        raise InputError("wrt is empty; give names, such as [\"start\"], or leave it out.")
+    inputs = ["inputs"] if stepper.binding.input_names else []
+    allowed = [*dict.fromkeys(parameters), "start", "q", "p", "dt", "t0", *inputs]
     for name in names:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in wrt", name, allowed)
@@ -201,6 +206,8 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
     for name in parameters:
         if name not in stepper.binding.parameter_names:
             raise unknown("parameter", name, stepper.binding.parameter_names)
+    parameters = {name: as_real(f"The cotangent of {name}", slope, stepper.binding.number)
+                  for name, slope in parameters.items()}
     own = {name: array for name, array in given.items() if name not in ("events", "parameters")}
     w, s = _arrays(stepper, of_steps + len(kinds.points), own, "")
     forces = _of_multipliers(stepper, of_steps + len(kinds.points), own)
@@ -213,7 +220,11 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
         kinds.points, w[of_steps:], s[of_steps:],
         forces[of_steps:] if len(forces) else [None] * len(kinds.points), strict=True))
     for name, parts in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
-        choose("event", name, [*kinds.events, *kinds.refused])
+        known = [*kinds.events, *kinds.refused]
+        if not known:
+            raise InputError(f"There are cotangents of the event {name!r}, and this run has no "
+                             "events; leave them out.")
+        choose("event", name, known)
         at = kinds.event(name)
         w, s = _arrays(stepper, len(at), parts, f" at the event {name}")
         points += zip(at, w, s, [None] * len(at), strict=True)
@@ -484,6 +495,25 @@ def _reversed(
         yield replace(steps, first=left)
     _refuse_mismatch(state, (run.q, run.p), "running backwards does not lead to the start; give "
                      "memory=\"256 MB\", and the steps are kept")
+
+
+def value_of(loss: Callable[..., Any], run: Trajectory) -> tuple[Any, Mapping[str, Any]]:
+    """Return the value of a loss and its cotangents.
+
+    Raises
+    ------
+    InputError
+        Where it returns anything but a number and cotangents.
+    """
+    found = loss(run)
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise InputError(f"The loss returned {shown(found)}; return its value and a dict of "
+                         "cotangents, {'q': ..., 'p': ...}.")
+    value, cotangents = found
+    if np.ndim(value) or exact(getattr(value, "item", lambda: value)()) is None:
+        raise InputError(f"The loss returned the value {shown(value)}; return a number and a dict "
+                         "of cotangents.")
+    return value, as_mapping("the cotangents of the loss", cotangents, "{'q': ...}")
 
 
 def loss_of(loss: Any) -> Callable[..., Any]:

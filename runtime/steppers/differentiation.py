@@ -26,11 +26,12 @@ from ..derivatives.gradient import (
     gradient_of,
     loss_of,
     names_of,
+    value_of,
 )
 from ..derivatives.kept_steps import SingleStep
 from ..derivatives.points import RunRows, rows_of
 from ..derivatives.tangent_space import TangentSpace
-from ..integration.dense_output import refuse_forgotten
+from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
@@ -237,7 +238,7 @@ class Differentiation(Evaluation):
             raise InputError("Give either cotangents or loss.")
         value = None
         if loss is not None:
-            value, cotangents = loss_of(loss)(run)
+            value, cotangents = value_of(loss_of(loss), run)
         kinds = self.rows_of(run, solver)
         ended = bool(kinds.points)
         return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents),  # type: ignore[arg-type]
@@ -247,6 +248,7 @@ class Differentiation(Evaluation):
         """Return the whole steps of a run that was integrated or stored, and what its rows are."""
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
+        refuse_of_another(self, run)  # type: ignore[arg-type]
         origin: Origin | None = run._origin
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]
