@@ -162,9 +162,9 @@ def _followed(
                                                                     made[-1, : 2 * n]))
     of_times = dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2])
     warn_of_jumps(stepper, switched)
-    forces = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
+    of_steps = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
     return TangentRows(made[:, :n], made[:, n : 2 * n], names, dz[: 2 * n], of_times, dz,
-                       multipliers=forces, switched_steps=switched), found, times
+                       multipliers=of_steps, switched_steps=switched), found, times
 
 
 def _multipliers_of(stepper: Stepper, wanted: Tangents | TangentRows) -> tuple[int, ...] | None:
