@@ -189,10 +189,10 @@ def test_a_file_keeps_tangents(tmp_path, real):
     parameters = problem.parameters | {"gamma": 0.0016}
     start = step.project(problem.q0, problem.p0, parameters=parameters)
     run = step.integrate(*start, dt=1e-3, steps=3, parameters=parameters,
-                         tangents=gs.Tangents("all", ["I1"]))
+                         tangents=gs.Tangents("all", ["I1"], multipliers=True))
     read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).tangents
     assert read.names == run.tangents.names
-    for name in ("q", "p", "start"):
+    for name in ("q", "p", "start", "t", "multipliers"):
         assert (getattr(read, name) == getattr(run.tangents, name)).all()
 
 
