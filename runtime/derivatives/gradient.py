@@ -26,7 +26,7 @@ from ..integration.run_arguments import RunArguments
 from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
 from .frame import FrameMotion
-from .kept_steps import refuse_run, singular, split, warn_of_growth, warn_of_jumps
+from .kept_steps import multiplier_shape, refuse_run, singular, split, warn_of_growth, warn_of_jumps
 from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
@@ -239,12 +239,7 @@ def _of_multipliers(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Ar
     binding = stepper.binding
     if "multipliers" not in given:
         return binding.new(0, binding.multipliers)
-    if not stepper.m:
-        raise InputError("The cotangents have multipliers, and this system has no constraints; "
-                         "leave them out.")
-    nodes = binding.multipliers // binding.m
-    inner = (nodes, binding.m) if binding.m > 1 else (nodes,)
-    made = binding.new(rows, *inner)
+    made = binding.new(rows, *multiplier_shape(stepper))
     _fill("multipliers", given["multipliers"], made[1:], "", "step that is stored")
     return made.reshape(rows, -1)
 

@@ -18,8 +18,8 @@ from .frame import FrameMotion
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["SingleStep", "pieces", "refuse_run", "singular", "split", "warn_of_growth",
-           "warn_of_jumps"]
+__all__ = ["SingleStep", "multiplier_shape", "pieces", "refuse_run", "singular", "split",
+           "warn_of_growth", "warn_of_jumps"]
 
 Array = NDArray[Any]
 
@@ -60,6 +60,21 @@ def refuse_run(run: RunArguments) -> None:
     if run.tolerance is not None:
         raise InputError(f"tolerance = {run.tolerance} stops a step before its equations hold, and "
                          "derivatives are those of the equations; leave tolerance out.")
+
+
+def multiplier_shape(stepper: Stepper) -> tuple[int, ...]:
+    """Return the shape of a step's multipliers.
+
+    Raises
+    ------
+    InputError
+        Where the system has no constraints.
+    """
+    if not stepper.m:
+        raise InputError("Derivatives of multipliers are asked for, and this system has no "
+                         "constraints; leave multipliers out.")
+    nodes = stepper.binding.multipliers // stepper.m
+    return (nodes, stepper.m) if stepper.m > 1 else (nodes,)
 
 
 def singular(step: int, status: int) -> GyrosparkError:
@@ -132,6 +147,8 @@ class SingleStep:
         run, whole = self._run, w
         if multipliers is None:
             multipliers = self._binding.own.new(0)
+        else:
+            self._frame.refuse_rotating_multipliers(run)
         if self._frame.moves:
             w = self._frame.matrix(1).T @ w
         status, z_bar = self._binding.adjoint(

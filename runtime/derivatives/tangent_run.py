@@ -14,7 +14,15 @@ from ...core.errors import InputError
 from ..integration.run_arguments import RunArguments
 from ..results.tangent_rows import EventTangents, TangentRows
 from .frame import FrameMotion
-from .kept_steps import pieces, refuse_run, singular, split, warn_of_growth, warn_of_jumps
+from .kept_steps import (
+    multiplier_shape,
+    pieces,
+    refuse_run,
+    singular,
+    split,
+    warn_of_growth,
+    warn_of_jumps,
+)
 from .points import Point, RunRows, rows_of, tangent_at
 from .tangent_space import Start, Tangents, TangentSpace
 
@@ -109,7 +117,9 @@ def _followed(
         dz, names = np.ascontiguousarray(start.directions), start.names
     else:
         dz, names = wanted._directions, wanted.names
-    count, inner = dz.shape[1], _multipliers_of(stepper, wanted)
+    asked = (wanted.multipliers if isinstance(wanted, Tangents)
+             else wanted.multipliers is not None)
+    count, inner = dz.shape[1], multiplier_shape(stepper) if asked else None
     tangents = dz[: 2 * n].copy()
     frame = FrameMotion(binding, stepper.symmetries, run)
     if inner is not None:
@@ -165,17 +175,6 @@ def _followed(
     of_steps = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
     return TangentRows(made[:, :n], made[:, n : 2 * n], names, dz[: 2 * n], of_times, dz,
                        multipliers=of_steps, switched_steps=switched), found, times
-
-
-def _multipliers_of(stepper: Stepper, wanted: Tangents | TangentRows) -> tuple[int, ...] | None:
-    """Return the shape of a step's multipliers where their directions are wanted, else None."""
-    if not (wanted.multipliers if isinstance(wanted, Tangents) else wanted.multipliers is not None):
-        return None
-    if not stepper.m:
-        raise InputError("multipliers = True asks for those of constraints, and this system has "
-                         "none; leave it out.")
-    nodes = stepper.binding.multipliers // stepper.m
-    return (nodes, stepper.m) if stepper.m > 1 else (nodes,)
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:

@@ -28,7 +28,7 @@ from ..derivatives.gradient import (
     names_of,
     value_of,
 )
-from ..derivatives.kept_steps import SingleStep
+from ..derivatives.kept_steps import SingleStep, multiplier_shape
 from ..derivatives.points import RunRows, rows_of
 from ..derivatives.tangent_space import TangentSpace
 from ..integration.dense_output import refuse_forgotten, refuse_of_another
@@ -150,20 +150,23 @@ class Differentiation(Evaluation):
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Any],
         wrt: str | Sequence[str] | None = None, t0: Number = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
-    ) -> tuple[Array, Array, Callable[[ArrayLike, ArrayLike], Gradient]]:
+    ) -> tuple[Array, Array, Callable[..., Gradient]]:
         """Return (q1, p1) of a step, and a function that takes cotangents of them backwards.
 
         ``back(wq, wp)`` is a ``Gradient``: the transposed derivative of the step applied to
-        (wq, wp). ``wrt`` is as of ``gradient``; the others are as of ``step``.
+        (wq, wp). ``back(wq, wp, multipliers)`` has the cotangent of the step's multipliers in
+        addition, in their shape. ``wrt`` is as of ``gradient``; the others are as of ``step``.
         """
         run = self._single(q, p, dt, parameters, t0, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
         kept, space = self._kept_step(run)
         own, n = self.derivative_binding.own, self.n
 
-        def back(wq: ArrayLike, wp: ArrayLike) -> Gradient:
+        def back(wq: ArrayLike, wp: ArrayLike, multipliers: ArrayLike | None = None) -> Gradient:
             w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
-            return Gradient.of_cotangent(space, kept.adjoint(w), names)
+            forces = None if multipliers is None else own.array(
+                "multipliers", multipliers, multiplier_shape(self)).ravel()  # type: ignore[arg-type]
+            return Gradient.of_cotangent(space, kept.adjoint(w, forces), names)
 
         return kept.end[:n], kept.end[n:], back
 

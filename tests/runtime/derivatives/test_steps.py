@@ -209,7 +209,7 @@ def test_checkpoints_of_many_pieces_have_the_same_bits(top):
 def test_a_step_has_the_derivatives_of_a_run(top):
     step, problem, parameters = top
     run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=1, parameters=parameters,
-                         tangents=gs.Tangents("all", ["I3"]))
+                         tangents=gs.Tangents("all", ["I3"], multipliers=True))
     start, n = run.tangents.start, step.n
     *_, dq, dp = step.jvp(problem.q0, problem.p0, start[:n, :6], start[n:, :6], dt=1e-3,
                           parameters=parameters)
@@ -223,6 +223,26 @@ def test_a_step_has_the_derivatives_of_a_run(top):
                 @ np.concatenate([run.tangents.q[-1], run.tangents.p[-1]]))
     assert np.allclose(gradient.start, expected[:6], rtol=0, atol=1e-13)
     assert gradient["I3"] == pytest.approx(expected[6], rel=1e-12)
+    gradient = back([0] * 4, [0] * 4, [1, -2, 3, 1])
+    expected = np.array([1, -2, 3, 1]) @ run.tangents.multipliers[0]
+    found = np.array([*gradient.start, gradient["I3"]])
+    assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_multipliers_that_turn_with_a_frame_are_refused():
+    """Two points at one place: the constraints turn with the plane."""
+    q, p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("p1 p2 p3 p4", real=True)
+    H = sum(part**2 for part in p) / 2 + (q[0]**2 + q[1]**2) / 2
+    step = gs.stepper("G-L", stages=2, frame="symmetries", system=gs.System(
+        q, p, (), H, [q[0] - q[2], q[1] - q[3]], name="joined"))
+    rates = {symmetry.name: 0.5 for symmetry in step.symmetries}
+    assert rates
+    run = step.integrate([1, 0, 1, 0], [0, 1, 0, 1], dt=0.1, steps=3, parameters=rates)
+    with pytest.raises(gs.InputError, match="frame"):
+        run.gradient({"multipliers": np.ones(run.multipliers.shape)})
+    with pytest.raises(gs.InputError, match="frame"):
+        step.integrate([1, 0, 1, 0], [0, 1, 0, 1], dt=0.1, steps=3, parameters=rates,
+                       tangents=gs.Tangents(multipliers=True))
 
 
 def test_inputs_and_moving_constraints():
