@@ -22,6 +22,23 @@ _SECOND_ORDER = ("refuse", "differences")
 class FlowFunction(ABC):
     """N steps of a stepper as a function of a library: (q, p, parameters) → (q, p).
 
+    Parameters
+    ----------
+    stepper : Stepper
+        With real="double".
+    steps : int
+        Number of steps.
+    dt : float, optional
+        Time step of calls that give none.
+    second_order : {"refuse", "differences"}
+        "differences" are central differences of order 4 of the exact first derivatives, about ten
+        digits where a run is not sensitive. The start is moved along the constraints alone.
+
+    Raises
+    ------
+    InputError
+        For a stepper of another type of numbers, and for a number of steps that is none.
+
     Attributes
     ----------
     names : list of str

@@ -285,6 +285,8 @@ class Derivatives:
     lanes: list[EmittedKernel]
     #: Whether there is a kernel of the derivatives of quantities.
     quantities: bool
+    #: Switching functions of H and the forces in the kernel of them.
+    switches: int
 
 
 @dataclass(frozen=True)

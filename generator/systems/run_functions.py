@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,32 +16,42 @@ from .expression_arguments import as_expression
 __all__ = ["sum_over_states"]
 
 
-def sum_over_states(expression: Any, run: Any) -> tuple[Any, dict[str, Any]]:
+def sum_over_states(
+    expression: Any, at_states: Callable[[Any], Any], to_steps: Callable[[Any, Any], Any], run: Any
+) -> tuple[Any, dict[str, Any]]:
     """Return Σ ℓ(q, p, t, θ) over the stored states of a run, and its cotangents.
 
     Parameters
     ----------
     expression : Expr
-        ℓ, in symbols that have the names of coordinates, momenta, parameters, and the time.
+        ℓ, in symbols that have the names of coordinates, momenta, parameters, and the time;
+        lambda_0, lambda_1, … are multipliers of constraints at the states, as of
+        ``JointMotion.force``.
+    at_states, to_steps : callable
+        ``multipliers_at_states``, and its transpose.
     run : Trajectory
         Whose states are put in.
 
     Returns
     -------
     value, cotangents
-        Of "q" and "p" shape (rows, n), of "t" shape (rows,), and of "parameters" by name.
+        Of "q" and "p" shape (rows, n), of "t" shape (rows,), of "multipliers" in their shape, and
+        of "parameters" by name.
 
     Raises
     ------
     InputError
-        For a symbol that the system does not have, with the nearest.
+        For a symbol that the system does not have, with the nearest; for multipliers in a run that
+        has not stored every step.
     """
     e = as_expression(expression)
     system, rows = run.manifest["system"], len(run.t)
     columns = dict(zip(system["coordinates"], run.q.T, strict=True))
     columns |= dict(zip(system["momenta"], run.p.T, strict=True))
     time = system.get("time", "t")
-    known = {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
+    forces = [f"lambda_{k}" for k in range(len(system["constraints"]))]
+    known = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
+    known |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
     values: dict[sp.Symbol, Any] = {}
     for symbol in sorted(e.free_symbols, key=str):
         if str(symbol) not in known:
@@ -49,13 +60,17 @@ def sum_over_states(expression: Any, run: Any) -> tuple[Any, dict[str, Any]]:
     walk = Evaluator(values)
 
     def of_rows(body: sp.Expr) -> Any:
-        return np.broadcast_to(walk(body), (rows,))
+        with np.errstate(all="ignore"):  # what is not finite is refused as a cotangent
+            return np.broadcast_to(walk(body), (rows,))
 
     slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
     zero = 0 * run.t
     found: dict[str, Any] = {
         "q": np.stack([slopes.get(x, zero) for x in system["coordinates"]], axis=1),
         "p": np.stack([slopes.get(x, zero) for x in system["momenta"]], axis=1)}
+    if {*forces} & {*slopes}:
+        w = np.stack([slopes.get(name, zero) for name in forces], axis=1)
+        found["multipliers"] = to_steps(run, w)
     if time in slopes:
         found["t"] = slopes[time]
     inner = {name: slopes[name].sum() for name in run.parameters if name in slopes}

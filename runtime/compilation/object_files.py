@@ -47,7 +47,7 @@ _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
 _DERIVATIVES = {"derivative_size", "keep", "frame_state", "integrate_and_keep", "tangent",
                 "adjoint", "integrate_tangent", "integrate_adjoint", "constraint_derivatives",
-                "quantities_by_state", *_BOTH}
+                "quantities_by_state", "count_switches", *_BOTH}
 #: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
 #: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {1: ("numbers",), 2: ("lanes",), 3: ("lanes",)}
