@@ -13,11 +13,10 @@ from ..systems.lagrangian import LagrangianSystem
 from .element_derivatives import element_derivatives
 from .program import Derivatives, Derived, Elements, LaneIteration
 
-__all__ = ["derivatives_of"]
-
+__all__ = ["LINEARISATION", "derivatives_of"]
 
 #: Kernels of a linearisation.
-_ON_LANES = {
+LINEARISATION = {
     "hessian", "constraint_jacobian", "constraint_curvature", "rates_by_constants",
     "force_by_constants", "constraint_by_constants", "hidden_derivative", "mean_jacobian",
     "mean_curvature", "mean_constraint", "mean_rates_derivative", "mean_constraint_by_start"}
@@ -47,7 +46,7 @@ def derivatives_of(
         known = {k.name for k in iteration.kernels}
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
                  for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
-                 if k.name in _ON_LANES and f"lanes_{k.name}" not in known]
+                 if k.name in LINEARISATION and f"lanes_{k.name}" not in known]
         used = {"hidden_derivative", "constraint_by_constants"}  # of one state
         kernels = [k for k in kernels if k.name in used]
     quantities = quantity_derivatives(system)

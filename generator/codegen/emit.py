@@ -33,7 +33,7 @@ from ..systems.system import System
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from .bytecode import Bytecode
 from .c_lines import fitted
-from .derivatives import derivatives_of
+from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
 from .manifest import frame_manifest, hidden_constraints, manifest_text
@@ -121,13 +121,14 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     else:
         plain = plain_iteration(derived)
     own, renamed = (plain.kernels if plain else []), dict[str, str]()
-    kernels = own
-    if derived.profile != "control":
-        kernels = [] if parts else [
+    kernels: list[EmittedKernel] = []
+    if (derived.profile != "control" or derived.derivatives) and not parts:
+        kernels = [
             emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
-                                                      *scheme.kernels()]]
-        own, renamed = beside(kernels, own)
-    known = [*([] if derived.profile == "control" else kernels), *(plain.known if plain else []),
+                                                      *scheme.kernels()]
+            if derived.profile != "control" or k.name in LINEARISATION]
+    own, renamed = beside(kernels, own)
+    known = [*kernels, *(plain.known if plain else []),
              *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
     frame = _frame(derived)
     quantities = _quantity_kernel(system, real)
@@ -181,7 +182,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         constants={str(s): comment(e) for e, s in needed.items()},
         constants_c=constants_c,
         run_constants=plain.run_constants if plain else [],
-        kernels=kernels,
+        kernels=[*kernels, *own] if derived.profile == "control" else kernels,
         compensated=any(map(sums_products, known)),
         cardinals=sorted(c_names_with_needs(
             more.union(*(k.functions for k in [*known, *(derivatives.lanes if derivatives

@@ -6,16 +6,25 @@
 #include "gyrospark/derivatives/lu.h"
 
 #if GS_SPARK
+#if GS_PROFILE_CONTROL
+#include "gyrospark/spark/rates_by_state.h"
+#include "gyrospark/spark/unknowns.h"
+#else
 #if !GS_ELEMENTS
 #include "gyrospark/spark/jacobian.h"
 #endif
 #include "gyrospark/spark/step_end.h"
+#endif
 #define TIMES GS_TIME_DEPENDENT
+#else
+#if GS_PROFILE_CONTROL
+#include "gyrospark/midpoint/unknowns.h"
 #else
 #if !GS_ELEMENTS
 #include "gyrospark/midpoint/jacobian.h"
 #endif
 #include "gyrospark/midpoint/step_end.h"
+#endif
 #define TIMES (2*GS_TIME_DEPENDENT)
 #endif
 enum { E = 5 + TIMES, PARAMETERS = 6, CHAIN = 2, DT0 = 2*N + E - TIMES, DH, Z };
