@@ -49,6 +49,7 @@ from .program import (
     Program,
     TableauText,
 )
+from .second_order import refuse_second
 from .solver_costs import solver_costs
 
 __all__ = ["Source", "describe", "emit"]
@@ -112,6 +113,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     """
     scheme, system, constants, real = (
         derived.scheme, derived.system, derived.constants, derived.real)
+    if derived.second:
+        refuse_second(derived)
     parts = _elements(derived, elements)
     lanes: LaneIteration | None = None
     plain: PlainIteration | None = None
@@ -206,7 +209,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
 def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
     """Return the system as sums over element templates, where that is possible and wanted."""
     system = derived.scheme.system
-    if derived.profile != "full" or isinstance(system, LagrangianSystem):
+    if derived.profile != "full" or derived.second or isinstance(system, LagrangianSystem):
         return None  # M of a Lagrangian couples all of it
     if isinstance(system, CoMovingSystem) and system.frame_velocity:
         return None

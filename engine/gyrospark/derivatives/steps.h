@@ -281,8 +281,9 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
 
 static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N])
 {
+    real dx[U];
     (void)i;
-    step_tangent(&d->l, z, dz1);
+    step_tangent(&d->l, z, dx, dz1);
 }
 
 static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], real z[Z])
