@@ -213,7 +213,7 @@ def compile_module(
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
-    everything = is_whole() and part != "derivatives"
+    everything = is_whole() and part not in ("derivatives", "second")
     header = files[f"{name}.h"]
     header = header if everything else declarations_of(name, header, part)
     wrapper = _write_wrapper(name, header, checks, folder)
