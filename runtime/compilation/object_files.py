@@ -82,7 +82,7 @@ def objects_of(
     """
     header = files[f"{name}.h"]
     if part in _LATER:
-        return [Object(part, _only(name, header, _LATER[part]), _FLAGS)]
+        return [Object(part, _only(name, header, _LATER[part]), _FLAGS, seldom=part == "second")]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
     if whole:
