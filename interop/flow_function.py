@@ -100,5 +100,5 @@ class FlowFunction(ABC):
 
 def no_second_order(cure: str = "") -> InputError:
     """Return the refusal of a second derivative; ``cure`` is one of the library."""
-    return InputError("Second derivatives of steps are refused by second_order=\"refuse\", which was "
-                      f"given{cure}; leave it out, and they are exact.")
+    return InputError("Second derivatives of steps are refused by second_order=\"refuse\", which "
+                      f"was given{cure}; leave it out, and they are exact.")

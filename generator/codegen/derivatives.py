@@ -43,8 +43,8 @@ def derivatives_of(
     of_linearisation = [k for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
                         if k.name in LINEARISATION]
     lanes = []
-    if (iteration is not None and not parts and not derived.second and not isinstance(system, LagrangianSystem)
-            and not real.wide and scheme.size <= _MOST_UNKNOWNS
+    if (iteration is not None and not parts and not derived.second
+            and not isinstance(system, LagrangianSystem) and not real.wide and scheme.size <= _MOST_UNKNOWNS
             and system.n <= _MOST_COORDINATES):
         known = {k.name for k in iteration.kernels}
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))

@@ -25,7 +25,7 @@ from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
 from ..integration.run_arguments import RunArguments
 from .binding import DerivativeBinding, KeptSteps
-from .gradient import Cotangents, Gradient, as_bytes
+from .gradient import Cotangents, as_bytes
 from .kept_steps import refuse_run, singular, split
 from .tangent_space import TangentSpace, solved
 
