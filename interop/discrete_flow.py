@@ -297,7 +297,7 @@ class DiscreteFlow:
         return np.concatenate([pulled[:, self._places], u_bar.reshape(count, -1)], axis=1)
 
     def _second_tangent(self, x: Array, v: Array, dx: Array) -> Array:
-        """Return the derivative of F'(x) v along dx: that of the gradient of each entry, times v."""
+        """Return the derivative of F'(x) v along dx: that of each entry's gradient, times v."""
         units = np.eye(2 * self.n)
         return np.array([[by_x @ one for by_x in self._second_adjoint(
             x, units, np.repeat(along[None], 2 * self.n, axis=0))]

@@ -44,8 +44,8 @@ def derivatives_of(
                         if k.name in LINEARISATION]
     lanes = []
     if (iteration is not None and not parts and not derived.second
-            and not isinstance(system, LagrangianSystem) and not real.wide and scheme.size <= _MOST_UNKNOWNS
-            and system.n <= _MOST_COORDINATES):
+            and not isinstance(system, LagrangianSystem) and not real.wide
+            and scheme.size <= _MOST_UNKNOWNS and system.n <= _MOST_COORDINATES):
         known = {k.name for k in iteration.kernels}
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
                  for k in of_linearisation if f"lanes_{k.name}" not in known]
