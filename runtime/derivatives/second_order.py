@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import few
+from ...core.arguments import few, shown
 from ...core.errors import InputError
 from ..bindings.binding import Binding
 from ..bindings.real_numbers import aligned
@@ -32,7 +32,7 @@ from .tangent_space import TangentSpace, solved
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Hessian", "SecondBinding", "Slopes", "hessian_of", "pulled_back_slope"]
+__all__ = ["Hessian", "SecondBinding", "Slopes", "hessian_of", "pulled_back_slope", "step_slope"]
 
 Array = NDArray[Any]
 
@@ -275,6 +275,9 @@ def _moved(
     given: Mapping[str, Any] = {}
     if slopes is not None:
         names = stepper.binding.parameter_names
+        if not callable(slopes):
+            raise InputError(f"slopes = {shown(slopes)} is no function; give one of directions "
+                             "{'q': ..., 'p': ...} that returns how the cotangents change.")
         given = slopes({"q": along[:, :n], "p": along[:, n:], "t": dt,
                         "parameters": dict(zip(names, dz[2 * n : -2].tolist(), strict=True))})
     return checked(given)

@@ -374,7 +374,7 @@ class Differentiation(Evaluation):
             return cotangents_of(self, kinds, given)  # type: ignore[arg-type]
 
         stepper: Any = self
-        return hessian_of(stepper, kinds.run, checked(cotangents or {}), slopes, checked, names,
+        return hessian_of(stepper, kinds.run, checked(cotangents), slopes, checked, names,  # type: ignore[arg-type]
                           memory, value)
 
     def rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
