@@ -29,6 +29,7 @@ from .generator.spec import Spec
 from .runtime.bindings.array_checks import as_array, as_real
 from .runtime.bindings.real_numbers import rounding
 from .runtime.compilation.build_cache import digest, read_cache, write_cache
+from .runtime.steppers.differentiation import Derive
 from .runtime.steppers.run_defaults import RunDefaults
 from .runtime.steppers.stepper import Stepper
 
@@ -129,7 +130,8 @@ def stepper_of(
         return _named_stepper(spec)
     made = _generate(spec, system, tableau, allow_invalid)
     return Stepper(made.source.name, made.source.files(),
-                   partial(_with_derivatives, spec, system, tableau, allow_invalid))
+                   Derive(partial(_with_derivatives, spec, system, tableau, allow_invalid),
+                          portable=False))
 
 
 def _with_derivatives(
@@ -234,7 +236,8 @@ def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Table
 
 @lru_cache(maxsize=64)
 def _named_stepper(spec: Spec) -> Stepper:
-    return Stepper(spec.name, files_of(spec), partial(_derivative_files, spec))
+    return Stepper(spec.name, files_of(spec), Derive(
+        partial(_derivative_files, spec), portable=True))
 
 
 def _derivative_files(spec: Spec, *, second: bool = False) -> dict[str, str]:
@@ -322,8 +325,8 @@ def _cached_model(
         name, files, start = found[0], found[1], RunDefaults.from_json(found[2])
     for message in start.warnings:
         warn(message)
-    return Stepper(name, files, partial(_model_with_derivatives, key, spec, make, allow_invalid)
-                   ), start
+    derive = partial(_model_with_derivatives, key, spec, make, allow_invalid)
+    return Stepper(name, files, Derive(derive, portable=True)), start
 
 
 def _model_with_derivatives(

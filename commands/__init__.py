@@ -90,8 +90,7 @@ def _call(command: click.Command, name: str) -> NoReturn:
         logging.getLogger("asyncio").disabled = True  # it would name the reads that Zarr had begun
         _fail(name, "Interrupted.", 130)
     except StepFailed as error:
-        kept = f"{error.summary}; everything before it is reported and saved."
-        _fail(name, " ".join([kept, *getattr(error, "__notes__", ())]), 1)
+        _fail(name, " ".join([f"{error.summary}.", *getattr(error, "__notes__", ())]), 1)
     except CompilerError as error:
         _fail(name, str(error), 2)  # with the compiler's own lines
     except GyrosparkError as error:

@@ -115,7 +115,8 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = [line for line in csv.reader(file) if line]
     except (OSError, UnicodeError, csv.Error) as error:
-        raise InputError(f"{str(path)!r} cannot be read as a table: {error}.") from None
+        raise InputError(f"{str(path)!r} cannot be read as a table: "
+                         f"{getattr(error, 'strerror', None) or error}.") from None
     if len(lines) < 2:
         raise InputError(f"{str(path)!r} has no samples; give a line of names, "
                          f"{','.join(wanted)}, and a line for each sample.")

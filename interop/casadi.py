@@ -36,7 +36,7 @@ Array = NDArray[Any]
 def step(stepper: Stepper, *, dt: Any = None, second_order: str = "exact") -> Flow:
     """Return one step of a stepper as a CasADi function: ``f(q, p, parameters)`` → (q1, p1).
 
-    ``dt`` is the time step of calls that give none. See ``run``, of which it is ``steps=1``.
+    See ``run``, of which it is ``steps=1``.
     """
     return run(stepper, steps=1, dt=dt, second_order=second_order)
 
@@ -46,23 +46,8 @@ def run(
 ) -> Flow:
     """Return a run of a stepper as a CasADi function: (q, p) after ``steps`` steps.
 
-    Parameters
-    ----------
-    stepper : Stepper
-        With real="double".
-    steps : int
-        Number of steps.
-    dt : float, optional
-        Time step of calls that give none.
-    second_order : {"exact", "differences", "refuse"}
-        Second derivatives, as the exact Hessian of IPOPT asks for. Systems that have none (see
-        ``Stepper.hessian``) take "differences": central ones of order 4 of the exact first
-        derivatives. With "refuse" give IPOPT ``hessian_approximation="limited-memory"``.
-
-    Raises
-    ------
-    InputError
-        For a stepper of another type of numbers, and for a number of steps that is none.
+    Arguments are those of ``FlowFunction``; second derivatives are the exact Hessian that IPOPT
+    asks for. With "refuse" give IPOPT ``hessian_approximation="limited-memory"``.
     """
     return Flow(stepper, steps, dt, second_order)
 

@@ -11,7 +11,7 @@ derivative of F by the order of the distance.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -23,12 +23,12 @@ from ..core.errors import GyrosparkError, InputError
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.inputs import Inputs
-from ..runtime.derivatives.binding import KeptRun, KeptSteps
+from ..runtime.derivatives.binding import KeptRun
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
-from ..runtime.derivatives.kept_steps import singular, split
+from ..runtime.derivatives.kept_steps import pieces, singular, split
 from ..runtime.derivatives.second_order import pulled_back_slope
-from ..runtime.derivatives.tangent_space import TangentSpace, solved
+from ..runtime.derivatives.tangent_space import TangentSpace
 from ..runtime.integration.consistency import refuse_singular_mass
 from ..runtime.integration.run_arguments import RunArguments, as_parameters
 from ..runtime.steppers.stepper import Stepper
@@ -41,8 +41,6 @@ Array = NDArray[Any]
 _CONSISTENT = 64
 #: Tangents that cost as much as an adjoint.
 _MANY = 8
-#: Steps whose unknowns are kept at a time.
-_PIECE = 512
 #: Nodes and weights of the central difference of order 4; its step is ε^(1/5).
 _DIFFERENCE = ((1, 2 / 3), (2, -1 / 12))
 
@@ -90,8 +88,6 @@ class DiscreteFlow:
             self.fields[name] = slice(self.size, self.size + width)
             self.size += width
         self.failures: deque[str] = deque(maxlen=16)
-        #: IMS and EMS do not: f oscillates at their truncation error, and p is not projected.
-        self._keeps_f = bool(stepper.manifest["scheme"]["keeps_momentum_constraint"])
         #: Places of q, p, θ, Δt, t0 and of a step's inputs in a direction of the compiled code.
         places = {name: 2 * self.n + i for i, name in enumerate(binding.parameter_names)}
         self._rows = len(places) + 2 * self.n + 2
@@ -218,8 +214,8 @@ class DiscreteFlow:
         if not stepper.m:
             return run
         q, p = stepper._projected(run.q, run.p, binding.parameters(run.parameters, run.t0))
-        if not self._keeps_f:
-            p = run.p
+        if not stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+            p = run.p  # of IMS and EMS f oscillates at their truncation error
         return replace(run, q=_unless_near(run.q, q), p=_unless_near(run.p, p))
 
     def _value(self, x: Array) -> Array:
@@ -231,11 +227,9 @@ class DiscreteFlow:
             run.q, run.p, (none, none, none, np.zeros(0, np.intc), none), report, binding.work(),
             run.inputs)
         if status:
-            raise self._failed(int(report.steps), status)
+            raise GyrosparkError(f"Step {int(report.steps) + 1} of {self.steps} failed: "
+                                 f"{REASONS[status]}.")
         return np.concatenate([run.q, run.p])
-
-    def _failed(self, done: int, status: int) -> GyrosparkError:
-        return GyrosparkError(f"Step {done + 1} of {self.steps} failed: {REASONS[status]}.")
 
     def _kept(self, run: RunArguments) -> tuple[KeptRun, TangentSpace]:
         binding = self.stepper.derivative_binding
@@ -251,12 +245,11 @@ class DiscreteFlow:
         dz = self._projected(space, dx[:, :own])
         tangents = dz[: 2 * self.n].copy()
         none = binding.own.new(0)
-        steps = None
-        for steps in self._pieces(kept):
+        for steps in pieces(self.stepper, run, kept):
             for part in split(steps, np.arange(self.steps)) if u.any() else (steps,):
                 dz[self._input_places] = u[:, part.first].T if u.size else 0
                 status = binding.integrate_tangent(run, kept.parameters, part, dz, self.steps,
-                                                   none, tangents)
+                                                   none, none, tangents)
                 if status:
                     raise singular(part.first, status)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
@@ -264,13 +257,6 @@ class DiscreteFlow:
             tangents = frame.matrix(self.steps) @ tangents + frame.own_derivatives(
                 self.steps, np.concatenate([kept.q, kept.p])) @ dz
         return tangents.T
-
-    def _pieces(self, kept: KeptRun) -> Iterator[KeptSteps]:
-        while kept.done < self.steps:
-            steps, status = kept.keep(min(_PIECE, self.steps - kept.done))
-            if status:
-                raise self._failed(kept.done, status)
-            yield steps
 
     def _adjoint(self, x: Array, w: Array) -> Array:
         run, binding = self._run(x), self.stepper.derivative_binding
@@ -288,12 +274,12 @@ class DiscreteFlow:
             is_last = False
             for one, own, inputs_bar in zip(ends, z_bar, u_bar, strict=True):
                 status = binding.integrate_adjoint(
-                    run, kept.parameters, steps, none, self.steps, one, own,
+                    run, kept.parameters, steps, none, self.steps, none, one, own,
                     inputs_bar[steps.first : steps.first + steps.count])
                 if status:
                     raise singular(steps.first, status)
         z_bar[:, : 2 * self.n] = ends
-        pulled = self._pulled_back(space, z_bar)
+        pulled = space.pulled_back(z_bar.T).T
         return np.concatenate([pulled[:, self._places], u_bar.reshape(count, -1)], axis=1)
 
     def _second_tangent(self, x: Array, v: Array, dx: Array) -> Array:
@@ -324,7 +310,7 @@ class DiscreteFlow:
                 direction[self._input_places] = u[j, part.first]
                 status = first.integrate_tangent(
                     run, kept.parameters, part, direction[:, None].copy(), 1,
-                    rows[part.first + 1 :], tangent)
+                    rows[part.first + 1 :], first.own.new(0), tangent)
                 if status:
                     raise singular(part.first, status)
             direction[self._input_places] = 0
@@ -348,21 +334,7 @@ class DiscreteFlow:
         """Return directions of the compiled code, in columns, of a start that is projected."""
         dz = self.stepper.binding.new(self._rows, len(dx))
         dz[self._places] = dx.T
-        made = space.projected(dz)
-        if not self._keeps_f:
-            made[self.n : 2 * self.n] = dz[self.n : 2 * self.n]
-        return np.ascontiguousarray(made)
-
-    def _pulled_back(self, space: TangentSpace, z_bar: Array) -> Array:
-        """Return the transpose of ``_projected`` applied to cotangents, a row each."""
-        if not self.stepper.m:
-            return z_bar
-        if self._keeps_f:
-            return np.array([space.pulled_back(one) for one in z_bar])
-        g, n = space.g, self.n
-        G = g[:, :n]
-        made: Array = z_bar - (g.T @ solved(G @ G.T, G @ z_bar[:, :n].T)).T
-        return made
+        return np.ascontiguousarray(space.projected(dz))
 
     def _sizes(self, x: Array) -> Array:
         """Return the size of each entry of x, in which a difference is small."""

@@ -22,6 +22,24 @@ _SECOND_ORDER = ("exact", "differences", "refuse")
 class FlowFunction(ABC):
     """N steps of a stepper as a function of a library: (q, p, parameters) → (q, p).
 
+    Parameters
+    ----------
+    stepper : Stepper
+        With real="double".
+    steps : int
+        Number of steps.
+    dt : float, optional
+        Time step of calls that give none.
+    second_order : {"exact", "differences", "refuse"}
+        Systems that have no exact second derivatives (see ``Stepper.hessian``) take "differences":
+        central ones of order 4 of the first derivatives, about ten digits where a run is not
+        sensitive. The start is moved along the constraints alone.
+
+    Raises
+    ------
+    InputError
+        For a stepper of another type of numbers, and for a number of steps that is none.
+
     Attributes
     ----------
     names : list of str

@@ -206,6 +206,8 @@ def run(
                 done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
                                     progress=progress, angles=angles)
             trouble = done.trouble
+            if isinstance(trouble, StepFailed):
+                trouble.add_note("Everything before it is reported and saved.")
             for message in dict.fromkeys(captured):
                 if isinstance(trouble, StepFailed):
                     trouble.add_note(message)  # a failure is one line on stderr

@@ -6,7 +6,12 @@ import sympy as sp
 
 from ..kernels.c_printer import CPrinter
 from ..kernels.kernel import Constants, Target, emit_kernel
-from ..schemes.derivative_kernels import derivative_kernels, quantity_derivatives, time_columns
+from ..schemes.derivative_kernels import (
+    derivative_kernels,
+    quantity_derivatives,
+    switch_kernel,
+    time_columns,
+)
 from ..schemes.step_equations import common_kernels
 from ..symbolic.derivatives import derivative
 from ..systems.lagrangian import LagrangianSystem
@@ -55,6 +60,10 @@ def derivatives_of(
     if quantities is not None:
         kernels.append(emit_kernel(quantities, Constants(system.parameters), real,
                                    Target(real.c_type, "parameters_t", "")))
+    switches = switch_kernel(system)
+    if switches is not None:
+        kernels.append(emit_kernel(switches, Constants(system.parameters), real,
+                                   Target(real.c_type, "parameters_t", "")))
     called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters})
     order = {p: j for j, p in enumerate(system.parameters)}
@@ -76,5 +85,6 @@ def derivatives_of(
         lanes=lanes,
         quantities=quantities is not None,
         second=second,
+        switches=0 if switches is None else len(switches.outputs["w"]),
     )
 

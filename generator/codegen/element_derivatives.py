@@ -96,7 +96,7 @@ def _constraint(
     kernels = [
         Kernel("by_constants", "dg/dc", local_inputs(form),
                {"g_c": _by(form, form.expressions, times)}),
-        Kernel("velocity_by_place", "d(G v + g_t)/dq at fixed v", local_inputs(form, d=v),
+        Kernel("velocity_by_coordinates", "d(G v + g_t)/dq at fixed v", local_inputs(form, d=v),
                {"f_q": jacobian(rates, form.q)}),
         Kernel("velocity_by_constants", "d(G v + g_t)/dc at fixed v", local_inputs(form, d=v),
                {"f_c": _by(form, rates, times)}),

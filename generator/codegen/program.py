@@ -252,6 +252,8 @@ class Derivatives:
     #: Whether there is a kernel of the derivatives of quantities.
     quantities: bool
     second: SecondOrder | None
+    #: Switching functions of H and the forces in the kernel of them.
+    switches: int
 
 
 @dataclass(frozen=True)

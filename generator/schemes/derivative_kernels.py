@@ -16,6 +16,7 @@ import sympy as sp
 from ..kernels.statements import Kernel
 from ..symbolic.derivatives import derivative
 from ..symbolic.shared_subexpressions import tree_size
+from ..symbolic.switching_functions import switches_of
 from ..systems.jacobians import jacobian
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
@@ -72,6 +73,22 @@ def quantity_derivatives(system: System) -> Kernel | None:
     return Kernel("quantity_derivatives", "derivatives of quantities by q, p, parameters and time",
                   {**given, "q": list(system.q), "p": list(system.p)},
                   {"rows": by_each(expressions, columns)})
+
+
+def switch_kernel(system: System) -> Kernel | None:
+    """Return the kernel of the switching functions of H and the forces; None if there are none.
+
+    Those that depend on anything but q, p, parameters and the time are left out.
+    """
+    time = [sp.Dummy() if system.time is None else system.time]
+    states = {*system.q, *system.p, *time}
+    known = states | ({*system.parameters} - {*system.inputs})
+    found = [w for w in switches_of([system.H, *system.forces])
+             if w.free_symbols <= known and not w.free_symbols.isdisjoint(states)]
+    if not found:
+        return None
+    return Kernel("switching_functions", "what is negative on one side of a switch and positive on "
+                  "the other", {"t": time, "q": list(system.q), "p": list(system.p)}, {"w": found})
 
 
 def by_each(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:

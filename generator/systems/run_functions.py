@@ -16,32 +16,67 @@ from .expression_arguments import as_expression
 __all__ = ["slopes_over_states", "sum_over_states"]
 
 
-def sum_over_states(expression: Any, run: Any) -> tuple[Any, dict[str, Any]]:
+def sum_over_states(
+    expression: Any, at_states: Callable[[Any], Any], to_steps: Callable[[Any, Any], Any], run: Any
+) -> tuple[Any, dict[str, Any]]:
     """Return Σ ℓ(q, p, t, θ) over the stored states of a run, and its cotangents.
 
     Parameters
     ----------
     expression : Expr
-        ℓ, in symbols that have the names of coordinates, momenta, parameters, and the time.
+        ℓ, in symbols that have the names of coordinates, momenta, parameters, and the time;
+        lambda_0, lambda_1, … are multipliers of constraints at the states, as of
+        ``JointMotion.force``.
+    at_states, to_steps : callable
+        ``multipliers_at_states``, and its transpose.
     run : Trajectory
         Whose states are put in.
 
     Returns
     -------
     value, cotangents
-        Of "q" and "p" shape (rows, n), of "t" shape (rows,), and of "parameters" by name.
+        Of "q" and "p" shape (rows, n), of "t" shape (rows,), of "multipliers" in their shape, and
+        of "parameters" by name.
 
     Raises
     ------
     InputError
-        For a symbol that the system does not have, with the nearest.
+        For a symbol that the system does not have, with the nearest; for multipliers in a run that
+        has not stored every step.
     """
     e = as_expression(expression)
-    values = _values(e, run)
+    system, rows = run.manifest["system"], len(run.t)
+    columns = dict(zip(system["coordinates"], run.q.T, strict=True))
+    columns |= dict(zip(system["momenta"], run.p.T, strict=True))
+    time = system.get("time", "t")
+    forces = [f"lambda_{k}" for k in range(len(system["constraints"]))]
+    known = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
+    known |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
+    values: dict[sp.Symbol, Any] = {}
+    for symbol in sorted(e.free_symbols, key=str):
+        if str(symbol) not in known:
+            raise unknown("symbol of a loss", str(symbol), known)
+        values[symbol] = known[str(symbol)]
     walk = Evaluator(values)
-    slopes = {str(symbol): np.broadcast_to(walk(derivative(e, symbol)), run.t.shape)
-              for symbol in values}
-    return np.broadcast_to(walk(e), run.t.shape).sum(), _cotangents(run, slopes)
+
+    def of_rows(body: sp.Expr) -> Any:
+        with np.errstate(all="ignore"):  # what is not finite is refused as a cotangent
+            return np.broadcast_to(walk(body), (rows,))
+
+    slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
+    zero = 0 * run.t
+    found: dict[str, Any] = {
+        "q": np.stack([slopes.get(x, zero) for x in system["coordinates"]], axis=1),
+        "p": np.stack([slopes.get(x, zero) for x in system["momenta"]], axis=1)}
+    if {*forces} & {*slopes}:
+        w = np.stack([slopes.get(name, zero) for name in forces], axis=1)
+        found["multipliers"] = to_steps(run, w)
+    if time in slopes:
+        found["t"] = slopes[time]
+    inner = {name: slopes[name].sum() for name in run.parameters if name in slopes}
+    if inner:
+        found["parameters"] = inner
+    return of_rows(e).sum(), found
 
 
 def slopes_over_states(
@@ -50,50 +85,35 @@ def slopes_over_states(
     """Return how the cotangents of ``sum_over_states`` change along directions of the states.
 
     The function that is returned takes directions {"q", "p", "t", "parameters"} of the same shapes.
+
+    Raises
+    ------
+    InputError
+        For symbols of other numbers; multipliers have no second derivatives.
     """
     e = as_expression(expression)
-    values = _values(e, run)
+    system = run.manifest["system"]
+    time, names = system.get("time", "t"), [*system["coordinates"], *system["momenta"]]
+    known = dict(zip(names, [*run.q.T, *run.p.T], strict=True))
+    known |= {time: run.t, **run.parameters}
+    values: dict[sp.Symbol, Any] = {}
+    for symbol in sorted(e.free_symbols, key=str):
+        if str(symbol) not in known:
+            raise unknown("symbol of a loss with second derivatives", str(symbol), known)
+        values[symbol] = known[str(symbol)]
     walk = Evaluator(values)
     second = [(str(x), str(y), np.broadcast_to(walk(derivative(derivative(e, x), y)), run.t.shape))
               for x in values for y in values]
 
     def slopes(along: dict[str, Any]) -> dict[str, Any]:
-        system = run.manifest["system"]
-        moved = dict(zip(system["coordinates"], along["q"].T, strict=True))
-        moved |= dict(zip(system["momenta"], along["p"].T, strict=True))
-        moved |= {system.get("time", "t"): along["t"], **along["parameters"]}
-        found: dict[str, Any] = {}
+        moved = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
+        moved |= {time: along["t"], **along["parameters"]}
+        found = dict.fromkeys(known, 0 * run.t)
         for x, y, by_both in second:
-            found[x] = found.get(x, 0) + by_both * moved[y]
-        return _cotangents(run, found)
+            found[x] = found[x] + by_both * moved[y]
+        q, p = (np.stack([found[x] for x in system[kind]], axis=1)
+                for kind in ("coordinates", "momenta"))
+        return {"q": q, "p": p, "t": found[time],
+                "parameters": {name: found[name].sum() for name in run.parameters}}
 
     return slopes
-
-
-def _values(e: sp.Expr, run: Any) -> dict[sp.Symbol, Any]:
-    """Return the numbers of the symbols of a loss: one, or one for each stored state."""
-    system = run.manifest["system"]
-    known = {system.get("time", "t"): run.t} | dict(run.parameters)
-    known |= dict(zip(system["coordinates"], run.q.T, strict=True))
-    known |= dict(zip(system["momenta"], run.p.T, strict=True))
-    values: dict[sp.Symbol, Any] = {}
-    for symbol in sorted(e.free_symbols, key=str):
-        if str(symbol) not in known:
-            raise unknown("symbol of a loss", str(symbol), known)
-        values[symbol] = known[str(symbol)]
-    return values
-
-
-def _cotangents(run: Any, slopes: dict[str, Any]) -> dict[str, Any]:
-    """Return derivatives by the names of a run's numbers as cotangents."""
-    system, zero = run.manifest["system"], 0 * run.t
-    time = system.get("time", "t")
-    found: dict[str, Any] = {
-        "q": np.stack([slopes.get(x, zero) for x in system["coordinates"]], axis=1),
-        "p": np.stack([slopes.get(x, zero) for x in system["momenta"]], axis=1)}
-    if time in slopes:
-        found["t"] = slopes[time]
-    inner = {name: slopes[name].sum() for name in run.parameters if name in slopes}
-    if inner:
-        found["parameters"] = inner
-    return found

@@ -397,6 +397,8 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
                          "time, and give t0 at most the first of them.")
     if dt is None:
         gaps = np.diff([t0, *times])
+        if not times[-1] > t0:
+            raise InputError("All samples are at the start, from which no dt follows; give dt.")
         least = float(gaps[gaps > 0].min(initial=np.inf))
         dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / least))
     size = float(as_real("dt", dt))

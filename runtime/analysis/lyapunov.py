@@ -221,10 +221,10 @@ class Benettin:
     def _carry(self, steps: KeptSteps) -> None:
         """Advance the directions by kept steps."""
         own = self.binding.own
-        still, none = own.new(self.binding.rows, self.V.shape[1]), own.new(1)
+        still, none = own.new(self.binding.rows, self.V.shape[1]), own.new(0)
         status = self.binding.integrate_tangent(
             self.run, self._kept_run.parameters, steps, still, steps.first + steps.count + 1, none,
-            self.V)
+            none, self.V)
         if status:
             raise singular(steps.first, status)
 

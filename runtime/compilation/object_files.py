@@ -47,7 +47,7 @@ _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
 _DERIVATIVES = {"derivative_size", "keep", "frame_state", "integrate_and_keep", "tangent",
                 "adjoint", "integrate_tangent", "integrate_adjoint", "constraint_derivatives",
-                "quantities_by_state", *_BOTH}
+                "quantities_by_state", "count_switches", *_BOTH}
 #: Of the modules that are made when they are first asked for, whose text is their own.
 _LATER: dict[Part, set[str]] = {
     "derivatives": _DERIVATIVES,

@@ -68,8 +68,7 @@ class DerivativeBinding:
         In place of the start time is the time t. None where they are not generated.
         """
         own, size = self.own, self.rows - 1
-        if not any(hasattr(own.lib, f"{prefix}{own.name}_quantities_by_state")
-                   for prefix in ("", PREFIX)):
+        if not self._has("quantities_by_state"):
             return None
         count = len(own.quantity_names)
         rows, found = own.new(count, size), own.new(count, self.rows)
@@ -80,6 +79,20 @@ class DerivativeBinding:
             own.pointer(q), own.pointer(p), own.pointer(rows))
         found[:, : size - 1], found[:, -1] = rows[:, : size - 1], rows[:, -1]
         return found
+
+    def count_switches(self, run: RunArguments, parameters: Any, steps: KeptSteps) -> int:
+        """Return how many of these steps end on another side of a switch of H or the forces."""
+        own = self.own
+        if not self._has("count_switches"):
+            return 0
+        return int(own.function("count_switches")(
+            parameters, run.dt, steps.first, steps.count, own.pointer(steps.q),
+            own.pointer(steps.p)))
+
+    def _has(self, function: str) -> bool:
+        """Whether the module has a function that not all systems have."""
+        return any(hasattr(self.own.lib, f"{prefix}{self.own.name}_{function}")
+                   for prefix in ("", PREFIX))
 
     def begin(self, run: RunArguments) -> KeptRun:
         """Return a run to be kept, at its start."""
@@ -95,49 +108,63 @@ class DerivativeBinding:
             count, own.pointer(q), own.pointer(p), own.pointer(x), run.report, run.work))
 
     def tangent(
-        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, dz: Array
+        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, dz: Array,
+        multipliers: Array,
     ) -> tuple[int, Array]:
-        """Return the status and the directions of the end, rows q and p, a column each."""
+        """Return the status and the directions of the end, rows q and p, a column each.
+
+        ``multipliers`` gets those of the multipliers, unless it is empty.
+        """
         own, (memory, _keep) = self.own, self.memory()
         ends = own.new(2 * self.n, dz.shape[1])
         status = own.function("tangent")(
             parameters, dt, own.pointer(q), own.pointer(p), own.pointer(x), dz.shape[1],
-            own.pointer(dz), own.pointer(ends), memory)
+            own.pointer(dz), own.pointer(ends), own.pointer(multipliers), memory)
         return int(status), ends
 
     def adjoint(
-        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, w: Array
+        self, parameters: Any, dt: Any, q: Array, p: Array, x: Array, w: Array, multipliers: Array
     ) -> tuple[int, Array]:
-        """Return the status and the cotangent of the start, of that of the end."""
+        """Return the status and the cotangent of the start.
+
+        ``w`` is that of the end, ``multipliers`` that of the multipliers, or empty.
+        """
         own, (memory, _keep) = self.own, self.memory()
         z_bar = own.new(self.rows)
         status = own.function("adjoint")(
             parameters, dt, own.pointer(q), own.pointer(p), own.pointer(x), own.pointer(w),
-            own.pointer(z_bar), memory)
+            own.pointer(multipliers), own.pointer(z_bar), memory)
         return int(status), z_bar
 
     def integrate_tangent(
         self, run: RunArguments, parameters: Any, steps: KeptSteps, dz: Array, every: int,
-        rows: Array, tangents: Array,
+        rows: Array, multipliers: Array, tangents: Array,
     ) -> int:
-        """Advance ``tangents`` by kept steps; each ``every``-th state has a row in ``rows``."""
+        """Advance ``tangents`` by kept steps; each ``every``-th state has a row in ``rows``.
+
+        ``multipliers`` gets those of each step, unless it is empty.
+        """
         own, (memory, _keep) = self.own, self.memory()
         return int(own.function("integrate_tangent")(
             parameters, *own._fed(run.inputs)[:2], run.dt, steps.first, steps.count,
             own.pointer(steps.q), own.pointer(steps.p), own.pointer(steps.x), dz.shape[1],
-            own.pointer(dz), every, own.pointer(rows), own.pointer(tangents), memory))
+            own.pointer(dz), every, own.pointer(rows), own.pointer(multipliers),
+            own.pointer(tangents), memory))
 
     def integrate_adjoint(
         self, run: RunArguments, parameters: Any, steps: KeptSteps, cotangents: Array, every: int,
-        w: Array, z_bar: Array, inputs_bar: Array,
+        multipliers: Array, w: Array, z_bar: Array, inputs_bar: Array,
     ) -> int:
-        """Take ``w`` backwards through kept steps and add to ``z_bar``."""
+        """Take ``w`` backwards through kept steps and add to ``z_bar``.
+
+        ``multipliers`` has the cotangents of the multipliers of each step, or is empty.
+        """
         own, (memory, _keep) = self.own, self.memory()
         fed = [*own._fed(run.inputs)[:2], own.pointer(inputs_bar)] if own.input_names else []
         return int(own.function("integrate_adjoint")(
             parameters, *fed, run.dt, steps.first, steps.count, own.pointer(steps.q),
             own.pointer(steps.p), own.pointer(steps.x), own.pointer(cotangents), every,
-            own.pointer(w), own.pointer(z_bar), memory))
+            own.pointer(multipliers), own.pointer(w), own.pointer(z_bar), memory))
 
 
 class KeptRun:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.errors import InputError
+
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
     from ..tuning.manifest_symmetries import Symmetry
@@ -44,11 +46,31 @@ class FrameMotion:
         self._sum = own.new(2 * n, 2 * n)
         for field, symmetry in zip(self._fields, symmetries, strict=True):
             self._sum += field * run.parameters[symmetry.name]
-        self._new = own.new
+        self._new, self._binding = own.new, binding
 
     def matrix(self, k: int) -> Array:
         """Return S after k steps."""
         return self._exponential(self._sum * (k * self.dt))
+
+    def refuse_rotating_multipliers(self, run: RunArguments) -> None:
+        """Refuse a frame in which constraints turn, G(S q) S ≠ G(q), and multipliers with them.
+
+        Raises
+        ------
+        InputError
+            For such a frame.
+        """
+        n = self.n
+        parameters = self._binding.own.parameters(run.parameters, run.t0)
+        G = self._binding.constraint_derivatives(parameters, run.q, run.p)[0][:, :n]
+        for field in self._fields:
+            S = self._exponential(field / 2)
+            z = S @ np.concatenate([run.q, run.p])
+            turned = self._binding.constraint_derivatives(
+                parameters, z[:n].copy(), z[n:].copy())[0][:, :n] @ S[:n, :n]
+            if float(np.abs(turned - G).max()) > 1e-6 * float(np.abs(G).max()):
+                raise InputError("Multipliers turn with this co-moving frame and have no "
+                                 "derivatives in it; take a stepper without frame.")
 
     def in_space(self, k: int, z: Array, dz: Array, tangents: Array) -> tuple[Array, Array]:
         """Return a state z of the frame after k steps, and directions there, in space.

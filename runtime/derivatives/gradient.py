@@ -19,17 +19,19 @@ from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
 from ...core.errors import InputError
+from ...core.exact_numbers import exact
 from ...core.registry import function_of
-from ...core.warnings import warn
-from ..bindings.array_checks import as_numbers
+from ..bindings.array_checks import as_numbers, as_real
 from ..integration.run_arguments import RunArguments
+from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
 from .binding import KeptSteps
 from .frame import FrameMotion
-from .kept_steps import refuse_run, singular, split
+from .kept_steps import multiplier_shape, refuse_run, singular, split, warn_of_growth, warn_of_jumps
 from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
 if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
 __all__ = ["Cotangents", "Gradient", "as_bytes", "cotangents_of", "gradient_of", "names_of"]
@@ -60,6 +62,10 @@ class Gradient:
         By the inputs of each step, where there are inputs.
     wrt : tuple of str
         What was asked for; ``gradient[name]`` gives one of them, or any parameter, dt or t0.
+    switched_steps : int
+        Steps that end on another side of a switch of H or the forces (``Piecewise``, abs(x)) than
+        they begin. Derivatives are those of the sides that their stages are on; where a force
+        jumps, they are those of the discrete run, and not of the motion.
     """
 
     value: Any
@@ -70,6 +76,24 @@ class Gradient:
     inputs: Array
     wrt: tuple[str, ...]
     _numbers: dict[str, Any]
+    switched_steps: int = 0
+
+    @classmethod
+    def of_cotangent(
+        cls, space: TangentSpace, z_bar: Array, wrt: tuple[str, ...], value: Any = None,
+        inputs: Array | None = None, switched_steps: int = 0,
+    ) -> Gradient:
+        """Return the gradient of the cotangent of all rows of a direction at the start.
+
+        ``inputs`` are those of each step; by default of one step, whose inputs are parameters.
+        """
+        own, n = space.binding.own, space.n
+        z_bar = space.pulled_back(z_bar)
+        names = [*own.parameter_names, "dt", "t0"]
+        if inputs is None:
+            inputs = z_bar[[2 * n + names.index(u) for u in own.input_names]][None]
+        return cls(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs, wrt,
+                   dict(zip(names, z_bar[2 * n :].tolist(), strict=True)), switched_steps)
 
     def __repr__(self) -> str:
         value = "" if self.value is None else f" of a function with the value {self.value:.6g}"
@@ -111,7 +135,10 @@ def names_of(stepper: Stepper, wrt: str | Sequence[str] | None) -> tuple[str, ..
     if wrt is None:
         return ("start", *dict.fromkeys(parameters))
     names = (wrt,) if isinstance(wrt, str) else tuple(as_items("wrt", wrt, "names"))
-    allowed = [*dict.fromkeys(parameters), "start", "q", "p", "dt", "t0", "inputs"]
+    if not names:
+        raise InputError("wrt is empty; give names, such as [\"start\"], or leave it out.")
+    inputs = ["inputs"] if stepper.binding.input_names else []
+    allowed = [*dict.fromkeys(parameters), "start", "q", "p", "dt", "t0", *inputs]
     for name in names:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in wrt", name, allowed)
@@ -143,20 +170,24 @@ class Cotangents:
     ----------
     rows, times : array, shapes (rows, 2 n) and (rows,)
         Of the states after whole steps that the run stores.
-    points : list of (Point, array of shape (2 n,), number)
+    multipliers : array, shape (rows, multipliers of a step)
+        By the multipliers of the steps that end at these states; empty if it has none of them.
+    points : list of (Point, array of shape (2 n,), number, array or None)
         The same of states within steps.
     """
 
     rows: Array
     times: Array
-    points: list[tuple[Point, Array, Any]]
+    multipliers: Array
+    points: list[tuple[Point, Array, Any, Array | None]]
     #: Its derivatives by parameters at fixed states.
     parameters: Mapping[str, Any]
 
     @property
     def size(self) -> float:
         """Their norm."""
-        parts = [self.rows.ravel(), *(w for _, w, _ in self.points)]
+        parts = [self.rows.ravel(), self.multipliers.ravel(), *(w for _, w, *_ in self.points),
+                 *(forces for *_, forces in self.points if forces is not None)]
         return float(np.linalg.norm(np.concatenate(parts).astype(float)))
 
 
@@ -175,18 +206,42 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, given: Mapping[str, Any]) ->
     for name in parameters:
         if name not in stepper.binding.parameter_names:
             raise unknown("parameter", name, stepper.binding.parameter_names)
+    parameters = {name: as_real(f"The cotangent of {name}", slope, stepper.binding.number)
+                  for name, slope in parameters.items()}
     own = {name: array for name, array in given.items() if name not in ("events", "parameters")}
     w, s = _arrays(stepper, of_steps + len(kinds.points), own, "")
-    rows, times = stepper.binding.new(kinds.run.rows + 1, 2 * n), stepper.binding.new(
-        kinds.run.rows + 1)
+    forces = _of_multipliers(stepper, of_steps + len(kinds.points), own)
+    new, count = stepper.binding.new, kinds.run.rows + 1
+    rows, times = new(count, 2 * n), new(count)
     rows[:of_steps], times[:of_steps] = w[:of_steps], s[:of_steps]
-    points = list(zip(kinds.points, w[of_steps:], s[of_steps:], strict=True))
+    multipliers = new(count if len(forces) else 0, stepper.binding.multipliers)
+    multipliers[:of_steps] = forces[:of_steps]
+    points: list[tuple[Point, Array, Any, Array | None]] = list(zip(
+        kinds.points, w[of_steps:], s[of_steps:],
+        forces[of_steps:] if len(forces) else [None] * len(kinds.points), strict=True))
     for name, parts in as_mapping("events", events, "{'x': {'t': 1.0}}").items():
-        choose("event", name, [*kinds.events, *kinds.refused])
+        known = [*kinds.events, *kinds.refused]
+        if not known:
+            raise InputError(f"There are cotangents of the event {name!r}, and this run has no "
+                             "events; leave them out.")
+        choose("event", name, known)
         at = kinds.event(name)
         w, s = _arrays(stepper, len(at), parts, f" at the event {name}")
-        points += zip(at, w, s, strict=True)
-    return Cotangents(rows, times, points, parameters)
+        points += zip(at, w, s, [None] * len(at), strict=True)
+    return Cotangents(rows, times, multipliers, points, parameters)
+
+
+def _of_multipliers(stepper: Stepper, rows: int, given: Mapping[str, Any]) -> Array:
+    """Return the cotangents of multipliers, a row for each state; empty if there are none.
+
+    The first state is the end of no step: its row is 0.
+    """
+    binding = stepper.binding
+    if "multipliers" not in given:
+        return binding.new(0, binding.multipliers)
+    made = binding.new(rows, *multiplier_shape(stepper))
+    _fill("multipliers", given["multipliers"], made[1:], "", "step that is stored")
+    return made.reshape(rows, -1)
 
 
 def _arrays(
@@ -196,19 +251,25 @@ def _arrays(
     n, own = stepper.n, stepper.binding
     made, times = own.new(rows, 2 * n), own.new(rows)
     for name, array in as_mapping("cotangents", given, "{'q': ...}").items():
+        if not where and name == "multipliers":
+            continue
         if name not in ("q", "p", "t"):
-            raise unknown("kind of cotangents", name,
-                          ["q", "p", "t", *(() if where else ("events", "parameters"))])
+            raise unknown("kind of cotangents", name, ["q", "p", "t", *(
+                () if where else ("multipliers", "events", "parameters"))])
         part = {"q": made[:, :n], "p": made[:, n:], "t": times}[name]
-        numbers, inner = as_numbers(f"cotangents of {name}", array), part.shape[1:]
-        if not np.isfinite(numbers.astype(float)).all():
-            raise InputError(f"The cotangents of {name} are not finite; give numbers.")
-        if numbers.shape not in (inner, (rows, *inner)) or (numbers.shape == inner and not rows):
-            raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
-                             f"give {(rows, *inner)}, a row for each state, or {inner} for the "
-                             "last.")
-        part[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
+        _fill(name, array, part, where, "state")
     return made, times
+
+
+def _fill(name: str, array: Any, part: Array, where: str, row: str) -> None:
+    """Put cotangents of rows, or of the last one alone, into ``part``."""
+    numbers, inner = as_numbers(f"cotangents of {name}", array), part.shape[1:]
+    if not np.isfinite(numbers.astype(float)).all():
+        raise InputError(f"The cotangents of {name} are not finite; give numbers.")
+    if numbers.shape not in (inner, part.shape) or (numbers.shape == inner and not len(part)):
+        raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
+                         f"give {part.shape}, a row for each {row}, or {inner} for the last.")
+    part[slice(-1, None) if numbers.shape == inner else slice(None)] = numbers
 
 
 def gradient_of(
@@ -234,6 +295,8 @@ def gradient_of(
     rows, points = cotangents.rows, cotangents.points
     steps_of_points = np.array([point.step for point, *_ in points], int)
     frame = FrameMotion(binding, stepper.symmetries, run)
+    if len(cotangents.multipliers) or any(forces is not None for *_, forces in points):
+        frame.refuse_rotating_multipliers(run)
     z_bar = binding.own.new(binding.rows)
     for name, slope in cotangents.parameters.items():
         z_bar[2 * n + names.index(name)] = slope
@@ -259,16 +322,19 @@ def gradient_of(
         return found[: 2 * n]
 
     w: Array | None = None
+    switched = 0
     for piece in backwards(stepper, run, as_bytes(memory), end):
+        switched += binding.count_switches(run, parameters, piece)
         for steps in reversed(split(piece, np.unique(steps_of_points))):
             last = steps.first + steps.count
             if w is None:
                 w = _of_frame(frame, steps, last, rows[-1] + of_points(
                     last, steps.q[-1], steps.p[-1]), z_bar)
             here = _of_stored(frame, run, steps, rows, z_bar)
+            forces = _of_steps(stepper, run, steps, cotangents.multipliers)
             own_bar = binding.own.new(steps.count if len(inputs_bar) else 0, len(fed))
-            status = binding.integrate_adjoint(run, parameters, steps, here, run.every, w, z_bar,
-                                               own_bar)
+            status = binding.integrate_adjoint(run, parameters, steps, here, run.every, forces, w,
+                                               z_bar, own_bar)
             if status:
                 raise singular(steps.first, status)
             if len(inputs_bar):
@@ -279,14 +345,14 @@ def gradient_of(
     if w is None:
         w = rows[0] + of_points(0, run.q, run.p)
     z_bar[: 2 * n] = w
-    _warn_of_growth(stepper, w, cotangents.size)
+    if cotangents.size > 0:
+        warn_of_growth(stepper, "On its way to the start the cotangent has",
+                       float(np.linalg.norm(w.astype(float))) / cotangents.size)
     space = TangentSpace(binding, parameters, run.q, run.p, stepper.constraint_names)
-    z_bar = space.pulled_back(z_bar)
-    numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
-    if run.inputs is not None:
-        inputs_bar = _held(inputs_bar, run)
-    return Gradient(value, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals, inputs_bar,
-                    wrt, numbers)
+    warn_of_jumps(stepper, switched)
+    return Gradient.of_cotangent(
+        space, z_bar, wrt, value, inputs_bar if run.inputs is None else _held(inputs_bar, run),
+        switched)
 
 
 def _of_frame(
@@ -316,6 +382,17 @@ def _of_stored(
     return here
 
 
+def _of_steps(stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array) -> Array:
+    """Return the cotangents of the multipliers of each of these steps; empty if there are none."""
+    found: Array = stepper.binding.new(
+        steps.count if len(multipliers) else 0, stepper.binding.multipliers)
+    if len(multipliers):
+        ends = run.steps_of_rows(run.steps) - steps.first
+        stored = (ends > 0) & (ends <= steps.count)
+        found[ends[stored] - 1] = multipliers[stored]
+    return found
+
+
 def _held(inputs_bar: Array, run: RunArguments) -> Array:
     """Return the sums over the steps that each row of inputs is held for."""
     hold = run.inputs.hold if run.inputs is not None else 1
@@ -325,15 +402,6 @@ def _held(inputs_bar: Array, run: RunArguments) -> Array:
     starts = np.arange(0, len(inputs_bar), hold)
     found: Array = np.add.reduceat(inputs_bar, starts, axis=0) if len(starts) else inputs_bar
     return found
-
-
-def _warn_of_growth(stepper: Stepper, w: Array, last: float) -> None:
-    growth = float(np.linalg.norm(w.astype(float))) / last if last > 0 else 0.0
-    lost = growth * float(stepper.binding.epsilon)
-    if lost > 1e-3:
-        warn(f"The cotangent has grown {growth:.1e} times on its way to the start: this gradient "
-             f"has at most {max(0, -int(math.log10(lost))):d} digits. Take a shorter run, or "
-             "real=\"float128\".")
 
 
 # ------------------------------------------------------------------ the steps, from the last on
@@ -424,10 +492,30 @@ def _reversed(
                      "memory=\"256 MB\", and the steps are kept")
 
 
+def value_of(loss: Callable[..., Any], run: Trajectory) -> tuple[Any, Mapping[str, Any]]:
+    """Return the value of a loss and its cotangents.
+
+    Raises
+    ------
+    InputError
+        Where it returns anything but a number and cotangents.
+    """
+    found = loss(run)
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise InputError(f"The loss returned {shown(found)}; return its value and a dict of "
+                         "cotangents, {'q': ..., 'p': ...}.")
+    value, cotangents = found
+    if np.ndim(value) or exact(getattr(value, "item", lambda: value)()) is None:
+        raise InputError(f"The loss returned the value {shown(value)}; return a number and a dict "
+                         "of cotangents.")
+    return value, as_mapping("the cotangents of the loss", cotangents, "{'q': ...}")
+
+
 def loss_of(loss: Any) -> Callable[..., Any]:
     """Return a function of a run that gives its value and cotangents."""
     if hasattr(loss, "free_symbols"):  # an expression of SymPy
-        return partial(function_of("generator.systems.run_functions", "sum_over_states"), loss)
+        return partial(function_of("generator.systems.run_functions", "sum_over_states"), loss,
+                       multipliers_at_states, cotangents_of_multipliers)
     if not callable(loss):
         raise InputError(f"loss = {shown(loss)} is no function; give an expression of SymPy, or a "
                          "function of a trajectory that returns its value and a dict of "

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import GyrosparkError, InputError
+from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
 from .binding import KeptSteps
 from .frame import FrameMotion
@@ -17,12 +18,15 @@ from .frame import FrameMotion
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["SingleStep", "pieces", "refuse_run", "singular", "split"]
+__all__ = ["SingleStep", "multiplier_shape", "pieces", "refuse_run", "singular", "split",
+           "warn_of_growth", "warn_of_jumps"]
 
 Array = NDArray[Any]
 
 #: Steps that are kept at a time.
 _PIECE = 512
+#: Growth beyond which a derivative has lost its digits, in 1/ε.
+_LOST = 1e-3
 
 
 def pieces(stepper: Stepper, run: RunArguments, kept: Any) -> Iterator[KeptSteps]:
@@ -58,11 +62,44 @@ def refuse_run(run: RunArguments) -> None:
                          "derivatives are those of the equations; leave tolerance out.")
 
 
+def multiplier_shape(stepper: Stepper) -> tuple[int, ...]:
+    """Return the shape of a step's multipliers.
+
+    Raises
+    ------
+    InputError
+        Where the system has no constraints.
+    """
+    if not stepper.m:
+        raise InputError("Derivatives of multipliers are asked for, and this system has no "
+                         "constraints; leave multipliers out.")
+    nodes = stepper.binding.multipliers // stepper.m
+    return (nodes, stepper.m) if stepper.m > 1 else (nodes,)
+
+
 def singular(step: int, status: int) -> GyrosparkError:
     """Return the error of a step whose equations cannot be linearised."""
     why = {2: "is singular", 3: "is not finite"}.get(status, f"fails with status {status}")
     return GyrosparkError(f"The Jacobian of a step from step {step} on {why}, so that there are no "
                           "derivatives; take a smaller dt.")
+
+
+def warn_of_growth(stepper: Stepper, what: str, growth: float) -> None:
+    """Warn where derivatives have grown by so much that few of their digits are left."""
+    lost = growth * float(stepper.binding.epsilon)
+    if lost > _LOST:
+        warn(f"{what} grown {growth:.1e} times: of these derivatives at most "
+             f"{max(0, -int(np.log10(lost))):d} digits are left. Take a shorter run, or "
+             "real=\"float128\".")
+
+
+def warn_of_jumps(stepper: Stepper, switched: int) -> None:
+    """Warn where steps cross places where forces jump."""
+    jumps = stepper.manifest["system"].get("jumps")
+    if switched and jumps:
+        warn(f"{switched:,} steps end on another side of a switch than they begin, and forces jump "
+             f"at {jumps}: these derivatives are those of the discrete run, and lack what the time "
+             "of a jump contributes.")
 
 
 class SingleStep:
@@ -88,25 +125,35 @@ class SingleStep:
         self.end = (self._frame.matrix(1) @ self._in_frame if self._frame.moves
                     else self._in_frame.copy())
 
-    def tangent(self, dz: Array) -> Array:
-        """Return the directions of the end, shape (2 n, k), of directions of all rows."""
-        run = self._run
+    def tangent(self, dz: Array, multipliers: bool = False) -> Array:
+        """Return the directions of the end, shape (2 n, k), of directions of all rows.
+
+        Those of the multipliers follow, if they are wanted.
+        """
+        run, own = self._run, self._binding.own
+        forces = own.new(own.multipliers if multipliers else 0, dz.shape[1])
         status, made = self._binding.tangent(
-            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz))
+            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz), forces)
         if status:
             raise singular(0, status)
         if self._frame.moves:
             made = (self._frame.matrix(1) @ made
                     + self._frame.own_derivatives(1, self._in_frame) @ dz)
-        return made
+        whole: Array = np.concatenate([made, forces])
+        return whole
 
-    def adjoint(self, w: Array) -> Array:
-        """Return the cotangent of all rows, of the cotangent w of the end."""
+    def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
+        """Return the cotangent of all rows, of those of the end, w, and of the multipliers."""
         run, whole = self._run, w
+        if multipliers is None:
+            multipliers = self._binding.own.new(0)
+        else:
+            self._frame.refuse_rotating_multipliers(run)
         if self._frame.moves:
             w = self._frame.matrix(1).T @ w
         status, z_bar = self._binding.adjoint(
-            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(w))
+            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(w),
+            multipliers)
         if status:
             raise singular(0, status)
         if self._frame.moves:

@@ -205,36 +205,41 @@ def single_step(
 
 
 def tangent_at(
-    stepper: Stepper, run: RunArguments, point: Point, z: Array, dz: Array
+    stepper: Stepper, run: RunArguments, point: Point, z: Array, dz: Array,
+    multipliers: bool = False,
 ) -> tuple[Array, Array]:
     """Return the directions of a point, shape (2 n, k), and of its time, shape (k,).
 
-    ``dz`` has all rows, of which q and p are those of the state z before, both in space.
+    ``dz`` has all rows, of which q and p are those of the state z before, both in space. Directions
+    of the multipliers of its step follow, if they are wanted; at the start of a run they are 0.
     """
     n, count = stepper.n, dz.shape[1]
     if point.tau is None:
-        return dz[: 2 * n].copy(), dz[-1].copy()
+        none = stepper.binding.new(stepper.binding.multipliers if multipliers else 0, count)
+        return np.concatenate([dz[: 2 * n], none]), dz[-1].copy()
     here = stepper.binding.new(len(dz), count + 1)
     here[:, :count] = dz
     here[-2] = 0
     here[-1, :count] += point.step * dz[-2]
     here[-2, count] = 1
-    made = single_step(stepper, run, point, z).tangent(here)
+    made = single_step(stepper, run, point, z).tangent(here, multipliers)
     Z, v, dt = made[:, :count], made[:, count], here[-1, :count]
     if point.normal is None:
         d_tau = -dt
     else:
-        whole = np.concatenate([Z, here[2 * n :, :count]])
-        d_tau = -(point.normal @ whole) / _rate(point, v)
+        whole = np.concatenate([Z[: 2 * n], here[2 * n :, :count]])
+        d_tau = -(point.normal @ whole) / _rate(point, v[: 2 * n])
     return Z + v[:, None] * d_tau, dt + d_tau
 
 
 def cotangent_at(
-    stepper: Stepper, run: RunArguments, point: Point, z: Array, w: Array, s: Any
+    stepper: Stepper, run: RunArguments, point: Point, z: Array, w: Array, s: Any,
+    multipliers: Array | None = None,
 ) -> Array:
     """Return the cotangent of all rows, of those of the point, w, and of its time, s.
 
-    Its rows q and p are those of the state z before, in space.
+    Its rows q and p are those of the state z before, in space. ``multipliers`` is the cotangent of
+    the multipliers of the step that leads to the point.
     """
     if point.tau is None:
         found = stepper.binding.new(stepper.derivative_binding.rows)
@@ -243,15 +248,16 @@ def cotangent_at(
         return found
     step = single_step(stepper, run, point, z)
     if point.normal is None:
-        found = step.adjoint(w)
+        found = step.adjoint(w, multipliers)
         of_start = found[-1] - found[-2]
     else:
         unit = stepper.binding.new(stepper.derivative_binding.rows, 1)
         unit[-2] = 1
-        v = step.tangent(unit)[:, 0]
-        pull = point.normal * ((w @ v + s) / _rate(point, v))
-        found = step.adjoint(w - pull[: len(w)])
-        found[len(w) :] -= pull[len(w) :]
+        v = step.tangent(unit, multipliers is not None)[:, 0]
+        whole = w if multipliers is None else np.concatenate([w, multipliers])
+        of_tau = point.normal * ((whole @ v + s) / _rate(point, v[: len(w)]))
+        found = step.adjoint(w - of_tau[: len(w)], multipliers)
+        found[len(w) :] -= of_tau[len(w) :]
         of_start = found[-1] + s
     found[-2:] = point.step * of_start, of_start
     return found

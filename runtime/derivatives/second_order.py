@@ -158,6 +158,9 @@ def hessian_of(
         As the run itself does.
     """
     refuse_run(run)
+    if cotangents.multipliers.size:
+        raise InputError("A Hessian is of states, and this function depends on multipliers, which "
+                         "have first derivatives alone; leave them out.")
     if cotangents.points:
         raise InputError("A Hessian is of states at the ends of steps, and this function depends "
                          "on states within them; give cotangents of rows alone.")
@@ -183,7 +186,8 @@ def hessian_of(
         for block, start in zip(reversed(blocks), reversed(starts), strict=True):
             rows = own.new(block.count, 2 * n)
             tangent = start[:, j : j + 1].copy()  # is advanced
-            first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows, tangent)
+            first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
+                                    own.new(0), tangent)
             rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
             here = tuple(_stored(run, block, part.rows) for part in (cotangents, moved))
             inputs = tuple(own.new(block.count, len(own.input_names)) for _ in range(3))
@@ -258,7 +262,7 @@ def _tangents(
         stored = (block.first + block.count) // run.every - block.first // run.every
         rows = own.new(stored, size, count)
         status = first.integrate_tangent(run, parameters, block, np.ascontiguousarray(D),
-                                         run.every, rows, tangents)
+                                         run.every, rows, own.new(0), tangents)
         if status:
             raise singular(block.first, status)
         parts.append(rows)

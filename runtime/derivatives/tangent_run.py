@@ -11,11 +11,18 @@ from numpy.typing import NDArray
 
 from ...core.arguments import shown
 from ...core.errors import InputError
-from ...core.warnings import warn
 from ..integration.run_arguments import RunArguments
 from ..results.tangent_rows import EventTangents, TangentRows
 from .frame import FrameMotion
-from .kept_steps import pieces, refuse_run, singular, split
+from .kept_steps import (
+    multiplier_shape,
+    pieces,
+    refuse_run,
+    singular,
+    split,
+    warn_of_growth,
+    warn_of_jumps,
+)
 from .points import Point, RunRows, rows_of, tangent_at
 from .tangent_space import Start, Tangents, TangentSpace
 
@@ -23,16 +30,9 @@ if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
-__all__ = [
-    "tangents_of",
-    "warn_of_growth",
-    "with_tangents",
-]
+__all__ = ["tangents_of", "with_tangents"]
 
 Array = NDArray[Any]
-
-#: Growth beyond which a derivative has lost its digits, in 1/ε.
-_LOST = 1e-3
 
 
 def tangents_of(
@@ -70,7 +70,8 @@ def with_tangents(stepper: Stepper, wanted: Any, found: Trajectory) -> Trajector
         if why:
             refused[name] = why[0]
         else:
-            made[name] = own.of_others(*_stacked(whole, q[part], t[part]))
+            states, of_times = _stacked(whole, q[part], t[part])
+            made[name] = own.of_others(states[:, : len(whole.start)], of_times)
     return replace(found, tangents=replace(own, events=EventTangents(made, refused)))
 
 
@@ -80,15 +81,16 @@ def _of_rows(rows: RunRows, whole: TangentRows, q: list[Any], t: list[Any]) -> t
     for error in q[:count]:
         if isinstance(error, InputError):
             raise error
-    of_steps = np.concatenate([whole.q, whole.p], axis=1)[: len(rows.of_steps)]
+    of_steps = whole.together()[: len(rows.of_steps)]
     made, times = _stacked(whole, q[:count], t[:count])
     return (np.concatenate([of_steps, made]),
             np.concatenate([whole.t[: len(of_steps)], times]))
 
 
 def _stacked(whole: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:
-    rows, k = whole.start.shape
-    made, times = (np.zeros((len(q), *shape), whole.q.dtype) for shape in ((rows, k), (k,)))
+    shape = whole.together().shape[1:]
+    made, times = np.zeros((len(q), *shape), whole.q.dtype), np.zeros(
+        (len(q), shape[1]), whole.q.dtype)
     for i, (row, time) in enumerate(zip(q, t, strict=True)):
         made[i], times[i] = row, time
     return made, times
@@ -115,17 +117,23 @@ def _followed(
         dz, names = np.ascontiguousarray(start.directions), start.names
     else:
         dz, names = wanted._directions, wanted.names
-    count = dz.shape[1]
+    asked = (wanted.multipliers if isinstance(wanted, Tangents)
+             else wanted.multipliers is not None)
+    count, inner = dz.shape[1], multiplier_shape(stepper) if asked else None
     tangents = dz[: 2 * n].copy()
-    made = own.new(run.rows + 1, 2 * n, count)
-    made[0] = tangents
     frame = FrameMotion(binding, stepper.symmetries, run)
+    if inner is not None:
+        frame.refuse_rotating_multipliers(run)
+    width = 0 if inner is None else own.multipliers
+    made = own.new(run.rows + 1, 2 * n + width, count)
+    made[0, : 2 * n] = tangents
+    ends = run.steps_of_rows(run.steps)
     found: list[Any] = [None] * len(points)
     times: list[Any] = [None] * len(points)
     steps_of_points = np.array([point.step for point in points], int)
 
-    def look(step: int, q: Array, p: Array) -> None:
-        """Find the points after so many steps, from the state (q, p) of the frame there."""
+    def differentiate_points(step: int, q: Array, p: Array) -> None:
+        """Differentiate the points after so many steps, where (q, p) is the state of the frame."""
         chosen = np.flatnonzero(steps_of_points == step)
         if not len(chosen):
             return
@@ -133,30 +141,40 @@ def _followed(
         z, here[: 2 * n] = frame.in_space(step, z, dz, tangents)
         for i in chosen.tolist():
             try:
-                found[i], times[i] = tangent_at(stepper, run, points[i], z, here)
+                found[i], times[i] = tangent_at(stepper, run, points[i], z, here, width > 0)
             except InputError as error:
                 found[i] = error
 
     at, last = np.unique(steps_of_points), (run.q, run.p)
+    switched = 0
     for piece in pieces(stepper, run, kept_run):
+        switched += binding.count_switches(run, kept_run.parameters, piece)
         for steps in split(piece, at):
-            look(steps.first, steps.q[0], steps.p[0])
+            differentiate_points(steps.first, steps.q[0], steps.p[0])
             first, end = steps.first // run.every, steps.first + steps.count
             rows = own.new(end // run.every - first, 2 * n, count)
+            forces = own.new(steps.count if width else 0, width, count)
             status = binding.integrate_tangent(run, kept_run.parameters, steps, dz, run.every,
-                                               rows, tangents)
+                                               rows, forces, tangents)
             if status:
                 raise singular(steps.first, status)
             for i, row in enumerate(rows):
                 k = (first + 1 + i) * run.every
-                made[first + 1 + i] = _in_space(frame, k, steps, row, dz)
+                made[first + 1 + i, : 2 * n] = _in_space(frame, k, steps, row, dz)
             if end == run.steps and run.steps % run.every:
-                made[-1] = _in_space(frame, run.steps, steps, tangents, dz)
+                made[-1, : 2 * n] = _in_space(frame, run.steps, steps, tangents, dz)
+            if width:
+                here = (ends > steps.first) & (ends <= end)
+                made[here, 2 * n :] = forces[ends[here] - 1 - steps.first]
             last = steps.q[-1], steps.p[-1]
-    look(run.steps, *last)
-    warn_of_growth(stepper, made[-1], dz[: 2 * n], names)
+    differentiate_points(run.steps, *last)
+    warn_of_growth(stepper, "Directions of the start have", _growth(names, dz[: 2 * n],
+                                                                    made[-1, : 2 * n]))
     of_times = dz[-1] + np.outer(run.steps_of_rows(run.steps), dz[-2])
-    return TangentRows(made[:, :n], made[:, n:], names, dz[: 2 * n], of_times, dz), found, times
+    warn_of_jumps(stepper, switched)
+    of_steps = None if inner is None else made[1:, 2 * n :].reshape(-1, *inner, count)
+    return TangentRows(made[:, :n], made[:, n : 2 * n], names, dz[: 2 * n], of_times, dz,
+                       multipliers=of_steps, switched_steps=switched), found, times
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:
@@ -164,14 +182,8 @@ def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> 
     return frame.in_space(k, z, dz, row)[1]
 
 
-def warn_of_growth(stepper: Stepper, end: Array, start: Array, names: list[str]) -> None:
-    """Warn where the tangents of the start have grown by more than their digits."""
+def _growth(names: list[str], start: Array, end: Array) -> float:
+    """Return by how much the longest of the directions of the start has grown."""
     own = [k for k, name in enumerate(names) if name.startswith("start[")]
-    if not own:
-        return
     before, after = (np.linalg.norm(x[:, own].astype(float), axis=0) for x in (start, end))
-    growth = float((after / np.where(before > 0, before, 1)).max())
-    if growth * float(stepper.binding.epsilon) > _LOST:
-        warn(f"Directions of the start have grown {growth:.1e} times: of these derivatives at most "
-             f"{max(0, -int(np.log10(growth * float(stepper.binding.epsilon)))):d} digits are "
-             "left. Take a shorter run, or real=\"float128\".")
+    return float((after / np.where(before > 0, before, 1)).max(initial=0))

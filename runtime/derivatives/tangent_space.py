@@ -49,6 +49,8 @@ class Tangents:
     project : bool
         Project given directions onto the tangent space, which else are refused where they leave
         it.
+    multipliers : bool
+        Whether the multipliers of the stored steps are differentiated too.
     """
 
     start: Any = "all"
@@ -56,6 +58,7 @@ class Tangents:
     dt: bool = False
     t0: bool = False
     project: bool = False
+    multipliers: bool = False
 
     def __post_init__(self) -> None:
         """Check the flags and the names.
@@ -65,7 +68,7 @@ class Tangents:
         InputError
             Naming the value and what is allowed.
         """
-        for name in ("dt", "t0", "project"):
+        for name in ("dt", "t0", "project", "multipliers"):
             as_flag(name, getattr(self, name))
         names = self.parameters
         if isinstance(names, str):
@@ -106,7 +109,7 @@ class TangentSpace:
         return found
 
     def pulled_back(self, z_bar: Array) -> Array:
-        """Return the transpose of ``projected`` applied to a cotangent."""
+        """Return the transpose of ``projected`` applied to a cotangent, or to columns of them."""
         n, found = self.n, z_bar.copy()
         if not len(self.g):
             return found

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["between", "epsilon_of_times", "partial_steps", "places_of", "refuse_forgotten",
-           "run_together", "stored_steps_at"]
+           "refuse_of_another", "run_together", "stored_steps_at"]
 
 Array = NDArray[Any]
 
@@ -65,7 +65,7 @@ def _states_at(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike,
     fill: Callable[[EnsembleStates], None],
 ) -> Trajectory:
-    _refuse_of_another(stepper, trajectory)
+    refuse_of_another(stepper, trajectory)
     refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
     at = places_of(stepper, trajectory.t, trajectory.dt, t)
@@ -234,7 +234,7 @@ def refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
                          "that integrate returned.")
 
 
-def _refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
+def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
     """Refuse a trajectory that another stepper made, or another version of this one."""
     here, there = stepper.manifest, trajectory.manifest
     named = ("name", "real", "system", "scheme")

@@ -18,7 +18,7 @@ from .body_motion import turned
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["JointMotion", "multipliers_at_states"]
+__all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states"]
 
 Array = NDArray[Any]
 _STILL = np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -171,7 +171,7 @@ class JointMotion:
                              "is one of your own class without a Pull. Its multipliers are in "
                              "run.multipliers.")
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
-        multipliers = multipliers_at_states(self._run)
+        multipliers = multipliers_at_states(self._run).astype(float)
         for pull in self._at.pulls:
             factor = multipliers[:, pull.index, None]
             along = self._direction(pull)
@@ -249,10 +249,8 @@ class JointMotion:
 def multipliers_at_states(trajectory: Trajectory) -> Array:
     """Return λ of every constraint at each stored state, shape (N+1, m); see ``JointMotion.force``.
     """
-    m = len(trajectory.manifest["system"]["constraints"])
-    rows = trajectory.multipliers.astype(float)
-    rows = rows.reshape(len(rows), -1, m)
-    found = np.full((len(trajectory), m), np.nan)
+    rows = _rows_of_multipliers(trajectory)
+    found = np.full((len(trajectory), rows.shape[2]), np.nan, rows.dtype)
     if not len(rows):
         return found
     begin, end = rows[:, 0], rows[:, -1]
@@ -264,6 +262,39 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
             # One multiplier a step: of the middle, beside a part that alternates; means have none.
             found[0], found[-1] = 2 * found[1] - found[2], 2 * found[-2] - found[-3]
     return found
+
+
+def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
+    """Return the transpose of ``multipliers_at_states`` applied to w, shape (N+1, m).
+
+    Raises
+    ------
+    InputError
+        Where the states are not those after every step: the first one has no multipliers there.
+    """
+    rows, w = _rows_of_multipliers(trajectory), w.copy()
+    if not len(rows) or not _is_whole(trajectory):
+        raise InputError("A function of multipliers at states needs the state after every step; "
+                         "integrate with every = 1, or give cotangents of \"multipliers\".")
+    if rows.shape[1] == 1 and len(rows) > 2:
+        for end, inner, next_one in ((0, 1, 2), (-1, -2, -3)):
+            w[inner] += 2 * w[end]
+            w[next_one] -= w[end]
+            w[end] = 0 * w[end]
+    found: Array = 0 * rows
+    found[:-1, -1] += w[1:-1] / 2
+    found[1:, 0] += w[1:-1] / 2
+    found[0, 0] += w[0]
+    found[-1, -1] += w[-1]
+    return found.reshape(trajectory.multipliers.shape)
+
+
+def _rows_of_multipliers(trajectory: Trajectory) -> Array:
+    """Return the multipliers of each step, shape (N, nodes, m), at least doubles."""
+    m = len(trajectory.manifest["system"]["constraints"])
+    rows = trajectory.multipliers
+    rows = rows.astype(float) if rows.dtype == np.float32 else rows
+    return rows.reshape(len(rows), trajectory.manifest["scheme"]["multipliers"], m)
 
 
 def _is_whole(trajectory: Trajectory) -> bool:

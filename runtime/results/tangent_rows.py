@@ -45,6 +45,10 @@ class TangentRows:
         The directions at the first state.
     t : array, shape (rows, k)
         Derivatives of the times of the rows: 0 at times that were asked for.
+    multipliers : array, shape (rows − 1, p+1, k), or (rows − 1, p+1, m, k), or None
+        Derivatives of the run's multipliers, where they were asked for.
+    switched_steps : int
+        Steps that end on another side of a switch than they begin: see ``Gradient``.
     events : dict of str to TangentRows
         The same of the crossings of each event, at its own time. Events of quantities, and ones
         that only touch their level, have none: ``events[name]`` says why.
@@ -57,6 +61,8 @@ class TangentRows:
     t: Array
     #: The directions by all rows: q, p, parameters, dt, start time; None in what files have.
     _directions: Any = field(default=None, repr=False)
+    multipliers: Any = field(default=None, repr=False)
+    switched_steps: int = field(default=0, repr=False)
     events: EventTangents = field(default_factory=lambda: EventTangents({}, {}), repr=False)
 
     def __repr__(self) -> str:
@@ -69,7 +75,20 @@ class TangentRows:
         k = self.names.index(name)
         return np.concatenate([self.q[:, :, k], self.p[:, :, k]], axis=1)
 
+    def together(self) -> Array:
+        """Return derivatives of q, p and multipliers, a row each; in the first these are 0."""
+        parts = [self.q, self.p]
+        if self.multipliers is not None:
+            rows, *inner, k = self.multipliers.shape
+            forces = np.zeros((rows + 1, int(np.prod(inner)), k), self.q.dtype)
+            forces[1:] = self.multipliers.reshape(rows, forces.shape[1], k)
+            parts.append(forces)
+        return np.concatenate(parts, axis=1)
+
     def of_others(self, made: Array, t: Array) -> TangentRows:
-        """Return the same directions at other states and times, of derivatives by (q, p)."""
-        n = self.q.shape[1]
-        return replace(self, q=made[:, :n], p=made[:, n:], t=t)
+        """Return the same directions at other states and times; ``made`` is as of ``together``."""
+        n, k = self.q.shape[1], made.shape[2]
+        forces = None
+        if made.shape[1] > 2 * n:
+            forces = made[1:, 2 * n :].reshape(-1, *self.multipliers.shape[1:-1], k)
+        return replace(self, q=made[:, :n], p=made[:, n : 2 * n], t=t, multipliers=forces)

@@ -32,8 +32,8 @@ Array = NDArray[Any]
 _FORMAT = 2
 #: The arrays of an event.
 _CROSSING = ("t", "q", "p", "steps", "rising")
-#: The arrays of tangents.
-_TANGENTS = ("q", "p", "start", "t")
+#: The arrays of tangents; those of multipliers where they were asked for.
+_TANGENTS = ("q", "p", "start", "t", "multipliers")
 #: Arrays of names, for other readers of the file.
 _LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
 
@@ -49,11 +49,13 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "manifest": trajectory.manifest,
         "events": list(trajectory.events),
         "tangents": [] if trajectory.tangents is None else trajectory.tangents.names,
+        "switched_steps": getattr(trajectory.tangents, "switched_steps", 0),
     }
     crossings = {f"event{i}_{name}": getattr(found, name)
                  for i, found in enumerate(trajectory.events.values()) for name in _CROSSING}
     if trajectory.tangents is not None:
-        crossings |= {f"tangents_{name}": getattr(trajectory.tangents, name) for name in _TANGENTS}
+        crossings |= {f"tangents_{name}": array for name in _TANGENTS
+                      if (array := getattr(trajectory.tangents, name)) is not None}
     with result_file(target, "The trajectory") as part, part.open("wb") as file:
         np.savez_compressed(
             file, allow_pickle=False, about=np.array(json.dumps(about)),
@@ -93,8 +95,8 @@ def read_npz(path: Path) -> dict[str, Any]:
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
             crossings = {name: [file[f"event{i}_{part}"] for part in _CROSSING]
                          for i, name in enumerate(about.get("events", ()))}
-            tangents = [file[f"tangents_{name}"] for name in _TANGENTS
-                        if about.get("tangents")]
+            tangents = {name: file[f"tangents_{name}"] for name in _TANGENTS
+                        if f"tangents_{name}" in file}
         return _fields(about, arrays, labels) | {
             "events": _events(about, crossings), "tangents": _tangents(about, tangents)}
     except InputError:
@@ -142,17 +144,21 @@ def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossing
     return found
 
 
-def _tangents(about: Any, arrays: list[Array]) -> TangentRows | None:
+def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
     """Return the tangents, if there are any; raise whatever is found wrong with them."""
-    if not arrays:
+    if not about.get("tangents"):
         return None
     wide = REALS[about["manifest"]["real"]].in_mpmath
-    q, p, start, t = (_from_bytes(x) if wide else x for x in arrays)
+    given = {name: _from_bytes(x) if wide else x for name, x in arrays.items()}
+    q, p, start, t = (given[name] for name in _TANGENTS[:4])
+    multipliers = given.get("multipliers")
     n, names = len(about["manifest"]["system"]["coordinates"]), about["tangents"]
     if q.shape != p.shape or q.shape[1:] != (n, len(names)) or start.shape != (2 * n, len(names)) \
-            or t.shape != (len(q), len(names)):
+            or t.shape != (len(q), len(names)) or (multipliers is not None and (
+                multipliers.shape[0] + 1, multipliers.shape[-1]) != (len(q), len(names))):
         raise ValueError("tangents have parts of several shapes")
-    return TangentRows(q, p, [str(name) for name in names], start, t)
+    return TangentRows(q, p, [str(name) for name in names], start, t, multipliers=multipliers,
+                       switched_steps=int(about.get("switched_steps", 0)))
 
 
 def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,12 +27,13 @@ from ..derivatives.gradient import (
     gradient_of,
     loss_of,
     names_of,
+    value_of,
 )
-from ..derivatives.kept_steps import SingleStep
+from ..derivatives.kept_steps import SingleStep, multiplier_shape
 from ..derivatives.points import RunRows, rows_of
 from ..derivatives.second_order import Hessian, SecondBinding, Slopes, hessian_of, step_slope
 from ..derivatives.tangent_space import TangentSpace
-from ..integration.dense_output import refuse_forgotten
+from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
@@ -39,39 +41,37 @@ from .evaluation import Evaluation
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
 
-__all__ = ["Derive", "Differentiation", "Known"]
+__all__ = ["Derive", "Differentiation"]
 
 Array = NDArray[Any]
 
-#: Returns header, source and manifest of a stepper with derivatives; ``second=True``: with those of
-#: adjoints.
-Derive = Callable[..., dict[str, str]]
-
 
 @dataclass(frozen=True)
-class Known:
-    """Files that were derived, and what derives second derivatives."""
+class Derive:
+    """How the files of a stepper with derivatives are made.
 
-    files: tuple[tuple[str, str], ...]
+    Attributes
+    ----------
+    files : callable
+        Returns header, source and manifest by their names; with ``second=True`` those of second
+        derivatives, where the files are not known yet.
+    portable : bool
+        Whether another process can call it: it holds no system and no tableau of this one.
+    known : bool
+        Whether the files were derived before.
+    further : Derive, optional
+        What derives second derivatives where the others are known.
+    """
+
+    files: Callable[..., dict[str, str]]
+    portable: bool
+    known: bool = False
     further: Derive | None = None
 
-    def __call__(self, *, second: bool = False) -> dict[str, str]:
-        """Return them."""
-        if not second:
-            return dict(self.files)
-        if self.further is None:
-            raise _not_derived("second derivatives")
-        return self.further(second=True)
-
-
-def _not_derived(what: str) -> InputError:
-    return InputError(f"A stepper was read from a file, or sent to this process before its {what} "
-                      "were first used; make it with gyrospark.stepper(...).")
-
-
-def _is_plain(derive: Derive | None) -> bool:
-    """Whether another process can derive with it: of a named stepper."""
-    return len(getattr(derive, "args", ())) == 1
+    @property
+    def of_second(self) -> Derive | None:
+        """What derives second derivatives; None where that is not known any more."""
+        return self.further if self.known else self
 
 
 class Differentiation(Evaluation):
@@ -97,9 +97,10 @@ class Differentiation(Evaluation):
                     raise InputError(
                         f"Stepper {self.name} was read from a file, or sent to this process before "
                         "its derivatives were first used; make it with gyrospark.stepper(...).")
-                files = self._derive()
+                files = self._derive.files()
                 own = self._bound(load_module(self.name, files, "derivatives"))
-                self._derive = Known(tuple(sorted(files.items())), self._derive)
+                self._derive = Derive(partial(dict, files), portable=True, known=True,
+                                      further=self._derive.of_second)
                 quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_binding.append(kind(
@@ -115,17 +116,24 @@ class Differentiation(Evaluation):
                 if self.symmetries:
                     raise InputError(f"Stepper {self.name} moves with a frame, which has no second "
                                      "derivatives; leave the frame out.")
-                files = self._derive(second=True) if self._derive else {}
+                derive = self._derive.of_second if self._derive is not None else None
+                if derive is None:
+                    raise InputError(
+                        f"Stepper {self.name} was read from a file, or sent to this process before "
+                        "its second derivatives were first used; make it with "
+                        "gyrospark.stepper(...).")
+                files = derive.files(second=True)
                 own = self._bound(load_module(self.name, files, "second"))
                 self._second_binding.append(SecondBinding(own, first))
         return self._second_binding[0]
 
     def portable_derive(self) -> Derive | None:
-        """Return what another process derives with: of a named stepper, or files that are known."""
+        """Return what another process derives with; None if it cannot."""
         derive = self._derive
-        if isinstance(derive, Known):
-            return replace(derive, further=derive.further if _is_plain(derive.further) else None)
-        return derive if _is_plain(derive) else None
+        if derive is None or not derive.portable:
+            return None
+        further = derive.further if derive.further and derive.further.portable else None
+        return replace(derive, further=further)
 
     # ------------------------------------------------------------ one step
 
@@ -173,25 +181,23 @@ class Differentiation(Evaluation):
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Any],
         wrt: str | Sequence[str] | None = None, t0: Number = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
-    ) -> tuple[Array, Array, Callable[[ArrayLike, ArrayLike], Gradient]]:
+    ) -> tuple[Array, Array, Callable[..., Gradient]]:
         """Return (q1, p1) of a step, and a function that takes cotangents of them backwards.
 
         ``back(wq, wp)`` is a ``Gradient``: the transposed derivative of the step applied to
-        (wq, wp). ``wrt`` is as of ``gradient``; the others are as of ``step``.
+        (wq, wp). ``back(wq, wp, multipliers)`` has the cotangent of the step's multipliers in
+        addition, in their shape. ``wrt`` is as of ``gradient``; the others are as of ``step``.
         """
         run = self._single(q, p, dt, parameters, t0, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
         kept, space = self._kept_step(run)
         own, n = self.derivative_binding.own, self.n
 
-        def back(wq: ArrayLike, wp: ArrayLike) -> Gradient:
+        def back(wq: ArrayLike, wp: ArrayLike, multipliers: ArrayLike | None = None) -> Gradient:
             w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
-            z_bar = space.pulled_back(kept.adjoint(w))
-            labels = [*own.parameter_names, "dt", "t0"]
-            numbers = dict(zip(labels, z_bar[2 * n :].tolist(), strict=True))
-            columns = [2 * n + labels.index(u) for u in own.input_names]
-            return Gradient(None, z_bar[:n].copy(), z_bar[n : 2 * n].copy(), space.normals,
-                            z_bar[columns][None], names, numbers)
+            forces = None if multipliers is None else own.array(
+                "multipliers", multipliers, multiplier_shape(self)).ravel()  # type: ignore[arg-type]
+            return Gradient.of_cotangent(space, kept.adjoint(w, forces), names)
 
         return kept.end[:n], kept.end[n:], back
 
@@ -288,7 +294,8 @@ class Differentiation(Evaluation):
             What this stepper integrated, or what was read of it. Its steps are done again.
         cotangents : mapping
             "q" and "p": derivatives of the function by the rows of the run, shape (rows, n), or
-            (n,) for the last one alone; "t": by their times, (rows,), or a number. "events": the
+            (n,) for the last one alone; "t": by their times, (rows,), or a number. "multipliers":
+            by those of the run, in their shape, or by those of the last row. "events": the
             same of crossings, {"x": {"t": ..., "q": ..., "p": ...}}. The last row of a run that a
             terminal event ended moves with the event.
         loss : callable, optional
@@ -322,7 +329,7 @@ class Differentiation(Evaluation):
             raise InputError("Give either cotangents or loss.")
         value = None
         if loss is not None:
-            value, cotangents = loss_of(loss)(run)
+            value, cotangents = value_of(loss_of(loss), run)
         kinds = self.rows_of(run, solver)
         ended = bool(kinds.points)
         return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents),  # type: ignore[arg-type]
@@ -364,7 +371,7 @@ class Differentiation(Evaluation):
             raise InputError("Give either cotangents or loss.")
         value = None
         if loss is not None:
-            value, cotangents = loss_of(loss)(run)
+            value, cotangents = value_of(loss_of(loss), run)
             if hasattr(loss, "free_symbols") and slopes is None:
                 slopes = function_of("generator.systems.run_functions", "slopes_over_states")(
                     loss, run)
@@ -381,6 +388,7 @@ class Differentiation(Evaluation):
         """Return the whole steps of a run that was integrated or stored, and what its rows are."""
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
+        refuse_of_another(self, run)  # type: ignore[arg-type]
         origin: Origin | None = run._origin
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]

@@ -416,10 +416,12 @@ def test_derivatives_are_those_of_the_full_stepper(spec, tmp_path):
     ends, z_bar = np.zeros((2 * full.n, binding.rows), own.type), np.zeros(binding.rows, own.type)
     w = np.linspace(1, 2, 2 * full.n).astype(own.type)
     step = own.parameters(parameters), 1e-3, *map(own.pointer, (q, p, x))
-    assert own.tangent(*step, binding.rows, own.pointer(dz), own.pointer(ends), memory) == OK
-    assert own.adjoint(*step, own.pointer(w), own.pointer(z_bar), memory) == OK
-    _, expected = binding.tangent(given, 1e-3, q, p, x, dz)
-    _, cotangent = binding.adjoint(given, 1e-3, q, p, x, w)
+    none, empty = own.ffi.NULL, binding.own.new(0)
+    assert own.tangent(*step, binding.rows, own.pointer(dz), own.pointer(ends), none,
+                       memory) == OK
+    assert own.adjoint(*step, own.pointer(w), none, own.pointer(z_bar), memory) == OK
+    _, expected = binding.tangent(given, 1e-3, q, p, x, dz, empty)
+    _, cotangent = binding.adjoint(given, 1e-3, q, p, x, w, empty)
     size, state = abs(expected).max(0), max(abs(own.q).max(), abs(own.p).max())
     values = [parameters[name] for name in binding.own.parameter_names]
     size[2 * full.n : -2] = np.maximum(size[2 * full.n : -2], state / np.abs(values))

@@ -154,7 +154,7 @@ def start_of(name: str, step: gs.Stepper) -> tuple[np.ndarray, np.ndarray]:
 def moved_step(
     name: str, step: gs.Stepper, direction: dict[str, float], shift: Any, dz: Any = None
 ) -> np.ndarray:
-    """Return the end of a step whose consistent start, parameters and times are moved."""
+    """Return q, p and multipliers of a step whose consistent start, parameters, times are moved."""
     case, (q, p) = case_of(name), start_of(name, step)
     if dz is not None:
         q, p = q + shift * dz[: step.n], p + shift * dz[step.n :]
@@ -167,7 +167,7 @@ def moved_step(
         q, p = found.q, found.p if step.manifest["scheme"]["keeps_momentum_constraint"] else p
     dt = one * case.dt + shift * direction.get("dt", 0.0)
     run = step.integrate(q, p, dt=dt, steps=1, parameters=values, t0=t0)
-    return np.concatenate([run.q[-1], run.p[-1]])
+    return np.concatenate([run.q[-1], run.p[-1], run.multipliers[-1].ravel()])
 
 
 def difference(function: Any, size: float = 2.0**-36) -> np.ndarray:

@@ -153,7 +153,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
               inputs=None, hold=1, t_eval=None, t_end=0.003, round=False,
               error=None, tangents=gs.Tangents()),
         plain("Tangents", gs.Tangents, start="all", parameters=["I1"], dt=True, t0=False,
-              project=False),
+              project=False, multipliers=False),
         plain("jvp", step.jvp, **state, dq=[0, 1, 0, 0], dp=np.zeros(4), **run, d={"I1": 1.0},
               t0=0.0, inputs=None, project=True),
         plain("vjp", step.vjp, **state, **run, wrt=["start", "I1"], t0=0.0, inputs=None),

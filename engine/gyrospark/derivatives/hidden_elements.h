@@ -54,8 +54,8 @@ static void add_hidden_times(const constants *c, const hidden_t *s, const real *
     const real t = 0; /* H_p depends on the time among the constants alone */
     real force[N] = { 0 }, dv[N] = { 0 };
     rates_times(c, s->q, s->p, &t, dq, dp, dc, 0, force, dv);
-    place_times(c, s->q, dv, NULL, df);
-    velocity_times(c, s->q, s->v, dq, dc, df);
+    constraint_value_times(c, s->q, dv, NULL, df);
+    constraint_velocity_times(c, s->q, s->v, dq, dc, df);
 }
 
 static void add_hidden_transposed(const constants *c, const hidden_t *s, const real *f, real *q,
@@ -63,9 +63,9 @@ static void add_hidden_transposed(const constants *c, const hidden_t *s, const r
 {
     const real t = 0, force[N] = { 0 };
     real v_bar[N] = { 0 };
-    place_transposed(c, s->q, f, v_bar, NULL);
+    constraint_value_transposed(c, s->q, f, v_bar, NULL);
     rates_transposed(c, s->q, s->p, &t, force, v_bar, 0, q, p, c_bar);
-    velocity_transposed(c, s->q, s->v, f, q, c_bar);
+    constraint_velocity_transposed(c, s->q, s->v, f, q, c_bar);
 }
 
 /* mu <- W^-1 f_p (before - p): the impulse of the projection along G^T from `before` to p */

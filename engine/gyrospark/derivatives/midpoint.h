@@ -3,14 +3,15 @@
  * their transpose, on numbers or lanes. x = (dq, dp, lambda), q1 = q + dq, p1 = p + dp; at fixed x
  * the start moves the mean values.
  */
+#include "gyrospark/derivatives/solution.h"
 
 #if !GS_DERIVATIVES_IN_LANES
 /*
  * dx and dz1 <- the derivatives of the unknowns and of (q1, p1) along dz: rows q, p, constants, t0,
- * h.
+ * h. multipliers, if not NULL, are those of lambda.
  */
 static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
-    NUMBER dz1[2*N])
+    NUMBER dz1[2*N], NUMBER *multipliers)
 {
     const NUMBER zero = TYPED(broadcast)(0), squared = l->h*l->h;
     NUMBER dc[E], velocity[N], force[N];
@@ -34,19 +35,24 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], N
     TYPED(solve_step)(l, dx);
     for (int a = 0; a < 2*N; ++a)
         dz1[a] = dz[a] + dx[a];
+    for (int e = 2*N; e < U && multipliers != NULL; ++e)
+        multipliers[e - 2*N] = dx[e];
 }
 #endif
 
-/* The cotangent w of (q1, p1) = (q, p) + (dq, dp) is one of the unknowns and of the start. */
-static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER x[U],
-    NUMBER force[P][N], NUMBER z[Z])
+/*
+ * The cotangent w of (q1, p1) = (q, p) + (dq, dp) is one of the unknowns and of the start; that of
+ * lambda, multipliers, if not NULL, is one of the unknowns.
+ */
+static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
+    const NUMBER *multipliers, NUMBER x[U], NUMBER force[P][N], NUMBER z[Z])
 {
     const NUMBER zero = TYPED(broadcast)(0);
     (void)l, (void)force;
     for (int e = 0; e < Z; ++e)
         z[e] = e < 2*N ? w[e] : zero;
     for (int e = 0; e < U; ++e)
-        x[e] = e < 2*N ? w[e] : zero;
+        x[e] = e < 2*N ? w[e] : multipliers == NULL ? zero : multipliers[e - 2*N];
 }
 
 /* The transposed derivative of the residual at fixed unknowns, of x <- J^-T x, added to z. */
@@ -78,11 +84,12 @@ static void TYPED(adjoint_of_stages)(TYPED(linearisation_t) *l, const NUMBER x[U
 #endif
 }
 
-/* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
-static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])
+/* z <- the cotangent of (q, p, constants, t0, h) of those of (q1, p1), w, and of multipliers. */
+static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
+    const NUMBER *multipliers, NUMBER z[Z])
 {
     NUMBER x[U], force[P][N];
-    TYPED(adjoint_of_end)(l, w, x, force, z);
+    TYPED(adjoint_of_end)(l, w, multipliers, x, force, z);
     TYPED(solve_step_transposed)(l, x);
     TYPED(adjoint_of_stages)(l, x, force, z);
 }

@@ -117,14 +117,3 @@ static inline void TYPED(constraint_transposed)(const TYPED(linearisation_t) *l,
     TYPED(add_transposed)(M, E, &l->g_c[0][0], g, c);
 }
 #endif
-
-/* b <- J^-1 b, b <- J^-T b */
-static inline void TYPED(solve_step)(TYPED(linearisation_t) *l, NUMBER b[U])
-{
-    TYPED(solve_with)(U, l->J, l->pivots, b);
-}
-
-static inline void TYPED(solve_step_transposed)(TYPED(linearisation_t) *l, NUMBER b[U])
-{
-    TYPED(solve_transposed_with)(U, l->J, l->pivots, b);
-}

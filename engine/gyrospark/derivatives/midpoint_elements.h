@@ -43,7 +43,7 @@ static void mean_times(linearisation_t *l, const real dq[N], const real dp[N], c
     mean_rates_times(c, w->q_mean, w->p_mean, l->x, l->x + DP, &middle, dq, dp, dc, 1, force,
         velocity);
 #if GS_CONSTRAINED
-    mean_pull_times(c, w->q_mean, l->x, l->x + LAMBDA, dq, dc, force);
+    mean_constraint_force_times(c, w->q_mean, l->x, l->x + LAMBDA, dq, dc, force);
 #endif
 }
 
@@ -56,7 +56,7 @@ static void mean_transposed(linearisation_t *l, const real force[N], const real 
     mean_rates_transposed(c, w->q_mean, w->p_mean, l->x, l->x + DP, &middle, force, velocity, 1,
         q, p, c_bar);
 #if GS_CONSTRAINED
-    mean_pull_transposed(c, w->q_mean, l->x, l->x + LAMBDA, force, q, c_bar);
+    mean_constraint_force_transposed(c, w->q_mean, l->x, l->x + LAMBDA, force, q, c_bar);
 #endif
 }
 
@@ -65,24 +65,14 @@ static void constraint_times(linearisation_t *l, int k, const real dq[N], const 
     real dg[M])
 {
     (void)k;
-    place_times(AT(&l->c, l->t + l->h), l->q1, dq, dc, dg);
+    constraint_value_times(AT(&l->c, l->t + l->h), l->q1, dq, dc, dg);
 }
 
 static void constraint_transposed(linearisation_t *l, int k, const real g[M], real q[N], real c[E])
 {
     (void)k;
-    place_transposed(AT(&l->c, l->t + l->h), l->q1, g, q, c);
+    constraint_value_transposed(AT(&l->c, l->t + l->h), l->q1, g, q, c);
 }
 #endif
-
-static void solve_step(linearisation_t *l, real b[U])
-{
-    (void)band_substitute(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
-}
-
-static void solve_step_transposed(linearisation_t *l, real b[U])
-{
-    band_substitute_transposed(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
-}
 
 #endif

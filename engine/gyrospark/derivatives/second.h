@@ -46,7 +46,7 @@ static int second_of_step(second_t *d, real t, real h, const real *q, const real
     real dx[U], dz1[2*N];
     dual q0[N], p0[N], q1[N], p1[N], unknowns[U];
     const real unit = slope_unit();
-    step_tangent(&d->first.l, z, dx, dz1);
+    step_tangent(&d->first.l, z, dx, dz1, NULL);
     set_dual_constants(&d->c, &d->first.work.constants, unit, z + 2*N);
     set_duals(N, q, z, q0);
     set_duals(N, p, z + N, p0);
@@ -56,7 +56,7 @@ static int second_of_step(second_t *d, real t, real h, const real *q, const real
     const int status = dual_linearise(&d->c, make_dual(t, unit*z[DT0]), make_dual(h, unit*z[DH]),
         q0, p0, unknowns, q1, p1, &d->l);
     if (status == OK)
-        dual_step_adjoint(&d->l, d->w, d->z);
+        dual_step_adjoint(&d->l, d->w, NULL, d->z);
     return status;
 }
 
@@ -79,7 +79,7 @@ int NAME(integrate_second)(const parameters_t *parameters, IF_INPUTS(const real 
     for (long j = steps - 1; j >= 0; --j) {
         const long step = first + j;
         int status = linearise_steps(&d->first, IF_INPUTS(&own,) step, start, dt, 1, q + j*N,
-            p + j*N, x + j*U);
+            p + j*N, x + j*U, 2*N);
         real *z = d->first.z;
         to_constants(&d->first, dz, 1, z);
         z[DT0] += (real)step*z[DH];

@@ -6,14 +6,15 @@
  * The transpose takes a cotangent of (q1, p1) to one of the start. A linearisation is evaluated
  * once at the solution x; docs/theory/derivatives.md has the equations.
  */
+#include "gyrospark/derivatives/solution.h"
 
 #if !GS_DERIVATIVES_IN_LANES
 /*
  * dx and dz1 <- the derivatives of the unknowns and of (q1, p1) along dz: rows q, p, constants, t0,
- * h.
+ * h. multipliers, if not NULL, are those of Lambda_0..Lambda_P, the last of which is mu/(h b~_P).
  */
 static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
-    NUMBER dz1[2*N])
+    NUMBER dz1[2*N], NUMBER *multipliers)
 {
     const NUMBER h = l->h, zero = TYPED(broadcast)(0);
     NUMBER dc[E], dq1[N], dp1[N];
@@ -95,6 +96,10 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], N
         dp1[a] -= turn[a];
     TYPED(hidden_times)(l, dq1, dp1, dc, df);
     TYPED(solve_hidden)(l, df);
+    for (int e = 0; e < P*M && multipliers != NULL; ++e)
+        multipliers[e] = dx[LAMBDA + e];
+    for (int m = 0; m < M && multipliers != NULL; ++m)
+        multipliers[P*M + m] = (df[m] - l->impulse[m]*dz[DH]/h)/(h*tableau.b_tilde[P]);
     for (int m = 0; m < M; ++m)
         df[m] = -df[m];
     TYPED(constraint_transposed)(l, P, df, dp1, NULL);
@@ -103,15 +108,17 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], N
         dz1[a] = dq1[a];
         dz1[N + a] = dp1[a];
     }
+    (void)multipliers;
 }
 #endif
 
 /*
- * The transposed derivative of T2: the cotangent w of (q1, p1) becomes one of the unknowns, x, and
- * of the constraint forces at fixed unknowns; z begins with what does not depend on the unknowns.
+ * The transposed derivative of T2: the cotangent w of (q1, p1), and that of Lambda_0..Lambda_P,
+ * multipliers, if not NULL, become one of the unknowns, x, and of the constraint forces at fixed
+ * unknowns; z begins with what does not depend on the unknowns.
  */
-static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER x[U],
-    NUMBER force[P][N], NUMBER z[Z])
+static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
+    const NUMBER *multipliers, NUMBER x[U], NUMBER force[P][N], NUMBER z[Z])
 {
     const NUMBER h = l->h, zero = TYPED(broadcast)(0);
     NUMBER q_end[N], p_end[N], by_h = zero;
@@ -128,6 +135,11 @@ static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N]
     for (int m = 0; m < M; ++m)
         nu[m] = zero;
     TYPED(constraint_times)(l, P, p_end, NULL, nu);
+    for (int m = 0; m < M && multipliers != NULL; ++m) { /* Lambda_P = mu/(h b~_P) */
+        const NUMBER impulse_bar = multipliers[P*M + m]/(h*tableau.b_tilde[P]);
+        nu[m] -= impulse_bar;
+        by_h -= impulse_bar*l->impulse[m]/h;
+    }
     TYPED(solve_hidden_transposed)(l, nu);
     for (int m = 0; m < M; ++m)
         nu[m] = -nu[m];
@@ -145,7 +157,7 @@ static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N]
             none[e] = zero;
         TYPED(force_transposed)(l, k, force[k], Q[k], none);
         for (int m = 0; m < M; ++m)
-            x[LAMBDA + k*M + m] = zero;
+            x[LAMBDA + k*M + m] = multipliers == NULL ? zero : multipliers[k*M + m];
         TYPED(constraint_times)(l, k, force[k], NULL, x + LAMBDA + k*M);
     }
 #endif
@@ -165,7 +177,7 @@ static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N]
         by_h += l->node_rate[P][a]*q_end[a] + l->end_rate[a]*p_end[a];
     }
     z[DH] += by_h;
-    (void)force;
+    (void)force, (void)multipliers;
 }
 
 /* The transposed derivative of (B.1) at fixed unknowns, of x <- J^-T x, added to z. */
@@ -222,11 +234,12 @@ static void TYPED(adjoint_of_stages)(TYPED(linearisation_t) *l, const NUMBER x[U
     z[DH] += by_h;
 }
 
-/* z <- the cotangent of (q, p, constants, t0, h) of the cotangent w of (q1, p1). */
-static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N], NUMBER z[Z])
+/* z <- the cotangent of (q, p, constants, t0, h) of those of (q1, p1), w, and of multipliers. */
+static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
+    const NUMBER *multipliers, NUMBER z[Z])
 {
     NUMBER x[U], force[P][N];
-    TYPED(adjoint_of_end)(l, w, x, force, z);
+    TYPED(adjoint_of_end)(l, w, multipliers, x, force, z);
     TYPED(solve_step_transposed)(l, x);
     TYPED(adjoint_of_stages)(l, x, force, z);
 }

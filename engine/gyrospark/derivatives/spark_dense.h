@@ -5,13 +5,14 @@
 
 /* What derivatives of one step are made of. Index P of the nodes is the end of the step. */
 typedef struct {
-    NUMBER h, x[U];
+    NUMBER h;
     NUMBER q_rate[S][N], p_rate[S][N]; /* derivatives of Q_i and P_i by h at fixed x */
     NUMBER node_rate[P + 1][N], end_rate[N]; /* those of Q~_l, and of p1 before its projection */
     NUMBER H_qq[S][N][N], H_qp[S][N][N], H_pq[S][N][N], H_pp[S][N][N]; /* of H_q - F and H_p */
     NUMBER H_qc[S][N][E], H_pc[S][N][E];
 #if GS_CONSTRAINED
     NUMBER G[P + 1][M][N], K[P + 1][N][N]; /* K[P] with the impulse of the projection */
+    NUMBER impulse[M]; /* mu of the projection */
     NUMBER g_c[P + 1][M][E], force_c[P + 1][N][E];
     NUMBER f_q[M][N], f_p[M][N], f_c[M][E]; /* hidden constraints at the end */
     NUMBER W[M*M]; /* f_p G^T */
@@ -84,7 +85,7 @@ static void TYPED(linearise_nodes)(TYPED(constants) *c, NUMBER t, NUMBER h, cons
 static int TYPED(linearise_end)(TYPED(constants) *c, NUMBER t, const NUMBER q1[N],
     const NUMBER p1[N], const NUMBER p_end[N], TYPED(linearisation_t) *l)
 {
-    NUMBER mu[M];
+    NUMBER *mu = l->impulse;
     const TYPED(constants) *at = TYPED_AT(c, t);
     (void)t;
     TYPED(hidden_derivative)(at, q1, p1, l->f_q, l->f_p, l->f_c);
@@ -181,8 +182,6 @@ static int TYPED(linearise)(TYPED(constants) *c, NUMBER t, NUMBER h, const NUMBE
 {
     NUMBER p_end[N];
     l->h = h;
-    for (int e = 0; e < U; ++e)
-        l->x[e] = x[e];
 #if GS_CONSTRAINED
     NUMBER force[P][N];
     TYPED(linearise_nodes)(c, t, h, q, x, force, l);
@@ -322,14 +321,3 @@ static inline void TYPED(solve_hidden_transposed)(TYPED(linearisation_t) *l, NUM
     TYPED(solve_transposed_with)(M, l->W, l->W_pivots, b);
 }
 #endif
-
-/* b <- J^-1 b, b <- J^-T b */
-static inline void TYPED(solve_step)(TYPED(linearisation_t) *l, NUMBER b[U])
-{
-    TYPED(solve_with)(U, l->J, l->pivots, b);
-}
-
-static inline void TYPED(solve_step_transposed)(TYPED(linearisation_t) *l, NUMBER b[U])
-{
-    TYPED(solve_transposed_with)(U, l->J, l->pivots, b);
-}

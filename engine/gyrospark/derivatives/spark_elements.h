@@ -15,7 +15,8 @@ typedef struct {
     constants c;
     work_t *w;
 #if GS_CONSTRAINED
-    real lambda[(P + 1)*M];
+    const real *lambda; /* multipliers of the nodes 0..P - 1 */
+    real impulse[M]; /* mu of the projection */
     hidden_t hidden;
 #endif
 } linearisation_t;
@@ -60,9 +61,8 @@ static int linearise(const constants *c, real t, real h, const real q[N], const 
     const int status = linearise_hidden(AT(&l->c, t + h), q1, p1, &l->hidden);
     if (status != OK)
         return status;
-    for (int e = 0; e < P*M; ++e)
-        l->lambda[e] = x[LAMBDA + e];
-    impulse_between(AT(&l->c, t + h), &l->hidden, p_end, p1, l->lambda + P*M);
+    l->lambda = x + LAMBDA;
+    impulse_between(AT(&l->c, t + h), &l->hidden, p_end, p1, l->impulse);
 #else
     (void)q1, (void)p1, (void)p_end;
 #endif
@@ -93,26 +93,34 @@ static const constants *node_constants(linearisation_t *l, int k)
     return AT(&l->c, l->t + l->h*tableau.c_tilde[k]);
 }
 
+/* Lambda of a node; of the last one the impulse */
+static const real *multipliers_of(const linearisation_t *l, int k)
+{
+    return k < P ? l->lambda + k*M : l->impulse;
+}
+
 static void force_times(linearisation_t *l, int k, const real dq[N], const real dc[E],
     real force[N])
 {
-    pull_times(node_constants(l, k), l->w->Q_tilde[k], l->lambda + k*M, dq, dc, force);
+    constraint_force_times(node_constants(l, k), l->w->Q_tilde[k], multipliers_of(l, k), dq, dc,
+        force);
 }
 
 static void force_transposed(linearisation_t *l, int k, const real force[N], real q[N], real c[E])
 {
-    pull_transposed(node_constants(l, k), l->w->Q_tilde[k], l->lambda + k*M, force, q, c);
+    constraint_force_transposed(node_constants(l, k), l->w->Q_tilde[k], multipliers_of(l, k), force,
+        q, c);
 }
 
 static void constraint_times(linearisation_t *l, int k, const real dq[N], const real *dc,
     real dg[M])
 {
-    place_times(node_constants(l, k), l->w->Q_tilde[k], dq, dc, dg);
+    constraint_value_times(node_constants(l, k), l->w->Q_tilde[k], dq, dc, dg);
 }
 
 static void constraint_transposed(linearisation_t *l, int k, const real g[M], real q[N], real *c)
 {
-    place_transposed(node_constants(l, k), l->w->Q_tilde[k], g, q, c);
+    constraint_value_transposed(node_constants(l, k), l->w->Q_tilde[k], g, q, c);
 }
 
 static void hidden_times(linearisation_t *l, const real dq[N], const real dp[N], const real dc[E],
@@ -137,15 +145,5 @@ static void solve_hidden_transposed(linearisation_t *l, real b[M])
     substitute(l->hidden.W, b);
 }
 #endif
-
-static void solve_step(linearisation_t *l, real b[U])
-{
-    (void)band_substitute(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
-}
-
-static void solve_step_transposed(linearisation_t *l, real b[U])
-{
-    band_substitute_transposed(l->w->J, l->w->exponents, l->w->pivots, b, l->w->forward);
-}
 
 #endif

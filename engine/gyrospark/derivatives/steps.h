@@ -16,20 +16,24 @@
 #define IF_ELEMENTS(...)
 #endif
 
+/* Results of a step: q1, p1, multipliers */
+enum { RESULTS = 2*N + MULTIPLIERS };
+
 /* Memory of derivatives, in the caller's memory from its first multiple of 64 bytes on. */
 typedef struct {
     work_t work;
 #if GS_DERIVATIVES_IN_LANES
     lanes_constants lane_constants;
     lanes_linearisation_t l;
-    lanes x[2*N][U], force[2*N][P][N], matrix[2*N][Z]; /* derivatives of the ends of LANES steps */
-    real rows[LANES][2*N*Z]; /* the same, step by step */
+    /* Derivatives of the results of LANES steps; the same, step by step. */
+    lanes x[RESULTS][U], force[RESULTS][P][N], matrix[RESULTS][Z];
+    real rows[LANES][RESULTS*Z];
 #else
     constants c;
     linearisation_t l;
 #endif
     real chain[CHAIN + 1]; /* nonzero derivatives of the constants by the parameters */
-    real z[Z], w[2*N], q[2*N], p[2*N], multipliers[ROOM];
+    real z[Z], w[2*N], q[2*N], p[2*N], multipliers[ROOM]; /* or derivatives of them */
 #if GS_CONSTRAINED && GS_ELEMENTS
     hidden_t hidden;
 #endif
@@ -110,10 +114,7 @@ int NAME(integrate_and_keep)(size_t integrate, const parameters_t *parameters,
             NULL, NULL, NULL, NULL, IF_FORCES(NULL,) report, work);
         if (status != OK)
             return status;
-        IF_FRAME(for (int a = 0; a < N; ++a) {)
-            IF_FRAME(q[N + a] = work->frame_q[a];)
-            IF_FRAME(p[N + a] = work->frame_p[a];)
-        IF_FRAME(})
+        IF_FRAME(NAME(frame_state)(work, q + N, p + N);)
         NAME(keep)(work, options, x);
     }
     return OK;
@@ -131,11 +132,17 @@ static void to_constants(const derivatives_t *d, const real *dz, int stride, rea
     z[DT0] = dz[(2*N + PARAMETERS + 1)*stride];
 }
 
+/* Adds a cotangent of the constants to the rows of the parameters, by the chain rule. */
+static void add_chain(const derivatives_t *d, const real c[E], real *z_bar)
+{
+    for (int i = 0; i < CHAIN; ++i)
+        z_bar[2*N + chain_parameter[i]] += d->chain[i]*c[chain_constant[i]];
+}
+
 /* Adds a cotangent of rows q, p, constants, t0, h to one of rows q, p, parameters, h, t0. */
 static void add_to_parameters(const derivatives_t *d, const real z[Z], real *z_bar)
 {
-    for (int i = 0; i < CHAIN; ++i)
-        z_bar[2*N + chain_parameter[i]] += d->chain[i]*z[2*N + chain_constant[i]];
+    add_chain(d, z + 2*N, z_bar);
     z_bar[2*N + PARAMETERS] += z[DH];
     z_bar[2*N + PARAMETERS + 1] += z[DT0];
 }
@@ -157,8 +164,7 @@ static void rows_by_parameters(const derivatives_t *d, const real *by_q, const r
         row[a] = by_q[a];
         row[N + a] = by_p == NULL ? 0 : by_p[a];
     }
-    for (int i = 0; i < CHAIN; ++i)
-        row[2*N + chain_parameter[i]] += d->chain[i]*by_c[chain_constant[i]];
+    add_chain(d, by_c, row);
 #if TIMES
     row[2*N + PARAMETERS + 1] = by_c[E - TIMES];
 #endif
@@ -176,7 +182,7 @@ void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N
     for (int m = 0; m < M; ++m) {
         real unit[M] = { 0 }, by_q[N] = { 0 }, by_p[N] = { 0 }, by_c[E] = { 0 };
         unit[m] = 1;
-        place_transposed(at, q, unit, by_q, by_c);
+        constraint_value_transposed(at, q, unit, by_q, by_c);
         rows_by_parameters(d, by_q, NULL, by_c, g_z + m*ROWS);
         for (int a = 0; a < N; ++a)
             by_q[a] = 0;
@@ -199,16 +205,17 @@ void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N
 #endif
 
 #if GS_DERIVATIVES_IN_LANES
-/* Steps that are linearised together */
-enum { TOGETHER_STEPS = LANES };
+/* Steps of a block: they are linearised together. */
+enum { BLOCK_STEPS = LANES };
 
 /*
  * Linearises `count` steps, at most LANES, one in each lane; the others repeat the first. Row a of
  * each matrix is the adjoint of the unit vector a, so that a step alone has the same derivatives as
- * among others, and the sequence of steps takes no more than products with small matrices.
+ * among others, and the sequence of steps takes no more than products with small matrices. Of the
+ * results the first 2 N are differentiated, or all.
  */
 static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) long first,
-    real start, real dt, int count, const real *q, const real *p, const real *x)
+    real start, real dt, int count, const real *q, const real *p, const real *x, int results)
 {
     lanes q0[N], p0[N], q1[N], p1[N], unknowns[U], t = splat(0);
     d->lane_constants._used = LANES;
@@ -230,72 +237,79 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
         &d->l);
     if (status != OK)
         return status;
-    for (int a = 0; a < 2*N; ++a) {
-        lanes unit[2*N];
-        for (int b = 0; b < 2*N; ++b)
+    for (int a = 0; a < results; ++a) {
+        lanes unit[RESULTS];
+        for (int b = 0; b < RESULTS; ++b)
             unit[b] = splat(a == b);
-        lanes_adjoint_of_end(&d->l, unit, d->x[a], d->force[a], d->matrix[a]);
+        lanes_adjoint_of_end(&d->l, unit, a < 2*N ? NULL : unit + 2*N, d->x[a], d->force[a],
+            d->matrix[a]);
     }
-    lanes_solve_transposed_all(U, d->l.J, d->l.pivots, 2*N, &d->x[0][0]);
-    for (int a = 0; a < 2*N; ++a)
+    lanes_solve_transposed_all(U, d->l.J, d->l.pivots, results, &d->x[0][0]);
+    for (int a = 0; a < results; ++a)
         lanes_adjoint_of_stages(&d->l, d->x[a], d->force[a], d->matrix[a]);
     for (int i = 0; i < count; ++i)
-        for (int e = 0; e < 2*N*Z; ++e)
+        for (int e = 0; e < results*Z; ++e)
             d->rows[i][e] = lane_get(&d->matrix[0][0] + e, i);
     return OK;
 }
 
-/* dz1 <- the derivative of the end of step i along z */
-static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N])
+/* dz1 and, if not NULL, multipliers <- the derivatives of the results of step i along z */
+static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N],
+    real *multipliers)
 {
-    for (int a = 0; a < 2*N; ++a) {
+    for (int a = 0; a < (multipliers == NULL ? 2*N : RESULTS); ++a) {
         real sum = 0;
         for (int e = 0; e < Z; ++e)
             sum += d->rows[i][a*Z + e]*z[e];
-        dz1[a] = sum;
+        *(a < 2*N ? dz1 + a : multipliers + a - 2*N) = sum;
     }
 }
 
-/* z <- the cotangent of the start of step i, of the cotangent w of its end */
-static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], real z[Z])
+/* z <- the cotangent of the start of step i, of those of its end, w, and of its multipliers */
+static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,
+    real z[Z])
 {
     for (int e = 0; e < Z; ++e)
         z[e] = 0;
-    for (int a = 0; a < 2*N; ++a)
+    for (int a = 0; a < (multipliers == NULL ? 2*N : RESULTS); ++a) {
+        const real weight = a < 2*N ? w[a] : multipliers[a - 2*N];
         for (int e = 0; e < Z; ++e)
-            z[e] += d->rows[i][a*Z + e]*w[a];
+            z[e] += d->rows[i][a*Z + e]*weight;
+    }
 }
 #else
-enum { TOGETHER_STEPS = 1 };
+enum { BLOCK_STEPS = 1 };
 
 /* Linearises the step from row 0 of q and p to row 1, step `first` of a run. */
 static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) long first,
-    real start, real dt, int count, const real *q, const real *p, const real *x)
+    real start, real dt, int count, const real *q, const real *p, const real *x, int results)
 {
-    (void)count;
+    (void)count, (void)results;
     IF_INPUTS(set_step_inputs(&d->work.constants, inputs, 0, first);)
     d->c = d->work.constants;
     IF_ELEMENTS(d->l.w = &d->work;)
     return linearise(&d->c, start + (real)first*dt, dt, q, p, x, q + N, p + N, &d->l);
 }
 
-static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N])
+static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N],
+    real *multipliers)
 {
     real dx[U];
     (void)i;
-    step_tangent(&d->l, z, dx, dz1);
+    step_tangent(&d->l, z, dx, dz1, multipliers);
 }
 
-static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], real z[Z])
+static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,
+    real z[Z])
 {
     (void)i;
-    step_adjoint(&d->l, w, z);
+    step_adjoint(&d->l, w, multipliers, z);
 }
 #endif
 
 /* Linearises a single step, whose end is computed. */
 static int linearise_single(const parameters_t *parameters, real dt, const real q[N],
-    const real p[N], const real x[U], derivatives_t *d)
+    const real p[N], const real x[U], int results, derivatives_t *d)
 {
     prepare_derivatives(parameters, d);
     d->work.t = start_time(parameters);
@@ -306,52 +320,60 @@ static int linearise_single(const parameters_t *parameters, real dt, const real 
         d->p[a] = p[a];
     }
     IF_INPUTS(const inputs_t none = { 0 };)
-    return status == OK ? linearise_steps(d, IF_INPUTS(&none,) 0, d->work.t, dt, 1, d->q, d->p, x)
-        : status;
+    return status == OK ? linearise_steps(d, IF_INPUTS(&none,) 0, d->work.t, dt, 1, d->q, d->p, x,
+        results) : status;
 }
 
 int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], int count, const real *dz, real *dz1, void *memory)
+    const real x[U], int count, const real *dz, real *dz1, real *multipliers, void *memory)
 {
     derivatives_t *d = derivatives_of(memory);
-    const int status = linearise_single(parameters, dt, q, p, x, d);
+    const int results = multipliers == NULL ? 2*N : RESULTS;
+    const int status = linearise_single(parameters, dt, q, p, x, results, d);
     for (int k = 0; k < count && status == OK; ++k) {
         to_constants(d, dz + k, count, d->z);
-        step_tangent_of(d, 0, d->z, d->w);
+        step_tangent_of(d, 0, d->z, d->w, multipliers == NULL ? NULL : d->multipliers);
         for (int a = 0; a < 2*N; ++a)
             dz1[a*count + k] = d->w[a];
+        for (int e = 0; e < MULTIPLIERS && multipliers != NULL; ++e)
+            multipliers[e*count + k] = d->multipliers[e];
     }
     return status;
 }
 
 int NAME(adjoint)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], const real w[2*N], real *z_bar, void *memory)
+    const real x[U], const real w[2*N], const real *multipliers, real *z_bar, void *memory)
 {
     derivatives_t *d = derivatives_of(memory);
-    const int status = linearise_single(parameters, dt, q, p, x, d);
+    const int results = multipliers == NULL ? 2*N : RESULTS;
+    const int status = linearise_single(parameters, dt, q, p, x, results, d);
     if (status != OK)
         return status;
-    step_adjoint_of(d, 0, w, d->z);
+    step_adjoint_of(d, 0, w, multipliers, d->z);
     for (int a = 0; a < 2*N; ++a)
         z_bar[a] += d->z[a];
     add_to_parameters(d, d->z, z_bar);
     return OK;
 }
 
-/* Rows 0..steps of q and p, and rows 0..steps - 1 of x; `first` steps were done before. */
+/*
+ * Rows 0..steps of q and p, and rows 0..steps - 1 of x; `first` steps were done before. multipliers,
+ * if not NULL, has MULTIPLIERS rows for each step.
+ */
 int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
     const real *inputs, long hold,) real dt, long first, long steps, const real *q,
     const real *p, const real *x, int count, const real *dz, long every, real *rows,
-    real *tangents, void *memory)
+    real *multipliers, real *tangents, void *memory)
 {
     derivatives_t *d = derivatives_of(memory);
     IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
     prepare_derivatives(parameters, d);
     const real start = start_time(parameters);
-    for (long j = 0; j < steps; j += TOGETHER_STEPS) {
-        const int together = steps - j < TOGETHER_STEPS ? (int)(steps - j) : TOGETHER_STEPS;
+    for (long j = 0; j < steps; j += BLOCK_STEPS) {
+        const int together = steps - j < BLOCK_STEPS ? (int)(steps - j) : BLOCK_STEPS;
         const int status = linearise_steps(d, IF_INPUTS(
-            &own,) first + j, start, dt, together, q + j*N, p + j*N, x + j*U);
+            &own,) first + j, start, dt, together, q + j*N, p + j*N, x + j*U,
+            multipliers == NULL ? 2*N : RESULTS);
         if (status != OK)
             return status;
         for (int i = 0; i < together; ++i) {
@@ -361,9 +383,11 @@ int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
                 d->z[DT0] += (real)step*d->z[DH];
                 for (int a = 0; a < 2*N; ++a)
                     d->z[a] = tangents[a*count + k];
-                step_tangent_of(d, i, d->z, d->w);
+                step_tangent_of(d, i, d->z, d->w, multipliers == NULL ? NULL : d->multipliers);
                 for (int a = 0; a < 2*N; ++a)
                     tangents[a*count + k] = d->w[a];
+                for (int e = 0; e < MULTIPLIERS && multipliers != NULL; ++e)
+                    multipliers[((j + i)*MULTIPLIERS + e)*count + k] = d->multipliers[e];
             }
             if ((step + 1) % every != 0 || rows == NULL)
                 continue;
@@ -377,27 +401,29 @@ int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
 /*
  * Backwards through the steps first..first + steps - 1 of a run. On entry w is the cotangent of the
  * last state, on return that of the first; cotangents, if not NULL, has a row of 2 N for each
- * earlier state j that is a multiple of `every`, at row j/every - first/every. inputs_bar, if not
- * NULL, has a row for each step.
+ * earlier state j that is a multiple of `every`, at row j/every - first/every. multipliers and
+ * inputs_bar, if not NULL, have a row for each step: cotangents of its multipliers, of its inputs.
  */
 int NAME(integrate_adjoint)(const parameters_t *parameters, IF_INPUTS(
     const real *inputs, long hold, real *inputs_bar,) real dt, long first, long steps,
-    const real *q, const real *p, const real *x, const real *cotangents, long every, real *w,
-    real *z_bar, void *memory)
+    const real *q, const real *p, const real *x, const real *cotangents, long every,
+    const real *multipliers, real *w, real *z_bar, void *memory)
 {
     derivatives_t *d = derivatives_of(memory);
     IF_INPUTS(const inputs_t own = { inputs, hold, 0 };)
     prepare_derivatives(parameters, d);
     const real start = start_time(parameters);
     for (long end = steps; end > 0;) { /* blocks are those of integrate_tangent */
-        const long j = (end - 1)/TOGETHER_STEPS*TOGETHER_STEPS;
+        const long j = (end - 1)/BLOCK_STEPS*BLOCK_STEPS;
         const int status = linearise_steps(d, IF_INPUTS(
-            &own,) first + j, start, dt, (int)(end - j), q + j*N, p + j*N, x + j*U);
+            &own,) first + j, start, dt, (int)(end - j), q + j*N, p + j*N, x + j*U,
+            multipliers == NULL ? 2*N : RESULTS);
         if (status != OK)
             return status;
         for (; end > j; --end) {
             const long step = first + end - 1;
-            step_adjoint_of(d, (int)(end - 1 - j), w, d->z);
+            step_adjoint_of(d, (int)(end - 1 - j), w, multipliers == NULL ? NULL
+                : multipliers + (end - 1)*MULTIPLIERS, d->z);
             d->z[DH] += (real)step*d->z[DT0];
 #if GS_INPUTS
             for (int i = 0; i < INPUTS && inputs_bar != NULL; ++i) {

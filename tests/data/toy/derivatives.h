@@ -82,13 +82,13 @@ void mean_rates_transposed(MEANS, COTANGENT);
 #define TWO(f) void f##_times(const constants *c, const real *q, const real *x, const real *dq, \
     const real *dc, real *out); void f##_transposed(const constants *c, const real *q, \
     const real *x, const real *from, real *q_bar, real *c_bar)
-ONE(place);
-TWO(velocity);
-TWO(pull);
-void mean_pull_times(const constants *c, const real *qm, const real *dq, const real *lambda,
-    const real *to_q, const real *dc, real *out);
-void mean_pull_transposed(const constants *c, const real *qm, const real *dq, const real *lambda,
-    const real *from, real *q_bar, real *c_bar);
+ONE(constraint_value);
+TWO(constraint_velocity);
+TWO(constraint_force);
+void mean_constraint_force_times(const constants *c, const real *qm, const real *dq,
+    const real *lambda, const real *to_q, const real *dc, real *out);
+void mean_constraint_force_transposed(const constants *c, const real *qm, const real *dq,
+    const real *lambda, const real *from, real *q_bar, real *c_bar);
 #endif
 
 #if TOY_DERIVATIVES > 1

@@ -36,7 +36,8 @@ int main(void)
         {name}_keep(&work, &options, x[j]);
     }}
     void *memory = malloc({name}_derivative_size());
-    if ({name}_integrate_adjoint(&top, 1e-3, 0, STEPS, q[0], p[0], x[0], NULL, 1, w, z, memory))
+    if ({name}_integrate_adjoint(&top, 1e-3, 0, STEPS, q[0], p[0], x[0], NULL, 1, NULL, w, z,
+                                 memory))
         return 2;
     for (int e = 2*N; e < ROWS; ++e)
         printf("%.17g\n", z[e]);

@@ -15,9 +15,11 @@ from gyrospark.generator.schemes import derivative_kernels
 from gyrospark.runtime.bindings.array_checks import as_real
 
 DT, T0 = 0.02, 0.3
+#: Multipliers have a round-off of 1/τ² times that of states, after steps of τ ≤ DT.
+FORCE = DT**2 / 10
 EVENTS = [gs.Event("x"), gs.Event("py", level=0.3, name="turn"), gs.Event("along", level=0.5)]
 NAMES = ["m", "l", "a", "u"]
-ALL = gs.Tangents("all", NAMES, dt=True, t0=True)
+ALL = gs.Tangents("all", NAMES, dt=True, t0=True, multipliers=True)
 
 ASKED = {
     "events": {"events": EVENTS},
@@ -53,13 +55,15 @@ def integrated(step, z, values=(), dt=DT, t0=T0, steps=60, **options):
 def numbers(run):
     """All that has derivatives, as one vector."""
     crossings = [part for one in run.events.values() for part in (one.t, one.q, one.p)]
-    return np.concatenate([np.ravel(part) for part in (run.t, run.q, run.p, *crossings)])
+    return np.concatenate([np.ravel(part) for part in (run.t, run.q, run.p, *crossings,
+                                                       FORCE * run.multipliers)])
 
 
 def derivatives(run):
     """The tangents of ``numbers``."""
     rows = [run.tangents, *(run.tangents.events[name] for name in run.events)]
     parts = [part for one in rows for part in (one.t, one.q, one.p)]
+    parts.append(FORCE * run.tangents.multipliers)
     return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
 
 
@@ -67,9 +71,10 @@ def cotangents(run, weights):
     """The cotangents of weights @ numbers."""
     rows = [run, *run.events.values()]
     sizes = [part.shape for one in rows for part in (one.t, one.q, one.p)]
-    parts = iter(np.split(weights, np.cumsum([np.prod(size) for size in sizes])[:-1]))
+    parts = iter(np.split(weights, np.cumsum([np.prod(size) for size in sizes])))
     made = [{name: next(parts).reshape(getattr(one, name).shape) for name in "tqp"} for one in rows]
-    return made[0] | {"events": dict(zip(run.events, made[1:], strict=True))}
+    forces = FORCE * weights[len(weights) - run.multipliers.size :].reshape(run.multipliers.shape)
+    return made[0] | {"multipliers": forces, "events": dict(zip(run.events, made[1:], strict=True))}
 
 
 @pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
@@ -107,7 +112,7 @@ def test_events_of_a_scheme_that_does_not_keep_the_momentum_constraint():
                               parameters=VALUES | {"m": mass, "u": u}, **options)
 
     point = np.array([VALUES["m"], VALUES["u"], DT])
-    run = run_of(*point, tangents=gs.Tangents(None, ["m", "u"], dt=True))
+    run = run_of(*point, tangents=gs.Tangents(None, ["m", "u"], dt=True, multipliers=True))
     made = derivatives(run)
     for i, e in enumerate(np.diag(1e-5 * np.array([1, 1, DT]))):
         slope = (numbers(run_of(*(point + e))) - numbers(run_of(*(point - e)))) / (2 * e[i])
@@ -181,9 +186,10 @@ def test_events_in_a_moving_frame():
     arguments = {"dt": 1e-3, "steps": 100, "events": gs.Event("q1", level=0.01)}
     run = moving.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
                            parameters=parameters | {"frame": "start"},
-                           tangents=gs.Tangents("all", ["I3", *rates]))
+                           tangents=gs.Tangents("all", ["I3", *rates], multipliers=True))
     still = rest.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
-                           parameters=parameters, tangents=gs.Tangents("all", ["I3"]))
+                           parameters=parameters, tangents=gs.Tangents("all", ["I3"],
+                                                                   multipliers=True))
     made, expected = derivatives(run), derivatives(still)
     assert np.abs(made[:, :7] - expected).max() <= 1e-10 * np.abs(expected).max()
     assert np.abs(made[:, 7:]).max() < 1e-11
@@ -238,7 +244,7 @@ def test_members_of_an_ensemble_have_the_derivatives_of_each_alone():
     """
     step, z, forces = stepper(), start(), np.array([0.1, 1e300, -0.2, 0.3])[:, None]
     arguments = {"dt": DT, "steps": 40, "t0": T0, "events": EVENTS, "parameters": VALUES,
-                 "tangents": gs.Tangents("all", ["l"], dt=True)}
+                 "tangents": gs.Tangents("all", ["l"], dt=True, multipliers=True)}
     many = step.integrate_ensemble(np.tile(z[:2], (4, 1)), np.tile(z[2:], (4, 1)), **arguments,
                                    workers=2, inputs={"u": forces})
     assert [one is None for one in many.tangents] == [False, True, False, False]

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP, refused
@@ -109,6 +110,49 @@ def test_steps_that_fail(gl3):
     for call in (gl3.vjp, lambda *z, **given: gl3.jvp(*z, ALONG, ZERO, **given)):
         with pytest.raises(gs.StepFailed):
             call(TOP.q0, TOP.p0, dt=5.0, parameters=PARAMETERS)
+
+
+@pytest.mark.parametrize(("cotangents", "words"), [
+    ({"multipliers": np.ones(3)}, r"\(3,\).*\(30, 4\)"),
+    ({"multipliers": np.full((30, 4), np.nan)}, "finite"),
+    ({"multiplier": np.ones(4)}, "multipliers"),
+    ({"events": {"x": {"t": 1.0}}}, "'x'.*no events"),
+    ({"parameters": {"I3": np.nan}}, "I3.*nan"),
+    ({"parameters": {"I3": "a"}}, "I3.*'a'"),
+], ids=["shape", "nan", "name", "events", "parameter nan", "parameter text"])
+def test_cotangents_that_are_none(run, cotangents, words):
+    with refused(words):
+        run.gradient(cotangents)
+
+
+@pytest.mark.parametrize(("loss", "words"), [
+    (lambda r: 3.0, "3.0"), (lambda r: None, "None"), (lambda r: ("x", {"q": r.q}), "'x'"),
+    (lambda r: (1.0, [1, 2]), r"\[1, 2\]"), (sp.Symbol("lambda_0"), "every = 1"),
+    (sp.Symbol("lambda_3"), "lambda_0"), (1 / sp.Symbol("q2"), "finite"),
+], ids=["number", "nothing", "text", "list", "multipliers", "no constraint", "pole"])
+def test_losses_that_are_none(gl3, run, loss, words):
+    with refused(words):
+        run.gradient(loss=loss)
+
+
+def test_runs_of_other_systems(gl3, run):
+    free = stepper(pendulum)
+    with refused(run.manifest["name"]):
+        free.gradient(run, {"q": [1.0, 0.0]})
+    with refused("wrt"):
+        run.gradient({"q": TOP.q0}, wrt=[])
+    with refused("'inputs'"):
+        run.gradient({"q": TOP.q0}, wrt="inputs")
+
+
+def test_multipliers_of_systems_without_constraints():
+    x, p = sp.symbols("x p")
+    step = gs.stepper("IMS", system=gs.System((x,), (p,), (), p**2 / 2 + x**2 / 2, name="plain"))
+    arguments = {"dt": 0.1, "steps": 2, "parameters": {}}
+    with refused("multipliers.*constraints"):
+        step.integrate([1.0], [0.0], **arguments).gradient({"multipliers": [1.0]})
+    with refused("multipliers.*constraints"):
+        step.integrate([1.0], [0.0], **arguments, tangents=gs.Tangents(multipliers=True))
 
 
 def test_gradients_need_one_source(gl3, run):

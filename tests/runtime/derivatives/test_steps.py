@@ -36,16 +36,16 @@ CASES = {
 
 
 def step_in_113_bits(step, q, p, values, dt, t0):
-    """Return unknowns and end of a step by Newton's method."""
+    """Return unknowns, and end and multipliers of a step, by Newton's method."""
     b = step.binding
     parameters = b.parameters(values, t0)
     unknowns, work = b.new(step.unknowns), b.work()
     status = b.function("T1")(parameters, b.options(None, 60, "newton"), dt, b.pointer(q),
                               b.pointer(p), b.pointer(unknowns), b.ffi.new("int *"), work)
     assert status == 0
-    status, q1, p1, _ = b.finish(parameters, dt, q, p, unknowns, work)
+    status, *ends = b.finish(parameters, dt, q, p, unknowns, work)
     assert status == 0
-    return unknowns, np.concatenate([q1, p1])
+    return unknowns, np.concatenate(ends)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -69,8 +69,11 @@ def test_tangents_are_limits_of_differences(case):
     unit = binding.own.new(binding.rows, binding.rows)
     unit[np.arange(binding.rows), np.arange(binding.rows)] = 1
     parameters = binding.own.parameters(values, t0)
-    status, ends = binding.tangent(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns, unit)
+    forces = binding.own.new(binding.own.multipliers, binding.rows)
+    status, ends = binding.tangent(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns, unit,
+                                   forces)
     assert status == 0
+    ends = np.concatenate([ends, forces])
 
     def end(place, change):
         state, here, size, time = z.copy(), dict(values), dt, t0
@@ -85,18 +88,20 @@ def test_tangents_are_limits_of_differences(case):
         return step_in_113_bits(step, state[:n].copy(), state[n:].copy(), here, size, time)[1]
 
     scales = [1] * (2 * n) + [abs(values[name]) or 1 for name in names] + [dt, dt]
-    largest = max(abs(e) * s for row in ends for e, s in zip(row, scales, strict=True))
+    largest = [max([abs(e) * s for row in rows for e, s in zip(row, scales, strict=True)] or [0])
+               for rows in (ends[: 2 * n], forces)]
     h = as_real("h", 2.0**-36, number)
     places = range(binding.rows - (step.binding.time is None))
     for place in places if n < 4 else [0, n, 2 * n, 2 * n + 3, 2 * n + len(names)]:
         e = h * scales[place]
         slope = (8 * (end(place, e) - end(place, -e)) - (end(place, 2 * e) - end(place, -2 * e))
                  ) / 12
-        off = max(abs(d - e * made) for d, made in zip(slope, ends[:, place], strict=True))
-        assert off <= 1e-21 * h * largest, place
-    weights = np.array([as_real("w", k % 5 - 2, number) for k in range(2 * n)], dtype=object)
+        off = abs(slope - e * ends[:, place])
+        assert max(off[: 2 * n]) <= 1e-21 * h * largest[0], place
+        assert max(off[2 * n :], default=0) <= 1e-19 * h * largest[1], place
+    weights = np.array([as_real("w", k % 5 - 2, number) for k in range(len(ends))], dtype=object)
     status, cotangent = binding.adjoint(parameters, dt, z[:n].copy(), z[n:].copy(), unknowns,
-                                        weights)
+                                        weights[: 2 * n].copy(), weights[2 * n :].copy())
     assert status == 0
     expected = weights @ ends
     assert max(abs(expected - cotangent)) <= 1e-30 * max(abs(expected))
@@ -152,16 +157,42 @@ def test_a_loss_may_be_an_expression():
             loss=sp.Symbol("z"))
 
 
+@pytest.mark.parametrize("scheme", [("G-L", 2), ("IMS", None)], ids=["G-L", "IMS"])
+def test_a_loss_may_have_reactions(scheme):
+    """The force in a joint is its multipliers; by parameters and dt, against differences."""
+    model = gs.models.double_top()
+    step, force = gs.stepper(*scheme, system=model.system), sp.symbols("lambda_2:5")
+    loss = sum(part**2 for part in force) * (1 + sp.Symbol("b_q0"))
+
+    def gradient(name="dt", change=0.0, every=1):
+        here = {**model.parameters, "dt": 0.01}
+        here[name] += change
+        dt = here.pop("dt")
+        run = step.integrate(model.q0, model.p0, dt=dt, steps=12, every=every, parameters=here)
+        return run, run.gradient(loss=loss, wrt=["a_m", "gravity_z", "dt"])
+
+    run, found = gradient()
+    expected = (run.joint("joint").force()**2).sum(axis=1) @ (1 + run.q[:, 4])
+    assert found.value == pytest.approx(expected, rel=1e-13)
+    for name, size in (("a_m", 1.0), ("gravity_z", 10.0), ("dt", 0.01)):
+        e = 1e-4 * size
+        near, far = ([gradient(name, s * k * e)[1].value for s in (1, -1)] for k in (1, 2))
+        slope = (8 * (near[0] - near[1]) - (far[0] - far[1])) / (12 * e)
+        assert found[name] == pytest.approx(slope, rel=1e-7)
+    with pytest.raises(gs.InputError, match="every = 1"):
+        gradient(every=5)
+
+
 @pytest.mark.parametrize("real", ["double", "float128"])
 def test_a_file_keeps_tangents(tmp_path, real):
     step, problem = gs.stepper("IMS", real=real), gs.problems.fast_top()
     parameters = problem.parameters | {"gamma": 0.0016}
     start = step.project(problem.q0, problem.p0, parameters=parameters)
     run = step.integrate(*start, dt=1e-3, steps=3, parameters=parameters,
-                         tangents=gs.Tangents("all", ["I1"]))
+                         tangents=gs.Tangents("all", ["I1"], multipliers=True))
     read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).tangents
     assert read.names == run.tangents.names
-    for name in ("q", "p", "start"):
+    for name in ("q", "p", "start", "t", "multipliers"):
         assert (getattr(read, name) == getattr(run.tangents, name)).all()
 
 
@@ -178,7 +209,7 @@ def test_checkpoints_of_many_pieces_have_the_same_bits(top):
 def test_a_step_has_the_derivatives_of_a_run(top):
     step, problem, parameters = top
     run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=1, parameters=parameters,
-                         tangents=gs.Tangents("all", ["I3"]))
+                         tangents=gs.Tangents("all", ["I3"], multipliers=True))
     start, n = run.tangents.start, step.n
     *_, dq, dp = step.jvp(problem.q0, problem.p0, start[:n, :6], start[n:, :6], dt=1e-3,
                           parameters=parameters)
@@ -192,6 +223,26 @@ def test_a_step_has_the_derivatives_of_a_run(top):
                 @ np.concatenate([run.tangents.q[-1], run.tangents.p[-1]]))
     assert np.allclose(gradient.start, expected[:6], rtol=0, atol=1e-13)
     assert gradient["I3"] == pytest.approx(expected[6], rel=1e-12)
+    gradient = back([0] * 4, [0] * 4, [1, -2, 3, 1])
+    expected = np.array([1, -2, 3, 1]) @ run.tangents.multipliers[0]
+    found = np.array([*gradient.start, gradient["I3"]])
+    assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+
+
+def test_multipliers_that_turn_with_a_frame_are_refused():
+    """Two points at one place: the constraints turn with the plane."""
+    q, p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("p1 p2 p3 p4", real=True)
+    H = sum(part**2 for part in p) / 2 + (q[0]**2 + q[1]**2) / 2
+    step = gs.stepper("G-L", stages=2, frame="symmetries", system=gs.System(
+        q, p, (), H, [q[0] - q[2], q[1] - q[3]], name="joined"))
+    rates = {symmetry.name: 0.5 for symmetry in step.symmetries}
+    assert rates
+    run = step.integrate([1, 0, 1, 0], [0, 1, 0, 1], dt=0.1, steps=3, parameters=rates)
+    with pytest.raises(gs.InputError, match="frame"):
+        run.gradient({"multipliers": np.ones(run.multipliers.shape)})
+    with pytest.raises(gs.InputError, match="frame"):
+        step.integrate([1, 0, 1, 0], [0, 1, 0, 1], dt=0.1, steps=3, parameters=rates,
+                       tangents=gs.Tangents(multipliers=True))
 
 
 def test_inputs_and_moving_constraints():
