@@ -296,7 +296,8 @@ class DiscreteFlow:
         kept, space = self._kept(run)
         steps, status = kept.keep(self.steps)
         if status:
-            raise self._failed(kept.done, status)
+            self.stepper.run(run)  # says why it fails
+            raise singular(kept.done, status)
         parameters = second.own.parameters(run.parameters, run.t0)
         own, size = self._places.size, 2 * self.n
         u = dx[:, own:].reshape(len(dx), self.steps, -1)
