@@ -142,10 +142,11 @@ def stepper_of(
 
 
 def _with_derivatives(
-    spec: Spec, system: Any, tableau: Any, allow_invalid: bool
+    spec: Spec, system: Any, tableau: Any, allow_invalid: bool, *, second: bool = False
 ) -> dict[str, str]:
     """Return the files of a stepper with tangents and adjoints, for a given system or tableau."""
-    return _generate(spec, system, tableau, allow_invalid, derivatives=True).source.files()
+    return _generate(spec, system, tableau, allow_invalid, derivatives=True, second=second
+                     ).source.files()
 
 
 def consistent(
@@ -246,12 +247,13 @@ def _named_stepper(spec: Spec) -> Stepper:
         partial(_derivative_files, spec), portable=True))
 
 
-def _derivative_files(spec: Spec) -> dict[str, str]:
+def _derivative_files(spec: Spec, *, second: bool = False) -> dict[str, str]:
     """Return the files of a named stepper with tangents and adjoints, cached."""
-    key = f"{spec.name}-{_source_key(spec, 'derivatives')}.source.json"
+    kind = "second" if second else "derivatives"
+    key = f"{spec.name}-{_source_key(spec, kind)}.source.json"
     files: dict[str, str] | None = read_cache(key)
     if files is None:
-        files = _with_derivatives(spec, None, None, False)
+        files = _with_derivatives(spec, None, None, False, second=second)
         write_cache(key, files)
     return files
 
@@ -335,21 +337,24 @@ def _cached_model(
 
 
 def _model_with_derivatives(
-    key: str, spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool
+    key: str, spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool, *,
+    second: bool = False,
 ) -> dict[str, str]:
     """Return the files of a model's stepper with tangents and adjoints, cached beside its own."""
-    key = key.replace(".source.json", "_derivatives.source.json")
+    kind = "second" if second else "derivatives"
+    key = key.replace(".source.json", f"_{kind}.source.json")
     files: dict[str, str] | None = read_cache(key)
     if files is None:
         with capture_warnings():
-            files = _generate_model(spec, make, allow_invalid, derivatives=True)[1]
+            files = _generate_model(spec, make, allow_invalid, derivatives=True,
+                                    second=second)[1]
         write_cache(key, files)
     return files
 
 
 def _generate_model(
     spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool, *,
-    derivatives: bool = False,
+    derivatives: bool = False, second: bool = False,
 ) -> tuple[str, dict[str, str], RunDefaults]:
     from .generator.pipeline import generate
 
@@ -357,7 +362,7 @@ def _generate_model(
     with log_task(f"deriving {what} with {spec.method}", f"derived {what}"):
         model, free = make()
         source = generate(spec, model=model, allow_invalid=allow_invalid,
-                          derivatives=derivatives).source
+                          derivatives=derivatives, second=second).source
     return source.name, source.files(), replace(RunDefaults.of(model), free=free)
 
 
@@ -430,7 +435,8 @@ def _generator_fingerprint() -> str:
 
 
 def _generate(
-    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False
+    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False,
+    second: bool = False,
 ) -> Generated:
     from .generator.pipeline import generate
     from .generator.systems.system import System
@@ -442,7 +448,8 @@ def _generate(
         raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
                          "one with gyrospark.tableau.")
     what = spec.name if system is None else f"{system.name} with {spec.method}"
-    what = f"derivatives of {what}" if derivatives else what
+    kind = "second derivatives" if second else "derivatives"
+    what = f"{kind} of {what}" if derivatives else what
     with log_task(f"deriving {what}", f"derived {what}"):
         return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid,
-                        derivatives=derivatives)
+                        derivatives=derivatives, second=second)

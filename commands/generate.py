@@ -50,7 +50,7 @@ __all__ = ["generate"]
               help="Put the engine into the C, which cc then builds alone; profiles control "
                    "and run are always written so.")
 @click.option("--derivatives", is_flag=True,
-              help="Write tangents and adjoints of steps and runs, too; profiles full and run.")
+              help="Write tangents and adjoints of steps and runs, too.")
 @click.option("--allow-invalid", is_flag=True,
               help="Generate from a tableau although it violates required conditions.")
 def generate(
@@ -79,9 +79,6 @@ def generate(
         click.echo("".join(f"{said}\n" for said in note), nl=False)
         specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
-    if derivatives and any(spec.profile == "control" for spec in specs):
-        raise InputError("Profile 'control' has no Newton iteration, whose equations derivatives "
-                         "need; take profile 'run' for --derivatives.")
     if check:
         return max(check_files(spec, out, allow_invalid, standalone, derivatives)
                    for spec in specs)

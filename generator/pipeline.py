@@ -51,6 +51,7 @@ def generate(
     allow_invalid: bool = False,
     structured: bool | None = None,
     derivatives: bool = False,
+    second: bool = False,
 ) -> Generated:
     """Run the pipeline.
 
@@ -72,6 +73,8 @@ def generate(
         default where that saves work.
     derivatives : bool
         Whether the C has tangents and adjoints of steps too.
+    second : bool
+        Whether it has derivatives of adjoints, beside tangents and adjoints.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def generate(
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
-                          spec.profile, frame, derivatives), structured)
+                          spec.profile, frame, derivatives or second, second), structured)
     return Generated(source, scheme, system, coefficients)
 
 

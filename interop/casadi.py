@@ -33,7 +33,7 @@ __all__ = ["Flow", "run", "step"]
 Array = NDArray[Any]
 
 
-def step(stepper: Stepper, *, dt: Any = None, second_order: str = "refuse") -> Flow:
+def step(stepper: Stepper, *, dt: Any = None, second_order: str = "exact") -> Flow:
     """Return one step of a stepper as a CasADi function: ``f(q, p, parameters)`` → (q1, p1).
 
     See ``run``, of which it is ``steps=1``.
@@ -42,7 +42,7 @@ def step(stepper: Stepper, *, dt: Any = None, second_order: str = "refuse") -> F
 
 
 def run(
-    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "refuse"
+    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact"
 ) -> Flow:
     """Return a run of a stepper as a CasADi function: (q, p) after ``steps`` steps.
 
@@ -63,7 +63,7 @@ class Flow(FlowFunction):
 
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
         super().__init__(stepper, steps, dt, second_order)
-        self.function = _value(self._flow, self._differences)
+        self.function = _value(self._flow, self._has_second)
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         return self.function(casadi.vertcat(*(_column(part, shape) for part, shape in parts)))
@@ -152,7 +152,7 @@ def _named(names: list[str], shapes: list[tuple[int, int]]) -> dict[str, tuple[i
     return dict(zip(names, shapes, strict=True))
 
 
-def _value(flow: DiscreteFlow, differences: bool) -> Any:
+def _value(flow: DiscreteFlow, has_second: bool) -> Any:
     x, z = (flow.size, 1), (2 * flow.n, 1)
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
@@ -165,20 +165,20 @@ def _value(flow: DiscreteFlow, differences: bool) -> Any:
             lambda x, z, dx: (flow.tangent(x.T, dx.T[None])[0].T,))
 
     def reverse(name: str, ins: list[str], outs: list[str], count: int) -> Any:
-        return _reverse(flow, differences, name, ins, outs, count)
+        return _reverse(flow, has_second, name, ins, outs, count)
 
     return _Function("gyrospark_run", {"x": x}, {"z": z}, lambda x: (flow.value(x.T).T,),
                      {"jacobian": jacobian, "forward": forward, "reverse": reverse})
 
 
 def _reverse(
-    flow: DiscreteFlow, differences: bool, name: str, ins: list[str], outs: list[str], count: int
+    flow: DiscreteFlow, has_second: bool, name: str, ins: list[str], outs: list[str], count: int
 ) -> Any:
     """Return x, z, w ↦ F'(x)ᵀ w; its Jacobian is one of second order."""
     shapes = [(flow.size, 1), (2 * flow.n, 1), (2 * flow.n, count)]
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
-        if not differences:
+        if not has_second:
             raise no_second_order(
                 ": IPOPT does without them by hessian_approximation=\"limited-memory\"")
         width = flow.size * count

@@ -27,6 +27,7 @@ from ..runtime.derivatives.binding import KeptRun
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
 from ..runtime.derivatives.kept_steps import pieces, singular, split
+from ..runtime.derivatives.second_order import pulled_back_slope
 from ..runtime.derivatives.tangent_space import TangentSpace
 from ..runtime.integration.consistency import refuse_singular_mass
 from ..runtime.integration.run_arguments import RunArguments, as_parameters
@@ -66,7 +67,7 @@ class DiscreteFlow:
         Why the last rows failed that are NaN.
     """
 
-    def __init__(self, stepper: Stepper, steps: int) -> None:
+    def __init__(self, stepper: Stepper, steps: int, *, exact: bool = True) -> None:
         if not isinstance(stepper, Stepper):
             raise InputError(f"step = {shown(stepper)} is no stepper; give one of "
                              "gyrospark.stepper(...).")
@@ -74,6 +75,8 @@ class DiscreteFlow:
             raise InputError(f"{stepper.name} computes in {stepper.manifest['real']}, and other "
                              "libraries in double; give a stepper with real=\"double\".")
         self.stepper = stepper
+        #: Whether second derivatives are exact; else differences.
+        self.exact = exact
         self.steps = as_positive_count("steps", steps, least=1)
         binding = stepper.binding
         self.n, self.input_names = stepper.n, binding.input_names
@@ -118,13 +121,18 @@ class DiscreteFlow:
         return self.tangent(x, np.repeat(np.eye(self.size)[None], len(x), axis=0)).swapaxes(1, 2)
 
     def second(self, linear: Callable[..., Array], x: Array, v: Array, dx: Array) -> Array:
-        """Return the derivative of ``linear(x, v)`` by x along dx: central differences, order 4.
+        """Return the derivative of ``linear(x, v)`` by x along dx.
 
         ``linear`` is ``tangent`` or ``adjoint``; dx has the shape (rows, k, size), a direction for
-        each v. The directions of the start are projected onto the constraints.
+        each v. The directions of the start are projected onto the constraints. Exact, or by central
+        differences of order 4.
         """
         self._compile()
         width = self.size if linear == self.adjoint else 2 * self.n
+        if self.exact:
+            _ = self.stepper.second_binding  # compiled, as above
+            whole = self._second_adjoint if linear == self.adjoint else self._second_tangent
+            return self._of_rows(whole, (v.shape[1], width), x, v, dx)
 
         def row(x: Array, v: Array, dx: Array) -> Array:
             run = self._run(x)
@@ -273,6 +281,53 @@ class DiscreteFlow:
         z_bar[:, : 2 * self.n] = ends
         pulled = space.pulled_back(z_bar.T).T
         return np.concatenate([pulled[:, self._places], u_bar.reshape(count, -1)], axis=1)
+
+    def _second_tangent(self, x: Array, v: Array, dx: Array) -> Array:
+        """Return the derivative of F'(x) v along dx: that of each entry's gradient, times v."""
+        units = np.eye(2 * self.n)
+        return np.array([[by_x @ one for by_x in self._second_adjoint(
+            x, units, np.repeat(along[None], 2 * self.n, axis=0))]
+            for one, along in zip(v, dx, strict=True)])
+
+    def _second_adjoint(self, x: Array, w: Array, dx: Array) -> Array:
+        """Return the derivative of F'(x)ᵀ w along dx, a row for each w and dx."""
+        run, first, second = self._run(x), self.stepper.derivative_binding, \
+            self.stepper.second_binding
+        kept, space = self._kept(run)
+        steps, status = kept.keep(self.steps)
+        if status:
+            self.stepper.run(run)  # says why it fails
+            raise singular(kept.done, status)
+        parameters = second.own.parameters(run.parameters, run.t0)
+        own, size = self._places.size, 2 * self.n
+        u = dx[:, own:].reshape(len(dx), self.steps, -1)
+        dz = self._projected(space, dx[:, :own])
+        found = np.zeros((len(w), self.size))
+        for j, cotangent in enumerate(w):
+            direction = dz[:, j].copy()
+            rows = np.zeros((self.steps + 1, size))
+            rows[0], tangent = direction[:size], direction[:size, None].copy()
+            for part in split(steps, np.arange(self.steps)) if u[j].any() else (steps,):
+                direction[self._input_places] = u[j, part.first]
+                status = first.integrate_tangent(
+                    run, kept.parameters, part, direction[:, None].copy(), 1,
+                    rows[part.first + 1 :], first.own.new(0), tangent)
+                if status:
+                    raise singular(part.first, status)
+            direction[self._input_places] = 0
+            none, end = np.zeros((1, size)), (cotangent.copy(), np.zeros(size))
+            z_bar, slope = first.own.new(self._rows), first.own.new(self._rows)
+            inputs = np.ascontiguousarray(u[j]), *(np.zeros_like(u[j]) for _ in range(2))
+            status = second.integrate_second(
+                run, parameters, steps, rows, direction, (none, none), self.steps, end,
+                (z_bar, slope), inputs)
+            if status:
+                raise singular(0, status)
+            z_bar[:size], slope[:size] = end
+            changed = pulled_back_slope(second, space, parameters, run.q, run.p, direction, z_bar,
+                                        slope)
+            found[j] = np.concatenate([changed[self._places], inputs[2].ravel()])
+        return found
 
     # ------------------------------------------------------------ the derivative of the projection
 

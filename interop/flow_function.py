@@ -15,8 +15,8 @@ from .discrete_flow import DiscreteFlow
 
 __all__ = ["FlowFunction", "no_second_order"]
 
-#: What second derivatives may be: no kernels for them are generated.
-_SECOND_ORDER = ("refuse", "differences")
+#: What second derivatives may be.
+_SECOND_ORDER = ("exact", "differences", "refuse")
 
 
 class FlowFunction(ABC):
@@ -30,9 +30,10 @@ class FlowFunction(ABC):
         Number of steps.
     dt : float, optional
         Time step of calls that give none.
-    second_order : {"refuse", "differences"}
-        "differences" are central differences of order 4 of the exact first derivatives, about ten
-        digits where a run is not sensitive. The start is moved along the constraints alone.
+    second_order : {"exact", "differences", "refuse"}
+        Systems that have no exact second derivatives (see ``Stepper.hessian``) take "differences":
+        central ones of order 4 of the first derivatives, about ten digits where a run is not
+        sensitive. The start is moved along the constraints alone.
 
     Raises
     ------
@@ -48,8 +49,9 @@ class FlowFunction(ABC):
     """
 
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
-        self._differences = choose("second_order", second_order, _SECOND_ORDER) == "differences"
-        self._flow, self._dt = DiscreteFlow(stepper, steps), dt
+        self._has_second = choose("second_order", second_order, _SECOND_ORDER) != "refuse"
+        self._flow = DiscreteFlow(stepper, steps, exact=second_order == "exact")
+        self._dt = dt
         self.names, self.failures = self._flow.names, self._flow.failures
 
     def __call__(
@@ -116,6 +118,5 @@ class FlowFunction(ABC):
 
 def no_second_order(cure: str = "") -> InputError:
     """Return the refusal of a second derivative; ``cure`` is one of the library."""
-    return InputError(f"Second derivatives of steps are not generated yet{cure}; with "
-                      "second_order=\"differences\" they are differences of the first, which are "
-                      "exact.")
+    return InputError("Second derivatives of steps are refused by second_order=\"refuse\", which "
+                      f"was given{cure}; leave it out, and they are exact.")

@@ -39,7 +39,7 @@ __all__ = ["Flow", "run", "step"]
 
 
 def step(
-    stepper: Stepper, *, dt: Any = None, second_order: str = "refuse"
+    stepper: Stepper, *, dt: Any = None, second_order: str = "exact"
 ) -> Flow:
     """Return one step of a stepper as a JAX function: ``f(q, p, parameters)`` → (q1, p1).
 
@@ -49,7 +49,7 @@ def step(
 
 
 def run(
-    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "refuse"
+    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact"
 ) -> Flow:
     """Return a run of a stepper as a JAX function of its start: (q, p) after ``steps`` steps.
 
@@ -67,7 +67,7 @@ class Flow(FlowFunction):
                              "jax.config.update(\"jax_enable_x64\", True) first.")
         x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(part, dtype=jnp.float64), shape).ravel()
                              for part, shape in parts])
-        return _value.bind(x[None], flow=self._flow, differences=self._differences)[0]
+        return _value.bind(x[None], flow=self._flow, has_second=self._has_second)[0]
 
 
 # ---------------------------------------------------------------- primitives
@@ -89,15 +89,15 @@ def _of_flow(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None
         width = flow.size if is_adjoint else 2 * flow.n
         return (*(others[0].shape[:2] if others else x.shape[:1]), width)
 
-    def compute(*arrays: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def compute(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return call(flow, *map(np.asarray, arrays))
 
-    def lowered(*arrays: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def lowered(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return jax.pure_callback(
-            partial(compute, flow=flow, differences=differences),
+            partial(compute, flow=flow, has_second=has_second),
             jax.ShapeDtypeStruct(shape(*arrays, flow=flow), jnp.float64), *arrays)
 
-    def abstract(*arrays: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def abstract(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return ShapedArray(shape(*arrays, flow=flow), jnp.dtype("float64"))
 
     def implement(*arrays: Any, **given: Any) -> Any:
@@ -139,15 +139,15 @@ def _value_jvp(primals: Any, tangents: Any, **given: Any) -> Any:
 
 
 def _linear_jvp(
-    linear: Any, second: Any, primals: Any, tangents: Any, *, flow: DiscreteFlow, differences: bool
+    linear: Any, second: Any, primals: Any, tangents: Any, *, flow: DiscreteFlow, has_second: bool
 ) -> Any:
     """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
     (x, v), (dx, dv) = primals, tangents
-    given = {"flow": flow, "differences": differences}
+    given = {"flow": flow, "has_second": has_second}
     value = linear.bind(x, v, **given)
     found = [linear.bind(x, dv, **given)] if _along(dv) else []
     if _along(dx):
-        if not differences:
+        if not has_second:
             raise no_second_order()
         directions = jnp.broadcast_to(dx[:, None], (*v.shape[:2], dx.shape[-1]))
         found.append(second.bind(x, v, directions, **given))

@@ -29,7 +29,7 @@ except ImportError as error:
 __all__ = ["Flow", "run", "step"]
 
 
-def step(stepper: Stepper, *, dt: Any = None, second_order: str = "refuse") -> Flow:
+def step(stepper: Stepper, *, dt: Any = None, second_order: str = "exact") -> Flow:
     """Return one step of a stepper as a PyTorch function: ``f(q, p, parameters)`` → (q1, p1).
 
     See ``run``, of which it is ``steps=1``.
@@ -38,7 +38,7 @@ def step(stepper: Stepper, *, dt: Any = None, second_order: str = "refuse") -> F
 
 
 def run(
-    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "refuse"
+    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact"
 ) -> Flow:
     """Return a run of a stepper as a PyTorch function: (q, p) after ``steps`` steps.
 
@@ -53,7 +53,7 @@ class Flow(FlowFunction):
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         x = torch.cat([_double(part).broadcast_to(shape).reshape(-1) for part, shape in parts])
-        return _Value.apply(x[None], self._flow, self._differences)[0]
+        return _Value.apply(x[None], self._flow, self._has_second)[0]
 
 
 def _double(part: Any) -> Any:
@@ -74,7 +74,7 @@ def _computed(function: Any, *tensors: Any) -> Any:
 
 
 def _save(ctx: Any, given: tuple[Any, ...]) -> None:
-    *tensors, ctx.flow, ctx.differences = given
+    *tensors, ctx.flow, ctx.has_second = given
     ctx.save_for_backward(*tensors)
     ctx.save_for_forward(*tensors)
     ctx.set_materialize_grads(False)
@@ -82,7 +82,7 @@ def _save(ctx: Any, given: tuple[Any, ...]) -> None:
 
 def _batch(function: Any, size: int, axes: tuple[Any, ...], given: tuple[Any, ...]) -> Any:
     """Make the axis of points longer; where x is the same for all, that of directions."""
-    *tensors, flow, differences = given
+    *tensors, flow, has_second = given
     place = 0 if axes[0] is not None else 1  # of the mapped axis, before the one it is merged with
     made = []
     for i, (tensor, axis) in enumerate(zip(tensors, axes[: len(tensors)], strict=True)):
@@ -93,7 +93,7 @@ def _batch(function: Any, size: int, axes: tuple[Any, ...], given: tuple[Any, ..
                else tensor.unsqueeze(place).expand(*tensor.shape[:place], size,
                                                    *tensor.shape[place:]))
         made.append(one.reshape(*one.shape[:place], -1, *one.shape[place + 2 :]))
-    found = function.apply(*made, flow, differences)
+    found = function.apply(*made, flow, has_second)
     return found.reshape(*found.shape[:place], size, -1, *found.shape[place + 1 :]), place
 
 
@@ -101,7 +101,7 @@ class _Value(Function):  # type: ignore[misc]
     """x, shape (rows, size) → F(x), shape (rows, 2 n)."""
 
     @staticmethod
-    def forward(x: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def forward(x: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(flow.value, x)
 
     @staticmethod
@@ -113,12 +113,12 @@ class _Value(Function):  # type: ignore[misc]
         if w is None:
             return None, None, None
         (x,) = ctx.saved_tensors
-        return _Adjoint.apply(x, w[:, None], ctx.flow, ctx.differences)[:, 0], None, None
+        return _Adjoint.apply(x, w[:, None], ctx.flow, ctx.has_second)[:, 0], None, None
 
     @staticmethod
     def jvp(ctx: Any, dx: Any, *_: Any) -> Any:
         (x,) = ctx.saved_tensors
-        return _Tangent.apply(x, dx[:, None], ctx.flow, ctx.differences)[:, 0]
+        return _Tangent.apply(x, dx[:, None], ctx.flow, ctx.has_second)[:, 0]
 
     @staticmethod
     def vmap(info: Any, in_dims: tuple[Any, ...], *given: Any) -> Any:
@@ -139,18 +139,18 @@ def _transposed(ctx: Any, other: Any, cotangent: Any) -> Any:
                          "torch.func.hessian, or jacfwd of jacrev.")
     if cotangent is None or not ctx.needs_input_grad[1]:
         return None, None, None, None
-    return None, other.apply(ctx.saved_tensors[0], cotangent, ctx.flow, ctx.differences), None, None
+    return None, other.apply(ctx.saved_tensors[0], cotangent, ctx.flow, ctx.has_second), None, None
 
 
 def _linear_jvp(ctx: Any, own: Any, second: Any, dx: Any, dv: Any) -> Any:
     """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
     x, v = ctx.saved_tensors
-    found = [] if dv is None else [own.apply(x, dv, ctx.flow, ctx.differences)]
+    found = [] if dv is None else [own.apply(x, dv, ctx.flow, ctx.has_second)]
     if dx is not None:
-        if not ctx.differences:
+        if not ctx.has_second:
             raise no_second_order()
         directions = dx[:, None].expand(*v.shape[:2], dx.shape[-1])
-        found.append(second.apply(x, v, directions, ctx.flow, ctx.differences))
+        found.append(second.apply(x, v, directions, ctx.flow, ctx.has_second))
     return sum(found[1:], found[0]) if found else None
 
 
@@ -158,7 +158,7 @@ class _Tangent(_Linear):
     """x and dx, shape (rows, k, size) → F'(x) dx, shape (rows, k, 2 n)."""
 
     @staticmethod
-    def forward(x: Any, dx: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def forward(x: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(flow.tangent, x, dx)
 
     @staticmethod
@@ -178,7 +178,7 @@ class _Adjoint(_Linear):
     """x and w, shape (rows, k, 2 n) → F'(x)ᵀ w, shape (rows, k, size)."""
 
     @staticmethod
-    def forward(x: Any, w: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def forward(x: Any, w: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(flow.adjoint, x, w)
 
     @staticmethod
@@ -198,7 +198,7 @@ class _SecondTangent(_Linear):
     """x, v and dx, shape (rows, k, …) → the derivative of F'(x) v by x along dx."""
 
     @staticmethod
-    def forward(x: Any, v: Any, dx: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def forward(x: Any, v: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
 
     @staticmethod
@@ -210,7 +210,7 @@ class _SecondAdjoint(_Linear):
     """x, w and dx, shape (rows, k, …) → the derivative of F'(x)ᵀ w by x along dx."""
 
     @staticmethod
-    def forward(x: Any, w: Any, dx: Any, flow: DiscreteFlow, differences: bool) -> Any:
+    def forward(x: Any, w: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         return _computed(lambda *xs: flow.second(flow.adjoint, *xs), x, w, dx)
 
     @staticmethod

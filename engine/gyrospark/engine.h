@@ -125,7 +125,7 @@
 #define GS_PROFILE_CONTROL 0
 #endif
 
-#if !GS_PROFILE_CONTROL
+#if !GS_PROFILE_CONTROL || GS_DERIVATIVES
 /* Statements and arguments of one feature; AT and BETWEEN set the time among the constants. */
 #if GS_TIME_DEPENDENT
 #define IF_TIME(...) __VA_ARGS__
@@ -172,6 +172,9 @@ typedef NAME(options) options_t;
 #endif
 #if GS_PROFILE_CONTROL
 typedef NAME(work) state_t;
+#if GS_DERIVATIVES
+typedef state_t work_t;
+#endif
 #else
 typedef NAME(report) report_t;
 typedef NAME(work) work_t;

@@ -6,6 +6,7 @@
     elements         a system as sums over element templates
     element_derivatives  kernels of element templates for derivatives of a step
     derivatives      tangents and adjoints of a stepper
+    second_order     second derivatives of a stepper, by dual numbers
     lane_iteration   the fixed-point iteration of profile full, on lanes
     plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
     splitting_flows  compositions of exact flows: tables, weights, kernels

@@ -17,12 +17,12 @@ from ..symbolic.derivatives import derivative
 from ..systems.lagrangian import LagrangianSystem
 from .element_derivatives import element_derivatives
 from .program import Derivatives, Derived, Elements, LaneIteration
+from .second_order import second_order_of
 
-__all__ = ["derivatives_of"]
-
+__all__ = ["LINEARISATION", "derivatives_of"]
 
 #: Kernels of a linearisation.
-_ON_LANES = {
+LINEARISATION = {
     "hessian", "constraint_jacobian", "constraint_curvature", "rates_by_constants",
     "force_by_constants", "constraint_by_constants", "hidden_derivative", "mean_jacobian",
     "mean_curvature", "mean_constraint", "mean_rates_derivative", "mean_constraint_by_start"}
@@ -45,14 +45,15 @@ def derivatives_of(
     parts = [] if elements is None else element_derivatives(derived, elements)
     own = [] if parts else derivative_kernels(scheme, columns)
     kernels = [emit_kernel(k, derived.constants, real) for k in own]
+    of_linearisation = [k for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
+                        if k.name in LINEARISATION]
     lanes = []
-    if (iteration is not None and not parts and not isinstance(system, LagrangianSystem)
-            and not real.wide and scheme.size <= _MOST_UNKNOWNS
-            and system.n <= _MOST_COORDINATES):
+    if (iteration is not None and not parts and not derived.second
+            and not isinstance(system, LagrangianSystem) and not real.wide
+            and scheme.size <= _MOST_UNKNOWNS and system.n <= _MOST_COORDINATES):
         known = {k.name for k in iteration.kernels}
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
-                 for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
-                 if k.name in _ON_LANES and f"lanes_{k.name}" not in known]
+                 for k in of_linearisation if f"lanes_{k.name}" not in known]
         used = {"hidden_derivative", "constraint_by_constants"}  # of one state
         kernels = [k for k in kernels if k.name in used]
     quantities = quantity_derivatives(system)
@@ -66,20 +67,24 @@ def derivatives_of(
     called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters})
     order = {p: j for j, p in enumerate(system.parameters)}
-    chain = [(i, order[p], printer.number(d)) for i, (_, e) in enumerate(constants)
-             for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)
-             if (d := derivative(e, p)) != 0]
+    slopes = [(i, order[p], d) for i, (_, e) in enumerate(constants)
+              for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)
+              if (d := derivative(e, p)) != 0]
+    second = second_order_of(derived, of_linearisation, [d for *_, d in slopes]
+                             ) if derived.second else None
     places = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,
         columns=len(columns),
         times=len(times),
-        chain=chain,
+        chain=[(i, j, printer.number(d)) for i, j, d in slopes],
         inputs=[places.get(str(u), -1) for u in system.inputs],
-        functions=frozenset(printer.functions).union(*(k.functions for k in called)),
+        functions=frozenset(printer.functions).union(
+            second.functions if second else (), *(k.functions for k in called)),
         parts=parts,
         lanes=lanes,
         quantities=quantities is not None,
+        second=second,
         switches=0 if switches is None else len(switches.outputs["w"]),
     )
 

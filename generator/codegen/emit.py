@@ -35,7 +35,7 @@ from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from ..tableaux.velocity_rows import velocity_enclosures
 from .bytecode import Bytecode
 from .c_lines import fitted
-from .derivatives import derivatives_of
+from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
 from .manifest import frame_manifest, hidden_constraints, manifest_text
@@ -51,6 +51,7 @@ from .program import (
     Program,
     TableauText,
 )
+from .second_order import refuse_second
 from .solver_costs import solver_costs
 from .splitting_flows import flow_lanes, flows_of
 
@@ -116,6 +117,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     """
     scheme, system, constants, real = (
         derived.scheme, derived.system, derived.constants, derived.real)
+    if derived.second:
+        refuse_second(derived)
     parts = _elements(derived, elements)
     lanes: LaneIteration | None = None
     plain: PlainIteration | None = None
@@ -128,19 +131,19 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     elif flows is None:
         plain = plain_iteration(derived)
     own, renamed = (plain.kernels if plain else []), dict[str, str]()
-    kernels = own
+    kernels: list[EmittedKernel] = []
     if isinstance(scheme, SplittingScheme):
         states = scheme.state_kernels() if derived.profile == "full" else []
         kernels = [*(emit_kernel(k, constants, real) for k in states),
                    *(flows.kernels if flows else [])]
-    elif derived.profile != "control":
-        kernels = [] if parts else [
+    elif (derived.profile != "control" or derived.derivatives) and not parts:
+        kernels = [
             emit_kernel(k, constants, real) for k in [*common_kernels(scheme.system),
-                                                      *scheme.kernels()]]
-        own, renamed = beside(kernels, own)
-    known = [*([] if derived.profile == "control" and flows is None else kernels),
-             *(plain.known if plain else []), *(lanes.kernels if lanes else []),
-             *(parts.kernels if parts else [])]
+                                                      *scheme.kernels()]
+            if derived.profile != "control" or k.name in LINEARISATION]
+    own, renamed = beside(kernels, own)
+    known = [*kernels, *(plain.known if plain else []),
+             *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
     frame = _frame(derived)
     quantities = _quantity_kernel(system, real)
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters})
@@ -198,7 +201,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         constants={str(s): comment(e) for e, s in needed.items()},
         constants_c=constants_c,
         run_constants=plain.run_constants if plain else [],
-        kernels=kernels,
+        kernels=[*kernels, *own] if derived.profile == "control" else kernels,
         compensated=any(map(sums_products, known)),
         cardinals=sorted(c_names_with_needs(
             more.union(*(k.functions for k in [*known, *(derivatives.lanes if derivatives
@@ -223,8 +226,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
 def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
     """Return the system as sums over element templates, where that is possible and wanted."""
     system = derived.scheme.system
-    if derived.profile != "full" or isinstance(system, LagrangianSystem) or isinstance(
-            derived.scheme, SplittingScheme) or system.velocity_count:
+    if (derived.profile != "full" or derived.second or system.velocity_count
+            or isinstance(system, LagrangianSystem) or isinstance(derived.scheme, SplittingScheme)):
         return None  # M of a Lagrangian couples all of it, and so do reactions
     if isinstance(system, CoMovingSystem) and system.frame_velocity:
         return None

@@ -21,7 +21,7 @@ from .profiles import ProfileName
 __all__ = [
     "CompositionText", "Derivatives", "Derived", "Elements", "Features", "Flows",
     "FrameTransformation", "LaneIteration", "MassTables", "PlainIteration", "Program",
-    "TableauText",
+    "SecondOrder", "TableauText",
 ]
 
 Table = list[list[str]]
@@ -45,6 +45,8 @@ class Derived:
     frame: CoMovingFrame | None = None
     #: Whether tangents and adjoints are written too.
     derivatives: bool = False
+    #: Whether the derivatives of adjoints are.
+    second: bool = False
 
     @property
     def implicit(self) -> SparkScheme | MeanScheme:
@@ -267,6 +269,23 @@ class Flows:
 
 
 @dataclass(frozen=True)
+class SecondOrder:
+    """Kernels on dual numbers, and the functions that they call."""
+
+    kernels: list[EmittedKernel]
+    #: Nonzero derivatives of constants by parameters, in C.
+    chain: list[str]
+    #: Function of <math.h> → its derivative.
+    slopes: dict[str, str]
+    #: Cardinal function → parts of its second derivative.
+    cardinals: dict[str, tuple[str, str]]
+    #: Functions with two sides, or of two numbers.
+    others: list[str]
+    #: Functions on numbers that these call.
+    functions: frozenset[str]
+
+
+@dataclass(frozen=True)
 class Derivatives:
     """What ``engine/gyrospark/derivatives`` expects of the generated file."""
 
@@ -285,6 +304,7 @@ class Derivatives:
     lanes: list[EmittedKernel]
     #: Whether there is a kernel of the derivatives of quantities.
     quantities: bool
+    second: SecondOrder | None
     #: Switching functions of H and the forces in the kernel of them.
     switches: int
 

@@ -38,7 +38,7 @@ class CPrinter:
     names : mapping
         C text for each symbol; a symbol without an entry keeps its own name.
     prefix : str
-        Of the functions that take and return lanes; empty for plain numbers.
+        Of the functions that take and return lanes, or dual numbers; empty for plain numbers.
     """
 
     def __init__(self, real: Real, names: Mapping[sp.Symbol, str], prefix: str = "") -> None:
@@ -59,13 +59,18 @@ class CPrinter:
         C does not convert a number to lanes by itself.
         """
         text = self(e)
-        return f"splat({text})" if self.prefix and e.is_number else text
+        return f"splat({text})" if self.on_lanes and e.is_number else text
+
+    @property
+    def on_lanes(self) -> bool:
+        """Whether values are lanes."""
+        return self.prefix == "lanes_"
 
     def _call(self, name: str, *arguments: sp.Expr, suffix: bool = True) -> str:
         self.functions.add(name)
         self.operations[name] += 1
         end = "" if self.prefix or not suffix else self.real.suffix.lower()
-        singly = self.prefix and name not in ON_LANES
+        singly = self.on_lanes and name not in ON_LANES
         texts = [*(["c->_used"] if singly else []), *map(self.number, arguments)]
         return f"{self.prefix}{name}{end}({', '.join(texts)})"
 

@@ -114,7 +114,7 @@ class Constants:
 
 @dataclass(frozen=True)
 class Target:
-    """What a kernel computes with: one number, or lanes of numbers that move together."""
+    """What a kernel computes with: one number, lanes of numbers, or a dual number."""
 
     value: str
     constants: str
@@ -131,6 +131,11 @@ class Target:
     def lanes(cls, names: Mapping[sp.Symbol, str]) -> Target:
         """As many states a call as a vector register holds."""
         return cls("lanes", "lanes_constants", "lanes_", names)
+
+    @classmethod
+    def duals(cls) -> Target:
+        """One state a call, with its derivative along a direction."""
+        return cls("dual", "dual_constants", "dual_")
 
 
 def emit_kernel(
@@ -152,7 +157,7 @@ def emit_kernel(
     used = symbols_of(e for _, e in (*made.shared, *made.outputs))
     unused = [a for a, symbols in kernel.inputs.items() if not used & set(symbols)]
     own_constants = used & set(constants.definitions.values())
-    singly = target.prefix and printer.functions - ON_LANES  # are told how many lanes to do
+    singly = printer.on_lanes and printer.functions - ON_LANES  # are told how many lanes to do
     if not own_constants and not used & {*target.names, *constants.clock} and not singly:
         unused.insert(0, "c")
     return EmittedKernel(

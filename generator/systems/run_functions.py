@@ -13,7 +13,7 @@ from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import Evaluator
 from .expression_arguments import as_expression
 
-__all__ = ["sum_over_states"]
+__all__ = ["slopes_over_states", "sum_over_states"]
 
 
 def sum_over_states(
@@ -77,3 +77,43 @@ def sum_over_states(
     if inner:
         found["parameters"] = inner
     return of_rows(e).sum(), found
+
+
+def slopes_over_states(
+    expression: Any, run: Any
+) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return how the cotangents of ``sum_over_states`` change along directions of the states.
+
+    The function that is returned takes directions {"q", "p", "t", "parameters"} of the same shapes.
+
+    Raises
+    ------
+    InputError
+        For symbols of other numbers; multipliers have no second derivatives.
+    """
+    e = as_expression(expression)
+    system = run.manifest["system"]
+    time, names = system.get("time", "t"), [*system["coordinates"], *system["momenta"]]
+    known = dict(zip(names, [*run.q.T, *run.p.T], strict=True))
+    known |= {time: run.t, **run.parameters}
+    values: dict[sp.Symbol, Any] = {}
+    for symbol in sorted(e.free_symbols, key=str):
+        if str(symbol) not in known:
+            raise unknown("symbol of a loss with second derivatives", str(symbol), known)
+        values[symbol] = known[str(symbol)]
+    walk = Evaluator(values)
+    second = [(str(x), str(y), np.broadcast_to(walk(derivative(derivative(e, x), y)), run.t.shape))
+              for x in values for y in values]
+
+    def slopes(along: dict[str, Any]) -> dict[str, Any]:
+        moved = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
+        moved |= {time: along["t"], **along["parameters"]}
+        found = dict.fromkeys(known, 0 * run.t)
+        for x, y, by_both in second:
+            found[x] = found[x] + by_both * moved[y]
+        q, p = (np.stack([found[x] for x in system[kind]], axis=1)
+                for kind in ("coordinates", "momenta"))
+        return {"q": q, "p": p, "t": found[time],
+                "parameters": {name: found[name].sum() for name in run.parameters}}
+
+    return slopes

@@ -36,6 +36,8 @@ EXTENDED_FLAGS = [flag for flag in STRICT_FLAGS if flag != "-Wpedantic"]
 SPEED_FLAGS = ["-ffp-contract=fast", "-fno-math-errno"]
 #: For gcc, which knows names of parts of -O3.
 SELDOM_FLAGS = ["-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fpeel-loops"]
+#: For gcc: products of dual numbers, which are complex ones in C, look for no infinity.
+DUAL_FLAGS = ["-fcx-limited-range"]
 #: For cffi's wrapper, which hands arguments on and computes nothing: what builds fastest.
 WRAPPER_FLAGS = ["-O0", "-w", "-fPIC"]
 
@@ -209,11 +211,12 @@ def compile_module(
         checks += own_checks
         (inside / f"{name}.c").write_text(
             files[f"{name}.c"] + check_text(own_checks, files[f"{name}.c"]), encoding="utf-8")
-        own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags]
+        own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags,
+               *(DUAL_FLAGS if compiler.is_gcc and part == "second" else ())]
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
-    everything = is_whole() and part != "derivatives"
+    everything = is_whole() and part not in ("derivatives", "second")
     header = files[f"{name}.h"]
     header = header if everything else declarations_of(name, header, part)
     wrapper = _write_wrapper(name, header, checks, folder)

@@ -2,7 +2,7 @@
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
 side, on lanes, in another one that is made when they are first asked for, and so are tangents and
-adjoints, whose text has more kernels. Each module is linked of
+adjoints, and second derivatives, whose texts have more kernels. Each module is linked of
 objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
 iteration, and for one trajectory beside what its run is set up with and learns. An object defines
 some of the public functions. The others are static in its header, so that the compiler drops them,
@@ -39,7 +39,7 @@ __all__ = ["WITHOUT_PERMUTATIONS", "Object", "Part", "declarations_of", "has_per
            "objects_of"]
 
 #: Which of the modules.
-Part = Literal["runs", "lanes", "derivatives"]
+Part = Literal["runs", "lanes", "derivatives", "second"]
 
 #: Of both modules: how many trajectories lie side by side, and the size of work memory.
 _BOTH = {"lanes", "work_size"}
@@ -48,6 +48,10 @@ _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
 _DERIVATIVES = {"derivative_size", "keep", "frame_state", "integrate_and_keep", "tangent",
                 "adjoint", "integrate_tangent", "integrate_adjoint", "constraint_derivatives",
                 "quantities_by_state", "count_switches", *_BOTH}
+#: Of the modules that are made when they are first asked for, whose text is their own.
+_LATER: dict[Part, set[str]] = {
+    "derivatives": _DERIVATIVES,
+    "second": {"second_size", "integrate_second", "constraint_second", *_BOTH}}
 #: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
 #: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {1: ("numbers",), 2: ("lanes",), 3: ("lanes",)}
@@ -77,8 +81,8 @@ def objects_of(
     each of several objects would take as long as the whole text.
     """
     header = files[f"{name}.h"]
-    if part == "derivatives":
-        return [Object("derivatives", _only(name, header, _DERIVATIVES), _FLAGS)]
+    if part in _LATER:
+        return [Object(part, _only(name, header, _LATER[part]), _FLAGS, seldom=part == "second")]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
     if whole:
@@ -97,8 +101,8 @@ def objects_of(
 def declarations_of(name: str, header: str, part: Part) -> str:
     """Return a header with the functions that are in a module, for cffi."""
     functions = _functions(name, header)
-    if part == "derivatives":
-        kept = _DERIVATIVES
+    if part in _LATER:
+        kept = _LATER[part]
     elif not _has_lanes(name, header):
         return header
     else:

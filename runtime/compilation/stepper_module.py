@@ -52,7 +52,8 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
     if _is_whole(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
             return import_module(name, path)
-    what = name + {"runs": "", "lanes": " for ensembles", "derivatives": ": derivatives"}[part]
+    what = name + {"runs": "", "lanes": " for ensembles", "derivatives": ": derivatives",
+                   "second": ": second derivatives"}[part]
     with log_task(f"compiling {what}", f"compiled {what}"), build_folder() as folder:
         built, record = compile_verified(name, files, compiler, folder, part)
         proof = folder / "record.json"

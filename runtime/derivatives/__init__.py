@@ -1,4 +1,4 @@
-"""Derivatives of steps and runs: tangents, adjoints, gradients.
+"""Derivatives of steps and runs: tangents, adjoints, gradients, Hessians.
 
     frame               states of a co-moving frame in space, and their derivatives
     tangent_space       directions of a start on the constraints
@@ -7,5 +7,6 @@
     points              states within steps, at given times and at events, with derivatives
     tangent_run         tangents along a run
     gradient            gradients of functions of a run
+    second_order        Hessians of functions of a run, and the module for them
     value_and_gradient  a function of a vector with its gradient, for optimisers
 """

@@ -295,6 +295,30 @@ class Trajectory(Shown):
                 "it; give gradient(..., stepper=...).")
         return maker.gradient(self, cotangents, **options)
 
+    def hessian(
+        self, cotangents: Any = None, *, stepper: Any = None, **options: Any
+    ) -> Any:
+        """Return the second derivatives of a function of this run; see ``Stepper.hessian``.
+
+        Parameters
+        ----------
+        cotangents, stepper
+            As of ``gradient``.
+        options
+            ``loss``, ``slopes``, ``wrt``, ``memory`` and ``solver``.
+
+        Raises
+        ------
+        InputError
+            Where the stepper is not known, and as ``Stepper.hessian``.
+        """
+        maker = self._stepper if stepper is None else stepper
+        if not callable(getattr(maker, "hessian", None)):
+            raise InputError(
+                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                "it; give hessian(..., stepper=...).")
+        return maker.hessian(self, cotangents, **options)
+
     def made_by(self, stepper: Maker, origin: Any = None) -> Trajectory:
         """Return this trajectory, which then knows what made it, and of which arguments."""
         return replace(self, _stepper=stepper, _origin=origin)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_flag, as_mapping, choose, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
+from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.binding import SolverName
 from ..bindings.inputs import as_inputs
@@ -30,6 +31,7 @@ from ..derivatives.gradient import (
 )
 from ..derivatives.kept_steps import SingleStep, multiplier_shape
 from ..derivatives.points import RunRows, rows_of
+from ..derivatives.second_order import Hessian, SecondBinding, Slopes, hessian_of, step_slope
 from ..derivatives.tangent_space import TangentSpace
 from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin
@@ -51,13 +53,25 @@ class Derive:
     Attributes
     ----------
     files : callable
-        Returns header, source and manifest by their names.
+        Returns header, source and manifest by their names; with ``second=True`` those of second
+        derivatives, where the files are not known yet.
     portable : bool
         Whether another process can call it: it holds no system and no tableau of this one.
+    known : bool
+        Whether the files were derived before.
+    further : Derive, optional
+        What derives second derivatives where the others are known.
     """
 
-    files: Callable[[], dict[str, str]]
+    files: Callable[..., dict[str, str]]
     portable: bool
+    known: bool = False
+    further: Derive | None = None
+
+    @property
+    def of_second(self) -> Derive | None:
+        """What derives second derivatives; None where that is not known any more."""
+        return self.further if self.known else self
 
 
 class Differentiation(Evaluation):
@@ -67,6 +81,7 @@ class Differentiation(Evaluation):
         super().__init__(name, files)
         self._derive = derive
         self._derivative_binding: list[DerivativeBinding] = []
+        self._second_binding: list[SecondBinding] = []
         self._deriving = threading.Lock()
         system = self.manifest["system"]
         #: The name of each constraint.
@@ -84,16 +99,41 @@ class Differentiation(Evaluation):
                         "its derivatives were first used; make it with gyrospark.stepper(...).")
                 files = self._derive.files()
                 own = self._bound(load_module(self.name, files, "derivatives"))
-                self._derive = Derive(partial(dict, files), portable=True)
+                self._derive = Derive(partial(dict, files), portable=True, known=True,
+                                      further=self._derive.of_second)
                 quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_binding.append(kind(
                     own, self.binding, self.manifest["scheme"]["keeps_momentum_constraint"]))
         return self._derivative_binding[0]
 
+    @property
+    def second_binding(self) -> SecondBinding:
+        """Calls of derivatives of adjoints, derived and compiled when this is first asked for."""
+        first = self.derivative_binding
+        with self._deriving:
+            if not self._second_binding:
+                if self.symmetries:
+                    raise InputError(f"Stepper {self.name} moves with a frame, which has no second "
+                                     "derivatives; leave the frame out.")
+                derive = self._derive.of_second if self._derive is not None else None
+                if derive is None:
+                    raise InputError(
+                        f"Stepper {self.name} was read from a file, or sent to this process before "
+                        "its second derivatives were first used; make it with "
+                        "gyrospark.stepper(...).")
+                files = derive.files(second=True)
+                own = self._bound(load_module(self.name, files, "second"))
+                self._second_binding.append(SecondBinding(own, first))
+        return self._second_binding[0]
+
     def portable_derive(self) -> Derive | None:
         """Return what another process derives with; None if it cannot."""
-        return self._derive if self._derive is not None and self._derive.portable else None
+        derive = self._derive
+        if derive is None or not derive.portable:
+            return None
+        further = derive.further if derive.further and derive.further.portable else None
+        return replace(derive, further=further)
 
     # ------------------------------------------------------------ one step
 
@@ -125,20 +165,11 @@ class Differentiation(Evaluation):
             As the step does.
         """
         run = self._single(q, p, dt, parameters, t0, inputs)
-        binding, n = self.derivative_binding, self.n
-        own = binding.own
-        given = [as_numbers(name, x) for name, x in (("dq", dq), ("dp", dp))]
-        flat, given = given[0].ndim == 1, [x[:, None] if x.ndim == 1 else x for x in given]
-        shape = (n, given[0].shape[1] if given[0].ndim == 2 else 1)
-        parts = [own.array(name, x, shape) for name, x in zip(("dq", "dp"), given, strict=True)]
-        dz = own.new(binding.rows, shape[1])
-        dz[:n], dz[n : 2 * n] = parts
-        names = [*own.parameter_names, "dt", "t0"]
+        n = self.n
+        shape = as_numbers("dq", dq).shape
+        flat = len(shape) == 1
         as_flag("project", project)
-        for name, value in as_mapping("d", {} if d is None else d, "{'m': 1.0}").items():
-            if name not in names:
-                raise unknown("name in d", name, names)
-            dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, own.number)
+        dz = self._direction(dq, dp, d, shape[1] if len(shape) == 2 else 1)
         kept, space = self._kept_step(run)
         if not project:
             space.refuse_off(dz[: 2 * n])
@@ -169,6 +200,63 @@ class Differentiation(Evaluation):
             return Gradient.of_cotangent(space, kept.adjoint(w, forces), names)
 
         return kept.end[:n], kept.end[n:], back
+
+    def hvp(
+        self, q: ArrayLike, p: ArrayLike, dq: ArrayLike, dp: ArrayLike, wq: ArrayLike,
+        wp: ArrayLike, *, dt: Number, parameters: Mapping[str, Any],
+        d: Mapping[str, Number] | None = None, t0: Number = 0.0,
+        inputs: Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
+    ) -> Gradient:
+        """Return the derivative along a direction of what ``vjp`` takes (wq, wp) back to.
+
+        That is Σ_a w_a ∇²Φ_a v, where Φ(q, p; θ, Δt, t0) is a step from a start that is projected
+        onto the constraints. Exact, as ``vjp`` is.
+
+        Parameters
+        ----------
+        q, p, dq, dp, dt, parameters, d, t0, inputs, project
+            As of ``jvp``, with one direction.
+        wq, wp : array_like, shape (n,)
+            The cotangent of the end.
+
+        Raises
+        ------
+        InputError
+            As of ``jvp``; for systems that have no second derivatives.
+        """
+        run = self._single(q, p, dt, parameters, t0, inputs)
+        own, n = self.derivative_binding.own, self.n
+        kept, space = self._kept_step(run)
+        dz = self._direction(dq, dp, d, 1)[:, 0].copy()
+        if not as_flag("project", project):
+            space.refuse_off(dz[: 2 * n, None])
+        w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
+        stepper: Any = self
+        slope = step_slope(stepper, run, space, kept.end, kept.unknowns,
+                           np.ascontiguousarray(space.projected(dz[:, None])[:, 0]), w)
+        labels = [*own.parameter_names, "dt", "t0"]
+        columns = [2 * n + labels.index(u) for u in own.input_names]
+        numbers = dict(zip(labels, slope[2 * n :].tolist(), strict=True))
+        return Gradient(None, slope[:n].copy(), slope[n : 2 * n].copy(), space.normals,
+                        slope[columns][None], names_of(stepper, None), numbers)
+
+    def _direction(
+        self, dq: ArrayLike, dp: ArrayLike, d: Mapping[str, Number] | None, count: int
+    ) -> Array:
+        """Return directions with all rows, a column each."""
+        binding, n = self.derivative_binding, self.n
+        own = binding.own
+        dz: Array = own.new(binding.rows, count)
+        for place, (name, x) in enumerate((("dq", dq), ("dp", dp))):
+            given = as_numbers(name, x)
+            dz[place * n : (place + 1) * n] = own.array(
+                name, given[:, None] if given.ndim == 1 else given, (n, count))
+        names = [*own.parameter_names, "dt", "t0"]
+        for name, value in as_mapping("d", {} if d is None else d, "{'m': 1.0}").items():
+            if name not in names:
+                raise unknown("name in d", name, names)
+            dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", value, own.number)
+        return dz
 
     def _single(
         self, q: ArrayLike, p: ArrayLike, dt: Number, parameters: Mapping[str, Any], t0: Number,
@@ -246,6 +334,55 @@ class Differentiation(Evaluation):
         ended = bool(kinds.points)
         return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents),  # type: ignore[arg-type]
                            names, memory, value, None if ended else (run.q[-1], run.p[-1]))
+
+    def hessian(
+        self, run: Trajectory, cotangents: Mapping[str, ArrayLike] | None = None, *,
+        loss: Any = None, slopes: Slopes | None = None, wrt: str | Sequence[str] | None = None,
+        memory: str = DEFAULT_MEMORY, solver: SolverName = "auto",
+    ) -> Hessian:
+        """Return the second derivatives of a function of a run, exact as its gradient is.
+
+        Each column is the derivative of the adjoint along a direction: about three gradients.
+
+        Parameters
+        ----------
+        run, cotangents, loss, wrt, memory, solver
+            As of ``gradient``; not by "q", "p" or "inputs", not of events and states within steps.
+            All steps are kept.
+        slopes : callable, optional
+            The second derivatives of the function by the states of the run: of directions
+            {"q": (rows, n), "p": (rows, n), "t": (rows,), "parameters": {name: number}} it returns
+            how the cotangents change, in their form. None where they do not, as of a function that
+            is linear in the states; an expression of SymPy in ``loss`` needs none.
+
+        Returns
+        -------
+        Hessian
+
+        Raises
+        ------
+        InputError
+            As of ``gradient``; for systems that have no second derivatives: those of a Lagrangian,
+            in a co-moving frame, or of more than 28 coordinates.
+        """
+        names = names_of(self, wrt)  # type: ignore[arg-type]
+        choose("solver", solver, ["auto", "newton", "fixed-point"])
+        if (cotangents is None) == (loss is None):
+            raise InputError("Give either cotangents or loss.")
+        value = None
+        if loss is not None:
+            value, cotangents = value_of(loss_of(loss), run)
+            if hasattr(loss, "free_symbols") and slopes is None:
+                slopes = function_of("generator.systems.run_functions", "slopes_over_states")(
+                    loss, run)
+        kinds = self.rows_of(run, solver)
+
+        def checked(given: Mapping[str, Any]) -> Any:
+            return cotangents_of(self, kinds, given)  # type: ignore[arg-type]
+
+        stepper: Any = self
+        return hessian_of(stepper, kinds.run, checked(cotangents), slopes, checked, names,  # type: ignore[arg-type]
+                          memory, value)
 
     def rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
         """Return the whole steps of a run that was integrated or stored, and what its rows are."""

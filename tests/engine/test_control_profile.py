@@ -32,9 +32,9 @@ SMALL = Spec("G-L", 2, real="float")
 
 
 @cache
-def made(spec, model=None):
+def made(spec, model=None, derivatives=False):
     """Return the stepper's text in profile control, derived once."""
-    return generate(spec.with_profile("control"), model=model).source
+    return generate(spec.with_profile("control"), model=model, derivatives=derivatives).source
 
 
 def write(source, folder):
@@ -375,3 +375,73 @@ def test_same_bits_on_aarch64(spec, tmp_path):
     expected = here(made(spec), tmp_path)
     program(made(spec), tmp_path, ["aarch64-linux-gnu-gcc", "-O2"], "-static", "-lm", "-o", "arm")
     assert said_by(["qemu-aarch64", "./arm"], tmp_path).splitlines() == expected
+
+
+# ---------------------------------------------------------------- derivatives
+
+
+@pytest.mark.parametrize("spec", [
+    SMALL, Spec("G-L", 3), Spec("EMS", None, "alpha"),
+    Spec.checked("G-L", 2, None, str(ROOT / "examples/double_pendulum.toml")),
+    Spec.checked("G-L", 2, None, str(ROOT / "examples/bungee.toml")),
+], ids=lambda spec: spec.name)
+def test_derivatives_are_those_of_the_full_stepper(spec, tmp_path):
+    """At the unknowns of the tenth step: tangents along the constraints, and the adjoint.
+
+    The end of the step and the factors of J are rounded in another way: some ulp of the largest
+    entry of a column, or, as of γ, on which a step hardly depends, of a state per parameter.
+    """
+    own = Control(made(spec, derivatives=True), tmp_path)
+    if spec.model is None:
+        full = gs.stepper(spec.scheme, spec.stages, spec.rep, real=spec.real)
+        parameters, q, p = PARAMETERS, TOP.q0, TOP.p0
+        parameters = TOP.parameters | {spec.rep: PARAMETERS["gamma"]}
+    else:
+        full = gs.stepper(spec.scheme, stages=spec.stages, system=spec.model)
+        model = gs.load_model(spec.model)
+        parameters = dict(model.parameters)
+        q, p = model.q0, model.p0
+    own.begin(parameters, q, p, 1e-3).run(9)
+    q, p = own.q.copy(), own.p.copy()
+    assert own.step() == OK
+    binding = full.derivative_binding
+    x = np.zeros(binding.own.unknowns, own.type)
+    options = own.ffi.new(f"{own.name}_options *", [0.0, 50])
+    own.keep(own.w, options, own.pointer(x))
+    memory = own.ffi.new("char[]", own.derivative_size())
+    given = binding.own.parameters(parameters, 0.0)
+    normals = np.vstack(binding.constraint_derivatives(given, q, p))
+    dz = np.eye(binding.rows) - np.linalg.pinv(normals) @ normals
+    dz = np.ascontiguousarray(dz, own.type)
+    ends, z_bar = np.zeros((2 * full.n, binding.rows), own.type), np.zeros(binding.rows, own.type)
+    w = np.linspace(1, 2, 2 * full.n).astype(own.type)
+    step = own.parameters(parameters), 1e-3, *map(own.pointer, (q, p, x))
+    none, empty = own.ffi.NULL, binding.own.new(0)
+    assert own.tangent(*step, binding.rows, own.pointer(dz), own.pointer(ends), none,
+                       memory) == OK
+    assert own.adjoint(*step, own.pointer(w), none, own.pointer(z_bar), memory) == OK
+    _, expected = binding.tangent(given, 1e-3, q, p, x, dz, empty)
+    _, cotangent = binding.adjoint(given, 1e-3, q, p, x, w, empty)
+    size, state = abs(expected).max(0), max(abs(own.q).max(), abs(own.p).max())
+    values = [parameters[name] for name in binding.own.parameter_names]
+    size[2 * full.n : -2] = np.maximum(size[2 * full.n : -2], state / np.abs(values))
+    allowed = 16 * np.finfo(own.type).eps * size
+    assert size.max() > 0.5
+    assert (abs(ends - expected).max(0) <= allowed).all()
+    assert (abs(dz.T @ (z_bar - cotangent)) <= w.sum() * allowed).all()
+
+
+def test_a_program_with_derivatives_is_one_file(tmp_path):
+    """The C compiles alone, without warnings, and its text grows by less than 18 kB at -Os."""
+    sizes = []
+    for derivatives in (False, True):
+        source = made(Spec("G-L", 3), derivatives=derivatives)
+        write(source, tmp_path)
+        done = call([*compiler(MAIN), "-Wall", "-Wextra", "-Werror", "-Os", "-c",
+                     f"{source.name}.c"], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        done = call(["size", f"{source.name}.o"], cwd=tmp_path)
+        text, data, bss = map(int, done.stdout.splitlines()[1].split()[:3])
+        assert data == bss == 0
+        sizes.append(text)
+    assert sizes[0] < sizes[1] < sizes[0] + 18_000

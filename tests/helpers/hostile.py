@@ -160,6 +160,11 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("gradient", step.gradient, run=made, cotangents={"q": q}, loss=None, wrt=None,
               memory="1 MB", solver="auto"),
         plain("Trajectory.gradient", made.gradient, cotangents={"q": q}, stepper=step),
+        plain("hvp", step.hvp, **state, dq=[0, 1, 0, 0], dp=np.zeros(4), wq=q, wp=q, **run,
+              d={"I1": 1.0}, t0=0.0, inputs=None, project=True),
+        plain("hessian", step.hessian, run=made, cotangents={"q": q}, loss=None, slopes=None,
+              wrt=["I1"], memory="1 MB", solver="auto"),
+        plain("Trajectory.hessian", made.hessian, cotangents={"q": q}, stepper=step),
         Call("value_and_gradient", lambda: (value_and_gradient(step), {
             "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "memory": "1 MB"}),
             kept=("loss",)),

@@ -1,4 +1,4 @@
-"""Steps as JAX functions: first derivatives, mapped and compiled; second ones by differences."""
+"""Steps as JAX functions: first and second derivatives, mapped and compiled."""
 
 from __future__ import annotations
 
@@ -112,12 +112,13 @@ def test_inputs_dt_and_t0():
     assert close(same(u[0]), alike(u[0]))
 
 
-def test_second_derivatives_are_refused_or_differences():
-    _, F = top()
+def test_second_derivatives_are_exact_or_differences_or_refused():
     w = np.arange(1.0, 9)
-    with pytest.raises(InputError, match="differences"):
+    _, F = top(second_order="refuse")
+    with pytest.raises(InputError, match="second_order"):
         jax.hessian(lambda theta: w @ F(Q, P, theta))(THETA)
-    _, F = top(second_order="differences")
+    _, rough = top(second_order="differences")
+    _, F = top()
     loss = lambda theta: w @ F(Q, P, theta)  # noqa: E731
     inner, x = flow_of("top", 12)
     directions = np.eye(inner.size)[None, 8:13]
@@ -125,14 +126,16 @@ def test_second_derivatives_are_refused_or_differences():
     scale = np.outer(THETA, THETA)
     for hessian in (jax.hessian(loss), jax.jacfwd(jax.jacfwd(loss))):
         found = np.asarray(jax.jit(hessian)(THETA))
-        assert close(found * scale, wanted * scale, 1e-8)
-        assert close(found * scale, (found * scale).T, 1e-8)
+        assert close(found * scale, wanted * scale, 1e-14)
+        assert close(found * scale, (found * scale).T, 1e-14)
+    found = jax.hessian(lambda theta: w @ rough(Q, P, theta))(THETA)
+    assert close(found * scale, wanted * scale, 1e-8)
     mapped = jax.jit(jax.vmap(jax.hessian(loss)))(np.stack([THETA, THETA * 1.01]))
     assert np.array_equal(mapped[0], jax.jit(jax.hessian(loss))(THETA))
     with pytest.raises(InputError, match=r"jax\.hessian"):
         jax.jacrev(jax.jacrev(loss))(THETA)
     with pytest.raises(InputError, match="second_order"):
-        top(second_order="exact")
+        top(second_order="third")
 
 
 def test_a_failed_step_is_nan():

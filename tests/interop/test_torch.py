@@ -95,19 +95,22 @@ def test_inputs_dt_and_parameters_by_name():
     assert close([k.grad, h.grad, *u.grad.ravel()], wanted[[4, 5, *range(7, 13)]])
 
 
-def test_second_derivatives_are_refused_or_differences():
-    _, F = top()
+def test_second_derivatives_are_exact_or_differences_or_refused():
     w = tensor(np.arange(1.0, 9))
-    with pytest.raises(InputError, match="differences"):
+    _, F = top(second_order="refuse")
+    with pytest.raises(InputError, match="second_order"):
         torch.func.hessian(lambda theta: F(Q, P, theta) @ w)(THETA)
-    _, F = top(second_order="differences")
+    _, rough = top(second_order="differences")
+    _, F = top()
     loss = lambda theta: F(Q, P, theta) @ w  # noqa: E731
     scale = np.outer(THETA, THETA)
     inner, x = flow_of("top", 12)
     wanted = inner.second(inner.adjoint, x[None], np.tile(w, (1, 5, 1)),
                           np.eye(inner.size)[None, 8:13])[0, :, 8:13]
     for hessian in (torch.func.hessian(loss), torch.func.jacfwd(torch.func.jacfwd(loss))):
-        assert close(np.asarray(hessian(THETA)) * scale, wanted * scale, 1e-8)
+        assert close(np.asarray(hessian(THETA)) * scale, wanted * scale, 1e-14)
+    found = torch.func.hessian(lambda theta: rough(Q, P, theta) @ w)(THETA)
+    assert close(np.asarray(found) * scale, wanted * scale, 1e-8)
     for reverse in (torch.func.jacrev(torch.func.jacrev(loss)),
                     lambda theta: torch.autograd.functional.hessian(loss, theta)):
         with pytest.raises(InputError, match=r"torch\.func\.hessian"):

@@ -7,14 +7,14 @@
 
 #if !GS_DERIVATIVES_IN_LANES
 /*
- * dz1 <- the derivative of (q1, p1) along dz: rows q, p, constants, t0, h. multipliers, if not NULL,
- * are those of lambda.
+ * dx and dz1 <- the derivatives of the unknowns and of (q1, p1) along dz: rows q, p, constants, t0,
+ * h. multipliers, if not NULL, are those of lambda.
  */
-static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
+static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
     NUMBER dz1[2*N], NUMBER *multipliers)
 {
     const NUMBER zero = TYPED(broadcast)(0), squared = l->h*l->h;
-    NUMBER dx[U], dc[E], velocity[N], force[N];
+    NUMBER dc[E], velocity[N], force[N];
     for (int a = 0; a < N; ++a)
         velocity[a] = force[a] = zero;
     TYPED(set_time_direction)(dz, TYPED(broadcast)((real)0.5), dc);

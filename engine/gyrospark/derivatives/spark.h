@@ -10,14 +10,14 @@
 
 #if !GS_DERIVATIVES_IN_LANES
 /*
- * dz1 <- the derivative of (q1, p1) along dz: rows q, p, constants, t0, h. multipliers, if not NULL,
- * are those of Lambda_0..Lambda_P, the last of which is mu/(h b~_P).
+ * dx and dz1 <- the derivatives of the unknowns and of (q1, p1) along dz: rows q, p, constants, t0,
+ * h. multipliers, if not NULL, are those of Lambda_0..Lambda_P, the last of which is mu/(h b~_P).
  */
-static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z],
+static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
     NUMBER dz1[2*N], NUMBER *multipliers)
 {
     const NUMBER h = l->h, zero = TYPED(broadcast)(0);
-    NUMBER dx[U], dc[E], dq1[N], dp1[N];
+    NUMBER dc[E], dq1[N], dp1[N];
 #if GS_CONSTRAINED
     NUMBER dQ[P + 1][N], dF[P][N];
     for (int k = 0; k <= P; ++k)

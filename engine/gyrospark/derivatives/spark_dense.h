@@ -22,16 +22,16 @@ typedef struct {
     TYPED(pivots_t) pivots[2*U];
 } TYPED(linearisation_t);
 
-#if GS_DERIVATIVES_IN_LANES
-/* As rates_by_state of spark/jacobian.h, on lanes */
-static inline void lanes_rates_by_state(const lanes_constants *c, const lanes q[N],
-    const lanes p[N], const lanes t[1], lanes H_qq[N][N], lanes H_qp[N][N], lanes H_pq[N][N],
-    lanes H_pp[N][N])
+#if GS_DERIVATIVES_IN_LANES || GS_ON_DUALS
+/* As rates_by_state of spark/rates_by_state.h, on lanes or dual numbers */
+static inline void TYPED(rates_by_state)(const TYPED(constants) *c, const NUMBER q[N],
+    const NUMBER p[N], const NUMBER t[1], NUMBER H_qq[N][N], NUMBER H_qp[N][N], NUMBER H_pq[N][N],
+    NUMBER H_pp[N][N])
 {
 #if GS_FORCES
-    lanes_hessian(c, q, p, t, H_qq, H_qp, H_pq, H_pp);
+    TYPED(hessian)(c, q, p, t, H_qq, H_qp, H_pq, H_pp);
 #else
-    lanes_hessian(c, q, p, t, H_qq, H_pq, H_pp);
+    TYPED(hessian)(c, q, p, t, H_qq, H_pq, H_pp);
     for (int a = 0; a < N; ++a)
         for (int b = 0; b < N; ++b)
             H_qp[a][b] = H_pq[b][a];

@@ -4,6 +4,8 @@
 
 #if GS_PROFILE_RUN
 #include "gyrospark/profiles/run.h"
+#elif GS_PROFILE_CONTROL
+#include "gyrospark/derivatives/control.h"
 #else
 #include "gyrospark/run/advance.h"
 #endif
@@ -51,14 +53,18 @@ size_t NAME(derivative_size)(void)
 /* The last unknowns are the first of the history, which a step by Newton's method clears. */
 void NAME(keep)(const work_t *work, const options_t *options, real x[U])
 {
-    state_t last = work->state;
     (void)options;
-    for (int e = 0; e < X; ++e)
-        last.x[e] = last.history[0][e];
-    if (last.history_length > 0)
-        get_unknowns(&last, x);
-    for (int e = 0; e < U && last.history_length == 0; ++e)
+    if (work->state.history_length > 0)
+        get_unknowns(&work->state, work->state.history[0], x);
+    for (int e = 0; e < U && work->state.history_length == 0; ++e)
         x[e] = work->x[e];
+}
+#elif GS_PROFILE_CONTROL
+/* The last unknowns are the first of the history. */
+void NAME(keep)(const work_t *work, const options_t *options, real x[U])
+{
+    (void)options;
+    get_unknowns(work, work->history[0], x);
 }
 #elif GS_FIXED_POINT
 void NAME(keep)(const work_t *work, const options_t *options, real x[U])
@@ -88,7 +94,7 @@ void NAME(frame_state)(const work_t *work, real q[N], real p[N])
 }
 #endif
 
-#if !GS_PROFILE_RUN
+#if !GS_PROFILE_RUN && !GS_PROFILE_CONTROL
 /* A function of the primal module, by its address: NAME(integrate). */
 typedef int (*integrate_function)(const parameters_t *, const options_t *, IF_INPUTS(
     const real *, long,) real, long, long, real *, real *, real *, real *, real *, int *, IF_FORCES(
@@ -288,8 +294,9 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
 static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N],
     real *multipliers)
 {
+    real dx[U];
     (void)i;
-    step_tangent(&d->l, z, dz1, multipliers);
+    step_tangent(&d->l, z, dx, dz1, multipliers);
 }
 
 static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,

@@ -79,7 +79,7 @@ static int lu_substitute(int n, const real *restrict A, const int *restrict expo
     return OK;
 }
 
-#if GS_CONSTRAINED || GS_VELOCITY_CONSTRAINTS
+#if (GS_CONSTRAINED && !GS_PROFILE_CONTROL) || GS_VELOCITY_CONSTRAINTS
 /* b <- A^-1 b; overwrites A with its factors. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)

@@ -4,10 +4,12 @@
 
 #include "gyrospark/engine.h"
 
+#if !GS_PROFILE_CONTROL
 static real larger(real a, real b)
 {
     return a > b ? a : b;
 }
+#endif
 
 /* max |x_i|; NaN if any x_i is NaN */
 static real norm(int n, const real *x)
@@ -23,11 +25,13 @@ static real norm(int n, const real *x)
     return size;
 }
 
+#if !GS_PROFILE_CONTROL
 /* A relative perturbation of +-2 ulp, with pseudo-random sign, to estimate round-off errors. */
 static real perturbation(unsigned *seed)
 {
     *seed = *seed*1664525u + 1013904223u;
     return *seed >> 31 ? 2*epsilon : -2*epsilon;
 }
+#endif
 
 #endif

@@ -74,8 +74,7 @@ static void step_multipliers(const real x[U], real multipliers[ROOM])
 }
 #endif
 
-/* Offsets of the unknowns in x: dq = q1 - q, dp = p1 - p, lambda. */
-enum { DP = N, LAMBDA = 2*N };
+#include "gyrospark/midpoint/unknowns.h"
 
 /* Explicit Euler start, without constraint forces. */
 static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])

@@ -5,46 +5,13 @@
 #include "gyrospark/profiles/solve.h"
 #include "gyrospark/newton/step.h"
 
-#if GS_FORCES || GS_DERIVATIVES
-#if GS_SPARK
-#if GS_CONSTRAINED
-/* The unknowns (B.2) from the scaled unknowns. */
-static void get_unknowns(const state_t *w, real x[U])
-{
-    for (int e = 0; e < S*N; ++e) {
-        x[e] = w->x[e]/(w->h*weights[e/N]);
-        x[K_HAT + e] = w->x[HAT + e]/(w->h*weights_hat[e/N]);
-    }
-    for (int e = 0; e < P*M; ++e) {
-        const int l = e/M, node = l == 0 ? P - 1 : l - 1;
-        x[LAMBDA + e] = w->x[IMPULSE + node*M + e % M]/(w->h*tableau.b_tilde[l]);
-    }
-}
-#else
-/* The unknowns (B.2) from the scaled unknowns. */
-static void get_unknowns(const state_t *w, real x[U])
-{
-    for (int e = 0; e < S*N; ++e) {
-        x[e] = w->x[e]/(w->h*weights[e/N]);
-        x[K_HAT + e] = w->x[HAT + e]/(w->h*weights_hat[e/N]);
-    }
-}
-#endif
-#else
-/* The unknowns from those of the iteration: a multiplier is an impulse divided by h. */
-static void get_unknowns(const state_t *w, real x[U])
-{
-    for (int e = 0; e < X; ++e)
-        x[e] = w->x[e]/(e < IMPULSE ? 1 : w->h);
-}
-#endif
-#endif
+#include "gyrospark/profiles/unknowns.h"
 
 #if GS_FORCES
 /* Stores the work of the step that the iteration has completed. */
 static void store_iteration_work(work_t *w, const real q[N], const real p[N])
 {
-    get_unknowns(&w->state, w->x);
+    get_unknowns(&w->state, w->state.x, w->x);
     store_work(w, w->state.h, q, p, w->x);
 }
 #endif

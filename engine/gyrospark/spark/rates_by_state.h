@@ -1,4 +1,4 @@
-/* Second derivatives of H, or of H - F, at a state. */
+/* SPARK methods: derivatives of H_q - F and H_p by q and p, of a Hamiltonian. */
 #ifndef GS_SPARK_RATES_BY_STATE_H
 #define GS_SPARK_RATES_BY_STATE_H
 

@@ -64,8 +64,7 @@ static void node_residuals(work_t *w, const real q[N], real *r)
 }
 #endif
 
-/* Offsets of the unknowns (B.2) in x: k_1..k_S, k^_1..k^_S, Lambda_0..Lambda_(P-1). */
-enum { K_HAT = S*N, LAMBDA = 2*S*N };
+#include "gyrospark/spark/unknowns.h"
 
 /* Explicit Euler start: the rates at the start of the step, without constraint forces. */
 static void euler_start(work_t *w, real dt, const real q[N], const real p[N], real x[U])

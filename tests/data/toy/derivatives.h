@@ -6,16 +6,25 @@
 #include "gyrospark/derivatives/lu.h"
 
 #if GS_SPARK
+#if GS_PROFILE_CONTROL
+#include "gyrospark/spark/rates_by_state.h"
+#include "gyrospark/spark/unknowns.h"
+#else
 #if !GS_ELEMENTS
 #include "gyrospark/spark/jacobian.h"
 #endif
 #include "gyrospark/spark/step_end.h"
+#endif
 #define TIMES GS_TIME_DEPENDENT
+#else
+#if GS_PROFILE_CONTROL
+#include "gyrospark/midpoint/unknowns.h"
 #else
 #if !GS_ELEMENTS
 #include "gyrospark/midpoint/jacobian.h"
 #endif
 #include "gyrospark/midpoint/step_end.h"
+#endif
 #define TIMES (2*GS_TIME_DEPENDENT)
 #endif
 enum { E = 5 + TIMES, PARAMETERS = 6, CHAIN = 2, DT0 = 2*N + E - TIMES, DH, Z };
@@ -100,6 +109,52 @@ void mean_constraint_force_transposed(const constants *c, const real *qm, const 
 #if GS_SPARK
 #include "gyrospark/derivatives/spark.h"
 #else
+#include "gyrospark/derivatives/midpoint.h"
+#endif
+#endif
+
+#if TOY_DUALS && !GS_ELEMENTS && !GS_LAGRANGIAN && !GS_DERIVATIVES_IN_LANES
+#include "gyrospark/derivatives/dual_numbers.h"
+typedef struct {
+    dual k, damping, drive, omega, u, _t, _dt;
+} dual_constants;
+void set_dual_constants(dual_constants *to, const constants *from, real unit, const real *slopes);
+void dual_parameters(const parameters_t *from, const real *slopes, real unit, dual *par);
+void dual_constants_by_parameters(const dual *par, dual *chain);
+const dual_constants *dual_at_time(dual_constants *c, dual t);
+const dual_constants *dual_between(dual_constants *c, dual t, dual step);
+#include "gyrospark/simd/duals.h"
+#undef TYPED_AT
+#undef TYPED_BETWEEN
+#define TYPED_AT(c, t) dual_at_time(c, t)
+#define TYPED_BETWEEN(c, t, step) dual_between(c, t, step)
+#if GS_FORCES
+void TYPED(hessian)(STATE, const NUMBER *t, MATRICES);
+#else
+void TYPED(hessian)(STATE, const NUMBER *t, NUMBER (*qq)[N], NUMBER (*pq)[N], NUMBER (*pp)[N]);
+#endif
+void TYPED(mean_jacobian)(MEANS, MATRICES);
+void TYPED(mean_constraint)(const TYPED(constants) *c, const NUMBER *qm, const NUMBER *dq,
+    NUMBER (*G)[N]);
+void TYPED(mean_curvature)(const TYPED(constants) *c, const NUMBER *qm, const NUMBER *dq,
+    const NUMBER *lambda, NUMBER (*K)[N]);
+void TYPED(constraint_jacobian)(const TYPED(constants) *c, const NUMBER *q, NUMBER (*G)[N]);
+void TYPED(constraint_curvature)(const TYPED(constants) *c, const NUMBER *q,
+    const NUMBER *lambda, NUMBER (*K)[N]);
+void TYPED(rates_by_constants)(STATE, const NUMBER *t, NUMBER (*qc)[E], NUMBER (*pc)[E]);
+void TYPED(mean_rates_derivative)(MEANS, MATRICES, NUMBER (*qc)[E], NUMBER (*pc)[E]);
+void TYPED(hidden_derivative)(STATE, NUMBER (*f_q)[N], NUMBER (*f_p)[N], NUMBER (*f_c)[E]);
+void TYPED(force_by_constants)(const TYPED(constants) *c, const NUMBER *q, const NUMBER *lambda,
+    NUMBER (*force_c)[E]);
+void TYPED(constraint_by_constants)(const TYPED(constants) *c, const NUMBER *q, NUMBER (*g_c)[E]);
+void TYPED(mean_constraint_by_start)(const TYPED(constants) *c, const NUMBER *qm,
+    const NUMBER *dq, const NUMBER *lambda, NUMBER (*K)[N], NUMBER (*force_c)[E]);
+#include "gyrospark/derivatives/directions.h"
+#if GS_SPARK
+#include "gyrospark/derivatives/spark_dense.h"
+#include "gyrospark/derivatives/spark.h"
+#else
+#include "gyrospark/derivatives/midpoint_dense.h"
 #include "gyrospark/derivatives/midpoint.h"
 #endif
 #endif

@@ -20,6 +20,7 @@
  *   TOY_SINGLE        1: template headers are of one trajectory, 0: of a batch
  *   TOY_DERIVATIVES   above 0 for headers of derivatives: see derivatives.h
  *   TOY_SPLITTING     above 0 for headers of splitting: see splitting.h, another system
+ *   TOY_DUALS         1: dual numbers, with what works on them
  *   TOY_BEFORE        template headers that come before: 1 state.h, 2 constraints.h, 3 update.h,
  *                     4 work.h, 5 select.h
  */
@@ -68,6 +69,9 @@
 #ifndef TOY_DERIVATIVES
 #define TOY_DERIVATIVES 0
 #endif
+#ifndef TOY_DUALS
+#define TOY_DUALS 0
+#endif
 #ifndef TOY_BEFORE
 #define TOY_BEFORE 0
 #endif
@@ -104,6 +108,7 @@
 #define LIMIT(name) DBL_##name
 #define KERNEL(function) function
 typedef double real;
+typedef _Complex double dual;
 
 enum { N = 3, M = TOY_CONSTRAINTS };
 enum { S = TOY_STAGES > 0 ? TOY_STAGES : 1, P = S };

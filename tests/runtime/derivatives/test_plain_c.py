@@ -8,7 +8,7 @@ import pytest
 import gyrospark as gs
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from processes import call, gyrospark_command
+from processes import call
 from toy import FLAGS
 
 PROGRAM = r"""
@@ -69,10 +69,3 @@ def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, stages, sol
     gradient = run.gradient({"q": [1.0, 2.0, 3.0, 4.0]})
     expected = [gradient[key] for key in ("I1", "I2", "I3", "mgl", "gamma", "dt")]
     assert np.abs(found[:-1] - expected).max() <= 1e-10 * np.abs(expected).max()
-
-
-def test_profile_control_has_no_derivatives(tmp_path):
-    done = call(gyrospark_command("generate", "--scheme", "IMS", "--profile", "control",
-                                  "--derivatives", "--out", tmp_path))
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1

@@ -1,0 +1,87 @@
+"""Second derivatives of a stepper: kernels on dual numbers a + b ε, ε² = 0.
+
+The derivative of an adjoint along a direction is the adjoint evaluated on dual numbers: the same
+kernels, the same equations of the engine, each function with its derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import sympy as sp
+
+from ...core.errors import InputError
+from ..kernels.c_printer import SWITCHES, CPrinter
+from ..kernels.kernel import Target, emit_kernel
+from ..kernels.statements import Kernel
+from ..systems.lagrangian import LagrangianSystem
+from .program import Derived, SecondOrder
+
+__all__ = ["LARGEST", "refuse_second", "second_order_of"]
+
+#: Coordinates up to which systems of element templates are written out in full.
+LARGEST = 28
+
+#: The derivative of each function of <math.h> at x, where f is its value; "MATH(...)" of the type.
+_SLOPES = {
+    "sin": "MATH(cos)(x)", "cos": "-MATH(sin)(x)", "tan": "1 + f*f",
+    "asin": "1/MATH(sqrt)((1 - x)*(1 + x))", "acos": "-1/MATH(sqrt)((1 - x)*(1 + x))",
+    "atan": "1/(1 + x*x)", "sinh": "MATH(cosh)(x)", "cosh": "MATH(sinh)(x)",
+    "tanh": "1/(MATH(cosh)(x)*MATH(cosh)(x))", "asinh": "1/MATH(hypot)(1, x)",
+    "acosh": "1/MATH(sqrt)((x - 1)*(x + 1))", "atanh": "1/((1 - x)*(1 + x))", "exp": "f",
+    "log": "1/x", "sqrt": "(real)0.5/f", "floor": "0", "fabs": "x < 0 ? -1 : x > 0",
+}
+#: Cardinal functions f(z)/z: their second derivative without −2 (f(z)/z)'/z, and all of it at 0.
+_CARDINALS = {
+    "sinc": ("-sinc(x)", "-(real)1/3"), "sinhc": ("sinhc(x)", "(real)1/3"),
+    "asinhc": ("-1/((1 + x*x)*MATH(hypot)(1, x))", "-(real)1/3"),
+    "atanc": ("-2/((1 + x*x)*(1 + x*x))", "-(real)2/3"),
+    "atanhc": ("2/(((1 - x)*(1 + x))*((1 - x)*(1 + x)))", "(real)2/3"),
+}
+
+
+def refuse_second(derived: Derived) -> None:
+    """Refuse what has no second derivatives.
+
+    Raises
+    ------
+    InputError
+        For systems of a Lagrangian, co-moving frames and large systems.
+    """
+    system = derived.system
+    why = None
+    if isinstance(system, LagrangianSystem):
+        why = "it is of a Lagrangian, whose mass matrix is factorised for numbers alone"
+    elif derived.frame is not None:
+        why = "it moves with a frame"
+    elif system.n > LARGEST:
+        why = f"it has {system.n} coordinates, and systems are written out in full up to {LARGEST}"
+    if why is not None:
+        raise InputError(f"{derived.name} has no second derivatives: {why}; take differences of "
+                         "its gradients, which are exact.")
+
+
+def second_order_of(
+    derived: Derived, kernels: Sequence[Kernel], slopes: Sequence[sp.Expr]
+) -> SecondOrder:
+    """Return the kernels on dual numbers, and the functions that they call.
+
+    ``slopes`` are the nonzero derivatives of constants by parameters.
+    """
+    real = derived.real
+    emitted = [emit_kernel(replace(k, compensated=False), derived.constants, real, Target.duals())
+               for k in kernels]
+    printer = CPrinter(real, {p: f"par[{j}]" for j, p in enumerate(derived.system.parameters)},
+                       "dual_")
+    chain = [printer.number(e) for e in slopes]
+    called = printer.functions.union(*(k.functions for k in emitted))
+    cardinals = [name for name in _CARDINALS if called & {name, f"{name}_slope"}]
+    return SecondOrder(
+        kernels=emitted,
+        chain=chain,
+        slopes={name: slope for name, slope in _SLOPES.items() if name in called},
+        cardinals={name: _CARDINALS[name] for name in cardinals},
+        others=sorted(called & (SWITCHES | {"pow", "atan2"})),
+        functions=frozenset({*cardinals, *(f"{name}_slope" for name in cardinals)}),
+    )

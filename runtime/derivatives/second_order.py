@@ -1,0 +1,331 @@
+"""Second derivatives: how an adjoint changes along a direction, and Hessians of functions of a run.
+
+A function L of a run is one of its start (q, p), which is projected onto the constraints, and of
+parameters and times. Its gradient is D(z)ᵀ z̄, where z̄ is the cotangent that the adjoint of the
+steps leads to and D the derivative of the projection (``tangent_space``). Along a direction in the
+range of D, tangent to the constraints, it changes by
+
+    Dᵀ z̄' + D'ᵀ z̄
+
+z̄' by the compiled derivative of the adjoint, D' by that of the derivatives of g and f.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import few, shown
+from ...core.errors import InputError
+from ..bindings.binding import Binding
+from ..bindings.real_numbers import aligned
+from ..integration.run_arguments import RunArguments
+from .binding import DerivativeBinding, KeptSteps
+from .gradient import Cotangents, as_bytes
+from .kept_steps import refuse_run, singular, split
+from .tangent_space import TangentSpace, solved
+
+if TYPE_CHECKING:
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Hessian", "SecondBinding", "Slopes", "hessian_of", "pulled_back_slope", "step_slope"]
+
+Array = NDArray[Any]
+
+#: Steps whose tangents are kept at a time.
+_BLOCK = 512
+
+#: From the directions of stored states, {"q", "p", "t", "parameters"}, to those of cotangents.
+Slopes = Callable[[dict[str, Any]], Mapping[str, Any]]
+
+
+class SecondBinding:
+    """Calls into the module of second derivatives; ``own`` makes its structs."""
+
+    def __init__(self, own: Binding, first: DerivativeBinding) -> None:
+        self.own, self.n, self.rows = own, first.n, first.rows
+        self._size = int(own.function("second_size")())
+
+    def _memory(self) -> Any:
+        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(
+            keep := aligned(self._size))), keep
+
+    def integrate_second(
+        self, run: RunArguments, parameters: Any, steps: KeptSteps, tangents: Array, dz: Array,
+        cotangents: tuple[Array, Array], every: int, w: tuple[Array, Array],
+        z_bar: tuple[Array, Array], inputs: tuple[Array, Array, Array],
+    ) -> int:
+        """Take ``w`` and its slope backwards through kept steps, and add to ``z_bar``.
+
+        Of ``cotangents``, ``w`` and ``z_bar`` the second is the slope along the direction whose
+        rows q and p at the start of each step are ``tangents``. ``inputs``: slopes of the inputs of
+        each step, then their cotangents and the slopes of these.
+        """
+        own, (memory, _keep) = self.own, self._memory()
+        fed = ([*own._fed(run.inputs)[:2], *map(own.pointer, inputs)] if own.input_names else [])
+        return int(own.function("integrate_second")(
+            parameters, *fed, run.dt, steps.first, steps.count,
+            *map(own.pointer, (steps.q, steps.p, steps.x, tangents, dz, *cotangents)), every,
+            *map(own.pointer, (*w, *z_bar)), memory))
+
+    def constraint_slopes(
+        self, parameters: Any, q: Array, p: Array, dz: Array
+    ) -> tuple[Array, Array]:
+        """Return how the derivatives of g and f by the rows of a direction change along dz."""
+        own, (memory, _keep) = self.own, self._memory()
+        g, f = own.new(own.m, self.rows), own.new(own.m, self.rows)
+        if own.m:
+            own.function("constraint_second")(
+                parameters, *map(own.pointer, (q, p, dz, g, f)), memory)
+        return g, f
+
+
+def pulled_back_slope(
+    second: SecondBinding, space: TangentSpace, parameters: Any, q: Array, p: Array, dz: Array,
+    z_bar: Array, z_bar_slope: Array,
+) -> Array:
+    """Return the derivative of ``space.pulled_back(z_bar)`` along dz, which is tangent."""
+    found = z_bar_slope.copy()
+    if not len(space.g):
+        return found
+    n, g, f = space.n, space.g, space.f
+    g_slope, f_slope = second.constraint_slopes(parameters, q, p, np.ascontiguousarray(dz))
+    G, G_slope = g[:, :n], g_slope[:, :n]
+
+    def less(rows: Array, rows_slope: Array, A: Array, A_slope: Array, z: Array, z_slope: Array
+             ) -> tuple[Array, Array]:
+        """Return rowsᵀ A⁻¹ G z and its slope."""
+        y = solved(A, G @ z)
+        y_slope = solved(A, G_slope @ z + G @ z_slope - A_slope @ y)
+        return rows.T @ y, rows_slope.T @ y + rows.T @ y_slope
+
+    if space.binding.keeps_momentum:
+        f_p, f_p_slope = f[:, n : 2 * n], f_slope[:, n : 2 * n]
+        moved, moved_slope = less(
+            f, f_slope, (f_p @ G.T).T, (f_p_slope @ G.T + f_p @ G_slope.T).T,
+            z_bar[n : 2 * n], z_bar_slope[n : 2 * n])
+        z_bar, found = z_bar - moved, found - moved_slope
+    GG_slope = G_slope @ G.T
+    return found - less(g, g_slope, G @ G.T, GG_slope + GG_slope.T, z_bar[:n], found[:n])[1]
+
+
+@dataclass(frozen=True)
+class Hessian:
+    """The second derivatives of a function of a run.
+
+    Attributes
+    ----------
+    matrix : array, shape (k, k)
+        By what ``names`` says; the symmetric part of what was computed.
+    asymmetry : float
+        The largest entry of the other part, relative to the largest of the matrix: round-off.
+    names : tuple of str
+        "start[0]" and so on are coordinates y of the tangent space, z0 + B y, of which ``basis`` is
+        B. Parameters that move the constraints move the start too, in the first order.
+    gradient : array, shape (k,)
+        The first derivatives by the same.
+    value : float or None
+        The function, where ``loss`` computed it.
+    """
+
+    matrix: Array
+    asymmetry: float
+    names: tuple[str, ...]
+    gradient: Array
+    basis: Array
+    value: Any = None
+
+    def __repr__(self) -> str:
+        return f"<Hessian by {few(self.names)}>"
+
+
+def hessian_of(
+    stepper: Stepper, run: RunArguments, cotangents: Cotangents, slopes: Slopes | None,
+    checked: Callable[[Mapping[str, Any]], Cotangents], wrt: tuple[str, ...], memory: Any,
+    value: Any = None,
+) -> Hessian:
+    """Return the Hessian of a function of a checked run.
+
+    Raises
+    ------
+    InputError
+        For what a Hessian is not taken by, for states within steps, for too little memory.
+    StepFailed
+        As the run itself does.
+    """
+    refuse_run(run)
+    if cotangents.multipliers.size:
+        raise InputError("A Hessian is of states, and this function depends on multipliers, which "
+                         "have first derivatives alone; leave them out.")
+    if cotangents.points:
+        raise InputError("A Hessian is of states at the ends of steps, and this function depends "
+                         "on states within them; give cotangents of rows alone.")
+    first, second = stepper.derivative_binding, stepper.second_binding
+    own, n = first.own, stepper.n
+    steps = _kept(stepper, run, memory)
+    parameters, others = (b.own.parameters(run.parameters, run.t0) for b in (first, second))
+    space = TangentSpace(first, parameters, run.q, run.p, stepper.constraint_names)
+    names, D = _directions(stepper, space, wrt, run)
+    count = len(names)
+    blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
+    along, starts = _tangents(first, run, parameters, blocks, D)
+    dt_rows = own.new(len(along), count) + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1]
+    made: list[Array] = []
+    gradient = own.new(count)
+    for j in range(count):
+        dz = np.ascontiguousarray(D[:, j])
+        moved = _moved(stepper, run, along[:, :, j], dt_rows[:, j], dz, slopes, checked)
+        z_bar, z_bar_slope = own.new(first.rows), own.new(first.rows)
+        for z, part in ((z_bar, cotangents), (z_bar_slope, moved)):
+            _add_explicit(stepper, run, part, z)
+        w, w_slope = cotangents.rows[-1].copy(), moved.rows[-1].copy()
+        for block, start in zip(reversed(blocks), reversed(starts), strict=True):
+            rows = own.new(block.count, 2 * n)
+            tangent = start[:, j : j + 1].copy()  # is advanced
+            first.integrate_tangent(run, parameters, block, dz[:, None].copy(), 1, rows,
+                                    own.new(0), tangent)
+            rows[1:], rows[0] = rows[:-1].copy(), start[:, j]
+            here = tuple(_stored(run, block, part.rows) for part in (cotangents, moved))
+            inputs = tuple(own.new(block.count, len(own.input_names)) for _ in range(3))
+            status = second.integrate_second(
+                run, others, block, rows, dz, here, run.every, (w, w_slope),  # type: ignore[arg-type]
+                (z_bar, z_bar_slope), inputs)  # type: ignore[arg-type]
+            if status:
+                raise singular(block.first, status)
+        z_bar[: 2 * n], z_bar_slope[: 2 * n] = w, w_slope
+        changed = pulled_back_slope(second, space, others, run.q, run.p, dz, z_bar, z_bar_slope)
+        made.append(D.T @ changed)
+        gradient[j] = dz @ space.pulled_back(z_bar)
+    found = np.array(made).T
+    matrix, rest = (found + found.T) / 2, np.abs(found - found.T) / 2
+    size = float(np.abs(matrix).max(initial=0))
+    asymmetry = float(rest.max(initial=0)) / size if size > 0 else 0.0
+    return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)
+
+
+def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
+    """Return all steps of a run."""
+    limit, own = as_bytes(memory), stepper.binding
+    width = 16 if own.c_type not in ("float", "double") else np.dtype(own.dtype).itemsize
+    needed = run.steps * (2 * stepper.n + stepper.unknowns) * width
+    if limit is None or needed > limit:
+        raise InputError(f"memory = {memory!r} is too little: a Hessian keeps all "
+                         f"{run.steps:,} steps, {needed:,} bytes; give these.")
+    kept = stepper.derivative_binding.begin(run)
+    steps, status = kept.keep(run.steps)
+    if status:
+        stepper.run(run)  # says why it fails, with everything before
+        raise singular(kept.done, status)
+    return steps
+
+
+def _directions(
+    stepper: Stepper, space: TangentSpace, wrt: tuple[str, ...], run: RunArguments
+) -> tuple[tuple[str, ...], Array]:
+    """Return the names and the columns of directions, tangent to the constraints."""
+    binding, n = space.binding, stepper.n
+    labels = [*stepper.binding.parameter_names, "dt", "t0"]
+    names: list[str] = []
+    columns: list[Array] = []
+    for name in wrt:
+        if name in ("q", "p", "inputs"):
+            raise InputError(f"A Hessian is not taken by {name!r}; choose 'start', parameters, "
+                             "'dt' or 't0'.")
+        basis = space.basis().T if name == "start" else [None]
+        for k, direction in enumerate(basis):
+            column = binding.own.new(binding.rows)
+            if direction is None:
+                column[2 * n + labels.index(name)] = 1
+            else:
+                column[: 2 * n] = direction
+            columns.append(column)
+            names.append(f"start[{k}]" if name == "start" else name)
+    D = space.projected(np.ascontiguousarray(np.array(columns).T))
+    if run.inputs is not None:  # each step has its own, which parameters do not move
+        D[[2 * n + labels.index(u) for u in stepper.binding.input_names]] = 0
+    return tuple(names), D
+
+
+def _tangents(
+    first: DerivativeBinding, run: RunArguments, parameters: Any, blocks: list[KeptSteps], D: Array
+) -> tuple[Array, list[Array]]:
+    """Return the directions of stored states, and those at the start of each block."""
+    own, count, size = first.own, D.shape[1], 2 * first.n
+    tangents = D[:size].copy()
+    parts, starts = [D[None, :size]], []
+    for block in blocks:
+        starts.append(tangents.copy())
+        stored = (block.first + block.count) // run.every - block.first // run.every
+        rows = own.new(stored, size, count)
+        status = first.integrate_tangent(run, parameters, block, np.ascontiguousarray(D),
+                                         run.every, rows, own.new(0), tangents)
+        if status:
+            raise singular(block.first, status)
+        parts.append(rows)
+    along: Array = np.concatenate(parts)
+    return along, starts
+
+
+def _moved(
+    stepper: Stepper, run: RunArguments, along: Array, dt: Array, dz: Array,
+    slopes: Slopes | None, checked: Callable[[Mapping[str, Any]], Cotangents],
+) -> Cotangents:
+    """Return how cotangents change along a direction."""
+    n = stepper.n
+    given: Mapping[str, Any] = {}
+    if slopes is not None:
+        names = stepper.binding.parameter_names
+        if not callable(slopes):
+            raise InputError(f"slopes = {shown(slopes)} is no function; give one of directions "
+                             "{'q': ..., 'p': ...} that returns how the cotangents change.")
+        given = slopes({"q": along[:, :n], "p": along[:, n:], "t": dt,
+                        "parameters": dict(zip(names, dz[2 * n : -2].tolist(), strict=True))})
+    return checked(given)
+
+
+def _add_explicit(
+    stepper: Stepper, run: RunArguments, part: Cotangents, z_bar: Array
+) -> None:
+    """Add derivatives by parameters and by the times of rows."""
+    names = stepper.binding.parameter_names
+    for name, slope in part.parameters.items():
+        z_bar[2 * stepper.n + names.index(name)] += slope
+    z_bar[-1] += part.times.sum()
+    z_bar[-2] += (part.times * run.steps_of_rows(run.steps)).sum()
+
+
+def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
+    """Return the rows of the stored states before these steps."""
+    first = steps.first // run.every
+    here = rows[first : (steps.first + steps.count - 1) // run.every + 1].copy()
+    if steps.first % run.every:
+        here[0] = 0  # the state is not stored: its row belongs to an earlier one
+    made: Array = here
+    return made
+
+
+def step_slope(
+    stepper: Stepper, run: RunArguments, space: TangentSpace, end: Array, unknowns: Array,
+    dz: Array, w: Array,
+) -> Array:
+    """Return how the cotangent of the start of one step, pulled back, changes along dz."""
+    refuse_run(run)
+    second, n = stepper.second_binding, stepper.n
+    own = second.own
+    parameters = own.parameters(run.parameters, run.t0)
+    steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
+    z_bar, z_bar_slope = own.new(second.rows), own.new(second.rows)
+    none = own.new(1, 2 * n)
+    w, w_slope = w.copy(), own.new(2 * n)
+    inputs = tuple(own.new(1, len(own.input_names)) for _ in range(3))
+    status = second.integrate_second(
+        run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz, (none, none), 1,
+        (w, w_slope), (z_bar, z_bar_slope), inputs)  # type: ignore[arg-type]
+    if status:
+        raise singular(0, status)
+    z_bar[: 2 * n], z_bar_slope[: 2 * n] = w, w_slope
+    return pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar, z_bar_slope)

@@ -1,0 +1,179 @@
+"""Second derivatives against differences of exact gradients in float128, and their symmetry.
+
+Differences of order 4 with a step of 2⁻²⁸ have some 25 digits. Matrices are scaled: a row is one of
+relative changes of what it is taken by.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from derivative_cases import case_of, difference, label, start_of, stepper_for
+from gyrospark.core.errors import InputError
+from gyrospark.runtime.derivatives.tangent_space import TangentSpace
+
+STEPS = 6
+#: One of each: SPARK with inputs, forces and times; IMS and EMS with a constraint that moves.
+FEW = [("forced", ("G-L", 2)), ("breathing", ("EMS", None))]
+MORE = [("top, γ", ("G-L", 3)), ("top, α", ("EMS", None)), ("free body", ("Radau-L", 2)),
+        ("breathing", ("LIIIA-B", 3)), ("ellipse", ("EMS", None)), ("forced", ("IMS", None))]
+BOTH = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
+                     id=f"{given[0]}-{label(given[1])}") for given in [*FEW, *MORE]]
+
+
+def loss_of(step, name):
+    """Return a polynomial loss in all states, a parameter, and the time."""
+    system = step.manifest["system"]
+    q, p = (sp.symbols(system[kind], real=True) for kind in ("coordinates", "momenta"))
+    theta = sp.Symbol(next(iter(case_of(name).parameters)), positive=True)
+    time = sp.Symbol(system.get("time") or "t", real=True)
+    return (sum((k + 1) * x**3 for k, x in enumerate(q)) + sum(x**2 * q[0] for x in p)
+            ) * theta + q[0] ** 2 * time**2
+
+
+def run_of(name, step, **moved):
+    """Return a run of the case, some of its numbers moved."""
+    case = case_of(name)
+    given = {"q": None, "p": None, "dt": case.dt, "t0": case.t0, "parameters": case.parameters}
+    given |= moved
+    if given["q"] is None:
+        given["q"], given["p"] = start_of(name, step)
+    return step.integrate(steps=STEPS, every=2, **given)
+
+
+@cache
+def names_of(name):
+    """Return what the Hessian of a case is taken by."""
+    return ["start", *case_of(name).parameters, "dt", "t0"]
+
+
+def scales(name, size):
+    """Return the size of a relative change of each of these."""
+    case = case_of(name)
+    rest = [*case.parameters.values(), case.dt, case.dt]
+    return np.array([1.0] * (size - len(rest)) + rest)
+
+
+@cache
+def expected(name, scheme):
+    """Return the scaled Hessian by differences of float128 gradients, and its basis.
+
+    Starts are moved on the constraints.
+    """
+    step, case = stepper_for(name, scheme, "float128"), case_of(name)
+    q, p = start_of(name, step)
+    n, one, loss = step.n, q[0] - q[0] + 1, loss_of(step, name)
+    keeps = step.manifest["scheme"]["keeps_momentum_constraint"]
+    names = step.binding.parameter_names
+    binding = step.derivative_binding
+    run = step.rows_of(run_of(name, step)).run
+    space = TangentSpace(binding, binding.own.parameters(run.parameters, run.t0), run.q, run.p,
+                         step.constraint_names)
+    basis = space.basis()
+    units = np.zeros((binding.rows, basis.shape[1] + len(case.parameters) + 2), int).astype(q.dtype)
+    units[: 2 * n, : basis.shape[1]] = basis
+    for k, place in enumerate([*map(names.index, case.parameters), len(names), len(names) + 1]):
+        units[2 * n + place, basis.shape[1] + k] = one
+    D = space.projected(units) * scales(name, units.shape[1])
+
+    def gradient(dz, e):
+        q1, p1 = q + e * dz[:n], p + e * dz[n : 2 * n]
+        values = {x: one * case.parameters[x] + e * dz[2 * n + i] for i, x in enumerate(names)}
+        t0, dt = one * case.t0 + e * dz[-1], one * case.dt + e * dz[-2]
+        if step.m:
+            found = step.consistent(q1, p1, parameters=values, t=t0)
+            q1, p1 = found.q, found.p if keeps else p1
+        moved = run_of(name, step, q=q1, p=p1, parameters=values, t0=t0, dt=dt)
+        made = step.gradient(moved, loss=loss, wrt=["q", "p", *names, "dt", "t0"])
+        return D.T @ np.array([*made.q, *made.p, *(made[x] * one for x in [*names, "dt", "t0"])])
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", gs.InputWarning)  # some steps are long for their order
+        columns = [difference(lambda e, dz=dz: gradient(dz, e), 2.0**-28) for dz in D.T]
+    return np.array(columns).T, basis
+
+
+@pytest.mark.parametrize(("name", "scheme"), BOTH)
+def test_hessians_are_the_limits_of_differences_of_gradients(name, scheme):
+    """Of a loss over a run, by its start, all parameters, dt and t0, in double and in float128."""
+    wanted, basis = expected(name, scheme)
+    scale = scales(name, len(wanted))
+    size = np.abs(wanted.astype(float)).max()
+    for real, tolerance in (("double", 4e-14), ("float128", 1e-24)):
+        step = stepper_for(name, scheme, real)
+        run = run_of(name, step)
+        found = step.hessian(run, loss=loss_of(step, name), wrt=names_of(name))
+        turn = np.eye(len(wanted), dtype=int).astype(found.matrix.dtype)
+        k = basis.shape[1]
+        if real == "double":
+            turn[:k, :k] = basis.astype(float).T @ found.basis
+        scaled = found.matrix * scale * scale[:, None]  # not by products, which are rounded
+        error = turn @ scaled @ turn.T - wanted.astype(scaled.dtype)
+        assert np.abs(error.astype(float)).max() <= tolerance * size
+        assert found.asymmetry <= 64 * float(step.binding.epsilon)
+        gradient = step.gradient(run, loss=loss_of(step, name), wrt=names_of(name)).vector()
+        assert np.abs((found.gradient - gradient).astype(float)).max() <= (
+            1e3 * float(step.binding.epsilon) * np.abs(gradient.astype(float)).max())
+
+
+def test_a_step_has_the_derivative_of_its_vjp_along_a_direction():
+    """Against differences of ``vjp``; and along v₁ and v₂ in either order."""
+    name = "ellipse"
+    step, case = stepper_for(name, ("G-L", 2)), case_of(name)
+    q, p = start_of(name, step)
+    w, zero, h = np.linspace(1, 2, 4), np.zeros(2), 1e-4
+    given = {"dt": case.dt, "parameters": case.parameters}
+    found = step.hvp(q, p, zero, zero, w[:2], w[2:], d={"k": 1.0, "dt": 0.01}, **given)
+    ends = []
+    for sign in (1, -1):
+        moved = case.parameters | {"k": case.parameters["k"] + sign * h}
+        *_, back = step.vjp(q, p, dt=case.dt + sign * 0.01 * h, parameters=moved)
+        ends.append(back(w[:2], w[2:]))
+    for key in ("start", "m", "k", "g", "dt"):
+        slope = (np.asarray(ends[0][key]) - np.asarray(ends[1][key])) / (2 * h)
+        assert np.abs(slope - np.asarray(found[key])).max() < 1e-7
+        assert np.abs(found[key]).max() > 1e-5
+    for v, by_start in zip(found.basis.T, found.start, strict=True):
+        other = step.hvp(q, p, v[:2], v[2:], w[:2], w[2:], **given)
+        assert other["k"] + 0.01 * other["dt"] == pytest.approx(by_start, rel=1e-12)
+    with pytest.raises(InputError, match="project"):
+        step.hvp(q, p, q, p, w[:2], w[2:], **given)
+
+
+def test_a_function_of_python_gives_the_slopes_of_its_cotangents():
+    """|q - q*|² at the end, beside the same as an expression."""
+    name = "ellipse"
+    step, case = stepper_for(name, ("G-L", 2)), case_of(name)
+    q, p = start_of(name, step)
+    run = step.integrate(q, p, dt=case.dt, steps=700, every=700, parameters=case.parameters)
+    target = np.array([0.3, 0.1])
+    last = {"q": 2 * (run.q[-1] - target)}
+    found = step.hessian(run, last, slopes=lambda along: {"q": 2 * along["q"][-1]})
+    start = 2 * (run.q[0] - target)  # the expression is summed over both states
+    both = step.hessian(run, {"q": np.stack([start, last["q"]])},
+                        slopes=lambda along: {"q": 2 * along["q"]})
+    x, y = sp.symbols("x y", real=True)
+    same = step.hessian(run, loss=(x - sp.Rational(3, 10)) ** 2 + (y - sp.Rational(1, 10)) ** 2)
+    assert np.abs(same.matrix - both.matrix).max() <= 1e-12 * np.abs(both.matrix).max()
+    assert found.matrix.shape == (6, 6)
+    assert np.abs(found.matrix - both.matrix).max() > 0.1
+    assert found.asymmetry < 1e-12
+
+
+def test_what_has_no_second_derivatives_says_so():
+    step = stepper_for("Lagrangian", ("G-L", 2))
+    run = run_of("Lagrangian", step)
+    with pytest.raises(InputError, match="Lagrangian"):
+        step.hessian(run, {"q": np.ones(2)})
+    step = stepper_for("ellipse", ("G-L", 2))
+    run = run_of("ellipse", step)
+    with pytest.raises(InputError, match="start"):
+        step.hessian(run, {"q": np.ones(2)}, wrt=["q"])
+    with pytest.raises(InputError, match="bytes"):
+        step.hessian(run, {"q": np.ones(2)}, memory="0.1 kB")
