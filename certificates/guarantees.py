@@ -62,6 +62,10 @@ class Guarantees(Protocol):
     def energy(self) -> Guarantee:
         """Return whether H minus the work of the forces is conserved."""
 
+    def momentum_constraint(self) -> Guarantee:
+        """Return whether f(q, p) = g_q H_p = 0 holds after each step: H is then the energy of the
+        motion, H(q, Pp) with p projected along g_qᵀ onto f = 0."""
+
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether a momentum map is conserved."""
 
@@ -171,6 +175,10 @@ class SparkGuarantees:
         return Guarantee(True, "H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
                          f"and each by itself{self._digits}")
 
+    def momentum_constraint(self) -> Guarantee:
+        """T2 solves for it with Λ_p."""
+        return Guarantee(True, "T2 projects p in every step")
+
     def momentum(self, J: MomentumMap) -> Guarantee:
         """J is conserved under the conditions of the class."""
         if not J.everywhere:
@@ -258,6 +266,35 @@ class MeanGuarantees:
             return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
                              f"({how})")
         return Guarantee(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
+
+    def momentum_constraint(self) -> Guarantee:
+        """Δg = 0 asks for Ḡ D_p = 0: if that makes f_(k+1) = −f_k, f stays 0.
+
+        f is linear in p. In each row of Ḡ D_p a momentum is eliminated by f_k + f_(k+1) = 0; if
+        nothing is left, the row is a multiple of f_k + f_(k+1).
+        """
+        scheme, system = self.scheme, self.system
+        lacking = Guarantee(False, f"{self.name} has no projection of p")
+        if system.is_time_dependent:
+            return lacking
+        (q, p), (dq, dp) = scheme.means, scheme.differences
+        _, D_p = scheme.mean_gradient
+        end, start = (
+            substitute(system.hidden, {x: m + sign * d / 2 for x, m, d in zip(
+                [*system.q, *system.p], [*q, *p], [*dq, *dp], strict=True)})
+            for sign in (1, -1))
+        for row, f_end, f_start in zip(scheme.mean_constraint, end, start, strict=True):
+            total = f_end + f_start
+            slopes = {x: derivative(total, x) for x in p if total.has(x)}
+            if not slopes or any(slope.has(*p, *dp) for slope in slopes.values()):
+                return lacking
+            x, slope = next(iter(slopes.items()))
+            terms = substitute([a * b for a, b in zip(row, D_p, strict=True)],
+                               {x: x - total / slope})
+            how = self._vanish([terms])
+            if not how:
+                return lacking
+        return Guarantee(True, f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({how})")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0."""
