@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -107,12 +108,14 @@ class Evaluation:
         """
         shape, q_rows, p_rows = self._state_rows(q, p)
         times, values = self._times(t, shape), self._parameters(parameters)
+        lost = []
         if as_flag("of_motion", of_motion) and self.m:
             for i, row in enumerate(p_rows):
                 at = self._parameters(parameters, times[i]) if self.binding.is_timed else values
                 if self.binding.project(at, q_rows[i].copy(), row):
-                    row[:] = self.binding.number("nan")
+                    lost.append(i)
         H = self.binding.hamiltonian(values, q_rows, p_rows, times)
+        H[lost] = math.nan
         return H.reshape(shape)
 
     def momenta(
