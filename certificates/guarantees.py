@@ -22,7 +22,12 @@ from ..generator.symbolic.identities import compare
 from ..generator.symbolic.shared_subexpressions import substitute
 from ..generator.symmetry.momentum_maps import MomentumMap
 from ..generator.systems.system import System
-from ..generator.tableaux.conditions import Condition, check_tableau, invariant_conditions
+from ..generator.tableaux.conditions import (
+    Condition,
+    check_tableau,
+    energy_conditions,
+    invariant_conditions,
+)
 from ..generator.tableaux.families import gauss_lobatto
 from ..generator.tableaux.stability import Stability, stability
 from ..generator.tableaux.tableau import Tableau
@@ -122,6 +127,8 @@ class SparkGuarantees:
     system: System
     numbers: Numbers
     tableau: Tableau
+    #: Whether free numbers of the tableau, chosen in each step, make the energy exact.
+    exact_energy: bool = False
 
     @cached_property
     def violation(self) -> str:
@@ -144,8 +151,8 @@ class SparkGuarantees:
     @property
     def symmetric(self) -> bool:
         """Whether the tableau is: step(−h) then undoes step(h)."""
-        return any(line.name == "symmetric" and line.found == "yes"
-                   for line in check_tableau(self.tableau))
+        return not self.exact_energy and any(line.name == "symmetric" and line.found == "yes"
+                                             for line in check_tableau(self.tableau))
 
     @property
     def stability(self) -> Stability | None:
@@ -153,7 +160,10 @@ class SparkGuarantees:
         return stability(self.tableau)
 
     def loop(self) -> Guarantee:
-        """Every SPARK method that does not deny it should be symplectic."""
+        """Every SPARK method that does not deny it should be symplectic, with a fixed tableau."""
+        if self.exact_energy:
+            return Guarantee(False, "the tableau is symplectic for every θ, but θ depends on the "
+                             "state")
         if not forces_are_gradient(self.system, self.numbers):
             return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if self.disclaimed:
@@ -163,7 +173,10 @@ class SparkGuarantees:
                          f"{self._digits}", self.violation)
 
     def energy(self) -> Guarantee:
-        """H is conserved if it is quadratic and the method conserves quadratic invariants."""
+        """H is conserved if it is quadratic and the method conserves quadratic invariants, and in
+        each step that finds a θ for it."""
+        if self.exact_energy:
+            return Guarantee(True, "θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
         order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
         state = [*system.q, *system.p]
@@ -188,7 +201,13 @@ class SparkGuarantees:
             return Guarantee(True, f"{why}, and J is linear in p alone")
         if self.disclaimed and self.violation:
             return Guarantee(False, f"{why}; {self.violation}")
-        return Guarantee(True, f"{why}{self._digits}", self.violation)
+        return Guarantee(True, f"{why}{self._digits}", self.violation or self._broken_energy)
+
+    @property
+    def _broken_energy(self) -> str:
+        """The condition that the tableau does not fulfil for every θ, or nothing."""
+        return _first_violated([line for line in energy_conditions(self.tableau)
+                                if not line.holds]) if self.exact_energy else ""
 
     @property
     def _digits(self) -> str:

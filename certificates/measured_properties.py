@@ -231,8 +231,9 @@ class Examination:
         value = max(back.q_error / sizes[0], back.p_error / sizes[1])
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
         if not self.guarantees.symmetric:
-            return reported(quantity, found, "not guaranteed", "the tableau is not symmetric",
-                            value)
+            why = "θ is not that of the way back" if self._manifest.get("exact_energy") else \
+                "the tableau is not symmetric"
+            return reported(quantity, found, "not guaranteed", why, value)
         if self.follow:
             return reported(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
                         "the start: the same steps back are those of each block's own rates", value)
@@ -334,6 +335,12 @@ class Examination:
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
             return reported(quantity, found, f"O(Δt^{self.step.order})"
                         f"{' between crossings' if crossed else ''}", guarantee.why + why, value)
+        waits = self.run.report.energy_waits
+        if waits:
+            return reported(quantity, f"{found}; {waits} steps without a small θ",
+                            f"O(Δt^{self.step.order}) in those steps, else round-off",
+                            f"{guarantee.why}; where H(q₁, p₁) hardly depends on θ, a later step "
+                            "compensates the error", value)
         bound = self.round_off.walk * self.round_off.energy
         return compared(quantity, found, f"≤ {bound:.1e}", guarantee, value, bound)
 

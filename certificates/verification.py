@@ -14,7 +14,7 @@ from ..generator.pipeline import Generated, generate
 from ..generator.schemes.fast_tableau import FastTableau
 from ..generator.schemes.midpoint_conditions import check_mean_scheme
 from ..generator.spec import Spec
-from ..generator.tableaux.conditions import Condition, check_tableau
+from ..generator.tableaux.conditions import Condition, check_tableau, energy_conditions
 from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
 from ..runtime.steppers.stepper import Stepper
@@ -55,6 +55,7 @@ def verify_stepper(spec: Spec) -> Verification:
     else:
         conditions = [
             *check_tableau(made.tableau),
+            *(energy_conditions(made.tableau) if spec.energy else []),
             _measured(made.tableau),
             _compiled(made, made.tableau, spec.real),
             *_symmetrised(made.tableau, spec.real),

@@ -35,7 +35,7 @@ _FILES = (".c", ".h", ".json", ".html", ".csv", *endings("picture"))
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --scheme, --stages, --rep, --system, --tableau and --real."""
+    """Add --scheme, --stages, --rep, --system, --tableau, --real and --energy."""
     options = [
         click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
                      help=f"{listed(SCHEMES)} (default: {DEFAULT})."),
@@ -52,6 +52,8 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
         click.option("--real", metavar="TYPE", shell_complete=completing(REALS),
                      help=f"{listed(REALS)} (default: double)."),
+        click.option("--energy", is_flag=True,
+                     help="With G-L of at least 2 stages: exact energy in every step."),
     ]
     for option in reversed(options):
         function = option(function)
@@ -114,10 +116,12 @@ def spec_from(
     tableau: Path | None,
     real: str | None,
     frame: str | None = None,
+    energy: bool = False,
 ) -> Spec:
     """Return the checked spec of these options."""
     count = None if stages is None else whole_number("--stages", stages)
-    return Spec.checked(scheme, count, rep, system, real, tableau).with_frame(frame)
+    spec = Spec.checked(scheme, count, rep, system, real, tableau)
+    return spec.with_frame(frame).with_energy(energy)
 
 
 def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:

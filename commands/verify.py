@@ -164,7 +164,7 @@ def _certify(
         found = certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
-            frame="symmetries" if moving else None,
+            frame="symmetries" if moving else None, energy=choice["energy"],
             parameters={"frame": "start"} if moving else None,
             dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
         )
@@ -189,7 +189,8 @@ def _draw(
     from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compiled
 
-    known, step = compiled(model, choice["scheme"], count, rep, choice["tableau"], True)
+    known, step = compiled(model, choice["scheme"], count, rep, choice["tableau"], True,
+                           energy=choice["energy"])
     measured = accuracy(step, known.q0, known.p0, dt=found.dt, steps=found.steps,
                         parameters=found.parameters)
     draw(found.model, measured, plot)

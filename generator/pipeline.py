@@ -84,6 +84,11 @@ def generate(
     if framed and spec.profile != "full":
         raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
                          "take profile 'full'.")
+    for part, asked in (("co-moving frame", framed), ("derivatives", derivatives),
+                        (f"profile {spec.profile!r}", spec.profile != "full")):
+        if spec.energy and asked:
+            raise InputError(f"Steps with exact energy (energy = True) have no {part}; leave out "
+                             "one of the two.")
     system, rep = _system(spec, system, model)
     if given and not allow_invalid:
         refuse_kinks(system)
@@ -102,7 +107,7 @@ def generate(
     else:
         if not allow_invalid:
             refuse_violations(coefficients, constrained=system.m > 0)
-        scheme = SparkScheme(reduced, coefficients)
+        scheme = SparkScheme(reduced, coefficients, spec.energy)
         method = spec.title if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)

@@ -52,7 +52,8 @@ class RunCommand(Grouped):
     """``gyrospark run``."""
 
     groups: ClassVar = {
-        "What runs": ("settings", "system", "scheme", "stages", "rep", "tableau", "real"),
+        "What runs": ("settings", "system", "scheme", "stages", "rep", "tableau", "real",
+                      "energy"),
         "Steps": ("dt", "error", "steps", "t_end", "nearest", "t0"),
         "Inertia and frame": ("gamma", "alpha", "frames"),
         "What is looked for": ("watched_for", "reference"),

@@ -80,6 +80,8 @@ def result_of(
         "iterations_mean": report.iterations_mean,
         "iterations_max": report.iterations_max,
         "newton_steps": report.newton_steps,
+        **({"energy_waits": report.energy_waits} if step.manifest["scheme"].get("exact_energy")
+           else {}),
         "seconds": done.seconds,
         "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else None,
     }
@@ -192,6 +194,9 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
         lines.insert(-1, f"  energy     of the motion, g_q H_p = 0 (stored states) largest "
                      f"{result['motion_energy_error_max']:.2e}, "
                      f"mean {result['motion_energy_error_mean']:.3e}")
+    if "energy_waits" in result:
+        lines.append("  energy waits            in "
+                     f"{result['energy_waits']:,} steps without a small θ")
     if "radians_per_step" in result:
         lines.append(f"  fastest rotation        {result['radians_per_step']:.3g} rad a step, of "
                      f"{result['fastest_body']}")

@@ -26,6 +26,8 @@ def lane_iteration(
     even_odd: dict[str, list[list[Fraction]]] = {}
     m = scheme.system.m
     if isinstance(scheme, SparkScheme):
+        if scheme.exact_energy:
+            return None, "exact energy is solved for by Newton's method alone"
         tableau = FastTableau(scheme.tableau)
         if tableau.refusal is not None:
             return None, tableau.refusal

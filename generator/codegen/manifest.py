@@ -70,6 +70,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "unknowns_are_state": scheme.unknowns_are_state,
             "multipliers": scheme.multipliers,
             "keeps_momentum_constraint": tableau is not None,
+            **({"exact_energy": True} if program.features.exact_energy else {}),
         },
         **({} if frame is None else {"frame": frame_manifest(frame, system)}),
         **_given_tableau(tableau),

@@ -39,6 +39,8 @@ class Scheme:
         Number of stages → its exact tableau; None for a mean value.
     discrete : bool
         Of a mean value: whether it is the discrete gradient, else the gradient at the midpoint.
+    energy : bool
+        Whether A + θZ with one θ a step can conserve the energy exactly (``energy_parameter``).
     sources : dict of str to str
         Works that it is from, by their keys in ``certificates/citations.py``, and for what.
     """
@@ -49,6 +51,7 @@ class Scheme:
     tableau: Callable[[int], Tableau] | None = None
     discrete: bool = False
     most: int = MAX_STAGES
+    energy: bool = False
     sources: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -89,7 +92,7 @@ SCHEMES: dict[SchemeName, Scheme] = {
             "gonzalez1996": "discrete gradients, energy and momentum",
             "gonzalez1999": "the same with constraints",
             "mclachlan1999": "discrete gradients as a class of methods"}),
-        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto),
+        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto, energy=True),
         Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab,
                sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),
         Scheme("Radau-L", "Radau-Lobatto SPARK method", 1, _radau_lobatto,

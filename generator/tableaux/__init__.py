@@ -9,6 +9,7 @@
     separation_bounds  whether a number written with radicals is zero
     multipliers        M = Ā Ã, the effect of multipliers on constraints at the nodes
     stability          R(z) of a fast decay: A-stable, L-stable, numerical damping
+    energy_parameter   free numbers of Gauss-Lobatto for a step of exact energy
     conditions         each condition as a residual, and predicates derived from it
     observed_order     the order as measured
 """

@@ -438,6 +438,9 @@ class Stepper(Differentiation):
             For any that is unusable, but for the parameters.
         """
         choose("solver", solver, SOLVERS)
+        if solver == "python" and self.manifest["scheme"].get("exact_energy"):
+            raise InputError("solver = 'python' does not look for the exact energy; choose auto or "
+                             "newton.")
         if solver == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")

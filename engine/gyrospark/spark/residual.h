@@ -12,6 +12,10 @@
 #include "gyrospark/constraints/projection.h"
 #endif
 
+#if GS_EXACT_ENERGY
+#include "gyrospark/spark/exact_energy.h"
+#endif
+
 #if GS_CONSTRAINED
 /* Number of multipliers Lambda_l, l = 0..P-1, that enter the stage equations */
 enum { ACTING = P };
@@ -92,6 +96,9 @@ static void node_displacements(work_t *w, real dt, const real x[U])
                 sum += tableau.A_bar[l][j]*x[j*N + a];
             w->D[l][a] = dt*sum;
         }
+#if GS_EXACT_ENERGY
+    add_theta_to_nodes(w, dt, x);
+#endif
 }
 
 /*
@@ -114,6 +121,9 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 force -= tableau.A_tilde[i][l]*w->force[l][a];
             w->stage_p[i][a] = p[a] + dt*force;
         }
+#if GS_EXACT_ENERGY
+    add_theta_to_stages(w, dt, x);
+#endif
 }
 
 /* (B.1): r = [k_i - H_p(Q_i, P_i); k^_i + H_q(Q_i, P_i) - F(Q_i, P_i, t_i); g(Q~_l), l = 1..P] */
