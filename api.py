@@ -54,6 +54,7 @@ def stepper(
     tableau: str | Path | Tableau | None = None,
     real: RealName = "double",
     frame: str | None = None,
+    energy: bool = False,
     allow_invalid: bool = False,
     order: int | None = None,
     composition: str | None = None,
@@ -80,6 +81,10 @@ def stepper(
     frame : {"symmetries"}, optional
         Derive co-moving frames along the system's symmetries: a parameter omega for each of
         ``Stepper.symmetries``, 0 where it is not given (docs/frames.md).
+    energy : bool
+        Of G-L with at least 2 stages: H(q, p) less the work of forces is exact in every step, by
+        one free number of the tableau (docs/theory/discrete_gradients.md). Steps in which no small
+        number does that are counted in ``Report.energy_waits``.
     allow_invalid : bool
         Use a tableau although it violates required conditions, and a system although some of its
         constraints follow from others.
@@ -121,7 +126,7 @@ def stepper(
         spec = Spec.of_tableau(rep, named, real)
     else:
         spec = Spec.checked(scheme, stages, rep, named, real, file, order, composition)
-    spec = spec.with_frame(frame)
+    spec = spec.with_frame(frame).with_energy(energy)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
     return stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)

@@ -104,6 +104,7 @@ def certify(
     tableau: str | Path | Tableau | None = None,
     allow_invalid: bool = False,
     frame: str | None = None,
+    energy: bool = False,
     real: RealName = "double",
     dt: float | None = None,
     steps: int | None = None,
@@ -117,7 +118,7 @@ def certify(
     ----------
     model : Model or Problem
         A system with its numbers, or one of ``gyrospark.problems``.
-    scheme, stages, order, composition, tableau, allow_invalid, frame
+    scheme, stages, order, composition, tableau, allow_invalid, frame, energy
         As for ``gyrospark.stepper``; G-L with 3 stages if neither scheme nor tableau is given.
     real : {"double", "float"}
         Floating-point type of the stepper; what is measured of its states is in doubles.
@@ -147,8 +148,8 @@ def certify(
     if choose("real", real, REALS) not in ("double", "float"):
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
-    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real, order,
-                           composition)
+    known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real,
+                           energy=energy, order=order, composition=composition)
     if "velocity_names" in step.manifest["system"]:
         raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
                          "written out: guarantees are not proved for it. Certify a model with the "
@@ -176,14 +177,15 @@ def certify(
 def compiled(
     model: Model | Problem, scheme: SchemeName | None, stages: int | None, rep: RepName | None,
     tableau: str | Path | Tableau | None, allow_invalid: bool, frame: str | None = None,
-    real: RealName = "double", order: int | None = None, composition: str | None = None,
+    real: RealName = "double", *, energy: bool = False, order: int | None = None,
+    composition: str | None = None,
 ) -> tuple[Model, Stepper]:
     """Return the model and its stepper; a named problem has its stepper checked in."""
     if isinstance(model, Problem):
         rep = "gamma" if rep is None else rep
         made = make_stepper(scheme, stages, rep, system=model.system, tableau=tableau,
-                            frame=frame, real=real, allow_invalid=allow_invalid, order=order,
-                            composition=composition)
+                            frame=frame, energy=energy, real=real, order=order,
+                            composition=composition, allow_invalid=allow_invalid)
         system = SYSTEMS[model.system].make(rep)
         known = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
@@ -194,8 +196,8 @@ def compiled(
     if rep is not None:
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
     return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
-                               frame=frame or model.frame or None, real=real,
-                               allow_invalid=allow_invalid, order=order, composition=composition)
+                               frame=frame or model.frame or None, energy=energy, real=real,
+                               order=order, composition=composition, allow_invalid=allow_invalid)
 
 
 def _guarantees(
@@ -209,7 +211,8 @@ def _guarantees(
     if tableau is None and scheme_named(scheme).tableau is None:
         return MeanGuarantees(model.system, numbers, str(scheme), step.order)
     if tableau is None:
-        return SparkGuarantees(model.system, numbers, make_tableau(str(scheme), stages))
+        return SparkGuarantees(model.system, numbers, make_tableau(str(scheme), stages),
+                               bool(step.manifest["scheme"].get("exact_energy")))
     exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
     return SparkGuarantees(model.system, numbers, exact)
 

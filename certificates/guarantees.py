@@ -25,7 +25,12 @@ from ..generator.symbolic.identities import compare
 from ..generator.symbolic.shared_subexpressions import substitute
 from ..generator.symmetry.momentum_maps import MomentumMap
 from ..generator.systems.system import System
-from ..generator.tableaux.conditions import Condition, check_tableau, invariant_conditions
+from ..generator.tableaux.conditions import (
+    Condition,
+    check_tableau,
+    energy_conditions,
+    invariant_conditions,
+)
 from ..generator.tableaux.families import gauss_lobatto
 from ..generator.tableaux.stability import Stability, stability
 from ..generator.tableaux.tableau import Tableau
@@ -64,6 +69,10 @@ class Guarantees(Protocol):
 
     def energy(self) -> Guarantee:
         """Return whether H minus the work of the forces is conserved."""
+
+    def momentum_constraint(self) -> Guarantee:
+        """Return whether f(q, p) = g_q H_p = 0 holds after each step: H is then the energy of the
+        motion, H(q, Pp) with p projected along g_qᵀ onto f = 0."""
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether a momentum map is conserved."""
@@ -125,6 +134,8 @@ class SparkGuarantees:
     system: System
     numbers: Numbers
     tableau: Tableau
+    #: Whether free numbers of the tableau, chosen in each step, make the energy exact.
+    exact_energy: bool = False
 
     @cached_property
     def violation(self) -> str:
@@ -147,8 +158,8 @@ class SparkGuarantees:
     @property
     def symmetric(self) -> bool:
         """Whether the tableau is: step(−h) then undoes step(h)."""
-        return any(line.name == "symmetric" and line.found == "yes"
-                   for line in check_tableau(self.tableau))
+        return not self.exact_energy and any(line.name == "symmetric" and line.found == "yes"
+                                             for line in check_tableau(self.tableau))
 
     @property
     def stability(self) -> Stability | None:
@@ -156,9 +167,12 @@ class SparkGuarantees:
         return stability(self.tableau)
 
     def loop(self) -> Guarantee:
-        """Every SPARK method that does not deny it should be symplectic."""
+        """Every SPARK method that does not deny it should be symplectic, with a fixed tableau."""
         if self.system.velocity_count:
             return Guarantee(False, "the motion itself is not symplectic with velocity constraints")
+        if self.exact_energy:
+            return Guarantee(False, "the tableau is symplectic for every θ, but θ depends on the "
+                             "state")
         if not forces_are_gradient(self.system, self.numbers):
             return Guarantee(False, "the forces are no gradient in q and may do work on the loop")
         if self.disclaimed:
@@ -168,7 +182,10 @@ class SparkGuarantees:
                          f"{self._digits}", self.violation)
 
     def energy(self) -> Guarantee:
-        """H is conserved if it is quadratic and the method conserves quadratic invariants."""
+        """H is conserved if it is quadratic and the method conserves quadratic invariants, and in
+        each step that finds a θ for it."""
+        if self.exact_energy:
+            return Guarantee(True, "θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
         order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
         state = [*system.q, *system.p]
@@ -198,6 +215,10 @@ class SparkGuarantees:
         return ("the system is reversible under p → −p: near on a motion that this maps to itself, "
                 "others may drift")
 
+    def momentum_constraint(self) -> Guarantee:
+        """T2 solves for it with Λ_p."""
+        return Guarantee(True, "T2 projects p in every step")
+
     def momentum(self, J: MomentumMap) -> Guarantee:
         """J is conserved under the conditions of the class."""
         if not J.everywhere:
@@ -213,7 +234,13 @@ class SparkGuarantees:
             return Guarantee(True, f"{why}, and J is linear in p alone")
         if self.disclaimed and self.violation:
             return Guarantee(False, f"{why}; {self.violation}")
-        return Guarantee(True, f"{why}{self._digits}", self.violation)
+        return Guarantee(True, f"{why}{self._digits}", self.violation or self._broken_energy)
+
+    @property
+    def _broken_energy(self) -> str:
+        """The condition that the tableau does not fulfil for every θ, or nothing."""
+        return _first_violated([line for line in energy_conditions(self.tableau)
+                                if not line.holds]) if self.exact_energy else ""
 
     @property
     def _digits(self) -> str:
@@ -291,6 +318,35 @@ class MeanGuarantees:
             return Guarantee(True, f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
                              f"({how})")
         return Guarantee(False, f"an error of order {self.order} in Δt: H or g is not quadratic")
+
+    def momentum_constraint(self) -> Guarantee:
+        """Δg = 0 asks for Ḡ D_p = 0: if that makes f_(k+1) = −f_k, f stays 0.
+
+        f is linear in p. In each row of Ḡ D_p a momentum is eliminated by f_k + f_(k+1) = 0; if
+        nothing is left, the row is a multiple of f_k + f_(k+1).
+        """
+        scheme, system = self.scheme, self.system
+        lacking = Guarantee(False, f"{self.name} has no projection of p")
+        if system.is_time_dependent:
+            return lacking
+        (q, p), (dq, dp) = scheme.means, scheme.differences
+        _, D_p = scheme.mean_gradient
+        end, start = (
+            substitute(system.hidden, {x: m + sign * d / 2 for x, m, d in zip(
+                [*system.q, *system.p], [*q, *p], [*dq, *dp], strict=True)})
+            for sign in (1, -1))
+        for row, f_end, f_start in zip(scheme.mean_constraint, end, start, strict=True):
+            total = f_end + f_start
+            slopes = {x: derivative(total, x) for x in p if total.has(x)}
+            if not slopes or any(slope.has(*p, *dp) for slope in slopes.values()):
+                return lacking
+            x, slope = next(iter(slopes.items()))
+            terms = substitute([a * b for a, b in zip(row, D_p, strict=True)],
+                               {x: x - total / slope})
+            how = self._vanish([terms])
+            if not how:
+                return lacking
+        return Guarantee(True, f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({how})")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """p̄ᵀA D_p = (A q̄ + a)·(D_q − F) and Ḡ (A q̄ + a) = 0."""
@@ -414,6 +470,10 @@ class SplittingGuarantees:
         if not self.system.forces and self.splitting.is_exact and not self.splitting.templates:
             return Guarantee(True, "H has one part, whose flow is exact")
         return Guarantee(False, f"an error of order {self.order} in Δt: parts do not keep H")
+
+    def momentum_constraint(self) -> Guarantee:
+        """p is made of q and the angular momentum."""
+        return Guarantee(True, "p = 2 L(q)ᵀ m: qᵀp = 0 by L(q) q = 0")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """J is conserved if its bracket with each part is 0."""

@@ -19,7 +19,12 @@ from ..generator.splitting.parts import Splitting
 from ..generator.splitting.proofs import prove_flows, prove_splitting
 from ..generator.tableaux.composition_checks import check_composition
 from ..generator.tableaux.compositions import Composition
-from ..generator.tableaux.conditions import Condition, check_tableau, velocity_conditions
+from ..generator.tableaux.conditions import (
+    Condition,
+    check_tableau,
+    energy_conditions,
+    velocity_conditions,
+)
 from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
 from ..generator.tableaux.velocity_rows import refusal_of_velocity_rows, velocity_matrix
@@ -66,6 +71,7 @@ def verify_stepper(spec: Spec) -> Verification:
             *check_tableau(made.tableau),
             *([] if refusal_of_velocity_rows(made.tableau) else
               velocity_conditions(made.tableau, velocity_matrix(made.tableau))),
+            *(energy_conditions(made.tableau) if spec.energy else []),
             _measured(made.tableau),
             _compiled(made, made.tableau, spec.real),
             *_symmetrised(made.tableau, spec.real),

@@ -67,6 +67,7 @@ def generate(
     generate --scheme G-L --stages 2 --real float --profile control
     generate --scheme G-L --stages 3 --frame symmetries
     generate --scheme G-L --stages 3 --profile run --derivatives
+    generate --scheme G-L --stages 3 --energy
     generate --check --all
     """
     chosen = any([*choice.values(), profile])

@@ -36,7 +36,8 @@ _FILES = (".c", ".h", ".json", ".html", ".csv", *endings("picture"))
 
 
 def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --scheme, --stages, --order, --composition, --rep, --system, --tableau and --real."""
+    """Add --scheme, --stages, --order, --composition, --rep, --system, --tableau, --real, --energy.
+    """
     options = [
         click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
                      help=f"{listed(SCHEMES)} (default: {DEFAULT})."),
@@ -56,6 +57,8 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
         click.option("--real", metavar="TYPE", shell_complete=completing(REALS),
                      help=f"{listed(REALS)} (default: double)."),
+        click.option("--energy", is_flag=True,
+                     help="With G-L of at least 2 stages: exact energy in every step."),
     ]
     for option in reversed(options):
         function = option(function)
@@ -118,14 +121,15 @@ def spec_from(
     tableau: Path | None,
     real: str | None,
     frame: str | None = None,
+    energy: bool = False,
     order: str | None = None,
     composition: str | None = None,
 ) -> Spec:
     """Return the checked spec of these options."""
     count = None if stages is None else whole_number("--stages", stages)
     degree = None if order is None else whole_number("--order", order)
-    return Spec.checked(scheme, count, rep, system, real, tableau, degree,
-                        composition).with_frame(frame)
+    spec = Spec.checked(scheme, count, rep, system, real, tableau, degree, composition)
+    return spec.with_frame(frame).with_energy(energy)
 
 
 def with_default_scheme(choice: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:

@@ -195,7 +195,7 @@ def _certify(
         found = certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
-            frame="symmetries" if moving else None,
+            frame="symmetries" if moving else None, energy=choice["energy"],
             parameters={"frame": "start"} if moving else None,
             dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
             order=None if spec.composition else spec.order, composition=spec.composition or None,
@@ -222,6 +222,7 @@ def _draw(
     from ..certificates.certificate import compiled
 
     known, step = compiled(model, choice["scheme"], spec.stages, rep, choice["tableau"], True,
+                           energy=choice["energy"],
                            order=None if spec.composition else spec.order,
                            composition=spec.composition or None)
     measured = accuracy(step, known.q0, known.p0, dt=found.dt, steps=found.steps,

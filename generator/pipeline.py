@@ -87,11 +87,16 @@ def generate(
     if system is None and spec.model is not None:
         model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
     if spec.order is not None:
-        _refuse_beyond_splitting(spec, model, derivatives=derivatives)
+        _refuse_beyond_splitting(spec, model, derivatives=derivatives or second)
     framed = spec.frame or ("" if system is not None or model is None else model.frame)
     if framed and spec.profile != "full":
         raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
                          "take profile 'full'.")
+    for part, asked in (("co-moving frame", framed), ("derivatives", derivatives),
+                        (f"profile {spec.profile!r}", spec.profile != "full")):
+        if spec.energy and asked:
+            raise InputError(f"Steps with exact energy (energy = True) have no {part}; leave out "
+                             "one of the two.")
     system, rep = _system(spec, system, model)
     _refuse_velocity_constraints(spec, system, own_tableau=tableau is not None)
     if system.velocity_count:
@@ -117,7 +122,7 @@ def generate(
     else:
         if not allow_invalid:
             refuse_violations(coefficients, constrained=system.m > 0)
-        scheme = SparkScheme(reduced, coefficients)
+        scheme = SparkScheme(reduced, coefficients, spec.energy)
         method = spec.title if spec.stages else f"SPARK {coefficients.name}"
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
@@ -159,7 +164,8 @@ def _refuse_without_velocity_constraints(
     """Refuse what no stepper with velocity constraints has."""
     asked = [(spec.profile != "full", f"Profile {spec.profile!r} does", "take profile 'full'"),
              (derivatives, "Derivatives of steps and runs do", "use differences of runs"),
-             (structured, "Loops over element templates do", "leave out structured")]
+             (structured, "Loops over element templates do", "leave out structured"),
+             (spec.energy, "Steps with exact energy do", "leave out energy")]
     for wanted, what, cure in asked:
         if wanted:
             raise InputError(

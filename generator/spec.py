@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..core.arguments import choose, listed, shown, whole
+from ..core.arguments import as_flag, choose, listed, shown, whole
 from ..core.errors import InputError
 from ..core.inertia import REPS
 from ..core.real_types import REALS, RealName
@@ -43,6 +43,7 @@ class Spec:
     frame: str = ""
     order: int | None = None
     composition: str = ""
+    energy: bool = False
 
     def with_frame(self, frame: Any) -> Spec:
         """Return the spec with a co-moving frame, along the system's symmetries, or none.
@@ -53,6 +54,22 @@ class Spec:
             Naming the value and the allowed ones.
         """
         return self if frame is None else replace(self, frame=choose("frame", frame, FRAMES))
+
+    def with_energy(self, energy: Any) -> Spec:
+        """Return the spec with exact energy: A + θZ, one free number θ a step.
+
+        Raises
+        ------
+        InputError
+            For schemes without such a number, and for what else exact energy does not take.
+        """
+        if not as_flag("energy", energy):
+            return self
+        if self.scheme == OWN or not scheme_named(self.scheme).energy or (self.stages or 0) < 2:
+            takes = listed(name for name, known in SCHEMES.items() if known.energy)
+            raise InputError(f"energy = True takes {takes} with at least 2 stages, not "
+                             f"{self.title}; leave out energy.")
+        return replace(self, energy=True)
 
     def with_profile(self, profile: Any) -> Spec:
         """Return the spec with a profile: the extent of the generated stepper.
@@ -125,7 +142,8 @@ class Spec:
         if scheme.composed:
             return f"{scheme.key}_{self.composition}" if self.composition else \
                 f"{scheme.key}{self.order}"
-        return f"{scheme.key}{self.stages}" if scheme.counted else scheme.key
+        exact = "_energy" if self.energy else ""
+        return f"{scheme.key}{self.stages}{exact}" if scheme.counted else scheme.key
 
     @property
     def title(self) -> str:
@@ -134,7 +152,8 @@ class Spec:
             return f"splitting of order {self.order}" + (
                 f", {self.composition}" if self.composition else "")
         counted = self.scheme != OWN and scheme_named(self.scheme).counted
-        return f"{self.stages}-{self.scheme}" if counted else self.scheme
+        exact = " with exact energy" if self.energy else ""
+        return f"{self.stages}-{self.scheme}{exact}" if counted else self.scheme
 
     @property
     def name(self) -> str:

@@ -35,7 +35,7 @@ from ..runtime.steppers.stepper import Stepper
 __all__ = ["Case", "Engine", "Quantity", "parameter_value", "scheme_of"]
 
 Array = NDArray[Any]
-Quantity = Literal["H", "l3", "x", "z", "g", "qp"]
+Quantity = Literal["H", "E", "l3", "x", "z", "g", "qp"]
 _Value = TypeVar("_Value")
 
 @dataclass(frozen=True)
@@ -156,6 +156,8 @@ class Engine:
         run = self.trajectory(case)
         if quantity == "H":
             return np.asarray(run.energy() - run.energy()[0])
+        if quantity == "E":
+            return np.asarray(run.energy_error(of_motion=True))
         if quantity == "l3":
             l3 = self.problem(case).inertia[2] * run.angular_velocity()[:, 2]
             return np.asarray(l3 - l3[0])
@@ -177,7 +179,7 @@ class Engine:
     def size(self, case: Case, quantity: Quantity) -> float:
         """Return what an error of the quantity is relative to: |H₀|, |l₃,₀|, |q||p₀| or 1."""
         problem = self.problem(case)
-        if quantity == "H":
+        if quantity in ("H", "E"):
             return abs(float(self.trajectory(case).energy()[0]))
         if quantity == "l3":
             return abs(problem.inertia[2] * float(self.trajectory(case).angular_velocity()[0, 2]))

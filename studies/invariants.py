@@ -34,8 +34,8 @@ CONSERVED: dict[str, set[Quantity]] = {
 }
 #: The rows for each quantity: representation and value of γ or α.
 VARIANTS = (("gamma", "m"), ("gamma", "h"), ("alpha", "m"), ("alpha", "h"))
-_QUANTITIES: tuple[Quantity, ...] = ("H", "l3", "g", "qp")
-_NAMES: dict[Quantity, str] = {"H": "H", "l3": "l₃", "g": "g", "qp": "qᵀp",
+_QUANTITIES: tuple[Quantity, ...] = ("H", "E", "l3", "g", "qp")
+_NAMES: dict[Quantity, str] = {"H": "H", "E": "H(q, Pp)", "l3": "l₃", "g": "g", "qp": "qᵀp",
                                "x": "x", "z": "z"}
 
 
@@ -54,7 +54,8 @@ def _table(engine: Engine, number: int, title: str, setting: Setting) -> Table:
         f"{setting} (our choice: our copy of the paper lacks the numbers and Δt). Means of the "
         "absolute errors of energy and l₃ = I₃Ω₃, and of the defects of |q| = 1 and qᵀp = 0. "
         "Conserved exactly: error below ε · N_t · magnitude. EMS-α conserves qᵀp too, since 0 = "
-        "q̄ᵀΔq = Δt |q̄|² mean(qᵀp)/(4α) with the midpoint q̄."
+        "q̄ᵀΔq = Δt |q̄|² mean(qᵀp)/(4α) with the midpoint q̄. H(q, Pp): the energy of the motion, "
+        "with p projected onto qᵀp = 0; H(q, p) = H(q, Pp) + (qᵀp)²/(8γ), or /(8α), on |q| = 1."
     )
     cells = [
         _cell(engine, setting.case(method, rep, rule), quantity, rule)

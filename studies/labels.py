@@ -8,7 +8,7 @@ __all__ = ["NORMS", "PARAMETERS", "letter", "row_name"]
 
 #: Quantity → its mean error, (87)-(91).
 NORMS: dict[Quantity, str] = {
-    "H": "E[|ΔH|]", "l3": "E[|Δl₃|]", "x": "E[|Δx|]", "z": "E[|Δz|]",
+    "H": "E[|ΔH|]", "E": "E[|ΔH(q, Pp)|]", "l3": "E[|Δl₃|]", "x": "E[|Δx|]", "z": "E[|Δz|]",
     "g": "E[|g(q)|]", "qp": "E[|qᵀp|]",
 }
 

@@ -53,7 +53,7 @@ class RunCommand(Grouped):
 
     groups: ClassVar = {
         "What runs": ("settings", "system", "scheme", "stages", "order", "composition",
-                       "rep", "tableau", "real"),
+                      "rep", "tableau", "real", "energy"),
         "Steps": ("dt", "error", "steps", "t_end", "nearest", "t0"),
         "Inertia and frame": ("gamma", "alpha", "frames"),
         "What is looked for": ("watched_for", "reference"),

@@ -51,7 +51,9 @@ def result_of(
     start: RunDefaults, step: Stepper, done: RunOutcome, t0: float = 0.0
 ) -> dict[str, Any]:
     """Return the report of a run that began at t0."""
-    from ...core.real_types import REALS  # and NumPy: not for --help
+    import numpy as np  # not for --help
+
+    from ...core.real_types import REALS
     from ...runtime.results.rotation_rate import fastest_rotation
 
     trajectory = done.last
@@ -78,9 +80,16 @@ def result_of(
         "iterations_mean": report.iterations_mean,
         "iterations_max": report.iterations_max,
         "newton_steps": report.newton_steps,
+        **({"energy_waits": report.energy_waits} if step.manifest["scheme"].get("exact_energy")
+           else {}),
         "seconds": done.seconds,
         "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else None,
     }
+    if trajectory.has_motion_energy:
+        with np.errstate(all="ignore"):  # the numbers of a failed run may be infinite
+            of_motion = abs(done.trajectory.energy_error(of_motion=True, stepper=step))
+        result["motion_energy_error_max"] = float(of_motion.max())
+        result["motion_energy_error_mean"] = float(of_motion.mean())
     if REALS[step.manifest["real"]].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
@@ -181,6 +190,13 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
         f"  iterations              mean {result['iterations_mean']:.2f}, "
         f"most {result['iterations_max']}",
     ]
+    if "motion_energy_error_max" in result:
+        lines.insert(-1, f"  energy     of the motion, g_q H_p = 0 (stored states) largest "
+                     f"{result['motion_energy_error_max']:.2e}, "
+                     f"mean {result['motion_energy_error_mean']:.3e}")
+    if "energy_waits" in result:
+        lines.append("  energy waits            in "
+                     f"{result['energy_waits']:,} steps without a small θ")
     if "radians_per_step" in result:
         lines.append(f"  fastest rotation        {result['radians_per_step']:.3g} rad a step, of "
                      f"{result['fastest_body']}")

@@ -106,6 +106,9 @@
 #ifndef GS_EVEN_ODD /* products with the tableau, symmetric in time, by even and odd parts */
 #define GS_EVEN_ODD 0
 #endif
+#ifndef GS_EXACT_ENERGY /* one number theta a step: H(q1, p1) = H_0 + work exactly */
+#define GS_EXACT_ENERGY 0
+#endif
 #ifndef GS_WIDE_REAL /* no machine has vector registers for the type */
 #define GS_WIDE_REAL 0
 #endif

@@ -31,6 +31,7 @@ from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
 from ..systems.system import System
+from ..tableaux.energy_parameter import energy_values
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from ..tableaux.velocity_rows import velocity_enclosures
 from .bytecode import Bytecode
@@ -211,7 +212,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         else solver_costs(scheme, kernels if plain else known, parts),
         iteration_kernels=own,
         renamed=renamed,
-        tableau=_tableau(tableau, real) if tableau else None,
+        tableau=_tableau(scheme, real) if isinstance(scheme, SparkScheme) else None,
         mass=mass_tables(legendre) if legendre else None,
         elements=parts,
         lanes=lanes,
@@ -269,6 +270,7 @@ def _features(
         factors=iteration is not None and iteration.factors,
         separable=iteration is not None and iteration.separable,
         even_odd=lanes is not None and bool(lanes.even_odd_tables),
+        exact_energy=isinstance(scheme, SparkScheme) and scheme.exact_energy,
         wide_real=derived.real.wide,
         compensated_lanes=lanes is not None and lanes.compensated,
         profile_run=profile == "run",
@@ -389,8 +391,11 @@ def _unknowns_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[st
     return ["x = (dq, dp, lambda): the increments q_k - q_(k-1), p_k - p_(k-1) and the multiplier"]
 
 
-def _tableau(tableau: Tableau, real: Real) -> TableauText:
+def _tableau(scheme: SparkScheme, real: Real) -> TableauText:
     """Return every part as rows of correctly rounded literals."""
+    tableau = scheme.tableau
+    energy = (energy_values(tableau, constrained=scheme.system.m > 0) if scheme.exact_energy
+              else {})
     parts = tableau.map_enclosures(lambda e: real.literal(real.round(e)))
     rows = {field: ["{ " + ", ".join(row) + " }" for row in part]
             if isinstance(part[0], list) else [", ".join(part)]
@@ -398,7 +403,9 @@ def _tableau(tableau: Tableau, real: Real) -> TableauText:
     size = {"s": tableau.s, "p": tableau.p + 1}
     shapes = {field: "".join(f"[{size[kind]}]" for kind in kinds)
               for field, kinds in FIELDS.items()}
-    return TableauText(rows, shapes, _tableau_doc(tableau))
+    return TableauText(rows, shapes, _tableau_doc(tableau), {
+        letter: [real.literal(real.round(e)) for e in values]
+        for letter, values in energy.items()})
 
 
 def _tableau_doc(tableau: Tableau) -> list[str]:

@@ -28,6 +28,8 @@ def lane_iteration(
     if scheme.system.velocity_count:
         return None, "reactions of velocity constraints are found by Newton's method"
     if isinstance(scheme, SparkScheme):
+        if scheme.exact_energy:
+            return None, "exact energy is solved for by Newton's method alone"
         tableau = FastTableau(scheme.tableau)
         if tableau.refusal is not None:
             return None, tableau.refusal

@@ -74,6 +74,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "multipliers": scheme.multipliers,
             **({"reactions": scheme.reactions} if scheme.reactions else {}),
             "keeps_momentum_constraint": tableau is not None or program.flows is not None,
+            **({"exact_energy": True} if program.features.exact_energy else {}),
         },
         **({} if frame is None else {"frame": frame_manifest(frame, system)}),
         **_given_tableau(tableau),

@@ -87,6 +87,7 @@ class Features:
     factors: bool
     separable: bool
     even_odd: bool
+    exact_energy: bool
     wide_real: bool
     compensated_lanes: bool
     profile_run: bool
@@ -225,6 +226,8 @@ class TableauText:
     rows: dict[str, list[str]]
     shapes: dict[str, str]
     doc: list[str]
+    #: The free direction of exact energy (``energy_parameter``), where the scheme has one.
+    energy: dict[str, list[str]]
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,8 @@ class Scheme:
         Whether a step is a composition of exact flows, whose order has to be given.
     velocity_constraints : bool
         Whether it has equations for velocity constraints, A(q, t) q̇ + a(q, t) = 0.
+    energy : bool
+        Whether A + θZ with one θ a step can conserve the energy exactly (``energy_parameter``).
     sources : dict of str to str
         Works that it is from, by their keys in ``certificates/citations.py``, and for what.
     """
@@ -55,6 +57,7 @@ class Scheme:
     composed: bool = False
     most: int = MAX_STAGES
     velocity_constraints: bool = False
+    energy: bool = False
     sources: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -95,7 +98,7 @@ SCHEMES: dict[SchemeName, Scheme] = {
             "gonzalez1996": "discrete gradients, energy and momentum",
             "gonzalez1999": "the same with constraints",
             "mclachlan1999": "discrete gradients as a class of methods"}),
-        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto,
+        Scheme("G-L", "Gauss-Lobatto SPARK method", 1, _gauss_lobatto, energy=True,
                velocity_constraints=True),
         Scheme("LIIIA-B", "Lobatto IIIA-B SPARK method", 2, _lobatto_iiiab,
                sources={"jay1996": "Lobatto IIIA-IIIB pairs with constraints"}),

@@ -112,6 +112,8 @@ class SparkScheme:
 
     system: System
     tableau: Tableau
+    #: Whether A + θZ with one θ a step takes the place of A and Â (``energy_parameter``).
+    exact_energy: bool = False
     #: x holds rates and multipliers themselves, not a state to be reached.
     unknowns_are_state = False
 

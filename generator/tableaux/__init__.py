@@ -10,6 +10,7 @@
     multipliers        M = Ā Ã, the effect of multipliers on constraints at the nodes
     velocity_rows      V, weights of constraint forces where velocity constraints hold
     stability          R(z) of a fast decay: A-stable, L-stable, numerical damping
+    energy_parameter   free numbers of Gauss-Lobatto for a step of exact energy
     conditions         each condition as a residual, and predicates derived from it
     observed_order     the order as measured
     compositions       compositions of exact flows, with 60 digits from compositions.json

@@ -21,14 +21,15 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
+from .energy_parameter import with_energy_parameter
 from .multipliers import multiplier_condition, multiplier_inverse
 from .node_algebra import Nodes, column, magnitude, power
 from .separation_bounds import Rounding, vanishes_to
 from .stability import stability
 from .tableau import Tableau
 
-__all__ = ["Condition", "check_tableau", "invariant_conditions", "order", "remarks",
-           "velocity_conditions"]
+__all__ = ["Condition", "check_tableau", "energy_conditions", "invariant_conditions", "order",
+           "remarks", "velocity_conditions"]
 
 Matrix = Any
 
@@ -333,6 +334,30 @@ def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
         lines.append(_condition(t, "V symmetric", "v_(p−i,p−l) + v_il = b̃_l", mirrored, nodes,
                                 nodes, required=True))
     return lines
+
+
+def energy_conditions(tableau: Tableau) -> list[Condition]:
+    """Return what holds of the tableau for all θ₀ and θ₁ of exact energy (``energy_parameter``).
+
+    Each condition is affine in (θ₀, θ₁): it holds for all if it does at (0, 0), (1, 0) and (0, 1).
+    With fixed numbers the method has order 2s − 2, so that ∂(q, p)/∂θ = O(Δt^{2s−1}) after a step;
+    θ = O(Δt²) changes the step by O(Δt^{2s+1}) and leaves the order 2s. M = ĀÃ is regular at θ = 0,
+    and so for small θ.
+    """
+    at = [tableau, *(with_energy_parameter(tableau, theta) for theta in ((1, 0), (0, 1)))]
+    lines = [{line.name: line for line in check_tableau(one)} for one in at]
+    names = [name for name in lines[0] if name.startswith(("symplectic", "symmetric", "ā", "ã"))]
+    fixed = min(one.order for one in at)
+    least = min(tableau.order, fixed + 2)
+    return [
+        *(replace(lines[0][name], name=f"{name}, every θ", required=True,
+                  found="yes" if all(one[name].found == "yes" for one in lines) else "no",
+                  holds=all(one[name].found == "yes" for one in lines)) for name in names),
+        Condition("order, fixed θ", f"2s − 2 = {2 * tableau.s - 2}", str(fixed),
+                  fixed >= 2 * tableau.s - 2, "0", required=True),
+        Condition("order, θ = O(Δt²)", f"2s = {2 * tableau.s}", str(least),
+                  least == 2 * tableau.s, "0", required=True),
+    ]
 
 
 def _range(tableau: Tableau, label: str, found: dict[str, int]) -> Condition:

@@ -23,7 +23,8 @@ class Report:
     constraint on the momenta, and |A H_p + a| of velocity constraints, whichever is larger); means
     run over k = 0..N as in (87)-(91). ``iterations`` counts fixed-point and Newton iterations
     together; ``newton_steps`` the steps of solver ``auto`` whose fixed-point iteration, or
-    simplified Newton iteration, did not converge.
+    simplified Newton iteration, did not converge. ``energy_waits`` counts steps of a stepper with
+    exact energy that leave the error of the energy to later steps.
     """
 
     steps: int
@@ -40,6 +41,7 @@ class Report:
     q: tuple[float, ...]
     p: tuple[float, ...]
     work: float = 0.0
+    energy_waits: int = 0
 
     def __repr__(self) -> str:
         return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each\n"
@@ -67,6 +69,7 @@ class Report:
             tuple(float(x) for x in q),
             tuple(float(x) for x in p),
             float(record.work) if forced else 0.0,
+            int(getattr(record, "energy_waits", 0)),
         )
 
     @property

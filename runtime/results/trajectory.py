@@ -33,6 +33,11 @@ class Maker(Protocol):
     def at(self, trajectory: Trajectory, times: ArrayLike) -> Trajectory:
         """Return the states of a trajectory at times."""
 
+    def energy(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Any, t: Any, of_motion: bool,
+    ) -> Array:
+        """Return H of states, or the energy of their motion."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Shown):
@@ -111,15 +116,42 @@ class Trajectory(Shown):
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
 
-    def energy(self) -> Array:
-        """Return H of each stored state, shape (N+1,), in joules for SI input."""
-        return self.energies
+    def energy(self, *, of_motion: bool = False, stepper: Maker | None = None) -> Array:
+        """Return H of each stored state, shape (N+1,), in joules for SI input.
 
-    def energy_error(self) -> Array:
+        With ``of_motion`` it is the energy of the motion, H with p projected onto g_q H_p = 0; see
+        ``Stepper.energy``. It differs for schemes that do not project p.
+
+        Parameters
+        ----------
+        stepper : Stepper, optional
+            What made the trajectory, for ``of_motion``; known of what ``integrate`` returned in
+            this process.
+
+        Raises
+        ------
+        InputError
+            Where ``of_motion`` needs a stepper that is not known.
+        """
+        if not of_motion or not self.has_motion_energy:
+            return self.energies
+        return self._maker(stepper, "energy(of_motion=True, stepper=...)").energy(
+            self.q, self.p, parameters=self.parameters, t=self.t, of_motion=True)
+
+    def energy_error(self, *, of_motion: bool = False, stepper: Maker | None = None) -> Array:
         """Return H_k − H_0 − W_k of each stored state, W the work of the forces since the first of
-        them, shape (N+1,)."""
-        error: Array = self.energies - self.energies[0] - (self.work - self.work[0])
+        them, shape (N+1,); arguments as for ``energy``."""
+        H = self.energy(of_motion=of_motion, stepper=stepper)
+        error: Array = H - H[0] - (self.work - self.work[0])
         return error
+
+    @property
+    def has_motion_energy(self) -> bool:
+        """Whether the energy of the motion may differ from H: the scheme does not project p onto
+        the constraint on the momenta."""
+        about = self.manifest
+        return bool(about["system"]["constraints"]
+                    and not about["scheme"]["keeps_momentum_constraint"])
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -258,16 +290,19 @@ class Trajectory(Shown):
         InputError
             Where the stepper is not known, for times outside of the run.
         """
+        return self._maker(stepper, "at(times, stepper=...)").at(self, times)
+
+    def _maker(self, stepper: Maker | None, call: str) -> Maker:
+        """Return the stepper that made this trajectory, known or given."""
         maker: Maker | None = self._stepper if stepper is None else stepper
         if maker is None:
             raise InputError(
                 f"This trajectory of {self.manifest['name']} does not know the stepper that made "
-                "it, for it was read from a file or belongs to an ensemble; give "
-                "at(times, stepper=...).")
+                f"it, for it was read from a file or belongs to an ensemble; give {call}.")
         if not callable(getattr(maker, "at", None)):
             raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
                              "returned.")
-        return maker.at(self, times)
+        return maker
 
     def gradient(
         self, cotangents: Any = None, *, stepper: Any = None, **options: Any

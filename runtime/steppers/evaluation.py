@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...core.arguments import as_flag
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.projection import Projection, project, report
@@ -97,15 +99,31 @@ class Evaluation:
 
     def energy(
         self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
-        t: Number | ArrayLike = 0.0,
+        t: Number | ArrayLike = 0.0, of_motion: bool = False,
     ) -> Array:
         """Return H(q, p, t) in the stepper's own representation; leading axes are kept.
 
         ``t``, which matters where H has it, is one time for all states, or one for each.
+
+        With ``of_motion`` it is the energy of the motion, H(q, Pp, t): P projects p along g_qᵀ onto
+        f = 0, f = g_q H_p (+ g_t). For an H quadratic in p and f = g_q H_p, with W = g_q H_pp g_qᵀ,
+
+            H(q, p) = H(q, Pp) + ½ fᵀ W⁻¹ f,
+
+        where ½ fᵀ W⁻¹ f is a kinetic energy off the constraints that the body does not have:
+        (qᵀp)²/8γ, or (qᵀp)²/8α, of one rigid body. Schemes that keep f = 0 have no difference.
+        Where p cannot be projected, the result is NaN.
         """
         shape, q_rows, p_rows = self._state_rows(q, p)
-        H = self.binding.hamiltonian(self._parameters(parameters), q_rows, p_rows,
-                                     self._times(t, shape))
+        times, values = self._times(t, shape), self._parameters(parameters)
+        lost = []
+        if as_flag("of_motion", of_motion) and self.m:
+            for i, row in enumerate(p_rows):
+                at = self._parameters(parameters, times[i]) if self.binding.is_timed else values
+                if self.binding.project(at, q_rows[i].copy(), row):
+                    lost.append(i)
+        H = self.binding.hamiltonian(values, q_rows, p_rows, times)
+        H[lost] = math.nan
         return H.reshape(shape)
 
     def momenta(

@@ -442,6 +442,9 @@ class Stepper(Differentiation):
         if not self.binding.solves and solver != "auto":
             raise InputError(f"{self.name} composes exact flows and solves no equations; leave out "
                              f"solver = {solver!r}.")
+        if solver == "python" and self.manifest["scheme"].get("exact_energy"):
+            raise InputError("solver = 'python' does not look for the exact energy; choose auto or "
+                             "newton.")
         if solver == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")

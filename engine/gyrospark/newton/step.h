@@ -9,6 +9,60 @@
 #include "gyrospark/frames/rotation.h"
 #endif
 
+#if GS_EXACT_ENERGY
+/* Error of the energy at the end (q1, p1) of the step with unknowns x: H(q1, p1) - H_0 - work. */
+static real energy_error(work_t *w, real dt, const real q[N], const real p[N], const real x[U],
+    const real q1[N], const real p1[N])
+{
+    (void)dt, (void)q, (void)p, (void)x; /* without forces */
+    const real gain = hamiltonian(AT(&w->constants, w->t + w->step), q1, p1) - w->energy_target;
+    return gain IF_FORCES(- step_work(w, dt, q, p, x));
+}
+
+/*
+ * Advances (q, p) by one step to (q1, p1), with theta for the energy w->energy_target. w->constants
+ * must be prepared.
+ */
+static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
+    real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
+{
+    static const real zero[2] = { 0 };
+    real q_end[N], p_end[N];
+    int count, another;
+    set_theta(w, zero);
+    int status = newton(w, options, dt, q, p, w->x, iterations);
+    if (status == OK)
+        status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+    if (status != OK)
+        return status;
+    energy_search_t search = begin_energy_search(w->energy_target, dt, q, p, q_end, p_end);
+    do {
+        another = next_theta(&search, energy_error(w, dt, q, p, w->x, q_end, p_end));
+        if (!set_theta(w, search.theta))
+            continue;
+        count = 0;
+        status = iterate(w, options, dt, q, p, w->x, &count);
+        *iterations += count;
+        if (status != OK) {
+            another = give_up(&search);
+            set_theta(w, zero);
+            status = newton(w, options, dt, q, p, w->x, &count);
+            *iterations += count;
+        }
+        if (status == OK)
+            status = finish(w, dt, q, p, w->x, q_end, p_end, multipliers);
+        if (status != OK)
+            return status;
+    } while (another);
+    w->energy_waits = search.waits;
+    IF_FORCES(store_work(w, dt, q, p, w->x);)
+    for (int a = 0; a < N; ++a) {
+        q1[a] = q_end[a];
+        p1[a] = p_end[a];
+    }
+    return OK;
+}
+#else
 /* Advances (q, p) by one step to (q1, p1); w->constants must be prepared. */
 static int advance(work_t *w, const options_t *options, real dt, const real q[N], const real p[N],
     real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
@@ -26,6 +80,7 @@ static int advance(work_t *w, const options_t *options, real dt, const real q[N]
     }
     return OK;
 }
+#endif
 
 #if !GS_PROFILE_RUN
 #if GS_FRAME
@@ -56,6 +111,9 @@ int NAME(T1)(const parameters_t *parameters, const options_t *options, real dt, 
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+#if GS_EXACT_ENERGY
+    work->theta[0] = work->theta[1] = 0;
+#endif
     IF_TIME(work->step = dt;)
     return newton(work, options, dt, q, p, x, iterations);
 }
@@ -65,6 +123,9 @@ int NAME(T2)(const parameters_t *parameters, real dt, const real q[N], const rea
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+#if GS_EXACT_ENERGY
+    work->theta[0] = work->theta[1] = 0;
+#endif
     IF_TIME(work->step = dt;)
     return finish(work, dt, q, p, x, q1, p1, multipliers);
 }
@@ -75,6 +136,9 @@ void NAME(guess)(const parameters_t *parameters, real dt, const real q[N], const
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+#if GS_EXACT_ENERGY
+    work->theta[0] = work->theta[1] = 0;
+#endif
     IF_TIME(work->step = dt;)
     euler_start(work, dt, q, p, x);
 }
@@ -84,6 +148,9 @@ void NAME(residual)(const parameters_t *parameters, real dt, const real q[N], co
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+#if GS_EXACT_ENERGY
+    work->theta[0] = work->theta[1] = 0;
+#endif
     IF_TIME(work->step = dt;)
     residual(work, dt, q, p, x, r);
 }
@@ -104,6 +171,9 @@ void NAME(jacobian)(const parameters_t *parameters, real dt, const real q[N], co
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
+#if GS_EXACT_ENERGY
+    work->theta[0] = work->theta[1] = 0;
+#endif
     IF_TIME(work->step = dt;)
     residual(work, dt, q, p, x, work->r);
     jacobian(work, dt, q, p, x, work->J);

@@ -74,9 +74,15 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
 static int advance_run(work_t *w, const options_t *options, real dt, real q[N], real p[N],
     real multipliers[ROOM], int *iterations, report_t *report)
 {
+#if GS_EXACT_ENERGY
+    w->energy_target = report->energy_start IF_FORCES(+ report->work);
+#endif
     const int status = advance(w, options, dt, q, p, q, p, multipliers, iterations);
     if (status != OK)
         return status;
+#if GS_EXACT_ENERGY
+    report->energy_waits += w->energy_waits;
+#endif
     IF_FORCES(add_step_work(w, report);)
     observe(AT(&w->constants, w->t + w->step), q, p, report);
     return OK;
@@ -92,6 +98,9 @@ static void multipliers_of_run(work_t *w, const options_t *options, real multipl
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
+#if GS_EXACT_ENERGY
+    w->energy_target = hamiltonian(AT(&w->constants, w->t), q, p);
+#endif
     return advance(w, options, dt, q, p, q1, p1, multipliers, iterations);
 }
 #endif

@@ -31,13 +31,21 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
         rates_by_state(AT(&w->constants,
             t), w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
         for (int j = 0; j < S; ++j) {
+#if GS_EXACT_ENERGY
+            const real a_ij = dt*stage_entry(w, i, j), a_hat = a_ij;
+#else
             const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
+#endif
             real B[N][N];
             for (int a = 0; a < N; ++a)
                 for (int b = 0; b < N; ++b) {
                     real sum = 0;
                     for (int l = 0; l < P; ++l)
+#if GS_EXACT_ENERGY
+                        sum += force_entry(w, i, l)*node_entry(w, l, j)*w->K[l][a][b];
+#else
                         sum += tableau.A_tilde[i][l]*tableau.A_bar[l][j]*w->K[l][a][b];
+#endif
                     B[a][b] = -dt*dt*sum;
                 }
             for (int a = 0; a < N; ++a) {
@@ -65,7 +73,11 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
                         by_p += H_pp[a][e]*w->G[l][mu][e];
                         by_p_lower += H_qp[a][e]*w->G[l][mu][e];
                     }
+#if GS_EXACT_ENERGY
+                    const real a_tilde = dt*force_entry(w, i, l);
+#else
                     const real a_tilde = dt*tableau.A_tilde[i][l];
+#endif
                     J[(i*N + a)*U + column] = a_tilde*by_p;
                     J[(K_HAT + i*N + a)*U + column] = -a_tilde*by_p_lower;
                 }
@@ -75,7 +87,11 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
             real *row = J + (LAMBDA + (l - 1)*M + mu)*U;
             for (int j = 0; j < S; ++j)
                 for (int b = 0; b < N; ++b)
+#if GS_EXACT_ENERGY
+                    row[j*N + b] = dt*node_entry(w, l, j)*w->G[l][mu][b];
+#else
                     row[j*N + b] = dt*tableau.A_bar[l][j]*w->G[l][mu][b];
+#endif
         }
 #if GS_VELOCITY_CONSTRAINTS
     add_velocity_constraints(w, dt, q, p, x, J);
@@ -101,7 +117,11 @@ static void jacobian(work_t *w, real dt, const real q[N], const real p[N], const
         rates_by_state(AT(&w->constants,
             t), w->stage_q[i], w->stage_p[i], &t, H_qq, H_qp, H_pq, H_pp);
         for (int j = 0; j < S; ++j) {
+#if GS_EXACT_ENERGY
+            const real a_ij = dt*stage_entry(w, i, j), a_hat = a_ij;
+#else
             const real a_ij = dt*tableau.A[i][j], a_hat = dt*tableau.A_hat[i][j];
+#endif
             for (int a = 0; a < N; ++a) {
                 real *upper = J + (i*N + a)*U, *lower = J + (K_HAT + i*N + a)*U;
                 for (int b = 0; b < N; ++b) {

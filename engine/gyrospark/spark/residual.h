@@ -12,6 +12,10 @@
 #include "gyrospark/constraints/projection.h"
 #endif
 
+#if GS_EXACT_ENERGY
+#include "gyrospark/spark/exact_energy.h"
+#endif
+
 #if GS_CONSTRAINED
 #if GS_VELOCITY_CONSTRAINTS
 /* Number of multipliers Lambda_l, l = 0..P: the last enters the velocity constraints of T1 */
@@ -100,6 +104,9 @@ static void node_displacements(work_t *w, real dt, const real x[U])
                 sum += tableau.A_bar[l][j]*x[j*N + a];
             w->D[l][a] = dt*sum;
         }
+#if GS_EXACT_ENERGY
+    add_theta_to_nodes(w, dt, x);
+#endif
 }
 
 /*
@@ -122,6 +129,9 @@ static void stage_values(work_t *w, real dt, const real q[N], const real p[N], c
                 force -= tableau.A_tilde[i][l]*w->force[l][a];
             w->stage_p[i][a] = p[a] + dt*force;
         }
+#if GS_EXACT_ENERGY
+    add_theta_to_stages(w, dt, x);
+#endif
 }
 
 #if GS_VELOCITY_CONSTRAINTS

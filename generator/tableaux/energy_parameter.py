@@ -1,0 +1,82 @@
+"""Free numbers θ₀ and θ₁ of a Gauss-Lobatto tableau, for a step of exact energy.
+
+With Legendre polynomials P_k on [0, 1], u = P_{s−1}(c), v = P_{s−2}(c) at the stages, and
+w = P_s(c̃) − P_{s−2}(c̃) at the constraint nodes, which is 0 at both ends of the step:
+
+    A + θ₀ Z, Â = A              z_ij = b_j (u_i v_j − v_i u_j)
+    Ā + θ₁ Z̄, Ã + θ₁ Z̃          z̄_lj = w_l b_j u_j,    z̃_il = −b̃_l w_l u_i
+
+All other parts stay. b_i z_ij + b_j z_ji = 0 and b_i z̃_il + b̃_l z̄_li = 0, and u v and u w are odd
+about ½: the tableau is symplectic and symmetric for every θ (``conditions`` proves it). Z is the
+direction of Brugnano, Iavernaro, Trigiante (arXiv 1005.1930), for systems without constraints. It
+does nothing to a motion whose forces come from constraints alone, such as a point mass on a
+surface; Z̄ does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from sympy import QQ
+
+from ...core.errors import TableauError
+from .enclosures import enclose_part
+from .node_algebra import Nodes, power
+from .nodes import BITS, Enclosure
+from .tableau import Tableau
+
+__all__ = ["energy_values", "with_energy_parameter"]
+
+Matrix = Any
+
+
+def legendre(nodes: Nodes, k: int) -> Matrix:
+    """Return P_k on the nodes, as a column of their exact algebra."""
+    x = 2 * power(nodes, 1) - power(nodes, 0)  # from [0, 1] to [−1, 1]
+    before, last = power(nodes, 0), x
+    for j in range(1, k):
+        before, last = last, (nodes.multiply(x) * last * QQ(2 * j + 1, j + 1)
+                              - before * QQ(j, j + 1))
+    return last if k else before
+
+
+def energy_columns(tableau: Tableau) -> dict[str, tuple[Matrix, Nodes]]:
+    """Return u, v and w, each with the nodes that it is a function of.
+
+    Raises
+    ------
+    TableauError
+        For fewer than two stages: there is no P_{s−2}.
+    """
+    s, stages, nodes = tableau.s, tableau.stages, tableau.constraints
+    if s < 2:
+        raise TableauError(f"Exact energy takes at least 2 stages, not {s}.")
+    return {"u": (legendre(stages, s - 1), stages), "v": (legendre(stages, s - 2), stages),
+            "w": (legendre(nodes, s) - legendre(nodes, s - 2), nodes)}
+
+
+def with_energy_parameter(tableau: Tableau, theta: tuple[Any, Any]) -> Tableau:
+    """Return the tableau at rational numbers θ₀ and θ₁.
+
+    What the family claims of stage conditions and of the order is not kept for fixed numbers.
+    """
+    part = tableau.basis
+    u, v, w = (values for values, _ in energy_columns(tableau).values())
+    weigh = tableau.stages.multiply(part["b"])
+    weigh_nodes = tableau.constraints.multiply(part["b_tilde"])
+    of_stages, of_nodes = (QQ.convert(number) for number in theta)
+    A = part["A"] + (u * (weigh * v).transpose() - v * (weigh * u).transpose()) * of_stages
+    moved = {"A": A, "A_hat": A,
+             "A_bar": part["A_bar"] + w * (weigh * u).transpose() * of_nodes,
+             "A_tilde": part["A_tilde"] - u * (weigh_nodes * w).transpose() * of_nodes}
+    kept = {name: value for name, value in tableau.claims.items()
+            if name in ("B", "B_hat", "B_tilde", "symmetric", "symplectic")}
+    return replace(tableau, name=f"{tableau.name}_energy", claims=kept, basis={**part, **moved})
+
+
+def energy_values(tableau: Tableau, *, constrained: bool) -> dict[str, tuple[Enclosure, ...]]:
+    """Return enclosures of u and v, and with constraints of w, at their nodes."""
+    columns = energy_columns(tableau)
+    return {name: enclose_part(values.to_list(), [nodes], BITS)
+            for name, (values, nodes) in columns.items() if constrained or name != "w"}

@@ -1,0 +1,100 @@
+"""The energy of the motion: H with p projected onto the constraint on the momenta."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.certificates.guarantees import MeanGuarantees
+from gyrospark.generator.multibody.rigid_body import heavy_top
+
+TOP = gs.problems.fast_top()
+DT, STEPS = 0.01, 100
+
+
+def run_of(scheme, rep, **more):
+    """Integrate the fast top."""
+    step = gs.stepper(scheme, rep=rep, **more)
+    return step, step.integrate(TOP.q0, TOP.p0, dt=DT, steps=STEPS,
+                                parameters=TOP.parameters | {rep: gs.gamma_m(TOP.inertia)})
+
+
+def energy_of_the_body(run):
+    """Return mᵀJ⁻¹m/2 + mgl R33, from what the body has alone."""
+    m = run.body().angular_velocity() * TOP.inertia
+    return (m**2 / TOP.inertia).sum(axis=1) / 2 + TOP.parameters["mgl"] * run.axis()[:, 2]
+
+
+@pytest.mark.parametrize("rep", ["gamma", "alpha"])
+@pytest.mark.parametrize("scheme", ["IMS", "EMS"])
+def test_it_is_what_the_body_has(scheme, rep):
+    """And H has (qᵀp)²/8γ more, or /8α, on |q| = 1."""
+    _, run = run_of(scheme, rep)
+    found = run.energy(of_motion=True)
+    assert np.abs(found - energy_of_the_body(run)).max() < 1e-13
+    radial = (run.q * run.p).sum(axis=1)**2 / (8 * gs.gamma_m(TOP.inertia))
+    assert np.abs(run.energy() - found - radial).max() < 2e-14
+
+
+def test_ems_keeps_h_and_not_the_energy_of_the_motion():
+    """Of order 4, f² with f of order 2; the α-type keeps f = 0, and both energies."""
+    step, run = run_of("EMS", "gamma")
+    coarse = np.abs(run.energy_error(of_motion=True)).max()
+    fine = step.integrate(TOP.q0, TOP.p0, dt=DT/2, steps=2*STEPS, parameters=run.parameters)
+    assert run.report.energy_error_max < 1e-13
+    assert 14 < coarse / np.abs(fine.energy_error(of_motion=True)).max() < 18
+    assert coarse == pytest.approx(8.89e-9, rel=0.01)
+    assert np.abs(run_of("EMS", "alpha")[1].energy_error(of_motion=True)).max() < 1e-13
+
+
+def test_where_the_momenta_are_projected_both_are_one():
+    _, run = run_of("G-L", "gamma", stages=2)
+    assert not run.has_motion_energy
+    assert run.energy(of_motion=True) is run.energy()
+
+
+def test_constraints_that_move():
+    """A mass on a circle whose centre swings: p − Gᵀ (GGᵀ)⁻¹ f with f = G p + g_t, by hand."""
+    x, y, u, v, t = sp.symbols("x y u v t", real=True)
+    wheel = gs.System((x, y), (u, v), (), (u**2 + v**2) / 2 + y, name="wheel", time=t,
+                      constraints=[(x - sp.sin(t))**2 + y**2 - 1])
+    step = gs.stepper("IMS", system=wheel)
+    times, q = np.array([0.0, 0.7]), np.array([[0.6, 0.8], [np.sin(0.7) + 0.6, -0.8]])
+    p = np.array([[0.3, -1.0], [0.5, 0.2]])
+    found = step.energy(q, p, parameters={}, t=times, of_motion=True)
+    G = 2 * np.stack([q[:, 0] - np.sin(times), q[:, 1]], axis=1)
+    f = (G * p).sum(axis=1) - G[:, 0] * np.cos(times)
+    on = p - G * (f / (G**2).sum(axis=1))[:, None]
+    assert found == pytest.approx((on**2).sum(axis=1) / 2 + q[:, 1], rel=1e-14)
+
+
+def test_the_command_reports_both(gyrospark):
+    of_ems, of_gl = (gyrospark("run", "fast-top", "--scheme", *scheme, "--dt", "0.01", "--steps",
+                               "100", "--json").document
+                     for scheme in (["EMS"], ["G-L", "--stages", "2"]))
+    assert of_ems["motion_energy_error_max"] == pytest.approx(8.89e-9, rel=0.01)
+    assert of_ems["motion_energy_error_mean"] < of_ems["motion_energy_error_max"]
+    assert of_ems["energy_error_max"] < 1e-13
+    assert not any(key.startswith("motion_energy") for key in of_gl)
+
+
+def test_a_trajectory_without_its_stepper_asks_for_it(tmp_path):
+    step, run = run_of("EMS", "gamma")
+    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    with pytest.raises(gs.InputError, match="stepper"):
+        again.energy(of_motion=True)
+    found = again.energy_error(of_motion=True, stepper=step)
+    assert np.array_equal(found, run.energy_error(of_motion=True))
+
+
+@pytest.mark.parametrize(("name", "rep", "kept"), [
+    ("EMS", "alpha", True), ("EMS", "gamma", False), ("IMS", "alpha", False),
+    ("IMS", "gamma", False)])
+def test_which_scheme_keeps_the_momentum_constraint_is_derived(name, rep, kept):
+    system = heavy_top(rep)
+    numbers = {s: Fraction(i + 2, 7) for i, s in enumerate(system.parameters)}
+    assert MeanGuarantees(system, numbers, name, 2).momentum_constraint().guaranteed is kept
