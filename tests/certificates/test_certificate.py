@@ -66,7 +66,7 @@ def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
         "potential": H - 2 * m * g * y, "mass": H + known.system.p[0]**2 * 1e-9}.get(wrong, H),
         constraints=[constraints[0] + (1e-9 if wrong == "constraint" else 0)], name="pendulum")
     compiled = gs.stepper("G-L", 2, system=made)
-    monkeypatch.setattr(certificate, "compiled", lambda *_: (known, compiled))
+    monkeypatch.setattr(certificate, "compiled", lambda *_, **__: (known, compiled))
     if wrong == "constraint":  # at a start on its own constraint, which is off by less than is seen
         known = gs.Model(known.system, known.parameters, *compiled.project(
             known.q0, known.p0, parameters=known.parameters), dt=known.dt, steps=known.steps)
