@@ -16,6 +16,7 @@ import numpy as np
 from .._version import __version__
 from ..api import stepper
 from ..runtime.rigid_body.quaternion import angular_velocity
+from ..runtime.steppers.stepper import Stepper
 from .contest import ContestRow, Limits, judged
 from .peers.entry import PeerEntry, Run
 from .peers.heyoka_taylor import prepare_batch
@@ -31,6 +32,8 @@ _OURS: tuple[tuple[int, float, float | None, float | None, float], ...] = (
     (8, 2.5e-2, 1.1 * INERTIA[2], None, 0.0), (8, 2.5e-2, 1.1 * INERTIA[2], 1e-14, 0.0),
     (8, 4e-2, INERTIA[0], None, FREE_RATE), (8, 4e-2, INERTIA[0], 5e-15, FREE_RATE),
 )
+#: Order and time step of rows by compositions of exact flows.
+_COMPOSED = ((4, 7.5e-3), (8, 2.5e-2), (10, 1.25e-2))
 #: Lanes (None: the machine's SIMD width, as heyoka recommends it) and tolerance of its rows.
 _BATCHES: tuple[tuple[int | None, str], ...] = (
     (None, "default"), (8, "default"), (None, "1e-14"), (None, "1e-12"), (None, "1e-9"),
@@ -70,6 +73,11 @@ def ensemble_entries(count: int, *, quick: bool = False) -> list[PeerEntry]:
                   stages < 8)
         for stages, dt, gamma, tolerance, spin in _OURS for workers in (1, 2)
     ]
+    ours += [
+        PeerEntry("gyrospark", __version__, f"splitting of order {order} Δt={dt:g}, 1 worker",
+                  partial(_prepare_composed, count, order, dt), dt, order == 4)
+        for order, dt in _COMPOSED
+    ]
     theirs = [_batch(count, width, tol) for width, tol in _BATCHES]
     return [entry for entry in (*ours, *theirs) if entry.quick or not quick]
 
@@ -90,14 +98,26 @@ def _note(gamma: float | None, tolerance: float | None, spin: float) -> str:
     return named + ("" if tolerance is None else f" tol {tolerance:g}")
 
 
+def _prepare_composed(count: int, order: int, dt: float) -> Run:
+    step = stepper("splitting", order=order, rep="gamma")
+    return _run(step, count, dt, parameters(), 1, None)
+
+
 def _prepare(
     count: int, stages: int, dt: float, gamma: float | None, tolerance: float | None,
     spin: float, workers: int,
 ) -> Run:
     step = stepper("G-L", stages, "gamma", frame="symmetries" if spin else None)
+    values = parameters(gamma) | ({"omega_body": spin} if spin else {})
+    return _run(step, count, dt, values, workers, tolerance)
+
+
+def _run(
+    step: Stepper, count: int, dt: float, values: dict[str, float], workers: int,
+    tolerance: float | None,
+) -> Run:
     starts = tops(count)
     q, p = np.array([top.q for top in starts]), np.array([top.p for top in starts])
-    values = parameters(gamma) | ({"omega_body": spin} if spin else {})
 
     def run(t_end: float) -> TopState:
         steps = round(t_end / dt)

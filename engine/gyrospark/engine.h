@@ -194,6 +194,13 @@ enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
 enum { NEWTON = 1, FIXED_POINT };
 #endif
 
+#if GS_SPLITTING && !GS_PROFILE_CONTROL
+#if defined(__GNUC__) && !defined(__clang__)
+/* See RELOAD_STATE: hoisting moves products out of the branches whose sums they are contracted in. */
+#pragma GCC optimize("no-code-hoisting")
+#endif
+#endif
+
 static const real epsilon = LIMIT(EPSILON);
 
 #if GS_FIXED_POINT

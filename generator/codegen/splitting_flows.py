@@ -21,8 +21,8 @@ __all__ = ["flow_lanes", "flows_of"]
 
 #: Kernels of states that runs of many record with.
 _RECORDED = ("hamiltonian", "constraint", "hidden_constraint")
-#: Bytes of the registers that hold one number of each lane, at most.
-_LANE_BYTES = 256
+#: Bytes of a register, at most, and how many take turns.
+_LANE_BYTES, _REGISTERS = 64, 4
 
 
 def flows_of(derived: Derived) -> Flows:
@@ -68,14 +68,14 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     own = [*(k for k in scheme.state_kernels() if k.name in _RECORDED), *scheme.flow_kernels()]
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes({})) for k in own]
     constants = len(derived.constants.definitions) + 3
-    # Two kinds of flows with their constants, what is recorded, and who is of which kind.
-    vectors = 2 * (flows.numbers + constants + 1) + 16
+    # Two kinds of flows with their constants in each register, what is recorded, and kinds.
+    vectors = _REGISTERS * (2 * (flows.numbers + constants + 2) + 16)
     wide = real.bytes if real.wide else _LANE_BYTES
     return LaneIteration(
         kernels=kernels, folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
         compensated=any(sums_products(k, "lanes_") for k in kernels), factors=False,
         constant_schur=False, scalar_schur=False, separable=False, shared=0, affine=True,
-        history=0, memory=flows.memory, batch_memory=vectors * wide + 1024)
+        history=0, memory=flows.memory, batch_memory=vectors * wide + 4096)
 
 
 def _members(size: dict[str, int], *, drag: bool) -> list[tuple[str, list[int]]]:

@@ -34,7 +34,7 @@ __all__ = ["CheckFunction", "KernelMismatch", "Kind", "check_functions", "differ
 #: Kernels of numbers, or of lanes.
 Kind = Literal["numbers", "lanes"]
 
-#: Points at which a kernel is evaluated; lanes beyond the last repeat the first.
+#: Points at which a kernel is evaluated: a multiple of every number of lanes.
 POINTS = 16
 #: Multiple of the measured round-off by which a compiled kernel may be off. Contraction to FMA and
 #: the order of sums make errors of the size of NumPy's; the largest of 16 of these is never tiny.
@@ -83,7 +83,7 @@ class CheckFunction:
         sizes = [f"{{ {len(inputs_of(kernel))}, {len(outputs_of(kernel))} }}"
                  for kernel in self.kernels]
         get = "lane_get(y + e, l)" if lanes else "y[e]"
-        put = ("lane_set(x + e, l, (real)in[(i + l)%points*size[0] + e]);" if lanes
+        put = ("lane_set(x + e, l, (real)in[(i + l)*size[0] + e]);" if lanes
                else "x[e] = (real)in[(i + l)*size[0] + e];")
         cases = "".join(self._case(number, kernel) for number, kernel in enumerate(self.kernels))
         return f"""
@@ -103,7 +103,7 @@ class CheckFunction:
             break;
         }}
         for (int e = 0; e < size[1]; ++e)
-            for (int l = 0; l < {step} && i + l < points; ++l) {{
+            for (int l = 0; l < {step}; ++l) {{
                 const real value = {get};
                 high[(i + l)*size[1] + e] = (double)value;
                 low[(i + l)*size[1] + e] = (double)(value - (real)(double)value);
@@ -281,7 +281,7 @@ def _compiled(
     outputs, ffi = outputs_of(function.kernels[number]), module.ffi
     rows = np.stack(list(points.values()), axis=1) if points else np.zeros((count, 1))
     high, low = (np.zeros((count, len(outputs))) for _ in range(2))
-    memory = np.zeros(256 * (len(points) + len(outputs) + 1), dtype=np.uint8)  # four registers
+    memory = np.zeros(64 * (len(points) + len(outputs) + 1), dtype=np.uint8)  # lanes of 64 bytes
     getattr(module.lib, function.name)(
         number, count, *(ffi.from_buffer("double[]", some) for some in (rows, high, low)),
         ffi.from_buffer("char[]", memory) + -memory.ctypes.data % 64)

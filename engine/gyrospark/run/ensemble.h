@@ -4,13 +4,13 @@
 
 #include "gyrospark/run/integrate.h"
 
-#if GS_SPLITTING
-#include "gyrospark/splitting/batch.h"
-#elif GS_FIXED_POINT
+#if GS_FIXED_POINT
 #include "gyrospark/run/batch.h"
 #endif
 
-#if GS_FIXED_POINT || GS_SPLITTING
+#if GS_SPLITTING
+#include "gyrospark/splitting/batch.h"
+#elif GS_FIXED_POINT
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
     IF_INPUTS(const real *inputs, long hold, long input_rows,)
     const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,

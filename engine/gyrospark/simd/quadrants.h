@@ -30,7 +30,7 @@ INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, re
 
 #if !GS_PROFILE_CONTROL
 #if defined(LANE_BYTES)
-/* By bits: compilers compare vectors of several registers number by number. */
+/* By bits. */
 INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lanes *sine,
     lanes *cosine)
 {

@@ -24,15 +24,7 @@ typedef real lanes;
 #else
 #define LANE_BYTES 16
 #endif
-#if GS_SPLITTING
-/* Several registers: independent operations hide the latency of square roots and quotients. */
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi" /* all functions of such vectors are static */
-#endif
-typedef real lanes __attribute__((vector_size(sizeof(real)/2*LANE_BYTES), aligned(LANE_BYTES)));
-#else
 typedef real lanes __attribute__((vector_size(LANE_BYTES)));
-#endif
 #else
 typedef real lanes;
 #endif
@@ -216,7 +208,7 @@ INLINE real broadcast(real x)
 }
 
 #if GS_COMPENSATED_LANES
-#if GS_WIDE_REAL || GS_SPLITTING
+#if GS_WIDE_REAL
 /* Prevents the contraction of a product and a sum into an fma: volatile. */
 INLINE lanes lanes_rounded(lanes value)
 {

@@ -1,25 +1,35 @@
-/* Runs of a batch by compositions of flows: one trajectory per lane. */
+/* Runs of a batch by compositions of flows: one trajectory per lane of several registers. */
 #ifndef GS_SPLITTING_BATCH_H
 #define GS_SPLITTING_BATCH_H
 
 #include "gyrospark/run/integrate.h"
 
 /*
- * State of a batch, inside the caller's batch memory. Trajectories with symmetric bodies and others
- * take other flows: each kind has lanes of its own, which repeat a trajectory where the other kind
- * is, so that no result depends on neighbouring lanes.
+ * Registers take each stage in turn: their operations are independent, which hides the latency of
+ * square roots and quotients. Trajectories with symmetric bodies and others take other flows: each
+ * kind has flows of its own, which repeat a trajectory in lanes of the other kind, so that no result
+ * depends on neighbouring lanes.
  */
-enum { KINDS = FURTHER > 0 ? 2 : 1 };
+enum { REGISTERS = 4, TRAJECTORIES = REGISTERS*LANES, KINDS = FURTHER > 0 ? 2 : 1 };
 
 typedef struct {
-    lanes_flows flows[KINDS];
-    lanes_constants constants[KINDS];
+    lanes_flows flows;
+    lanes_constants constants;
+} lanes_motion;
+
+/* What is recorded of the trajectories in a register. */
+typedef struct {
     lanes energy_start, energy_error_max, energy_error_sum;
     lanes constraint_max, constraint_sum, hidden_max, hidden_sum;
-    lanes start; /* time at the start of the run */
-    lanes h;
+    lanes start, h; /* time at the start of the run, time step */
+} lanes_record;
+
+/* State of a batch, inside the caller's batch memory. */
+typedef struct {
+    lanes_motion motions[KINDS][REGISTERS];
+    lanes_record records[REGISTERS];
     long done;
-    int kind[LANES], present[KINDS];
+    int kind[TRAJECTORIES], present[KINDS];
 } ensemble_t;
 
 _Static_assert(sizeof(ensemble_t) + 64 <= sizeof(((batch_memory *)0)->memory),
@@ -30,43 +40,45 @@ static ensemble_t *ensemble_of(batch_memory *memory)
     return (ensemble_t *)(void *)(((size_t)memory->memory + 63) & ~(size_t)63);
 }
 
-/* Copies the numbers of one trajectory to a lane; both types have the same members. */
-static void set_lane(lanes_flows *to, int lane, const flows *from)
-{
-    const real *numbers = (const real *)(const void *)from;
-    lanes *in_lanes = (lanes *)(void *)to;
-    for (size_t e = 0; e < FLOW_NUMBERS; ++e)
-        lane_set(&in_lanes[e], lane, numbers[e]);
-    to->stages = from->stages;
-    to->is_symmetric = from->is_symmetric;
-    to->is_underway = from->is_underway;
-}
-
 _Static_assert(sizeof(lanes_flows) >= FLOW_NUMBERS*sizeof(lanes)
     && sizeof(flows) >= FLOW_NUMBERS*sizeof(real), "the members of flows are counted wrongly");
 
-/* States, energies and constraint errors of all lanes at the end of a step. */
+/* Copies the numbers of one trajectory to a lane; both types have the same members. */
+static void set_lane(lanes_motion *to, int lane, const flows *from, const constants *c)
+{
+    const real *numbers = (const real *)(const void *)from;
+    lanes *in_lanes = (lanes *)(void *)&to->flows;
+    for (size_t e = 0; e < FLOW_NUMBERS; ++e)
+        lane_set(&in_lanes[e], lane, numbers[e]);
+    to->flows.stages = from->stages;
+    to->flows.is_symmetric = from->is_symmetric;
+    to->flows.is_underway = from->is_underway;
+    set_constants(&to->constants, lane, c);
+    to->constants._used = LANES;
+}
+
+/* States of the trajectories in a register at the end of a step, and the work until then. */
 typedef struct {
     lanes q[N], p[N], work;
 } lanes_state;
 
-static void end_of_lanes(const ensemble_t *b, lanes_state *end)
+static void end_of_register(const ensemble_t *b, int at, lanes_state *end)
 {
-    lanes_state other;
+    lanes_state own;
     for (int kind = 0; kind < KINDS; ++kind) {
         if (!b->present[kind])
             continue;
-        const lanes_flows *s = &b->flows[kind];
-        lanes_end_of_step(&b->constants[kind], s, other.q, other.p, &other.work);
-        other.work += s->now.work + s->now.work_low;
+        const lanes_motion *motion = &b->motions[kind][at];
+        lanes_end_of_step(&motion->constants, &motion->flows, own.q, own.p, &own.work);
+        own.work += motion->flows.now.work + motion->flows.now.work_low;
         for (int i = 0; i < LANES; ++i) {
-            if (b->kind[i] != kind)
+            if (b->kind[at*LANES + i] != kind)
                 continue;
             for (int a = 0; a < N; ++a) {
-                lane_set(&end->q[a], i, lane_get(&other.q[a], i));
-                lane_set(&end->p[a], i, lane_get(&other.p[a], i));
+                lane_set(&end->q[a], i, lane_get(&own.q[a], i));
+                lane_set(&end->p[a], i, lane_get(&own.p[a], i));
             }
-            lane_set(&end->work, i, lane_get(&other.work, i));
+            lane_set(&end->work, i, lane_get(&own.work, i));
         }
     }
 }
@@ -77,15 +89,17 @@ INLINE lanes lanes_size(lanes a)
     return lanes_larger(a, -a);
 }
 
-/* Adds the errors of a state to the report of each lane, as those of `count` steps. */
-static void observe_lanes(ensemble_t *b, const lanes_state *end, real count)
+/* Adds the errors of a state to the records, as those of `count` steps. */
+static void observe_register(ensemble_t *b, int at, const lanes_state *end, real count)
 {
+    lanes_record *record = &b->records[at];
     for (int kind = 0; kind < KINDS; ++kind) {
         if (!b->present[kind])
             continue;
-        const lanes_constants *c = &b->constants[kind];
-        lanes error = lanes_size(lanes_hamiltonian(c, end->q, end->p) - b->energy_start
-            IF_FORCES(- end->work)), g_size = splat(0), f_size = splat(0);
+        const lanes_constants *c = &b->motions[kind][at].constants;
+        const lanes error = lanes_size(lanes_hamiltonian(c, end->q, end->p) - record->energy_start
+            IF_FORCES(- end->work));
+        lanes g_size = splat(0), f_size = splat(0), own = splat(0);
 #if GS_CONSTRAINED
         lanes g[M], f[M];
         lanes_constraint(c, end->q, g);
@@ -95,163 +109,162 @@ static void observe_lanes(ensemble_t *b, const lanes_state *end, real count)
             f_size = lanes_larger(f_size, lanes_size(f[mu]));
         }
 #endif
-        lanes own = splat(0);
         for (int i = 0; i < LANES; ++i)
-            lane_set(&own, i, (real)(b->kind[i] == kind));
+            lane_set(&own, i, (real)(b->kind[at*LANES + i] == kind));
         const lanes_mask m = own > splat(0);
-        const lanes sums[3] = { b->energy_error_sum + count*error,
-            b->constraint_sum + count*g_size, b->hidden_sum + count*f_size };
-        assign_lanes(m, 1, &sums[0], &b->energy_error_sum);
-        assign_lanes(m, 1, &sums[1], &b->constraint_sum);
-        assign_lanes(m, 1, &sums[2], &b->hidden_sum);
-        const lanes largest[3] = { lanes_larger(error, b->energy_error_max),
-            lanes_larger(g_size, b->constraint_max), lanes_larger(f_size, b->hidden_max) };
-        assign_lanes(m, 1, &largest[0], &b->energy_error_max);
-        assign_lanes(m, 1, &largest[1], &b->constraint_max);
-        assign_lanes(m, 1, &largest[2], &b->hidden_max);
+        const lanes sums[3] = { record->energy_error_sum + count*error,
+            record->constraint_sum + count*g_size, record->hidden_sum + count*f_size };
+        assign_lanes(m, 1, &sums[0], &record->energy_error_sum);
+        assign_lanes(m, 1, &sums[1], &record->constraint_sum);
+        assign_lanes(m, 1, &sums[2], &record->hidden_sum);
+        const lanes largest[3] = { lanes_larger(error, record->energy_error_max),
+            lanes_larger(g_size, record->constraint_max),
+            lanes_larger(f_size, record->hidden_max) };
+        assign_lanes(m, 1, &largest[0], &record->energy_error_max);
+        assign_lanes(m, 1, &largest[1], &record->constraint_max);
+        assign_lanes(m, 1, &largest[2], &record->hidden_max);
     }
 }
 
-/* Copies the report of a lane to the caller's report. */
-static void write_report(const ensemble_t *b, int lane, const lanes *work, report_t *report)
-{
-    (void)work; /* without forces */
-    IF_FORCES(report->work = lane_get(work, lane);)
-    report->energy_error_max = lane_get(&b->energy_error_max, lane);
-    report->energy_error_sum = lane_get(&b->energy_error_sum, lane);
-    report->constraint_max = lane_get(&b->constraint_max, lane);
-    report->constraint_sum = lane_get(&b->constraint_sum, lane);
-    report->hidden_max = lane_get(&b->hidden_max, lane);
-    report->hidden_sum = lane_get(&b->hidden_sum, lane);
-}
-
-/* Copies state and report of a lane to the caller. */
-static void write_lane(const ensemble_t *b, const lanes_state *end, int lane, real *q, real *p,
+/* Copies state and report of a trajectory to the caller. */
+static void write_trajectory(const ensemble_t *b, int i, const lanes_state *end, real *q, real *p,
     report_t *report)
 {
-    write_report(b, lane, &end->work, report);
+    const lanes_record *record = &b->records[i/LANES];
+    const int lane = i % LANES;
+    IF_FORCES(report->work = lane_get(&end->work, lane);)
+    report->energy_error_max = lane_get(&record->energy_error_max, lane);
+    report->energy_error_sum = lane_get(&record->energy_error_sum, lane);
+    report->constraint_max = lane_get(&record->constraint_max, lane);
+    report->constraint_sum = lane_get(&record->constraint_sum, lane);
+    report->hidden_max = lane_get(&record->hidden_max, lane);
+    report->hidden_sum = lane_get(&record->hidden_sum, lane);
     for (int a = 0; a < N; ++a) {
-        q[lane*N + a] = lane_get(&end->q[a], lane);
-        p[lane*N + a] = lane_get(&end->p[a], lane);
+        q[i*N + a] = lane_get(&end->q[a], lane);
+        p[i*N + a] = lane_get(&end->p[a], lane);
     }
 }
 
-static int is_finite_lane(const ensemble_t *b, int lane)
+static int is_finite_trajectory(const ensemble_t *b, int i)
 {
-    const lanes_flow_state *now = &b->flows[b->kind[lane]].now;
+    const lanes_flow_state *now = &b->motions[b->kind[i]][i/LANES].flows.now;
     real size = 0;
     for (int a = 0; a < N; ++a)
-        size += lane_get(&now->q[a], lane);
+        size += lane_get(&now->q[a], i % LANES);
     for (int e = 0; e < Y; ++e)
-        size += lane_get(&now->y[e], lane);
+        size += lane_get(&now->y[e], i % LANES);
     return isfinite(size);
 }
 
 #if GS_TIME_DEPENDENT
-/* Sets the time in H. */
-static void set_lane_time(ensemble_t *b, lanes t)
+/* Sets the time in H of a register. */
+static void set_register_time(ensemble_t *b, int at, lanes t)
 {
     for (int kind = 0; kind < KINDS; ++kind)
-        lanes_at_time(&b->constants[kind], t);
+        lanes_at_time(&b->motions[kind][at].constants, t);
 }
 #else
-#define set_lane_time(b, t) ((void)0)
+#define set_register_time(b, at, t) ((void)0)
 #endif
 
-/* Begins a batch of `count` trajectories; unused lanes repeat a trajectory of their kind. */
+/* Begins a batch of `count` trajectories; unused lanes repeat the first. */
 static void begin_ensemble(ensemble_t *b, int count, const parameters_t *parameters, const real *dt,
-    const real *q, const real *p)
+    const real *q, const real *p, report_t *reports)
 {
-    lanes_state start;
-    start.work = splat(0);
-    for (int kind = 0; kind < KINDS; ++kind)
-        b->present[kind] = b->flows[kind].is_underway = 0;
     b->done = 0;
-    for (int round = 0; round < KINDS; ++round) /* to fill both kinds, then each lane with its own */
-        for (int i = 0; i < LANES; ++i) {
-            const int from = i < count ? i : 0;
-            flows one = { 0 };
-            constants c;
-            prepare(&parameters[from], &c);
-            one.h = dt[from];
-            prepare_flows(&one, &c, one.h);
-            start_flows(&one, q + from*N, p + from*N);
-            const int kind = b->kind[i] = KINDS > 1 && one.is_symmetric;
-            for (int lane = 0; lane < LANES && round == 0 && !b->present[kind]; ++lane) {
-                set_lane(&b->flows[kind], lane, &one);
-                set_constants(&b->constants[kind], lane, &c);
-            }
-            b->present[kind] = 1;
-            b->constants[kind]._used = LANES;
-            set_lane(&b->flows[kind], i, &one);
-            set_constants(&b->constants[kind], i, &c);
-            lane_set(&b->start, i, start_time(&parameters[from]));
-            lane_set(&b->h, i, dt[from]);
-            lane_set(&b->energy_start, i, hamiltonian(AT(&c, start_time(&parameters[from])),
-                q + from*N, p + from*N));
-            for (int a = 0; a < N; ++a) {
-                lane_set(&start.q[a], i, q[from*N + a]);
-                lane_set(&start.p[a], i, p[from*N + a]);
-            }
-        }
-    b->energy_error_max = b->energy_error_sum = splat(0);
-    b->constraint_max = b->constraint_sum = b->hidden_max = b->hidden_sum = splat(0);
-    set_lane_time(b, b->start);
-    observe_lanes(b, &start, 1);
+    for (int kind = 0; kind < KINDS; ++kind)
+        b->present[kind] = 0;
+    for (int i = 0; i < TRAJECTORIES; ++i) {
+        const int from = i < count ? i : 0;
+        flows one = { 0 };
+        constants c;
+        prepare(&parameters[from], &c);
+        one.h = dt[from];
+        prepare_flows(&one, &c, one.h);
+        start_flows(&one, q + from*N, p + from*N);
+        const int kind = b->kind[i] = KINDS > 1 && one.is_symmetric;
+        for (int e = 0; e < TRAJECTORIES && !b->present[kind]; ++e) /* for lanes of other kinds */
+            set_lane(&b->motions[kind][e/LANES], e % LANES, &one, &c);
+        b->present[kind] = 1;
+        set_lane(&b->motions[kind][i/LANES], i % LANES, &one, &c);
+        lanes_record *record = &b->records[i/LANES];
+        report_t start = { 0 };
+        start.energy_start = hamiltonian(AT(&c, one.t = start_time(&parameters[from])),
+            q + from*N, p + from*N);
+        observe(&c, q + from*N, p + from*N, &start);
+        lane_set(&record->start, i % LANES, one.t);
+        lane_set(&record->h, i % LANES, dt[from]);
+        lane_set(&record->energy_start, i % LANES, start.energy_start);
+        lane_set(&record->energy_error_max, i % LANES, start.energy_error_max);
+        lane_set(&record->energy_error_sum, i % LANES, start.energy_error_sum);
+        lane_set(&record->constraint_max, i % LANES, start.constraint_max);
+        lane_set(&record->constraint_sum, i % LANES, start.constraint_sum);
+        lane_set(&record->hidden_max, i % LANES, start.hidden_max);
+        lane_set(&record->hidden_sum, i % LANES, start.hidden_sum);
+        if (i < count)
+            reports[i] = start;
+    }
 }
 
 int NAME(lanes)(void)
 {
-    return LANES;
+    return TRAJECTORIES;
 }
 
 #if GS_INPUTS
 /* Sets the inputs of the next step in every lane. */
-static void set_lane_inputs(ensemble_t *b, const inputs_t *inputs, int count, long n)
+static void set_batch_inputs(ensemble_t *b, const inputs_t *inputs, int count, long n)
 {
     constants c;
-    for (int i = 0; i < LANES && inputs->values != NULL; ++i) {
+    for (int i = 0; i < TRAJECTORIES && inputs->values != NULL; ++i) {
         set_step_inputs(&c, inputs, i < count ? i : 0, n);
         for (int kind = 0; kind < KINDS; ++kind)
-            lanes_set_inputs(&b->constants[kind], i, &c);
+            lanes_set_inputs(&b->motions[kind][i/LANES].constants, i % LANES, &c);
     }
 }
 #endif
 
-/* One step of all lanes, up to its last kick. */
-static void step_lanes(ensemble_t *b, IF_INPUTS(const inputs_t *inputs, int count,) long n)
+/* One step of all trajectories, up to its last kick. */
+static void step_batch(ensemble_t *b, int registers, IF_INPUTS(
+    const inputs_t *inputs, int count,) long n)
 {
-    IF_INPUTS(set_lane_inputs(b, inputs, count, n);)
+    IF_INPUTS(set_batch_inputs(b, inputs, count, n);)
     for (int kind = 0; kind < KINDS; ++kind) {
         if (!b->present[kind])
             continue;
-        b->flows[kind].t = b->start + (real)n*b->h;
-        lanes_advance_flows(&b->constants[kind], &b->flows[kind]);
+        lanes_motion *motions = b->motions[kind];
+        for (int at = 0; at < registers; ++at)
+            motions[at].flows.t = b->records[at].start + (real)n*b->records[at].h;
+        for (int i = 0; i < motions[0].flows.stages; ++i)
+            for (int at = 0; at < registers; ++at)
+                lanes_take_stage(&motions[at].constants, &motions[at].flows, i);
     }
 }
 
 /* The part of a batch that a step changes. */
 typedef struct {
-    lanes_flow_state now[KINDS];
-    int is_underway[KINDS];
+    lanes_flow_state now[KINDS][REGISTERS];
+    int is_underway[KINDS][REGISTERS];
 } moving_part;
 
-static void save_lanes(const ensemble_t *b, moving_part *to)
+static void save_batch(const ensemble_t *b, moving_part *to)
 {
-    for (int kind = 0; kind < KINDS; ++kind) {
-        to->is_underway[kind] = b->flows[kind].is_underway;
-        if (b->present[kind])
-            to->now[kind] = b->flows[kind].now;
-    }
+    for (int kind = 0; kind < KINDS; ++kind)
+        for (int at = 0; at < REGISTERS; ++at) {
+            to->is_underway[kind][at] = b->motions[kind][at].flows.is_underway;
+            if (b->present[kind])
+                to->now[kind][at] = b->motions[kind][at].flows.now;
+        }
 }
 
-static void restore_lanes(ensemble_t *b, const moving_part *from)
+static void restore_batch(ensemble_t *b, const moving_part *from)
 {
-    for (int kind = 0; kind < KINDS; ++kind) {
-        b->flows[kind].is_underway = from->is_underway[kind];
-        if (b->present[kind])
-            b->flows[kind].now = from->now[kind];
-    }
+    for (int kind = 0; kind < KINDS; ++kind)
+        for (int at = 0; at < REGISTERS; ++at) {
+            b->motions[kind][at].flows.is_underway = from->is_underway[kind][at];
+            if (b->present[kind])
+                b->motions[kind][at].flows.now = from->now[kind][at];
+        }
 }
 
 /* Integrates one batch in place; the public header documents the arguments. */
@@ -261,18 +274,13 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
     ensemble_t *b = ensemble_of(batch);
+    const int registers = (count + LANES - 1)/LANES;
     int alive_count = 0;
     (void)options, (void)work;
     if (count <= 0)
         return;
-    if (reports[0].steps == 0 && status[0] == OK) {
-        begin_ensemble(b, count, parameters, dt, q, p);
-        const lanes none = splat(0);
-        for (int i = 0; i < count; ++i) {
-            reports[i].energy_start = lane_get(&b->energy_start, i);
-            write_report(b, i, &none, &reports[i]);
-        }
-    }
+    if (reports[0].steps == 0 && status[0] == OK)
+        begin_ensemble(b, count, parameters, dt, q, p, reports);
     for (int i = 0; i < count; ++i)
         alive_count += status[i] == OK;
     const long begun = b->done, end = begun + steps;
@@ -283,25 +291,25 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
             ++last;
         moving_part before, previous;
         lanes_state state;
-        save_lanes(b, &before);
+        save_batch(b, &before);
         for (long n = first; n < last; ++n)
-            step_lanes(b, IF_INPUTS(&inputs, count,) n);
+            step_batch(b, registers, IF_INPUTS(&inputs, count,) n);
         int fails = 0;
         for (int i = 0; i < count; ++i)
-            fails |= status[i] == OK && !is_finite_lane(b, i);
+            fails |= status[i] == OK && !is_finite_trajectory(b, i);
         if (fails) { /* once more, to find the steps that fail */
-            restore_lanes(b, &before);
+            restore_batch(b, &before);
             for (long n = first; n < last; ++n) {
-                save_lanes(b, &previous);
-                step_lanes(b, IF_INPUTS(&inputs, count,) n);
+                save_batch(b, &previous);
+                step_batch(b, registers, IF_INPUTS(&inputs, count,) n);
                 for (int i = 0; i < count; ++i) {
-                    if (status[i] != OK || is_finite_lane(b, i))
+                    if (status[i] != OK || is_finite_trajectory(b, i))
                         continue;
-                    save_lanes(b, &before); /* ahead; the state before the failed step: */
-                    restore_lanes(b, &previous);
-                    end_of_lanes(b, &state);
-                    restore_lanes(b, &before);
-                    write_lane(b, &state, i, q, p, &reports[i]);
+                    save_batch(b, &before); /* for the state before the failed step */
+                    restore_batch(b, &previous);
+                    end_of_register(b, i/LANES, &state);
+                    restore_batch(b, &before);
+                    write_trajectory(b, i, &state, q, p, &reports[i]);
                     reports[i].steps = n;
                     status[i] = NOT_FINITE;
                     --alive_count;
@@ -310,22 +318,42 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
         }
         b->done = last;
         const int stored = (last - begun) % every == 0;
-        end_of_lanes(b, &state);
-        if (is_observed(last)) {
-            set_lane_time(b, b->start + (real)last*b->h);
-            observe_lanes(b, &state, (real)(last <= OBSERVED_STEPS ? 1 : OBSERVED_EVERY));
-        }
-        for (int i = 0; i < count; ++i) {
-            if (status[i] != OK)
-                continue;
-            reports[i].steps = last;
-            write_lane(b, &state, i, q, p, &reports[i]);
-            if (stored) {
+        for (int at = 0; at < registers; ++at) {
+            end_of_register(b, at, &state);
+            if (is_observed(last)) {
+                set_register_time(b, at, b->records[at].start + (real)last*b->records[at].h);
+                observe_register(b, at, &state,
+                    (real)(last <= OBSERVED_STEPS ? 1 : OBSERVED_EVERY));
+            }
+            for (int i = at*LANES; i < count && i < (at + 1)*LANES; ++i) {
+                if (status[i] != OK)
+                    continue;
                 real none[ROOM];
-                store(out, i*rows + (last - begun)/every - 1, q + i*N, p + i*N, NULL, NULL, none, 0,
-                    &reports[i]);
+                reports[i].steps = last;
+                write_trajectory(b, i, &state, q, p, &reports[i]);
+                if (stored)
+                    store(out, i*rows + (last - begun)/every - 1, q + i*N, p + i*N, NULL, NULL,
+                        none, 0, &reports[i]);
             }
         }
+    }
+}
+
+void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,
+    IF_INPUTS(const real *inputs, long hold, long input_rows,)
+    const real *dt, long steps, long every, real *q, real *p, real *q_out, real *p_out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    const long rows = steps/every;
+    for (long i = 0; i < count; i += TRAJECTORIES) {
+        const rows_t out = { .q = q_out == NULL ? NULL : q_out + i*rows*N,
+            .p = p_out == NULL ? NULL : p_out + i*rows*N };
+        IF_INPUTS(const inputs_t own = { inputs == NULL ? NULL : inputs + i*input_rows*INPUTS,)
+            IF_INPUTS(hold, input_rows };)
+        integrate_lanes(count - i < TRAJECTORIES ? (int)(count - i) : TRAJECTORIES, parameters + i,
+            options, IF_INPUTS(own,)
+            dt + i, steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch,
+            work);
     }
 }
 

@@ -56,7 +56,8 @@ int NAME(advance)(state_t *w, real q[N], real p[N])
     if (differs)
         restart(w, q, p);
     w->flows.t = w->start_time + (real)w->steps*w->flows.h;
-    advance_flows(&w->constants, &w->flows);
+    for (int i = 0; i < w->flows.stages; ++i)
+        take_stage(&w->constants, &w->flows, i);
     end_of_step(&w->constants, &w->flows, q_end, p_end, &work);
     if (!is_finite_state(q_end, p_end)) {
         w->flows.now = before;

@@ -125,18 +125,14 @@ INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int
 #endif
 }
 
-/* One step, up to its last kick. */
-INLINE void TYPED(advance_flows)(const TYPED(flow_constants) *c, TYPED(flows) *s)
+/* A drift and a kick of a step; the last stage ends the step up to its last drift. */
+INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
 {
-    const int s_last = s->stages;
-    TYPED(drift_on)(c, s, s->is_underway ? s_last + 1 : 0);
-    for (int i = 0; i < s_last; ++i) {
-        RELOAD_STATE;
-        if (i > 0)
-            TYPED(drift_on)(c, s, i);
-        TYPED(kick_and_rotate)(c, s, i);
-    }
+    TYPED(drift_on)(c, s, i > 0 ? i : s->is_underway ? s->stages + 1 : 0);
+    TYPED(kick_and_rotate)(c, s, i);
     RELOAD_STATE;
+    if (i < s->stages - 1)
+        return;
     for (int b = 0; b < BODIES; ++b) {
         const int *at = body_q[b];
         NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };

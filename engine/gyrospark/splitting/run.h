@@ -56,7 +56,8 @@ static void step_on(work_t *w, real t)
 {
     flows *s = flows_of(w);
     w->t = s->t = t;
-    advance_flows(&w->constants, s);
+    for (int i = 0; i < s->stages; ++i)
+        take_stage(&w->constants, s, i);
 }
 
 /*
