@@ -111,7 +111,7 @@ def _compositions(target: str | None, choice: dict[str, Any]) -> list[Compositio
     composed = {"scheme", "order", "composition"}
     named = [choice[key] for key in composed if choice[key] is not None]
     if target is not None or not named or choice["scheme"] not in (None, SPLITTING) or any(
-            value is not None for key, value in choice.items() if key not in composed):
+            value not in (None, False) for key, value in choice.items() if key not in composed):
         return []
     if choice["composition"] is None and choice["order"] is None:
         return list(COMPOSITIONS.values())

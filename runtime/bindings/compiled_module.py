@@ -60,7 +60,7 @@ class Compiled:
         self.reactions = int(manifest["scheme"].get("reactions", 0)) * self.rows
         self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m + self.reactions
         #: Whether a step solves equations; a composition of exact flows does not.
-        self.solves = manifest["scheme"]["kind"] != "splitting"
+        self.solves = manifest["scheme"].get("kind") != "splitting"
         #: Whether the unknowns are increments of the state, and residuals are rates.
         self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
         #: The unknowns that are rates of momenta, or their increments.

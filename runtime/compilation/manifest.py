@@ -153,7 +153,7 @@ def _declared(name: str, header: str) -> dict[str, Any]:
         "unknowns": int(sizes[2]),
         "order": int(sizes[3]),
         "multipliers": int(step[0]),
-        "forces": " *work_out, " in header,
+        "forces": " *work_out," in header,
         "velocities": f" {name}_momenta(" in header,
         "fast path": f" {name}_lanes(void)" in header,
         "quantities": int(rows[1]) if rows else 0,

@@ -266,7 +266,7 @@ def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
 
 def flat_multipliers(trajectory: Any) -> Array:
     """Return multipliers and reactions of each step in one row, as compiled code writes them."""
-    parts = [x.reshape(len(x), -1) if x.size else x.reshape(len(x), 0)
+    parts = [x.reshape(len(x), int(np.prod(x.shape[1:])))
              for x in (trajectory.multipliers, trajectory.reactions)]
     return np.concatenate(parts, axis=1)
 

@@ -103,7 +103,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
 
     found = [
         plain("stepper", gs.stepper, scheme="G-L", stages=3, rep="gamma", system="heavy_top",
-              tableau=None, real="double", frame=None, allow_invalid=False),
+              tableau=None, real="double", frame=None, allow_invalid=False, energy=False,
+              order=None, composition=None),
         plain("tableau", gs.tableau, scheme="G-L", stages=2),
         plain("gamma_m", gs.gamma_m, inertia=TOP.inertia),
         plain("gamma_h", gs.gamma_h, inertia=TOP.inertia),
@@ -198,7 +199,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("residual", step.residual, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("jacobian", step.jacobian, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("guess", step.guess, **state, **run, t=0.0),
-        plain("energy", step.energy, **state, parameters=PARAMETERS, t=0.0),
+        plain("energy", step.energy, **state, parameters=PARAMETERS, t=0.0, of_motion=False),
         plain("quantities", step.quantities, **state, parameters=PARAMETERS, t=0.0),
         plain("defects", step.defects, **state, parameters=PARAMETERS, t=0.0),
         plain("project", step.project, **state, parameters=PARAMETERS, t=0.0),

@@ -46,7 +46,7 @@ def test_model_files_have_the_joints_of_python():
     methods = {name for name, thing in vars(gs.Multibody).items()
                if inspect.isfunction(thing) and not name.startswith("_")
                and {"a", "b"} <= set(inspect.signature(thing).parameters)}
-    assert methods | {"fixed_point"} == {*JOINTS, "spring"}
+    assert methods | {"fixed_point", "rolls"} == {*JOINTS, "spring"}
 
 
 def test_align_in_a_file(tmp_path):
