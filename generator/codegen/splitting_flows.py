@@ -69,7 +69,8 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes({})) for k in own]
     constants = len(derived.constants.definitions) + 3
     # Two kinds of flows with their constants in each register, what is recorded, and kinds.
-    vectors = _REGISTERS * (2 * (flows.numbers + constants + 2) + 16)
+    moving = sum(_length(shape) for _, shape in flows.state)
+    vectors = _REGISTERS * (2 * (flows.numbers + constants + 2 + 2 * moving) + 16)
     wide = real.bytes if real.wide else _LANE_BYTES
     return LaneIteration(
         kernels=kernels, folded={}, **called_functions(kernels), tables={}, even_odd_tables={},

@@ -245,7 +245,8 @@ def _is_local(splitting: Splitting) -> bool:
     """Whether each term of V moves one body alone, and does not depend on time.
 
     Then the force gradient costs some operations; between two bodies it costs more than another
-    kick, and the work of explicit time would need the time derivative of G.
+    kick. The work of forces and of explicit time would need terms of its own: it is counted with
+    plain kicks.
     """
     return not splitting.time_dependent and all(
         len(one.bodies) == 1 and not one.coordinates for one in splitting.templates)
@@ -262,14 +263,22 @@ def splitting_scheme(
         If H has no splitting, or the order needs what the system does not have.
     """
     splitting = split(system)
+    if splitting.space:
+        raise InputError(f"H of system {system.name!r} has rotating axes, −ω·J with ω = "
+                         f"{splitting.space[0].omega}, for which scheme splitting has no flow yet; "
+                         "write it in axes at rest, or take scheme G-L.")
     plain = composition_named(named) if named else composition(order)
     if splitting.highest_order is not None and plain.order > splitting.highest_order:
         raise InputError(f"order = {plain.order} is not reached where forces depend on momenta "
                          "other than by isotropic drag; choose order 2, or scheme G-L.")
     symmetric = split(system, symmetric=True)
     fine = plain
-    if not named and symmetric.has_gradient and _is_local(symmetric):
+    if not named and not system.forces and symmetric.has_gradient and _is_local(symmetric):
         fine = composition(order, gradients=True)
+    if plain.has_gradients and system.forces:
+        raise InputError(f"Composition {plain.name} has force gradients, with which the work of "
+                         f"the forces of system {system.name!r} has order 2 only; give an order "
+                         "instead.")
     if splitting.is_exact:
         return SplittingScheme(reduced, splitting, splitting, constants, (fine,))
     if named and not _of_strang_steps(plain):

@@ -266,6 +266,8 @@ def _tangents(
         if status:
             raise singular(block.first, status)
         parts.append(rows)
+    if run.steps % run.every:  # the last state is stored in any case
+        parts.append(tangents[None].copy())
     along: Array = np.concatenate(parts)
     return along, starts
 

@@ -159,6 +159,7 @@ def test_what_a_splitting_does_not_have_is_refused():
         lambda: gs.stepper("splitting", order=4, frame="symmetries"),
         lambda: gs.stepper("splitting", order=4, system="double_pendulum"),
         lambda: gs.stepper("splitting", order=4, system="chain"),
+        lambda: gs.stepper("splitting", order=4, system="satellite"),
         lambda: step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
         lambda: step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC,
                                solver="newton"),
@@ -166,6 +167,36 @@ def test_what_a_splitting_does_not_have_is_refused():
     ):
         with pytest.raises(InputError):
             call()
+
+
+def test_work_of_drag_has_the_order_of_the_motion():
+    model = gs.Multibody("dragged")
+    top = model.top("t", mass=1, inertia=(1, 1, 0.7), centre=(0, 0, 0.3),
+                    quaternion=(0.9, np.sqrt(0.19), 0, 0), angular_velocity=(0.5, 0.2, 9))
+    c = model.parameter("c", 0.2)
+    model.torque(top, [-c * sp.Symbol(f"t_I{i}", positive=True) * w
+                       for i, w in zip((1, 2, 3), top.angular_velocity, strict=True)])
+    made = model.model()
+    step = gs.stepper("splitting", order=4, system=made.system)
+    errors = []
+    for steps in (40, 80):
+        run = step.integrate(made.q0, made.p0, dt=1 / steps, steps=steps,
+                             parameters=made.parameters)
+        errors.append(np.abs(run.energy_error()).max())
+    assert errors[0] / errors[1] > 12
+    held = step.start(made.q0, made.p0, dt=0.025, parameters=made.parameters)
+    for _ in range(40):
+        held.advance(1)
+        held.parameters = dict(held.parameters)
+    assert held.report.work == pytest.approx(run.report.work, rel=1e-4)
+    assert held.report.energy_error_max < 2 * errors[0]
+
+
+def test_means_of_the_report_are_below_maxima():
+    step = gs.stepper("splitting", order=2)
+    for steps in (5, 16, 32, 63, 100):
+        report = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=steps, parameters=SYMMETRIC).report
+        assert 0 < report.energy_error_mean <= report.energy_error_max
 
 
 def test_a_rotation_near_pi_between_kicks_is_warned_of():
@@ -184,8 +215,12 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, tmp_pat
     par = (ctypes.c_double * 5)(*values)
     q, p = ((ctypes.c_double * 4)(*x) for x in (TOP.q0, TOP.p0))
     getattr(library, f"{name}_begin")(work, par, ctypes.c_double(2e-3), q, p)
+    advance, finite = getattr(library, f"{name}_advance"), p[1]
+    p[1] = float("inf")
+    assert advance(work, q, p) == advance(work, q, p) == 3  # as often as it is tried
+    p[1] = finite
     for _ in range(50):
-        assert getattr(library, f"{name}_advance")(work, q, p) == 0
+        assert advance(work, q, p) == 0
     run = gs.stepper("splitting", order=6).integrate(TOP.q0, TOP.p0, dt=2e-3, steps=50,
                                                      parameters=parameters)
     assert np.abs(np.array(q) - run.q[-1]).max() < 1e-14

@@ -104,6 +104,9 @@ static void begin(work_t *work, const options_t *options, real dt, const real q[
     *report = nothing;
     report->energy_start = hamiltonian(AT(&work->constants, work->t), q, p);
     observe(&work->constants, q, p, report);
+#if GS_SPLITTING
+    report->recorded = 1;
+#endif
     begin_run(work, options, dt, q, p);
 }
 
@@ -156,8 +159,10 @@ static int run_on(const options_t *options, IF_INPUTS(
             continue;
         real none[ROOM];
         get_state(work, q, p, report);
-        if (status == OK && is_observed(last))
-            observe_steps(AT(&work->constants, start + (real)last*dt), last, q, p, report);
+        if (status == OK && is_observed(last)) {
+            observe(AT(&work->constants, start + (real)last*dt), q, p, report);
+            ++report->recorded;
+        }
         if (stored)
             store(out, (last - begun)/every - 1, q, p, work, options, none, 0, report);
     }

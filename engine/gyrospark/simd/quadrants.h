@@ -18,9 +18,16 @@
 #endif
 
 #if !GS_WIDE_REAL
+/* Of a larger angle, in quarters of a turn, round-off is all that is left. */
+#define MOST_TURNS ((real)1e6)
+
 /* n is a whole number; n + 3/(2 epsilon) is `shifted`, whose last bits are those of n. */
 INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, real *cosine)
 {
+    if (!(n > -MOST_TURNS && n < MOST_TURNS)) {
+        *sine = *cosine = (real)NAN;
+        return;
+    }
     const int turns = (int)n;
     const real first = turns & 1 ? c : s, second = turns & 1 ? s : c;
     (void)shifted;
@@ -38,9 +45,12 @@ INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lane
     const lanes_mask sign = (lanes_mask)splat((real)-0.0);
     const lanes_mask first = lanes_select_mask(odd, (lanes_mask)c, (lanes_mask)s);
     const lanes_mask second = lanes_select_mask(odd, (lanes_mask)s, (lanes_mask)c);
-    (void)n;
-    *sine = (lanes)(first ^ (-(turns >> 1 & 1) & sign));
-    *cosine = (lanes)(second ^ (-((turns + 1) >> 1 & 1) & sign));
+    const lanes_mask far = lanes_mask_not(
+        (n > splat(-MOST_TURNS)) & (n < splat(MOST_TURNS)));
+    *sine = lanes_select_value(far, splat((real)NAN),
+        (lanes)(first ^ (-(turns >> 1 & 1) & sign)));
+    *cosine = lanes_select_value(far, splat((real)NAN),
+        (lanes)(second ^ (-((turns + 1) >> 1 & 1) & sign)));
 }
 #else
 INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lanes *sine,

@@ -24,12 +24,19 @@ typedef struct {
     lanes start, h; /* time at the start of the run, time step */
 } lanes_record;
 
+/* The part of a batch that a step changes. */
+typedef struct {
+    lanes_flow_state now[KINDS][REGISTERS];
+    int is_underway[KINDS][REGISTERS];
+} moving_part;
+
 /* State of a batch, inside the caller's batch memory. */
 typedef struct {
     lanes_motion motions[KINDS][REGISTERS];
     lanes_record records[REGISTERS];
-    long done;
+    long done, recorded;
     int kind[TRAJECTORIES], present[KINDS];
+    moving_part before, previous;
 } ensemble_t;
 
 _Static_assert(sizeof(ensemble_t) + 64 <= sizeof(((batch_memory *)0)->memory),
@@ -89,8 +96,8 @@ INLINE lanes lanes_size(lanes a)
     return lanes_larger(a, -a);
 }
 
-/* Adds the errors of a state to the records, as those of `count` steps. */
-static void observe_register(ensemble_t *b, int at, const lanes_state *end, real count)
+/* Adds the errors of a state to the records. */
+static void observe_register(ensemble_t *b, int at, const lanes_state *end)
 {
     lanes_record *record = &b->records[at];
     for (int kind = 0; kind < KINDS; ++kind) {
@@ -112,8 +119,8 @@ static void observe_register(ensemble_t *b, int at, const lanes_state *end, real
         for (int i = 0; i < LANES; ++i)
             lane_set(&own, i, (real)(b->kind[at*LANES + i] == kind));
         const lanes_mask m = own > splat(0);
-        const lanes sums[3] = { record->energy_error_sum + count*error,
-            record->constraint_sum + count*g_size, record->hidden_sum + count*f_size };
+        const lanes sums[3] = { record->energy_error_sum + error,
+            record->constraint_sum + g_size, record->hidden_sum + f_size };
         assign_lanes(m, 1, &sums[0], &record->energy_error_sum);
         assign_lanes(m, 1, &sums[1], &record->constraint_sum);
         assign_lanes(m, 1, &sums[2], &record->hidden_sum);
@@ -172,6 +179,7 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
     const real *q, const real *p, report_t *reports)
 {
     b->done = 0;
+    b->recorded = 1;
     for (int kind = 0; kind < KINDS; ++kind)
         b->present[kind] = 0;
     for (int i = 0; i < TRAJECTORIES; ++i) {
@@ -189,6 +197,7 @@ static void begin_ensemble(ensemble_t *b, int count, const parameters_t *paramet
         set_lane(&b->motions[kind][i/LANES], i % LANES, &one, &c);
         lanes_record *record = &b->records[i/LANES];
         report_t start = { 0 };
+        start.recorded = 1;
         start.energy_start = hamiltonian(AT(&c, one.t = start_time(&parameters[from])),
             q + from*N, p + from*N);
         observe(&c, q + from*N, p + from*N, &start);
@@ -241,12 +250,6 @@ static void step_batch(ensemble_t *b, int registers, IF_INPUTS(
     }
 }
 
-/* The part of a batch that a step changes. */
-typedef struct {
-    lanes_flow_state now[KINDS][REGISTERS];
-    int is_underway[KINDS][REGISTERS];
-} moving_part;
-
 static void save_batch(const ensemble_t *b, moving_part *to)
 {
     for (int kind = 0; kind < KINDS; ++kind)
@@ -289,28 +292,28 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
         long last = first + 1; /* the next step that is recorded or stored */
         while (last < end && !is_observed(last) && (last - begun) % every != 0)
             ++last;
-        moving_part before, previous;
         lanes_state state;
-        save_batch(b, &before);
+        save_batch(b, &b->before);
         for (long n = first; n < last; ++n)
             step_batch(b, registers, IF_INPUTS(&inputs, count,) n);
         int fails = 0;
         for (int i = 0; i < count; ++i)
             fails |= status[i] == OK && !is_finite_trajectory(b, i);
         if (fails) { /* once more, to find the steps that fail */
-            restore_batch(b, &before);
+            restore_batch(b, &b->before);
             for (long n = first; n < last; ++n) {
-                save_batch(b, &previous);
+                save_batch(b, &b->previous);
                 step_batch(b, registers, IF_INPUTS(&inputs, count,) n);
                 for (int i = 0; i < count; ++i) {
                     if (status[i] != OK || is_finite_trajectory(b, i))
                         continue;
-                    save_batch(b, &before); /* for the state before the failed step */
-                    restore_batch(b, &previous);
+                    save_batch(b, &b->before); /* for the state before the failed step */
+                    restore_batch(b, &b->previous);
                     end_of_register(b, i/LANES, &state);
-                    restore_batch(b, &before);
+                    restore_batch(b, &b->before);
                     write_trajectory(b, i, &state, q, p, &reports[i]);
                     reports[i].steps = n;
+                    reports[i].recorded = b->recorded;
                     status[i] = NOT_FINITE;
                     --alive_count;
                 }
@@ -318,18 +321,19 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
         }
         b->done = last;
         const int stored = (last - begun) % every == 0;
+        b->recorded += is_observed(last);
         for (int at = 0; at < registers; ++at) {
             end_of_register(b, at, &state);
             if (is_observed(last)) {
                 set_register_time(b, at, b->records[at].start + (real)last*b->records[at].h);
-                observe_register(b, at, &state,
-                    (real)(last <= OBSERVED_STEPS ? 1 : OBSERVED_EVERY));
+                observe_register(b, at, &state);
             }
             for (int i = at*LANES; i < count && i < (at + 1)*LANES; ++i) {
                 if (status[i] != OK)
                     continue;
                 real none[ROOM];
                 reports[i].steps = last;
+                reports[i].recorded = b->recorded;
                 write_trajectory(b, i, &state, q, p, &reports[i]);
                 if (stored)
                     store(out, i*rows + (last - begun)/every - 1, q + i*N, p + i*N, NULL, NULL,

@@ -47,14 +47,14 @@ void NAME(begin)(state_t *w, const parameters_t *parameters, real dt, const real
 
 int NAME(advance)(state_t *w, real q[N], real p[N])
 {
-    const flow_state before = w->flows.now;
-    const int was_underway = w->flows.is_underway;
     real q_end[N], p_end[N], work;
     int differs = 0;
     for (int a = 0; a < N; ++a)
         differs |= !(q[a] == w->q[a]) || !(p[a] == w->p[a]);
     if (differs)
         restart(w, q, p);
+    const flow_state before = w->flows.now;
+    const int was_underway = w->flows.is_underway;
     w->flows.t = w->start_time + (real)w->steps*w->flows.h;
     for (int i = 0; i < w->flows.stages; ++i)
         take_stage(&w->constants, &w->flows, i);

@@ -17,6 +17,8 @@ static flows *flows_of(work_t *w)
 static void set_state(work_t *w, const real q[N], const real p[N])
 {
     flows *s = flows_of(w);
+    IF_FORCES(s->now.work = w->simulation.report.work;) /* with that of the last drift */
+    s->now.work_low = 0;
     prepare_flows(s, &w->constants, s->h);
     start_flows(s, q, p);
 }
@@ -32,8 +34,9 @@ static void begin_run(work_t *w, const options_t *options, real dt, const real q
     (void)options;
     flows *s = flows_of(w);
     s->h = dt;
+    prepare_flows(s, &w->constants, dt);
+    start_flows(s, q, p);
     s->now.work = s->now.work_low = 0;
-    set_state(w, q, p);
 }
 
 static int are_finite(const flow_state *now)
@@ -67,20 +70,6 @@ static void step_on(work_t *w, real t)
 static int is_observed(long n)
 {
     return n <= OBSERVED_STEPS || n % OBSERVED_EVERY == 0;
-}
-
-/* Records a state; one that stands for several steps counts as often. */
-static void observe_steps(const constants *c, long n, const real q[N], const real p[N],
-    report_t *report)
-{
-    const real count = (real)(n <= OBSERVED_STEPS ? 1 : OBSERVED_EVERY);
-    report_t one = *report;
-    one.energy_error_sum = one.constraint_sum = one.hidden_sum = 0;
-    observe(c, q, p, &one);
-    one.energy_error_sum = report->energy_error_sum + count*one.energy_error_sum;
-    one.constraint_sum = report->constraint_sum + count*one.constraint_sum;
-    one.hidden_sum = report->hidden_sum + count*one.hidden_sum;
-    *report = one;
 }
 
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])

@@ -38,6 +38,15 @@ static void set_drag(flows *s, int which, real k)
 }
 #endif
 
+/* An axis that the parameters leave undetermined, where nothing rotates about it. */
+static void complete_axis(real axis[3], real rate, real offset)
+{
+    if (isfinite(axis[0] + axis[1] + axis[2]) || rate != 0 || offset != 0)
+        return;
+    axis[0] = axis[1] = 0;
+    axis[2] = 1;
+}
+
 /*
  * Rates and durations of a run with the time step h. Bodies that are symmetric at these parameters
  * have no further rotations: their drift is exact, and the composition may use it.
@@ -47,6 +56,10 @@ static void prepare_flows(flows *s, const constants *c, real h)
     flow_rates(c, s->sphere, s->axis_rate, s->axis_offset, s->further_rate, s->further_offset,
         s->drag);
     axis_directions(c, s->axis, s->further_axis);
+    for (int k = 0; k < AXES; ++k)
+        complete_axis(s->axis[k], s->axis_rate[k], s->axis_offset[k]);
+    for (int k = 0; k < FURTHER; ++k)
+        complete_axis(s->further_axis[k], s->further_rate[k], s->further_offset[k]);
     s->is_symmetric = 1;
     for (int k = 0; k < FURTHER; ++k)
         s->is_symmetric &= s->further_rate[k] == 0 && s->further_offset[k] == 0;

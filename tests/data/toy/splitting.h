@@ -38,7 +38,7 @@ typedef struct {
 typedef struct {
     long steps, iterations;
     int iterations_max;
-    long newton_steps;
+    long newton_steps, recorded;
     real work, work_low, energy_start, energy_error_max, energy_error_sum;
     real constraint_max, constraint_sum, hidden_max, hidden_sum;
 } toy_report;

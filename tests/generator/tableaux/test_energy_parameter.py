@@ -21,9 +21,9 @@ def test_conditions_hold_for_every_theta(s):
 
 
 @pytest.mark.parametrize("s", [2, 3, 4])
+@mp.workdps(50)
 def test_coefficients_in_decimals(s):
     """Z and Z-, Z~ from Legendre polynomials at 50 digits; symplectic at θ = (2/7, −1/3)."""
-    mp.mp.dps = 50
     tableau, theta = gs.tableau("G-L", s), (Fraction(2, 7), Fraction(-1, 3))
     n, moved = tableau.numeric(50), with_energy_parameter(tableau, theta).numeric(50)
 

@@ -166,6 +166,21 @@ def test_a_function_of_python_gives_the_slopes_of_its_cotangents():
     assert found.asymmetry < 1e-12
 
 
+def test_the_last_state_counts_if_it_is_stored_beside_the_others():
+    name = "ellipse"
+    step, case = stepper_for(name, ("G-L", 2)), case_of(name)
+    q, p = start_of(name, step)
+    found = []
+    for every in (1, 4, 20):
+        run = step.integrate(q, p, dt=case.dt, steps=10, every=every, parameters=case.parameters)
+        weight = 12 * run.q[-1] ** 2
+        found.append(step.hessian(
+            run, {"q": 4 * run.q[-1] ** 3},
+            slopes=lambda along, weight=weight: {"q": weight * along["q"][-1]}).matrix)
+    assert np.array_equal(found[0], found[1])
+    assert np.array_equal(found[0], found[2])
+
+
 def test_what_has_no_second_derivatives_says_so():
     step = stepper_for("Lagrangian", ("G-L", 2))
     run = run_of("Lagrangian", step)
