@@ -140,18 +140,43 @@ def stepper_of(
         return model_stepper(spec, allow_invalid)[0]
     if tableau is None and spec.tableau is None and system is None:
         return _named_stepper(spec)
-    made = _generate(spec, system, tableau, allow_invalid)
-    return Stepper(made.source.name, made.source.files(),
+    name, files = _derived(spec, system, tableau, allow_invalid)
+    return Stepper(name, files,
                    Derive(partial(_with_derivatives, spec, system, tableau, allow_invalid),
                           portable=False))
+
+
+def _derived(
+    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False,
+    second: bool = False,
+) -> tuple[str, dict[str, str]]:
+    """Return name and files of a stepper of a given system or tableau, cached by their digest."""
+    import sympy
+
+    from .generator.systems.system_digest import system_digest
+
+    of_system = system_digest(system, own_tableau)
+    key = "" if of_system is None else "system-" + _source_key(
+        spec, of_system, "" if spec.tableau is None else _text_of(spec.tableau), allow_invalid,
+        derivatives, second, sympy.__version__) + ".source.json"
+    found = read_cache(key) if key else None
+    if found is None:
+        with capture_warnings() as captured:
+            source = _generate(spec, system, own_tableau, allow_invalid, derivatives=derivatives,
+                               second=second).source
+        found = [source.name, source.files(), captured]
+        if key:
+            write_cache(key, found)
+    for message in found[2]:
+        warn(message)
+    return found[0], found[1]
 
 
 def _with_derivatives(
     spec: Spec, system: Any, tableau: Any, allow_invalid: bool, *, second: bool = False
 ) -> dict[str, str]:
     """Return the files of a stepper with tangents and adjoints, for a given system or tableau."""
-    return _generate(spec, system, tableau, allow_invalid, derivatives=True, second=second
-                     ).source.files()
+    return _derived(spec, system, tableau, allow_invalid, derivatives=True, second=second)[1]
 
 
 def consistent(
@@ -258,7 +283,7 @@ def _derivative_files(spec: Spec, *, second: bool = False) -> dict[str, str]:
     key = f"{spec.name}-{_source_key(spec, kind)}.source.json"
     files: dict[str, str] | None = read_cache(key)
     if files is None:
-        files = _with_derivatives(spec, None, None, False, second=second)
+        files = _generate(spec, None, None, False, derivatives=True, second=second).source.files()
         write_cache(key, files)
     return files
 

@@ -1,0 +1,83 @@
+"""A digest of a system and a tableau, the same in every process: the name of a kept derivation."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import sympy as sp
+
+from ..symbolic.shared_subexpressions import parts_of
+
+__all__ = ["system_digest"]
+
+_OWN = __name__.partition(".generator.")[0]
+
+
+def system_digest(*parts: Any) -> str | None:
+    """Return a digest of all that the C of a system depends on, or None if there is none.
+
+    A symbol counts by its class, its name and its assumptions, which simplify; a number by its
+    exact value; a function by its class. There is no digest of a ``Dummy``, which is another one in
+    each process, nor of what has a class from outside of SymPy and this package, whose code is
+    unknown.
+
+    Parameters
+    ----------
+    parts : System, Tableau, or plain values
+        Dataclasses, mappings, sequences, texts and numbers of them.
+    """
+    try:
+        return _of(parts, {}).hex()
+    except TypeError:
+        return None
+
+
+def _of(value: Any, known: dict[sp.Basic, bytes]) -> bytes:
+    if isinstance(value, sp.Basic):
+        for part in parts_of([value]):  # what is shared is hashed once
+            if part not in known:
+                known[part] = _of_expression(part, known)
+        return known[value]
+    if value is None or isinstance(value, (str, bool, int, float)):
+        return _hash(type(value).__name__, repr(value))
+    if isinstance(value, Mapping):
+        return _hash("mapping", *(_of(x, known) for pair in value.items() for x in pair))
+    if isinstance(value, (tuple, list)):
+        return _hash("sequence", *(_of(x, known) for x in value))
+    if is_dataclass(value):
+        return _hash(_name_of_class(value), *(_of(getattr(value, field.name), known)
+                                              for field in fields(value)))
+    raise TypeError(f"{type(value).__name__} has no digest")
+
+
+def _of_expression(e: sp.Basic, known: Mapping[sp.Basic, bytes]) -> bytes:
+    kind = _name_of_class(e)
+    if isinstance(e, sp.Dummy):
+        raise TypeError("a Dummy is another one in each process")
+    if isinstance(e, sp.Symbol):
+        return _hash(kind, e.name, repr(sorted(e.assumptions0.items())))
+    if not e.args:
+        return _hash(kind, sp.srepr(e))
+    return _hash(kind, *(known[argument] for argument in e.args))
+
+
+def _name_of_class(value: Any) -> str:
+    """Return module and name of a class of SymPy or of this package; raise for any other."""
+    kind = type(value)
+    package = kind.__module__ or ""
+    if not f"{package}.".startswith(("sympy.", f"{_OWN}.")) or getattr(
+            sys.modules.get(package), kind.__name__, None) is not kind:
+        raise TypeError(f"{kind.__name__} is neither of SymPy nor of this package")
+    return f"{package}.{kind.__name__}"
+
+
+def _hash(*parts: str | bytes) -> bytes:
+    made = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        made.update(len(data).to_bytes(8, "little") + data)
+    return made.digest()
