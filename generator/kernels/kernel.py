@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count, islice
+from itertools import count
 
 import sympy as sp
 
 from ...core.real_types import Real
 from ..symbolic.bounded_algebra import is_small
-from ..symbolic.shared_subexpressions import expand_shared, symbols_of
+from ..symbolic.shared_subexpressions import expand_shared, name_of, parts_of, symbols_of
 from ..symbolic.switching_functions import Where
 from .c_printer import ON_LANES, CPrinter
 from .statements import Kernel, Statements, entries
@@ -60,6 +60,10 @@ class Constants:
         self._known = frozenset(parameters) - {*inputs}
         self._hoisted: dict[sp.Expr, sp.Expr] = {}
         self._pieces: dict[sp.Basic, bool] = {}
+        self._symbols: dict[sp.Basic, frozenset[sp.Symbol]] = {}
+        self._nonzero: dict[sp.Expr, bool | None] = {}
+        self._free_names = (name for i in count() if (name := f"k{i}") not in self.taken)
+        self._texts: dict[sp.Symbol, str] = {}
 
     def hoist(self, e: sp.Expr) -> sp.Expr:
         """Return e with every largest parameter-only subexpression replaced by a symbol."""
@@ -68,9 +72,10 @@ class Constants:
         return self._hoisted[e]
 
     def _hoist(self, e: sp.Expr) -> sp.Expr:
-        if not e.free_symbols or e.is_Symbol:
+        free = self._free_symbols(e)
+        if not free or e.is_Symbol:
             return e
-        if e.free_symbols <= self._known:
+        if free <= self._known:
             number, rest = e.as_coeff_Mul()
             return number * self._symbol(rest)
         if not e.is_Add and self._has_pieces(e):
@@ -90,17 +95,32 @@ class Constants:
         return self._pieces[e]
 
     def _is_own(self, e: sp.Expr) -> bool:
-        free = e.free_symbols
+        free = self._free_symbols(e)
         return bool(free) and free <= self._known
+
+    def _free_symbols(self, e: sp.Basic) -> frozenset[sp.Symbol]:
+        """Return the free symbols of e, found once for each part of an expression."""
+        if e not in self._symbols:
+            for part in parts_of([e]):
+                if part not in self._symbols:
+                    self._symbols[part] = frozenset(part.free_symbols)
+        return self._symbols[e]
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:
         e = expand_shared(e)  # constants are printed as they are, without temporaries
         if e not in self.definitions:
-            free = (f"k{i}" for i in count() if f"k{i}" not in self.taken)
-            name = next(islice(free, len(self.definitions) - len(self.parameters), None))
-            facts = {"nonzero": True} if e.is_nonzero else {}
-            self.definitions[e] = sp.Symbol(name, real=True, **facts)
+            facts = {"nonzero": True} if self._is_nonzero(e) else {}
+            self.definitions[e] = sp.Symbol(next(self._free_names), real=True, **facts)
         return self.definitions[e]
+
+    def _is_nonzero(self, e: sp.Expr) -> bool | None:
+        """Return ``e.is_nonzero``, asked once of expressions that differ in names alone."""
+        places = {s: sp.Symbol(f"_{i}", **s.assumptions0)
+                  for i, s in enumerate(sorted(e.free_symbols, key=name_of))}
+        form = e.xreplace(places)
+        if form not in self._nonzero:
+            self._nonzero[form] = e.is_nonzero
+        return self._nonzero[form]
 
     def expand_shared(self, e: sp.Expr) -> sp.Expr:
         """Return e in terms of the parameters again."""
@@ -108,8 +128,9 @@ class Constants:
 
     def names(self) -> dict[sp.Symbol, str]:
         """Return the C text of each constant inside a kernel."""
-        own = {symbol: f"c->{symbol}" for symbol in self.definitions.values()}
-        return own | {symbol: f"c->{field}" for symbol, field in self.clock.items()}
+        if len(self._texts) < len(self.definitions):
+            self._texts = {symbol: f"c->{symbol.name}" for symbol in self.definitions.values()}
+        return self._texts | {symbol: f"c->{field}" for symbol, field in self.clock.items()}
 
 
 @dataclass(frozen=True)

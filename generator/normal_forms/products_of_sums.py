@@ -308,7 +308,7 @@ class _Finder:
                 rest = frozenset(pair for pair in m if pair[0] != x)
                 kind = {1: linear, 2: square}.get(dict(m).get(x, 0))
                 if kind is None or m not in self.left or any(
-                        base.has(*momenta) for base, _ in rest):
+                        not momenta.isdisjoint(base.free_symbols) for base, _ in rest):
                     break
                 kind[rest] = self.left[m]
             else:

@@ -15,6 +15,7 @@ Nothing here knows of quaternions: a system is its symbols, its H and its g.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -222,7 +223,7 @@ class System:
                     f"System {self.name!r} has a symbol named {name!r}, which is a keyword or a "
                     "macro of the generated C; choose another name."
                 )
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             raise InputError(
                 f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
@@ -234,8 +235,9 @@ class System:
                 f"H of system {self.name!r} contains the unknown symbol "
                 f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
             )
+        holonomic = allowed - {*self.p, *self._others}
         for index, g in enumerate(self.constraints):
-            unknown = g.free_symbols - (allowed - {*self.p, *self._others})
+            unknown = g.free_symbols - holonomic
             if unknown:
                 raise InputError(
                     f"Constraint {index} of system {self.name!r} contains "
