@@ -68,6 +68,8 @@ if TYPE_CHECKING:
     from .storage.recording import Recording, open_recording
     from .sweeps.results import open_sweep
     from .sweeps.run_sweep import sweep
+    from .targets.artefact import Built
+    from .targets.build import build
 
 #: Public name → where it lives; resolved on first use.
 _HOMES = {
@@ -129,6 +131,8 @@ _HOMES = {
     "record": "storage.record",
     "open_sweep": "sweeps.results",
     "sweep": "sweeps.run_sweep",
+    "Built": "targets.artefact",
+    "build": "targets.build",
 }
 
 #: The same for modules.
@@ -139,6 +143,7 @@ _MODULES = {
 }
 
 __all__ = [
+    "Built",
     "Certificate",
     "Citations",
     "CompilerError",
@@ -171,6 +176,7 @@ __all__ = [
     "Trajectory",
     "__version__",
     "body_system",
+    "build",
     "certify",
     "choose_frame",
     "choose_gamma",

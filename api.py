@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .generator.tableaux.tableau import Tableau
 
 __all__ = ["checked_in_files", "consistent", "files_of", "load_model", "model_stepper",
-           "named_model_stepper", "stepper", "stepper_of", "tableau"]
+           "named_model_stepper", "stepper", "stepper_of", "tableau", "text_of"]
 
 ROOT = Path(__file__).resolve().parent
 
@@ -350,6 +350,16 @@ def _cached_model(
     allow_invalid: bool,
 ) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a model and its numbers as they are kept, or make and keep them."""
+    key, name, files, start = _cached_files(what, spec, make, allow_invalid)
+    derive = partial(_model_with_derivatives, key, spec, make, allow_invalid)
+    return Stepper(name, files, Derive(derive, portable=True)), start
+
+
+def _cached_files(
+    what: tuple[Any, ...], spec: Spec, make: Callable[[], tuple[Model, list[str]]],
+    allow_invalid: bool = False,
+) -> tuple[str, str, dict[str, str], RunDefaults]:
+    """Return the key in the cache, name, files and numbers of a model, made if they are new."""
     own = "" if spec.tableau is None else _text_of(spec.tableau)
     key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
     found = read_cache(key)
@@ -362,8 +372,35 @@ def _cached_model(
         name, files, start = found[0], found[1], RunDefaults.from_json(found[2])
     for message in start.warnings:
         warn(message)
-    derive = partial(_model_with_derivatives, key, spec, make, allow_invalid)
-    return Stepper(name, files, Derive(derive, portable=True)), start
+    return key, name, files, start
+
+
+def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults | None]:
+    """Return the files of a stepper of any profile, and the numbers of its model if it has some.
+
+    Nothing is compiled. ``system``, a System or a Model, takes the place of the spec's.
+
+    Raises
+    ------
+    InputError
+        For what the profile does not take, and whatever is no model.
+    """
+    if spec.model is not None and system is None:
+        text = model_text(spec.model)
+        return _cached_files(("model", text, False, []), spec,
+                             partial(_model_of_file, spec, text, {}))[2:]
+    if spec.system in MODELS and system is None:
+        return _cached_files(("named", spec.system, False, []), spec,
+                             partial(_named_model, spec, spec.system, {}))[2:]
+    start = RunDefaults.of(system) if hasattr(system, "system") else None
+    if system is not None or spec.tableau is not None:
+        system = getattr(system, "system", system)
+        return _generate(spec, system, None, False).source.files(), start
+    files: dict[str, str] | None = read_cache(_cache_name(spec))
+    if files is None:
+        files = _generate(spec, None, None, False).source.files()
+        cache_files(spec, files)
+    return files, None
 
 
 def _model_with_derivatives(

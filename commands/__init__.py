@@ -1,7 +1,7 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
     generate, include, models, verify, run, sweep, export, reproduce, bench, cache   the commands
-    fit, lyapunov, reference  commands, too; models has ``examples`` in it
+    build, fit, lyapunov, reference   commands, too; models has ``examples`` in it
     options                   options that several of them share
     run/                      ``run``: command, starts, choices, outputs, report
 
@@ -26,6 +26,7 @@ from .._version import __version__
 from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
 from ..core.progress import terminal_messages
 from .bench import bench
+from .build import build
 from .cache import cache
 from .export import export
 from .fit import fit
@@ -56,7 +57,7 @@ def gyrospark() -> None:
 
 
 for command in (generate, include, models, examples, verify, run, fit, lyapunov, sweep, export,
-                reproduce, bench, reference, cache):
+                build, reproduce, bench, reference, cache):
     gyrospark.add_command(command)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ...runtime.rigid_body.problems import Problem
     from ...runtime.steppers.stepper import Stepper
 
-__all__ = ["projected", "started"]
+__all__ = ["arguments_of", "projected", "settings_of", "started"]
 
 
 def started(
@@ -24,14 +24,14 @@ def started(
 ) -> tuple[Problem | None, Stepper, RunDefaults]:
     """Return the problem if it is one of the paper's, the stepper, and the numbers of the start."""
     entry = None if is_model_file(problem) else entry_named(problem)
-    options = {} if entry is None else _options(entry, settings)
+    options = {} if entry is None else arguments_of(entry, settings)
     if entry is not None and entry.kind == "problem":
         chosen = entry.make(**options)
         return chosen, _stepper(chosen, choice), RunDefaults.of_problem(chosen)
     return None, *_model(problem, entry, options, settings, reference, choice)
 
 
-def _options(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
+def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
     """Return the settings as arguments of what makes a problem or a model."""
     allowed = entry.options if settings else []
     arguments: dict[str, Any] = {}
@@ -82,13 +82,18 @@ def _model(
     if entry is not None:
         return named_model_stepper(spec_from(**{**choice, "system": entry.name}), entry.name,
                                    options)
+    return model_stepper(spec_from(**{**choice, "system": name}), settings=settings_of(settings))
+
+
+def settings_of(settings: tuple[str, ...]) -> dict[str, str]:
+    """Return the settings of a model file by key."""
     changes = {}
     for setting in settings:
         key, sign, value = setting.partition("=")
         if not sign:
             raise InputError(f"--set {setting!r} has no value; write KEY=VALUE, such as k=3.")
         changes[key.strip()] = value.strip()
-    return model_stepper(spec_from(**{**choice, "system": name}), settings=changes)
+    return changes
 
 
 def projected(

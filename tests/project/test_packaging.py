@@ -23,7 +23,8 @@ from gyrospark.commands.generate import generate
 from gyrospark.core.extras import install, packages_of
 from processes import FAST_TOP, ROOT, call, cli, python
 
-HALLS = ("certificates", "commands", "core", "generator", "runtime", "storage", "sweeps")
+HALLS = ("certificates", "commands", "core", "generator", "runtime", "storage", "sweeps",
+         "targets")
 #: Where code of the package lies; studies, examples and tests are no part of it.
 FACE = [p for p in ROOT.glob("*.py") if p.name != "setup.py"]
 SOURCES = sorted([*FACE, *(p for hall in HALLS for p in (ROOT / hall).rglob("*.py"))])

@@ -1,0 +1,170 @@
+"""``build``: a stepper as an artefact of another program, one subcommand for each target."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..core.arguments import listed
+from ..core.errors import InputError
+from ..core.lazy_imports import imported_for_good
+from ..core.real_types import REALS
+from ..core.registry import MODELS, PROBLEMS, entry_named
+from ..generator.schemes.named_schemes import SCHEMES
+from ..generator.spec import is_model_file
+from ..generator.tableaux.compositions import COMPOSITIONS
+from ..targets import TARGETS, Target
+from ..targets.artefact import Option
+from ..targets.build import build as build_artefact
+from ..targets.build import target_named
+from ..targets.tools import TOOLS
+from .options import DEFAULT, completing, real_number, whole_number
+from .run.starts import arguments_of, settings_of
+
+__all__ = ["build"]
+
+_HELP = {"help_option_names": ["-h", "--help"]}
+
+
+class Targets(click.Group):
+    """A subcommand for each target, made when it is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the targets."""
+        return list(TARGETS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """Return the command of a target, with the options of that target alone."""
+        return _command(target_named(cmd_name))
+
+
+def _list(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    if value:
+        click.echo("\n".join(map(_line, TARGETS.values())))
+        context.exit()
+
+
+def _line(target: Target) -> str:
+    """Return what a target is, and what is missing for it, with the cure."""
+    missing = [f"to {what} it: {TOOLS[name].cure}"
+               for what, names in (("build", target.needs), ("check", target.checks))
+               for name in names if TOOLS[name].find() is None]
+    return f"{target.name:<9}{target.about}" + "".join(f"\n{'':9}{line}" for line in missing)
+
+
+@click.group(cls=Targets, no_args_is_help=True, context_settings=_HELP,
+             subcommand_metavar="TARGET MODEL [OPTIONS]")
+@click.option("--list", is_flag=True, is_eager=True, expose_value=False, callback=_list,
+              help="What the targets are, what is missing for each, and the cure.")
+def build() -> None:
+    """Write a stepper as an artefact that another program takes: TARGET is what is written.
+
+    \b
+    gyrospark build cpp fast-top --dt 1e-3
+    gyrospark build cpp examples/control_c/satellite.toml --scheme G-L --stages 2
+    gyrospark build --list
+    """
+
+
+def _command(target: Target) -> click.Command:
+    """Return the command of one target."""
+    of_several = ", or several with commas" if target.several else ""
+    module = target.load()
+    parameters: list[click.Parameter] = [
+        click.Argument(["model"], metavar="MODEL",
+                       shell_complete=completing([*PROBLEMS, *MODELS])),
+        _option("--scheme", "NAME", f"{listed(SCHEMES)}{of_several} (default: {DEFAULT}).",
+                SCHEMES),
+        _option("--stages", "S", "Stages of a scheme that has a choice of them."),
+        _option("--order", "N", "Order of splitting: 2, 4, 6, 8 or 10."),
+        _option("--composition", "NAME", "Composition of splitting by name, instead of --order.",
+                COMPOSITIONS),
+        _option("--rep", "NAME", "Inertia: gamma (default) or alpha."),
+        _option("--real", "TYPE", f"float or double (default: {target.real}).", REALS),
+        _option("--dt", "DT", "Time step in seconds (default: the model file's)."),
+        click.Option(["--set", "settings"], metavar="KEY=VALUE", multiple=True,
+                     help="Argument of a problem or model, or a key of a model file, as in run."),
+        click.Option(["--parameter", "values"], metavar="NAME=VALUE", multiple=True,
+                     help="Value of a parameter at the start, gamma=m among them."),
+        click.Option(["--out"], type=click.Path(path_type=Path), metavar="PATH",
+                     help=f"The {'file' if target.suffix else 'folder'} (default: the stepper's "
+                          f"name{target.suffix and ' with ' + target.suffix})."),
+    ]
+    if target.platforms:
+        parameters.append(_option("--for", "NAMES", f"Platforms, with commas: "
+                                  f"{listed(target.platforms)}.", target.platforms))
+    parameters += map(_own_option, module.OPTIONS)
+    parameters.append(click.Option(["--check"], is_flag=True,
+                                   help="Load it again, and compare its bits with those of C."))
+
+    def write(**given: Any) -> None:
+        _write(target, **given)
+
+    return click.Command(target.name, params=parameters, callback=write, no_args_is_help=True,
+                         context_settings=_HELP, short_help=target.about,
+                         help=f"Write a stepper of MODEL as {target.about}.\n\nMODEL is one of "
+                              f"{listed(PROBLEMS)}, {listed(MODELS)}, or a model file (.toml, "
+                              ".urdf).")
+
+
+def _option(name: str, metavar: str, about: str, names: Any = ()) -> click.Option:
+    return click.Option([name], metavar=metavar, help=about,
+                        shell_complete=completing(names) if names else None)
+
+
+def _own_option(option: Option) -> click.Option:
+    """Return an option of one target."""
+    name = "--" + option.name.replace("_", "-")
+    if isinstance(option.default, bool):
+        return click.Option([name, option.name], is_flag=True, help=option.help)
+    return click.Option([name, option.name], metavar=option.metavar, help=option.help,
+                        shell_complete=completing(option.allowed) if option.allowed else None)
+
+
+def _write(
+    target: Target, model: str, settings: tuple[str, ...], values: tuple[str, ...],
+    stages: str | None, order: str | None, dt: str | None, check: bool, **given: Any,
+) -> None:
+    """Write the artefact, and say what it is."""
+    options = {option.name: given.pop(option.name) for option in target.load().OPTIONS}
+    for option in target.load().OPTIONS:
+        text = options[option.name]
+        if isinstance(option.default, (int, float)) and isinstance(text, str):
+            options[option.name] = real_number(f"--{option.name}", text)
+    with imported_for_good("sympy"):
+        built = build_artefact(
+            target.name, _model(model, settings),
+            stages=None if stages is None else whole_number("--stages", stages),
+            order=None if order is None else whole_number("--order", order),
+            dt=None if dt is None else real_number("--dt", dt),
+            parameters=dict(map(_value, values)), platforms=given.pop("for", None),
+            **given, **options)
+    click.echo(f"{built.path}: {target.about}, of {built.stepper.name}")
+    for name in built.files:
+        click.echo(f"  {name}")
+    if check:
+        click.echo(f"  {built.check()}")
+
+
+def _model(name: str, settings: tuple[str, ...]) -> Any:
+    """Return the name of a model, or with settings what it makes."""
+    if is_model_file(name):
+        from ..generator.models.model_file import read_model
+        from ..generator.parsing.text_file import model_text
+
+        changes = settings_of(settings)
+        return read_model(model_text(Path(name)), name, None, changes).model if changes else name
+    entry = entry_named(name)
+    return entry.make(**arguments_of(entry, settings)) if settings else entry.name
+
+
+def _value(text: str) -> tuple[str, Any]:
+    """Return name and value of ``--parameter``; γ and α may have a rule's name."""
+    name, sign, value = text.partition("=")
+    if not sign:
+        raise InputError(f"--parameter {text!r} has no value; write NAME=VALUE, such as gamma=m.")
+    rule = name.strip().rpartition("_")[2] in ("gamma", "alpha") and value.strip().isalpha()
+    return name.strip(), value.strip() if rule else real_number(f"--parameter {name.strip()}",
+                                                                value.strip())

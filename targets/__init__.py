@@ -1,0 +1,99 @@
+"""Steppers as artefacts of other programs: ``gyrospark build TARGET MODEL`` and ``gs.build``.
+
+    build           ``gs.build``: from a model to an artefact that is written
+    artefact        what a target is given, what it makes, and how it is written
+    tools           programs and packages that targets need, and the cure where one is missing
+    native          the same C, compiled here: the bits that every check compares with
+    texts           templates of what targets write
+    cpp             a class of C++17 by value
+
+A target is one module with
+
+    OPTIONS                                   options of its own, ``artefact.Option``
+    files(manifest, sources, options)         path → text or bytes; pure
+    compile(folder, platforms)                makes binaries of what ``files`` wrote to ``folder``;
+                                              returns the artefact: ``folder``, or a file in it
+    check(built)                              loads the artefact again, compares bits with
+                                              ``native``; returns a sentence
+
+and one line of ``TARGETS``. C, JavaScript and so on that is not derived lies beside the module,
+in files that compile as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol, cast
+
+from ..core.real_types import RealName
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import Any
+
+    from .artefact import Built, Option, Options
+
+__all__ = ["TARGETS", "Target", "TargetModule"]
+
+
+class TargetModule(Protocol):
+    """What the module of a target has."""
+
+    #: Of the command line, ``--NAME``, and of ``gs.build``, by name.
+    OPTIONS: tuple[Option, ...]
+
+    def files(
+        self, manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    ) -> dict[str, str | bytes]:
+        """Return path → content of all that is written; the same for the same arguments."""
+
+    def compile(self, folder: Path, platforms: tuple[str, ...]) -> Path:
+        """Make the artefact of the files in ``folder``: ``folder`` itself, or a file in it."""
+
+    def check(self, built: Built) -> str:
+        """Load the artefact, compare its bits with those of native C, return what was compared."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a stepper can be written as.
+
+    Attributes
+    ----------
+    name, about : str
+        On the command line; one line for ``--list``.
+    module : str
+        In this package.
+    needs, checks : tuple of str
+        Names in ``tools.TOOLS``: of what writes the artefact, and of what loads it again.
+    suffix : str
+        Of the artefact's file; empty for a folder.
+    platforms : tuple of str
+        That ``--for`` may name, for which it holds binaries; the first is the default.
+    several : bool
+        Whether several schemes go into one artefact.
+    real : str
+        Floating-point type where none is chosen.
+    """
+
+    name: str
+    module: str
+    about: str
+    needs: tuple[str, ...] = ()
+    checks: tuple[str, ...] = ()
+    suffix: str = ""
+    platforms: tuple[str, ...] = ()
+    several: bool = False
+    real: RealName = "double"
+
+    def load(self) -> TargetModule:
+        """Return the module."""
+        return cast("TargetModule", import_module(f"{__name__}.{self.module}"))
+
+
+#: One line for each target.
+TARGETS: dict[str, Target] = {target.name: target for target in (
+    Target("cpp", "cpp", "C++17: a class by value, CMake", checks=("c++", "cc")),
+)}

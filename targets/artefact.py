@@ -1,0 +1,257 @@
+"""What a target is given, what it makes, and how that is written."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from .._version import __version__
+from ..core.errors import GyrosparkError, InputError
+
+if TYPE_CHECKING:
+    import jinja2
+
+    from . import Target
+
+__all__ = ["MARKER", "Built", "Option", "Options", "Written", "check_out", "filled",
+           "parameter_fields", "place", "staging"]
+
+#: The file of an artefact that says what it is: only what has it is written over.
+MARKER = "gyrospark.json"
+
+_TEXTS = Path(__file__).with_name("texts")
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of one target: ``--NAME`` on the command line, ``NAME=`` in Python.
+
+    Attributes
+    ----------
+    name, help, metavar : str
+        With ``_`` between words.
+    default
+        A text, a number, or False for a flag; a given value must be of its type.
+    allowed : tuple of str
+        The names that a text may be; empty for any.
+    """
+
+    name: str
+    help: str
+    default: str | float | bool = ""
+    metavar: str = "TEXT"
+    allowed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Written:
+    """A stepper as text.
+
+    Attributes
+    ----------
+    manifest : mapping
+        All that the generator says of it.
+    sources : mapping of str to str
+        ``NAME.h``, ``NAME.c`` (which compiles alone) and ``NAME.json``.
+    """
+
+    manifest: Mapping[str, Any]
+    sources: Mapping[str, str]
+
+    @property
+    def name(self) -> str:
+        """The prefix of the C."""
+        return str(self.manifest["name"])
+
+
+@dataclass(frozen=True)
+class Options:
+    """The numbers of a start, and what was chosen for a target.
+
+    Attributes
+    ----------
+    dt : float
+        Time step in s.
+    q, p : tuple of float
+        The state at the start, on the constraints.
+    parameters : mapping of str to float
+        Every member of the parameters' struct in C, in its order.
+    description : str
+        One sentence about the model.
+    max_iterations : int
+        Of a step.
+    own : mapping
+        The options of the target by name, each checked.
+    steppers : tuple of Written
+        All that go into the artefact, where it takes several schemes; the first is the one that
+        ``files`` gets.
+    """
+
+    dt: float
+    q: tuple[float, ...]
+    p: tuple[float, ...]
+    parameters: Mapping[str, float]
+    description: str = ""
+    max_iterations: int = 50
+    own: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    steppers: tuple[Written, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """An artefact that was written.
+
+    Attributes
+    ----------
+    target : Target
+        What it is.
+    path : Path
+        The file or folder.
+    files : tuple of str
+        Names of the files in the folder; of a file its own.
+    platforms : tuple of str
+        Those that it holds binaries for.
+    stepper : Written
+        The C in it, with its manifest.
+    options : Options
+        Its start, and what was chosen.
+    """
+
+    target: Target
+    path: Path
+    files: tuple[str, ...]
+    platforms: tuple[str, ...]
+    stepper: Written
+    options: Options
+
+    def __repr__(self) -> str:
+        return f"<Built {self.target.name} of {self.stepper.name}: {str(self.path)!r}>"
+
+    def check(self) -> str:
+        """Load the artefact again and compare its bits with those of the same C compiled here.
+
+        Returns
+        -------
+        str
+            What was compared, in one sentence.
+
+        Raises
+        ------
+        InputError
+            Where a tool that loads it is missing, with the cure.
+        GyrosparkError
+            Where it does not load, or a bit differs.
+        """
+        return self.target.load().check(self)
+
+
+def parameter_fields(manifest: Mapping[str, Any]) -> list[str]:
+    """Return the names of the members of the parameters' struct, all real numbers."""
+    system = manifest["system"]
+    time = [system["time"]] if "time" in system else []
+    return [*system["parameters"], *time] or ["none"]
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEXTS), undefined=jinja2.StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True, autoescape=False)
+
+
+def filled(template: str, **values: Any) -> str:
+    """Return a template of ``texts/`` with values in it."""
+    return _environment().get_template(f"{template}.jinja").render(values)
+
+
+# ---------------------------------------------------------------- writing
+
+
+def check_out(out: Path) -> None:
+    """Refuse a path that something else has: before anything is derived.
+
+    Raises
+    ------
+    InputError
+        For what is there and was not written here, or was changed since.
+    """
+    if not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
+        raise InputError(f"--out {str(out)!r}: the folder {str(out.parent)!r} is not there or "
+                         "cannot be written; make it or choose another.")
+    if not os.path.lexists(out) or (out.is_dir() and not any(out.iterdir())):
+        return
+    cure = "remove it, or choose another --out"
+    if out.is_file():
+        if MARKER.encode() not in out.read_bytes():
+            raise InputError(f"--out {str(out)!r} is a file that gyrospark did not write; {cure}.")
+        return
+    try:
+        old = json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]
+        changed = [name for name, known in old.items()
+                   if (out / name).is_file() and _digest(out / name) != known]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"--out {str(out)!r} is there and no artefact of gyrospark; "
+                         f"{cure}.") from None
+    if changed:
+        raise InputError(f"--out {str(out)!r} holds {changed[0]!r}, which was changed since it was "
+                         f"written; move it away, or choose another --out.")
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextlib.contextmanager
+def staging(out: Path, files: Mapping[str, str | bytes]) -> Iterator[Path]:
+    """Yield a new folder beside ``out`` with the files in it, which is gone afterwards."""
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".part", dir=out.parent))
+        try:
+            for name, content in files.items():
+                path = folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content.encode() if isinstance(content, str) else content)
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+    except OSError as error:
+        raise GyrosparkError(f"--out {str(out)!r} cannot be written: "
+                             f"{error.strerror or error}.") from error
+
+
+def place(made: Path, out: Path, facts: Mapping[str, Any]) -> tuple[str, ...]:
+    """Move an artefact to its place, complete or not at all; return the names of its files.
+
+    A folder gets a marker. One of ours that is there already is written over file by file, so that
+    what its user has put or built beside them stays.
+    """
+    if made.is_file():
+        made.replace(out)
+        return (out.name,)
+    names = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
+    marker = {**facts, "generator": __version__,
+              "files": {name: _digest(made / name) for name in names}}
+    (made / MARKER).write_text(json.dumps(marker, indent=2) + "\n", encoding="utf-8")
+    made.chmod(0o755)  # mkdtemp's is for its owner alone
+    if not out.is_dir() or not any(out.iterdir()):
+        made.replace(out)
+        return (*names, MARKER)
+    old: Sequence[str] = [*json.loads((out / MARKER).read_text(encoding="utf-8"))["files"]]
+    for name in (*names, MARKER):
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (made / name).replace(out / name)
+    for name in set(old) - {*names}:
+        (out / name).unlink(missing_ok=True)
+    return (*names, MARKER)

@@ -1,0 +1,268 @@
+"""``gs.build``: a model becomes an artefact of another program."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..api import text_of
+from ..core.arguments import as_items, as_path, choose, listed, proposal, shown, unknown
+from ..core.errors import InputError
+from ..core.inertia import RepName
+from ..core.real_types import RealName
+from ..core.registry import PROBLEMS
+from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES
+from ..generator.spec import Spec
+from ..runtime.bindings.array_checks import as_array, as_step
+from ..runtime.integration.run_arguments import as_parameters
+from ..runtime.rigid_body.problems import Problem
+from ..runtime.steppers.run_defaults import RunDefaults
+from . import TARGETS, Target
+from .artefact import Built, Option, Options, Written, check_out, parameter_fields, place, staging
+from .tools import require
+
+if TYPE_CHECKING:
+    from ..generator.multibody.model import Model
+    from ..generator.systems.system import System
+
+__all__ = ["build", "target_named"]
+
+
+def build(
+    target: str,
+    system: str | Path | System | Model | Problem,
+    *,
+    scheme: str | Sequence[str] | None = None,
+    stages: int | None = None,
+    rep: RepName | None = None,
+    order: int | None = None,
+    composition: str | None = None,
+    real: RealName | None = None,
+    dt: float | None = None,
+    start: tuple[Any, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    platforms: str | Sequence[str] | None = None,
+    **options: Any,
+) -> Built:
+    """Write a stepper of profile control as an artefact that another program takes.
+
+    Parameters
+    ----------
+    target : str
+        What is written, a key of ``gyrospark.targets.TARGETS``: ``"cpp"``, …; ``gyrospark build
+        --list`` says what each is.
+    system : str, path, Problem, Model or System
+        A problem (``"fast-top"``), the name of one of ``gyrospark.models``, a model file (TOML or
+        URDF), or an object that they make. A System has no numbers: give ``start``,
+        ``parameters`` and ``dt``.
+    scheme, stages, rep, order, composition, real
+        As for ``stepper``; G-L with 3 stages where no scheme is named. A target that takes several
+        schemes takes a list of them.
+    dt : float, optional
+        Time step in s that the artefact starts with; the model's where it names one.
+    start : tuple of two array_like, shape (n,), optional
+        q and p at the start, on the constraints; the model's where left out.
+    parameters : mapping, optional
+        Values by name, in place of the model's; of γ and α also a rule such as ``"m"``.
+    out : path, optional
+        The file or folder; the stepper's name in the working directory where left out. What
+        gyrospark did not write there is never written over.
+    platforms : str or sequence of str, optional
+        For which platforms the artefact holds binaries, where the target has some.
+    **options
+        Those of the target: ``gyrospark build TARGET --help`` lists them.
+
+    Returns
+    -------
+    Built
+        ``.path``, ``.files``, ``.platforms``, and ``.check()``, which loads the artefact again and
+        compares its bits with those of the same C compiled here.
+
+    Raises
+    ------
+    InputError
+        For an unknown target, option or platform; a model without dt or start; events; systems
+        that profile control does not take (Lagrangians, more than 28 coordinates, co-moving frames,
+        H or g in time); names that the language of the target keeps for itself; an ``out`` of
+        somebody else's; a tool that is missing, with the cure.
+    GyrosparkError
+        Where ``out`` cannot be written, or a tool fails.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> built = gs.build("cpp", "fast-top", dt=1e-3, out=folder / "top")  # doctest: +SKIP
+    >>> built.check()  # doctest: +SKIP
+    """
+    chosen = target_named(target)
+    module = chosen.load()
+    own = _own_options(chosen, module.OPTIONS, options)
+    wanted = _platforms(chosen, platforms)
+    for name in chosen.needs:
+        require(name, f"Target {chosen.name}")
+    type_ = chosen.real if real is None else real
+    specs = [_spec(one, stages, rep, order, composition, type_, system)
+             for one in _schemes(chosen, scheme)]
+    path = None if out is None else as_path("out", out, f"stepper{chosen.suffix}")
+    if path is not None:
+        check_out(path)
+    given = None if isinstance(system, (str, Path, Problem)) else system
+    texts = [text_of(spec, given) for spec in specs]
+    steppers = tuple(map(_written, (files for files, _ in texts)))
+    first = steppers[0]
+    defaults = texts[0][1] or _problem_start(system)
+    numbers = _options(first, defaults, dt, start, parameters, own, steppers)
+    if path is None:
+        path = Path(f"{first.name}{chosen.suffix}")
+        check_out(path)
+    content = module.files(first.manifest, first.sources, numbers)
+    facts = {"target": chosen.name, "stepper": first.name, "dt": numbers.dt, "q": numbers.q,
+             "p": numbers.p, "parameters": dict(numbers.parameters), "platforms": wanted}
+    with staging(path, content) as folder:
+        names = place(module.compile(folder, wanted), path, facts)
+    return Built(chosen, path, names, wanted, first, numbers)
+
+
+def target_named(name: Any) -> Target:
+    """Return the target of a name.
+
+    Raises
+    ------
+    InputError
+        Naming them all.
+    """
+    return TARGETS[choose("target", name, TARGETS)]
+
+
+def _own_options(target: Target, known: Sequence[Option], given: Mapping[str, Any]
+                 ) -> dict[str, Any]:
+    """Return all options of a target by name, checked."""
+    options = {option.name: option for option in known}
+    for name in given:
+        if name not in options:
+            takes = f"takes {listed(options)}" if options else "has no options of its own"
+            raise InputError(f"Unknown option {name!r} of target {target.name}, which {takes}"
+                             f"{proposal(name, options)}.")
+    found = {}
+    for name, option in options.items():
+        value = given.get(name)
+        value = option.default if value is None else value
+        if option.allowed:
+            choose(f"{target.name} option {name}", value, option.allowed)
+        alike = (isinstance(value, bool) == isinstance(option.default, bool)
+                 and isinstance(value, (int, float) if isinstance(option.default, (int, float))
+                                else str))
+        if not alike or (isinstance(value, float) and not math.isfinite(value)):
+            kind = ("True or False" if isinstance(option.default, bool) else
+                    "a text" if isinstance(option.default, str) else "a number")
+            raise InputError(f"{name} = {shown(value)} of target {target.name} is not {kind}; "
+                             f"give one such as {option.default!r}.")
+        found[name] = value
+    return found
+
+
+def _platforms(target: Target, given: Any) -> tuple[str, ...]:
+    """Return the platforms of the artefact's binaries."""
+    if given is None:
+        return target.platforms[:1]
+    names = given.split(",") if isinstance(given, str) else as_items("platforms", given, "names")
+    if not target.platforms:
+        raise InputError(f"Target {target.name} holds no binaries, and platforms = "
+                         f"{shown(given)} is given; leave it out.")
+    for name in names:
+        choose("platform", name, target.platforms)
+    if not names:
+        raise unknown("platform", given, target.platforms)
+    return tuple(dict.fromkeys(names))
+
+
+def _schemes(target: Target, given: Any) -> list[Any]:
+    """Return the names of schemes, of which most targets take one."""
+    if given is None or not target.several:
+        return [given]
+    names = given.split(",") if isinstance(given, str) else as_items("scheme", given, "names")
+    if not names:
+        raise InputError("scheme = [] names none; give one such as 'G-L'.")
+    return list(dict.fromkeys(names))
+
+
+def _spec(
+    scheme: Any, stages: Any, rep: Any, order: Any, composition: Any, real: Any, system: Any
+) -> Spec:
+    """Return the checked spec of one stepper, of profile control."""
+    if scheme is None and order is None and composition is None:
+        scheme, stages = DEFAULT_SCHEME, DEFAULT_STAGES if stages is None else stages
+    named = system.system if isinstance(system, Problem) else None
+    if isinstance(system, (str, Path)):
+        name = str(system)
+        entry = PROBLEMS.get(name.replace("_", "-"))
+        named = name if entry is None else entry.make().system
+    elif named is None and rep is not None:
+        raise InputError("rep belongs to what is named; a System or Model brings its own H.")
+    return Spec.checked(scheme, stages, rep, named, real, None, order, composition
+                        ).with_profile("control")
+
+
+def _problem_start(system: Any) -> RunDefaults | None:
+    """Return the numbers of a problem."""
+    if isinstance(system, (str, Path)):
+        entry = PROBLEMS.get(str(system).replace("_", "-"))
+        system = None if entry is None else entry.make()
+    return RunDefaults.of_problem(system) if isinstance(system, Problem) else None
+
+
+def _written(files: Mapping[str, str]) -> Written:
+    return Written(json.loads(next(text for name, text in files.items()
+                                   if name.endswith(".json"))), files)
+
+
+def _options(
+    stepper: Written, model: RunDefaults | None, dt: Any, start: Any, parameters: Any,
+    own: Mapping[str, Any], steppers: tuple[Written, ...],
+) -> Options:
+    """Return the numbers of the start, each checked."""
+    system = stepper.manifest["system"]
+    name, n = system["name"], len(system["coordinates"])
+    if model is not None and model.events:
+        raise InputError(f"{name} has the event {model.events[0].name!r}, which no artefact looks "
+                         "for; leave [events] out.")
+    dt = dt if dt is not None or model is None else model.dt
+    if dt is None:
+        raise InputError(f"dt is not given and {name} names none; give one such as 1e-3 "
+                         "(--dt 1e-3).")
+    if start is None and model is None:
+        raise InputError(f"{name} has no start; give start=(q, p), or the name of a problem or a "
+                         "model instead of a system.")
+    q, p = (model.q0, model.p0) if start is None and model is not None else _pair(start)
+    q, p = (as_array(what, x, (n,), np.float64).tolist() for what, x in (("q", q), ("p", p)))
+    return Options(
+        float(as_step(dt)), tuple(q), tuple(p), _values(stepper.manifest, model, parameters),
+        "" if model is None else model.description, own=own, steppers=steppers)
+
+
+def _pair(start: Any) -> tuple[Any, Any]:
+    if not isinstance(start, (tuple, list)) or len(start) != 2:
+        raise InputError(f"start = {shown(start)} is no pair of states; give (q, p).")
+    return start[0], start[1]
+
+
+def _values(
+    manifest: Mapping[str, Any], model: RunDefaults | None, given: Any
+) -> dict[str, float]:
+    """Return the value of every member of the parameters' struct."""
+    domains = manifest["system"]["parameters"]
+    known: dict[str, Any] = {}
+    if model is not None:
+        rules = {name: model.rules.get(name, "m") for name in model.bodies}
+        means = {name: "m" if rule.startswith("auto") else rule for name, rule in rules.items()}
+        known = {name: x for name, x in {**means, **model.parameters}.items() if name in domains}
+    if given is not None and not isinstance(given, Mapping):
+        raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
+    values = as_parameters({**known, **(given or {})}, domains)
+    return {field: float(values.get(field, 0.0)) for field in parameter_fields(manifest)}

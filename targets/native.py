@@ -1,0 +1,85 @@
+"""The C of a stepper, compiled here and called: the bits that checks compare with."""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..core.errors import GyrosparkError
+from .artefact import Options, Written, parameter_fields
+from .tools import require, run_tool
+
+__all__ = ["C_FLAGS", "native_bits", "refuse_difference"]
+
+#: For all C of artefacts: the same bits everywhere.
+C_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off")
+
+
+def native_bits(stepper: Written, options: Options, steps: int) -> str:
+    """Return q and p after some steps from the start: the bytes of each number, in hexadecimal.
+
+    Raises
+    ------
+    InputError
+        Where there is no C compiler.
+    GyrosparkError
+        Where the C does not compile, or a step fails.
+    """
+    name = stepper.name
+    command = require("cc", "Checking an artefact")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for file, text in stepper.sources.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        run_tool([*command, *C_FLAGS, "-shared", "-fPIC", f"{name}.c", "-o", f"{name}.so", "-lm"],
+                 folder, "Compiling the stepper")
+        library = ctypes.CDLL(str(folder / f"{name}.so"))
+        return _bits(library, stepper, options, steps)
+
+
+def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) -> str:
+    name, manifest = stepper.name, stepper.manifest
+    real = ctypes.c_float if manifest["real"] == "float" else ctypes.c_double
+    fields = parameter_fields(manifest)
+    parameters = (real * len(fields))(*(options.parameters[field] for field in fields))
+
+    class Limits(ctypes.Structure):
+        _fields_ = (("tolerance", real), ("max_iterations", ctypes.c_int))
+
+    size = getattr(library, f"{name}_work_size")
+    size.restype = ctypes.c_size_t
+    work = (ctypes.c_longdouble * (size() // ctypes.sizeof(ctypes.c_longdouble) + 1))()
+    q, p = (real * len(options.q))(*options.q), (real * len(options.p))(*options.p)
+    limits = Limits(0, options.max_iterations)
+    getattr(library, f"{name}_begin")(
+        ctypes.byref(work), ctypes.byref(parameters), ctypes.byref(limits), real(options.dt), q, p)
+    for step in range(steps):
+        status = getattr(library, f"{name}_advance")(ctypes.byref(work), q, p)
+        if status > 1:
+            raise GyrosparkError(f"Step {step + 1} of {name} with dt = {options.dt:.6g} failed: "
+                                 f"status {status}; choose a smaller dt.")
+    return (bytes(q) + bytes(p)).hex()
+
+
+def refuse_difference(what: str, found: str, stepper: Written, options: Options, steps: int) -> str:
+    """Compare bits of an artefact with those of native C; return the sentence of a check.
+
+    Raises
+    ------
+    GyrosparkError
+        Where they differ.
+    """
+    wanted = native_bits(stepper, options, steps)
+    if found.strip() != wanted:
+        raise GyrosparkError(f"{what} of {stepper.name} has other bits than the C after {steps} "
+                             f"steps: {found.strip()[:200]!r} instead of {wanted[:200]!r}.")
+    return f"{what}: the bits of C after {steps} steps"
+
+
+def start_values(options: Options, manifest: Mapping[str, object]) -> dict[str, list[str]]:
+    """Return the numbers of a start as literals of C, C++, Rust and JavaScript."""
+    suffix = "f" if manifest["real"] == "float" else ""
+    return {what: [f"{x!r}{suffix}" for x in values] for what, values in (
+        ("q", options.q), ("p", options.p), ("parameters", options.parameters.values()))}
