@@ -18,6 +18,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
+from importlib import import_module
 from typing import Any, NoReturn
 
 import click
@@ -25,25 +26,36 @@ import click
 from .._version import __version__
 from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
 from ..core.progress import terminal_messages
-from .bench import bench
-from .build import build
-from .cache import cache
-from .export import export
-from .fit import fit
-from .generate import generate
-from .include import include
-from .lyapunov import lyapunov
-from .models import examples, models
-from .reference import reference
-from .reproduce import reproduce
-from .run.command import run
-from .sweep import sweep
-from .verify import verify
 
 __all__ = ["main", "main_generate"]
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+#: Each command with its module, which is imported when the command is asked for.
+_MODULES = {
+    "generate": "generate", "include": "include", "models": "models", "examples": "models",
+    "verify": "verify", "run": "run.command", "fit": "fit", "lyapunov": "lyapunov",
+    "sweep": "sweep", "export": "export", "build": "build", "reproduce": "reproduce",
+    "bench": "bench", "reference": "reference", "cache": "cache",
+}
+
+
+class Commands(click.Group):
+    """The commands by name."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the commands."""
+        return sorted(_MODULES)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command; None if there is none of this name."""
+        if cmd_name not in _MODULES:
+            return None
+        module = import_module(f".{_MODULES[cmd_name]}", __name__)
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="gyrospark")
 def gyrospark() -> None:
     """Compiled steppers for rigid-body motion on its constraint, generated from symbols.
@@ -56,11 +68,6 @@ def gyrospark() -> None:
     """
 
 
-for command in (generate, include, models, examples, verify, run, fit, lyapunov, sweep, export,
-                build, reproduce, bench, reference, cache):
-    gyrospark.add_command(command)
-
-
 def main() -> NoReturn:
     """Entry point of ``gyrospark``."""
     _call(gyrospark, "gyrospark")
@@ -68,6 +75,8 @@ def main() -> NoReturn:
 
 def main_generate() -> NoReturn:
     """Entry point of ``generate``, the same as ``gyrospark generate``."""
+    from .generate import generate
+
     _call(generate, "generate")
 
 

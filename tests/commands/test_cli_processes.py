@@ -163,7 +163,7 @@ def test_interrupt_of_a_read_from_a_store():
             "def export(**options):\n"
             "    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
             "    sync(read())\n"
-            "commands.gyrospark.commands['export'].callback = export\n"
+            "commands.gyrospark.get_command(None, 'export').callback = export\n"
             "sys.argv = ['gyrospark', 'export', 'run.zarr', 'run.csv']\n"
             "commands.main()")
     done = call([sys.executable, "-c", code])

@@ -55,9 +55,9 @@ def test_example_runs(path, document):
 
 
 def test_commands_in_the_headers_of_examples_exist():
-    from gyrospark.commands import gyrospark as command_line
+    from gyrospark.commands.run.command import run
 
-    known = {opt for p in command_line.commands["run"].params for opt in p.opts}
+    known = {opt for p in run.params for opt in p.opts}
     for path in EXAMPLES:
         header = [line for line in path.read_text(encoding="utf-8").splitlines()
                   if line.startswith("#   gyrospark run")]

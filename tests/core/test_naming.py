@@ -176,9 +176,8 @@ def test_proposals_are_near():
 
 
 def test_help_names_them_all():
-    from gyrospark.commands import gyrospark
+    from gyrospark.commands.run.command import run
 
-    run = gyrospark.commands["run"]
     said = " ".join([run.help or "", *(p.help or "" for p in run.params if hasattr(p, "help"))])
     for name in (*PROBLEMS, *MODELS, *SCHEMES, *REALS, *SOLVERS, *REPS, *SYSTEMS):
         assert name in said, name
@@ -190,9 +189,9 @@ def test_a_name_in_a_formula_is_proposed_for():
 
 
 def test_what_a_shell_completes():
-    from gyrospark.commands import gyrospark
+    from gyrospark.commands.run.command import run
 
-    options = {o.name: o for o in gyrospark.commands["run"].params}
+    options = {o.name: o for o in run.params}
     for name, text, found in [("scheme", "", list(SCHEMES)), ("scheme", "L", ["LIIIA-B"]),
                               ("rep", "g", ["gamma"]),
                               ("real", "f", [name for name in REALS if name[0] == "f"])]:

@@ -320,7 +320,11 @@ def commands_of(text: str) -> list[list[str]]:
 
 def help_pages() -> list[tuple[str, str]]:
     pages = [("generate", generate.help or "")]
-    pages += [(f"gyrospark {name}", c.help or "") for name, c in command_line.commands.items()]
+    context = click.Context(command_line)
+    for name in command_line.list_commands(context):
+        command = command_line.get_command(context, name)
+        assert command is not None
+        pages.append((f"gyrospark {name}", command.help or ""))
     return [*pages, ("gyrospark", command_line.help or "")]
 
 
