@@ -107,11 +107,11 @@ static void constraint(const constants *c, const double q[4], double g[1])
     (void)c;
     double sum[2];
     sum[0] = sum[1] = 0;
-    add_product(sum, 1, (const double[]){ -1.0 });
-    add_product(sum, 2, (const double[]){ q[0], q[0] });
-    add_product(sum, 2, (const double[]){ q[1], q[1] });
-    add_product(sum, 2, (const double[]){ q[2], q[2] });
-    add_product(sum, 2, (const double[]){ q[3], q[3] });
+    { const double factors[] = { -1.0 }; add_product(sum, 1, factors); }
+    { const double factors[] = { q[0], q[0] }; add_product(sum, 2, factors); }
+    { const double factors[] = { q[1], q[1] }; add_product(sum, 2, factors); }
+    { const double factors[] = { q[2], q[2] }; add_product(sum, 2, factors); }
+    { const double factors[] = { q[3], q[3] }; add_product(sum, 2, factors); }
     g[0] = sum[0] + sum[1];
 }
 
@@ -430,11 +430,11 @@ INLINE void lanes_constraint(const lanes_constants *c, const lanes q[4], lanes g
     (void)c;
     lanes sum[2];
     sum[0] = sum[1] = splat(0);
-    lanes_add_product(sum, 1, (const lanes[]){ splat(-1.0) });
-    lanes_add_product(sum, 2, (const lanes[]){ q[0], q[0] });
-    lanes_add_product(sum, 2, (const lanes[]){ q[1], q[1] });
-    lanes_add_product(sum, 2, (const lanes[]){ q[2], q[2] });
-    lanes_add_product(sum, 2, (const lanes[]){ q[3], q[3] });
+    { const lanes factors[] = { splat(-1.0) }; lanes_add_product(sum, 1, factors); }
+    { const lanes factors[] = { q[0], q[0] }; lanes_add_product(sum, 2, factors); }
+    { const lanes factors[] = { q[1], q[1] }; lanes_add_product(sum, 2, factors); }
+    { const lanes factors[] = { q[2], q[2] }; lanes_add_product(sum, 2, factors); }
+    { const lanes factors[] = { q[3], q[3] }; lanes_add_product(sum, 2, factors); }
     g[0] = sum[0] + sum[1];
 }
 
@@ -467,10 +467,10 @@ INLINE void lanes_hidden_constraint(const lanes_constants *c, const lanes q[4], 
     (void)c;
     lanes sum[2];
     sum[0] = sum[1] = splat(0);
-    lanes_add_product(sum, 2, (const lanes[]){ p[0], q[0] });
-    lanes_add_product(sum, 2, (const lanes[]){ p[1], q[1] });
-    lanes_add_product(sum, 2, (const lanes[]){ p[2], q[2] });
-    lanes_add_product(sum, 2, (const lanes[]){ p[3], q[3] });
+    { const lanes factors[] = { p[0], q[0] }; lanes_add_product(sum, 2, factors); }
+    { const lanes factors[] = { p[1], q[1] }; lanes_add_product(sum, 2, factors); }
+    { const lanes factors[] = { p[2], q[2] }; lanes_add_product(sum, 2, factors); }
+    { const lanes factors[] = { p[3], q[3] }; lanes_add_product(sum, 2, factors); }
     f[0] = sum[0] + sum[1];
 }
 

@@ -9,6 +9,7 @@
  *
  *   NAME(f)            public function f of this stepper: NAME(step) is heavy_top_gl3_gamma_step
  *   MATH(f), LIMIT(f)  f of <math.h> and <float.h> for the type real: MATH(sqrt) is sqrtf of float
+ *   STATUS(s)          profile control: status s of this stepper
  *   IF_TIME(...)       the arguments if the feature is 1, else nothing: one feature often adds one
  *                      statement to a function, and #if would take three lines. So IF_FORCES,
  *                      IF_INPUTS, IF_FRAME, IF_FRAME_WORK
@@ -57,6 +58,9 @@
 #endif
 #ifndef GS_TIME_DEPENDENT /* t occurs in H or in g */
 #define GS_TIME_DEPENDENT 0
+#endif
+#ifndef GS_FORCED_BY_TIME /* t occurs in forces, or in H or g */
+#define GS_FORCED_BY_TIME 0
 #endif
 #ifndef GS_INPUTS /* the system has inputs, which are held over a step */
 #define GS_INPUTS 0
@@ -108,6 +112,9 @@
 #endif
 #ifndef GS_EXACT_ENERGY /* one number theta a step: H(q1, p1) = H_0 + work exactly */
 #define GS_EXACT_ENERGY 0
+#endif
+#ifndef GS_SHORT_REAL /* the type has fewer digits than counters of steps */
+#define GS_SHORT_REAL 0
 #endif
 #ifndef GS_WIDE_REAL /* no machine has vector registers for the type */
 #define GS_WIDE_REAL 0
@@ -170,9 +177,7 @@
 
 typedef NAME(parameters) parameters_t;
 typedef NAME(constants) constants;
-#if !(GS_SPLITTING && GS_PROFILE_CONTROL)
 typedef NAME(options) options_t;
-#endif
 #if GS_PROFILE_CONTROL
 typedef NAME(work) state_t;
 #if GS_DERIVATIVES
@@ -189,8 +194,17 @@ typedef NAME(batch) batch_memory;
 #endif
 
 /* The status of a step and its solver, as in the public header. */
+#if GS_PROFILE_CONTROL
+typedef NAME(status) status_t;
+#define OK STATUS(OK)
+#define NOT_CONVERGED STATUS(NOT_CONVERGED)
+#define SINGULAR STATUS(SINGULAR)
+#define NOT_FINITE STATUS(NOT_FINITE)
+#define DIVERGED STATUS(DIVERGED)
+#define INVALID STATUS(INVALID)
+#else
+typedef int status_t;
 enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
-#if !GS_PROFILE_CONTROL
 enum { NEWTON = 1, FIXED_POINT };
 #endif
 

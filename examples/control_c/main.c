@@ -26,10 +26,10 @@ int main(void)
     SATELLITE(parameters) satellite = { .I1 = 12, .I2 = 10, .I3 = 3, .gamma = 25.0f/3 };
     const SATELLITE(options) options = { .tolerance = 0, .max_iterations = 12 };
     float q[4] = { 0.5f, 0.5f, -0.5f, 0.5f }, p[4] = { 0.2f, 0.1f, 0.1f, -0.2f };
-    int most = 0, status = 0;
+    SATELLITE(status) status = SATELLITE(begin)(&work, &satellite, &options, 0.1f, q, p);
+    int most = 0;
 
-    SATELLITE(begin)(&work, &satellite, &options, 0.1f, q, p);
-    for (int k = 0; k <= 6000; ++k) {
+    for (int k = 0; k <= 6000 && status == 0; ++k) {
         const float t = 0;
         float omega[3]; /* gyroscope output */
         SATELLITE(quantities)(&satellite, &t, q, p, omega);
@@ -46,13 +46,12 @@ int main(void)
         SATELLITE(set_parameters)(&work, &satellite);
         status = SATELLITE(advance)(&work, q, p);
         if (status != 0) {
-            printf("step %d: status %d, a sweep still changes %.1e\n", k, status,
+            printf("step %d: status %d, an iteration still changes %.1e\n", k, (int)status,
                 (double)SATELLITE(change)(&work));
-            break;
         }
         most = SATELLITE(iterations)(&work) > most ? SATELLITE(iterations)(&work) : most;
     }
     printf("at most %d iterations a step, %u bytes of memory\n", most,
         (unsigned)SATELLITE(work_size)());
-    return status;
+    return (int)status;
 }

@@ -39,7 +39,7 @@ from .c_lines import fitted
 from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
-from .manifest import frame_manifest, hidden_constraints, manifest_text
+from .manifest import domain_of, frame_manifest, hidden_constraints, manifest_text
 from .mass_tables import mass_tables
 from .plain_iteration import beside, plain_iteration
 from .program import (
@@ -61,6 +61,8 @@ __all__ = ["Source", "describe", "emit"]
 TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 #: Of the interface between generated files and ``engine/gyrospark/engine.h``.
 ENGINE_VERSION = 1
+#: Of the number of steps of a run, at most.
+_COUNTER_BITS = 53
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,6 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     context |= {"full": program.profile == "full", "iteration": program.iteration,
                 "derivative_parts": program.derivatives.parts if program.derivatives else []}
     kind = "control" if program.profile == "control" else "stepper"
-    kind = f"splitting_{kind}" if program.flows and kind == "control" else kind
     header, source = (fitted(_environment().get_template(f"{kind}.{ending}.jinja").render(context))
                       for ending in "hc")
     if program.profile != "full":
@@ -192,6 +193,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         scheme_doc=_scheme_doc(scheme),
         unknowns_doc=_unknowns_doc(scheme),
         parameters=[str(p) for p in system.parameters],
+        domains=[(str(p), domain_of(p)) for p in system.parameters],
+        quaternions=[[system.q.index(x) for x in body.q] for body in system.bodies if body.q],
         time=str(system.time) if system.is_nonautonomous else "",
         inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
         input_places=[list(constants_c).index(str(u)) for u in system.inputs
@@ -254,6 +257,7 @@ def _features(
         forces=bool(system.forces) and not (profile == "control" and isinstance(
             scheme, SplittingScheme)),
         time_dependent=system.is_time_dependent,
+        forced_by_time=system.is_nonautonomous,
         inputs=bool(system.inputs) and profile == "full",
         lagrangian=isinstance(system, LagrangianSystem),
         energy_momentum=isinstance(scheme, LagrangianEMS),
@@ -271,6 +275,7 @@ def _features(
         separable=iteration is not None and iteration.separable,
         even_odd=lanes is not None and bool(lanes.even_odd_tables),
         exact_energy=isinstance(scheme, SparkScheme) and scheme.exact_energy,
+        short_real=derived.real.bits < _COUNTER_BITS,
         wide_real=derived.real.wide,
         compensated_lanes=lanes is not None and lanes.compensated,
         profile_run=profile == "run",

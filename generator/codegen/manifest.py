@@ -22,7 +22,7 @@ from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import Tableau
 from .program import Derived, Elements, Program
 
-__all__ = ["SCHEMA", "frame_manifest", "hidden_constraints", "manifest_text"]
+__all__ = ["SCHEMA", "domain_of", "frame_manifest", "hidden_constraints", "manifest_text"]
 
 SCHEMA = 2  # of the manifest; part of the cache key
 
@@ -48,7 +48,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "name": system.name,
             "coordinates": [str(x) for x in system.q],
             "momenta": [str(x) for x in system.p],
-            "parameters": {str(x): _domain(x) for x in system.parameters},
+            "parameters": {str(x): domain_of(x) for x in system.parameters},
             "hamiltonian": _hamiltonian(system, elements),
             **_lagrangian(system),
             "constraints": [str(g) for g in system.constraints],
@@ -233,8 +233,8 @@ def _velocity_constraints(system: System) -> dict[str, Any]:
         "names": list(system.velocity_constraint_names)}}
 
 
-def _domain(parameter: sp.Symbol) -> str:
-    """What a value must be, from the assumptions of the symbol."""
+def domain_of(parameter: sp.Symbol) -> str:
+    """Return what a value must be, from the assumptions of the symbol."""
     if parameter.is_positive:
         return "positive"
     return "nonzero" if parameter.is_nonzero else "real"

@@ -71,6 +71,7 @@ class Features:
     elements: bool
     forces: bool
     time_dependent: bool
+    forced_by_time: bool
     inputs: bool
     lagrangian: bool
     energy_momentum: bool
@@ -88,6 +89,7 @@ class Features:
     separable: bool
     even_odd: bool
     exact_energy: bool
+    short_real: bool
     wide_real: bool
     compensated_lanes: bool
     profile_run: bool
@@ -349,6 +351,10 @@ class Program:
     unknowns_doc: list[str]
     # Parameters, time, inputs, quantities, and constants of a run: to read, and as C.
     parameters: list[str]
+    #: Parameters with what they must be.
+    domains: list[tuple[str, str]]
+    #: Where q has unit quaternions.
+    quaternions: list[list[int]]
     time: str
     inputs: list[str]
     input_places: list[int]

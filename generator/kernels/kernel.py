@@ -226,8 +226,8 @@ def _emit_compensated(
             factors = [] if number == 1 and rest != 1 else [printer.number(number)]
             for base, power in rest.as_powers_dict().items():
                 factors += [] if base == 1 else [printer(base)] * int(power)
-            lines.append(f"{target.prefix}add_product(sum, {len(factors)}, "
-                         f"(const {target.value}[]){{ {', '.join(factors)} }});")
+            lines.append(f"{{ const {target.value} factors[] = {{ {', '.join(factors)} }}; "
+                         f"{target.prefix}add_product(sum, {len(factors)}, factors); }}")
         lines.append(f"{entry} = sum[0] + sum[1];")
     symbols = symbols_of(e for _, e in targets)
     used = symbols & set(constants.definitions.values())
@@ -243,7 +243,7 @@ def _emit_compensated(
 
 def sums_products(kernel: EmittedKernel, prefix: str = "") -> bool:
     """Whether a kernel of numbers calls ``add_product``; one of lanes does with their prefix."""
-    return any(line.lstrip().startswith(f"{prefix}add_product(") for line in kernel.lines)
+    return any(f" {prefix}add_product(" in line for line in kernel.lines)
 
 
 def wrap(statement: str, width: int = 96) -> str:

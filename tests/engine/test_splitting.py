@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import struct
 from fractions import Fraction
 
 import numpy as np
@@ -214,7 +215,10 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, tmp_pat
     work = ctypes.create_string_buffer(getattr(library, f"{name}_work_size")())
     par = (ctypes.c_double * 5)(*values)
     q, p = ((ctypes.c_double * 4)(*x) for x in (TOP.q0, TOP.p0))
-    getattr(library, f"{name}_begin")(work, par, ctypes.c_double(2e-3), q, p)
+    options = struct.pack("di", 0.0, 1)
+    begin = getattr(library, f"{name}_begin")
+    assert begin(work, par, options, ctypes.c_double(0.0), q, p) == 6
+    assert begin(work, par, options, ctypes.c_double(2e-3), q, p) == 0
     advance, finite = getattr(library, f"{name}_advance"), p[1]
     p[1] = float("inf")
     assert advance(work, q, p) == advance(work, q, p) == 3  # as often as it is tried

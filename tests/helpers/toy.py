@@ -79,6 +79,7 @@ VARIANTS: dict[str, dict[str, object]] = {
     "Newton alone": {"GS_FIXED_POINT": 0},
     "plain numbers": {"GYROSPARK_PLAIN": 1},
     "wide numbers": {"GS_WIDE_REAL": 1},
+    "float": {"GS_SHORT_REAL": 1},
     "compensated": {"GS_COMPENSATED_LANES": 1},
     "compensated, wide": {"GS_COMPENSATED_LANES": 1, "GS_WIDE_REAL": 1},
     **{f"{scheme}{name}": {**stages, **features}
@@ -111,6 +112,7 @@ VARIANTS: dict[str, dict[str, object]] = {
                                      "GS_SCALAR_SCHUR": 1},
            "profile control": {"GS_PROFILE_CONTROL": 1},
            "profile control, free": {"GS_PROFILE_CONTROL": 1, "TOY_CONSTRAINTS": 0},
+           "profile control, time": {"GS_PROFILE_CONTROL": 1, "GS_FORCED_BY_TIME": 1},
            "profile control, separable": {"GS_PROFILE_CONTROL": 1, "GS_SEPARABLE": 1},
        }.items()},
     "drag": {"GS_DRAG": 1},

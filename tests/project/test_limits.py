@@ -26,7 +26,7 @@ def test_generated_files_hold_what_was_derived():
 
 
 @pytest.mark.parametrize(("spec", "profile", "most"), [
-    (Spec("G-L", 2, real="float"), "control", 600), (Spec("G-L", 3), "run", 1700)],
+    (Spec("G-L", 2, real="float"), "control", 900), (Spec("G-L", 3), "run", 1800)],
     ids=["control", "run"])
 def test_profiles_are_short_enough_to_be_read_whole(spec, profile, most):
     source = generate(spec.with_profile(profile)).source

@@ -4,18 +4,24 @@
 
 #include "gyrospark/engine.h"
 
-/* Rounds a product: volatile prevents its contraction into a fused multiply-add. */
+/*
+ * Rounds a product: volatile prevents its contraction into a fused multiply-add. Where the compiler
+ * has an option for that, define ROUNDED(x) as (x): on a graphics card volatile numbers are stored.
+ */
+#ifndef ROUNDED
 static real rounded(volatile real value)
 {
     return value;
 }
+#define ROUNDED(value) rounded(value)
+#endif
 
 /* sum += prod_i factors[i] in twice the working precision, by two-product and two-sum. */
 static void add_product(real sum[2], int count, const real *factors)
 {
     real high = factors[0], low = 0;
     for (int i = 1; i < count; ++i) {
-        const real product = rounded(high*factors[i]);
+        const real product = ROUNDED(high*factors[i]);
         low = low*factors[i] + MATH(fma)(high, factors[i], -product);
         high = product;
     }

@@ -2,6 +2,7 @@
 #ifndef GS_PROFILES_CONTROL_H
 #define GS_PROFILES_CONTROL_H
 
+#include "gyrospark/profiles/arguments.h"
 #include "gyrospark/profiles/solve.h"
 
 /* The state of the caller; a component that did not change keeps its round-off. */
@@ -19,43 +20,69 @@ size_t NAME(work_size)(void)
     return sizeof(state_t);
 }
 
-void NAME(set_parameters)(state_t *w, const parameters_t *parameters)
+real NAME(time)(const state_t *w)
 {
-    prepare(parameters, &w->constants);
+    return time_after(w->start_time, w->steps, w->h);
 }
 
-void NAME(begin)(state_t *w, const parameters_t *parameters,
-    const options_t *options, real dt, const real q[N], const real p[N])
+status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 {
+    status_t status = INVALID;
+    if ((w->steps >= 0) && are_valid(parameters)) {
+        prepare(parameters, &w->constants);
+        status = OK;
+    }
+    return status;
+}
+
+status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N], const real p[N])
+{
+    w->steps = -1;
+    if (!is_step(dt) || !is_state(q, p) || !is_option(options)) {
+        return INVALID;
+    }
+    w->steps = 0;
     w->tolerance = options->tolerance;
     w->max_iterations = options->max_iterations;
     w->h = dt;
     w->h_inverse = 1/dt;
-    w->t = w->start_time = start_time(parameters);
-    w->steps = w->history_length = w->order = w->iterations = 0;
+    w->start_time = start_time(parameters);
+    w->t = w->start_time;
+    w->history_length = 0;
+    w->order = 0;
+    w->iterations = 0;
     w->change = 0;
     for (int a = 0; a < N; ++a) {
         w->q[a] = q[a];
         w->p[a] = p[a];
-        w->q_low[a] = w->p_low[a] = 0;
+        w->q_low[a] = 0;
+        w->p_low[a] = 0;
     }
-    prepare(parameters, &w->constants);
+    const status_t status = NAME(set_parameters)(w, parameters);
+    if (status != OK) {
+        w->steps = -1;
+    }
+    return status;
 }
 
-int NAME(advance)(state_t *w, real q[N], real p[N])
+status_t NAME(advance)(state_t *w, real q[N], real p[N])
 {
-    real q_end[N], p_end[N], q_low[N], p_low[N], size = 0;
+    real q_end[N], p_end[N], q_low[N], p_low[N];
+    if (w->steps < 0) {
+        return INVALID;
+    }
     set_state(w->q, w->q_low, q);
     set_state(w->p, w->p_low, p);
     evaluate_constraints(w);
-    const int status = solve_fixed_point(w);
-    if (status != OK && status != NOT_CONVERGED)
+    const status_t status = solve_fixed_point(w);
+    if ((status != OK) && (status != NOT_CONVERGED)) {
         return status;
+    }
     end_of_step(w, q_end, p_end, q_low, p_low);
-    for (int a = 0; a < N; ++a)
-        size += q_end[a] + p_end[a];
-    if (!isfinite(size))
+    if (!are_finite(N, q_end) || !are_finite(N, p_end)) {
         return NOT_FINITE;
+    }
     record_unknowns(w);
     for (int a = 0; a < N; ++a) {
         q[a] = w->q[a] = q_end[a];
@@ -63,7 +90,10 @@ int NAME(advance)(state_t *w, real q[N], real p[N])
         w->q_low[a] = q_low[a];
         w->p_low[a] = p_low[a];
     }
-    w->t = w->start_time + (real)++w->steps*w->h;
+    ++w->steps;
+#if GS_FORCED_BY_TIME
+    w->t = NAME(time)(w);
+#endif
     return status;
 }
 

@@ -87,13 +87,16 @@ static void update_scales(state_t *w)
  * Iterates to convergence, at most max_iterations times in all. If the first increment is large,
  * the prediction may lead to another root: the iteration restarts without it.
  */
-static int solve_fixed_point(state_t *w)
+static status_t solve_fixed_point(state_t *w)
 {
     int predicted = w->history_length > 0, restarts = 1;
     progress_t progress;
     for (w->iterations = 1;; ++w->iterations) {
         if (restarts) {
-            (predicted ? predict_unknowns : initial_unknowns)(w);
+            if (predicted)
+                predict_unknowns(w);
+            else
+                initial_unknowns(w);
             progress = initial_progress;
         }
         if (restarts || (!predicted && (progress.iterations == 1 || progress.iterations == 3))) {

@@ -2,15 +2,8 @@
 #ifndef GS_SPLITTING_CONTROL_H
 #define GS_SPLITTING_CONTROL_H
 
+#include "gyrospark/profiles/arguments.h"
 #include "gyrospark/splitting/start.h"
-
-static int is_finite_state(const real q[N], const real p[N])
-{
-    real size = 0;
-    for (int a = 0; a < N; ++a)
-        size += q[a] + p[a];
-    return isfinite(size);
-}
 
 /* Starts the flows from (q, p), at the present parameters. */
 static void restart(state_t *w, const real q[N], const real p[N])
@@ -28,38 +21,61 @@ size_t NAME(work_size)(void)
     return sizeof(state_t);
 }
 
-void NAME(set_parameters)(state_t *w, const parameters_t *parameters)
+real NAME(time)(const state_t *w)
 {
-    prepare(parameters, &w->constants);
-    restart(w, w->q, w->p);
+    return time_after(w->start_time, w->steps, w->flows.h);
 }
 
-void NAME(begin)(state_t *w, const parameters_t *parameters, real dt, const real q[N],
-    const real p[N])
+status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 {
-    w->flows.h = dt;
-    w->start_time = start_time(parameters);
+    status_t status = INVALID;
+    if ((w->steps >= 0) && are_valid(parameters)) {
+        prepare(parameters, &w->constants);
+        restart(w, w->q, w->p);
+        status = OK;
+    }
+    return status;
+}
+
+status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t *options, real dt,
+    const real q[N], const real p[N])
+{
+    w->steps = -1;
+    if (!is_step(dt) || !is_state(q, p) || !is_option(options) || !are_valid(parameters)) {
+        return INVALID;
+    }
     w->steps = 0;
+    w->flows.h = dt;
+    w->flows.t = w->start_time = start_time(parameters);
     w->flows.now.work = w->flows.now.work_low = 0;
     prepare(parameters, &w->constants);
     restart(w, q, p);
+    return OK;
 }
 
-int NAME(advance)(state_t *w, real q[N], real p[N])
+status_t NAME(advance)(state_t *w, real q[N], real p[N])
 {
     real q_end[N], p_end[N], work;
-    int differs = 0;
-    for (int a = 0; a < N; ++a)
-        differs |= !(q[a] == w->q[a]) || !(p[a] == w->p[a]);
-    if (differs)
+    bool differs = false;
+    if (w->steps < 0) {
+        return INVALID;
+    }
+    for (int a = 0; a < N; ++a) {
+        differs = differs || !(q[a] == w->q[a]) || !(p[a] == w->p[a]);
+    }
+    if (differs) {
         restart(w, q, p);
+    }
     const flow_state before = w->flows.now;
     const int was_underway = w->flows.is_underway;
-    w->flows.t = w->start_time + (real)w->steps*w->flows.h;
-    for (int i = 0; i < w->flows.stages; ++i)
+#if GS_FORCED_BY_TIME
+    w->flows.t = NAME(time)(w);
+#endif
+    for (int i = 0; i < w->flows.stages; ++i) {
         take_stage(&w->constants, &w->flows, i);
+    }
     end_of_step(&w->constants, &w->flows, q_end, p_end, &work);
-    if (!is_finite_state(q_end, p_end)) {
+    if (!are_finite(N, q_end) || !are_finite(N, p_end)) {
         w->flows.now = before;
         w->flows.is_underway = was_underway;
         return NOT_FINITE;
@@ -70,6 +86,19 @@ int NAME(advance)(state_t *w, real q[N], real p[N])
     }
     ++w->steps;
     return OK;
+}
+
+/* Nothing is iterated. */
+int NAME(iterations)(const state_t *w)
+{
+    (void)w;
+    return 0;
+}
+
+real NAME(change)(const state_t *w)
+{
+    (void)w;
+    return 0;
 }
 
 #endif

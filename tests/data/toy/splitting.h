@@ -28,12 +28,10 @@ typedef struct {
     real I1, I2, I3, mgl, k, u, _t, _dt;
 } toy_constants;
 
-#if !defined(GS_PROFILE_CONTROL)
 typedef struct {
     real tolerance;
     int max_iterations, solver;
 } toy_options;
-#endif
 
 typedef struct {
     long steps, iterations;
@@ -60,8 +58,9 @@ FLOW_TYPES(real, )
 enum { FLOW_NUMBERS = (sizeof(flows) - 3*sizeof(int))/sizeof(real) };
 
 #if defined(GS_PROFILE_CONTROL)
+#include "control.h"
 typedef struct {
-    long steps;
+    int64_t steps;
     real start_time, q[N], p[N];
     toy_constants constants;
     flows flows;

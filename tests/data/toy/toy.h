@@ -147,6 +147,10 @@ typedef struct {
     real constraint_max, constraint_sum, hidden_max, hidden_sum;
 } toy_report;
 
+#if defined(GS_PROFILE_CONTROL)
+#include "control.h"
+#endif
+
 /* Profiles control and run: the state of the fixed-point iteration. */
 enum { UNKNOWNS_OF_STATE = TOY_STAGES > 0 ? 2*N*S + P*M : 2*N + M };
 typedef struct {
@@ -159,7 +163,7 @@ typedef struct {
     real factors[P][M > 0 ? M : 1][M > 0 ? M : 1], D[P*N], Y[P*N], C[S*N];
 #if defined(GS_PROFILE_CONTROL)
     real start_time;
-    long steps;
+    int64_t steps;
 } toy_work;
 #else
 } toy_state;

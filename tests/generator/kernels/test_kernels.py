@@ -58,7 +58,8 @@ STATEMENT = re.compile(
 )
 #: Sums in twice the working precision; the interpreter adds the products exactly.
 ADD_PRODUCT = re.compile(
-    r"add_product\(sum, (\d+), \(const (?:float|double|long double|_Float128)\[\]\)\{ (.*) \}\);")
+    r"\{ const (?:float|double|long double|_Float128) factors\[\] = \{ (.*) \}; "
+    r"add_product\(sum, (\d+), factors\); \}")
 ALLOWED = re.compile(r"[\w\s.,+*/()\[\]-]*")
 LITERAL = re.compile(r"(?<![\w.\]])(\d[\d.]*(?:e[+-]?\d+)?)(F128|[fL]?)(?![\w.\]])")
 MATH = ("sqrt", "pow", "sin", "cos", "tan", "exp", "log")
@@ -101,8 +102,8 @@ class Interpreter:
             return True
         counted = self.operations.copy()
         if product := ADD_PRODUCT.fullmatch(text):
-            factors = re.split(r", (?![^(]*\))", product[2])
-            assert len(factors) == int(product[1]), text
+            factors = re.split(r", (?![^(]*\))", product[1])
+            assert len(factors) == int(product[2]), text
             self.total += math.prod(map(self.evaluate, factors))
             self.operations = counted + Counter(product=1)
         elif ends := re.fullmatch(r"(\w+\[\d+\]) = sum\[0\] \+ sum\[1\];", text):

@@ -1,0 +1,70 @@
+/* Profile control: checks of arguments, and the time of a state. */
+#ifndef GS_PROFILES_ARGUMENTS_H
+#define GS_PROFILES_ARGUMENTS_H
+
+#include "gyrospark/engine.h"
+#if GS_SHORT_REAL
+#include "gyrospark/linear_algebra/product_sums.h"
+#endif
+
+/* 0 times a number is 0, but for infinity and NaN. */
+static bool are_finite(int count, const real *x)
+{
+    real sum = 0;
+    for (int a = 0; a < count; ++a) {
+        sum += 0*x[a];
+    }
+    return sum == 0;
+}
+
+/* Whether a trajectory can start at (q, p): all numbers are finite, quaternions have a length. */
+static bool is_state(const real q[N], const real p[N])
+{
+    bool valid = are_finite(N, q) && are_finite(N, p);
+    for (int b = 0; b < QUATERNIONS; ++b) {
+        real largest = 0;
+        for (int e = 0; e < 4; ++e) {
+            largest = MATH(fmax)(largest, MATH(fabs)(q[quaternion[b][e]]));
+        }
+        valid = valid && (largest > 0);
+    }
+    return valid;
+}
+
+/* Whether h and 1/h are finite numbers. */
+static bool is_step(real h)
+{
+    const real numbers[2] = { h, 1/h };
+    return are_finite(2, numbers);
+}
+
+static bool is_option(const options_t *options)
+{
+    return (options->max_iterations > 0) && (options->tolerance >= 0);
+}
+
+#if GS_SHORT_REAL
+/*
+ * start + n h, rounded once although the type has fewer digits than n: n is cut into parts of 22
+ * bits, and their products with h are summed in twice the precision.
+ */
+static real time_after(real start, int64_t n, real h)
+{
+    const uint64_t count = (uint64_t)n;
+    real sum[2] = { start, 0 }, unit = (real)17592186044416; /* 2^44 */
+    for (unsigned shift = 44U; shift <= 44U; shift -= 22U) {
+        const real factors[2] = { (real)(uint32_t)((count >> shift) & 0x3FFFFFU)*unit, h };
+        add_product(sum, 2, factors);
+        unit /= 4194304; /* 2^22 */
+    }
+    return sum[0] + sum[1];
+}
+#else
+/* start + n h, as in profiles run and full */
+static real time_after(real start, int64_t n, real h)
+{
+    return start + (real)n*h;
+}
+#endif
+
+#endif
