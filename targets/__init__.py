@@ -5,7 +5,7 @@
     tools           programs and packages that targets need, and the cure where one is missing
     native          the same C, compiled here: the bits that every check compares with
     texts           templates of what targets write
-    cpp             a class of C++17 by value
+    cpp, rust       a class of C++17 by value; a crate
 
 A target is one module with
 
@@ -96,4 +96,5 @@ class Target:
 #: One line for each target.
 TARGETS: dict[str, Target] = {target.name: target for target in (
     Target("cpp", "cpp", "C++17: a class by value, CMake", checks=("c++", "cc")),
+    Target("rust", "rust", "a Rust crate without std and dependencies", checks=("cargo", "cc")),
 )}

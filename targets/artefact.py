@@ -8,12 +8,14 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from .._version import __version__
 from ..core.errors import GyrosparkError, InputError
@@ -23,11 +25,14 @@ if TYPE_CHECKING:
 
     from . import Target
 
-__all__ = ["MARKER", "Built", "Option", "Options", "Written", "check_out", "filled",
-           "parameter_fields", "place", "staging"]
+__all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Option", "Options", "Written", "check_out", "filled",
+           "parameter_fields", "place", "refuse_names", "staging", "template_values"]
 
 #: The file of an artefact that says what it is: only what has it is written over.
 MARKER = "gyrospark.json"
+
+#: Steps of the examples that artefacts have, and of checks.
+EXAMPLE_STEPS = 2000
 
 _TEXTS = Path(__file__).with_name("texts")
 
@@ -172,8 +177,66 @@ def _environment() -> jinja2.Environment:
 
 
 def filled(template: str, **values: Any) -> str:
-    """Return a template of ``texts/`` with values in it."""
+    """Return a template of ``texts/`` with values in it; a file without any as it is."""
+    if not values:
+        return _TEXTS.joinpath(template).read_text(encoding="utf-8")
     return _environment().get_template(f"{template}.jinja").render(values)
+
+
+def template_values(
+    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+) -> dict[str, Any]:
+    """Return what templates of several targets are filled with.
+
+    Numbers are texts of the stepper's own type, each as exact as the type holds it.
+    """
+    system, name = manifest["system"], manifest["name"]
+    header = sources[f"{name}.h"]
+    rounded = np.float32 if manifest["real"] == "float" else np.float64
+    q, p, values = ([repr(float(rounded(x))) for x in numbers]
+                    for numbers in (options.q, options.p, options.parameters.values()))
+    return {
+        "name": name, "NAME": name.upper(), "version": __version__,
+        "about": f"{manifest['scheme']['method']} for {system['name'].replace('_', ' ')}",
+        "description": " ".join(options.description.split()) or "A mechanical system.",
+        "n": len(options.q), "real": manifest["real"], "dt": repr(float(rounded(options.dt))),
+        "q": q, "p": p, "parameters": [*zip(options.parameters, values, strict=True)],
+        "inputs": system.get("inputs", []),
+        "velocities": [one["name"] for one in system.get("numbers", ())
+                       if one["role"] == "velocity"],
+        "quantities": [*system.get("quantities", ())],
+        "quantities_take_time": system.get("quantities_take_time", False),
+        "max_iterations": options.max_iterations, "steps": EXAMPLE_STEPS,
+        "work_size": work_size(name, header), "checked": f"{name}_status {name}_begin(" in header,
+        "energy": f" {name}_energy(" in header}
+
+
+def work_size(name: str, header: str) -> int:
+    """Return the bytes of a trajectory's memory where int64_t and double are aligned to 8."""
+    import cffi
+
+    declared = "\n".join(line for line in header.splitlines() if not line.startswith("#")
+                         and line != 'extern "C" {' and line != "}")
+    types = cffi.FFI()
+    types.cdef(declared)
+    size: int = types.sizeof(f"struct {name}_work")
+    return size
+
+
+def refuse_names(
+    manifest: Mapping[str, Any], taken: Collection[str], language: str
+) -> None:
+    """Refuse members of the parameters' struct that a language keeps for itself.
+
+    Raises
+    ------
+    InputError
+    """
+    for field_ in parameter_fields(manifest):
+        if field_ in taken:
+            raise InputError(f"{language} keeps the name {field_!r} for itself, which is a "
+                             f"parameter of {manifest['system']['name']}; call it otherwise, such "
+                             f"as {field_ + '_'!r}.")
 
 
 # ---------------------------------------------------------------- writing

@@ -7,27 +7,30 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .._version import __version__
-from .artefact import Built, Option, Options, filled
-from .native import C_FLAGS, refuse_difference, start_values
+from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, refuse_names, template_values
+from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
+
+__all__ = ["KEYWORDS", "OPTIONS", "check", "class_name", "compile", "files"]
 
 OPTIONS: tuple[Option, ...] = ()
 
-#: Of the example, and of the check.
-_STEPS = 2000
+#: Words of C++20 that C does not have.
+KEYWORDS = frozenset(
+    "and and_eq bitand bitor catch char8_t char16_t char32_t class co_await co_return co_yield "
+    "compl concept const_cast consteval constinit decltype delete dynamic_cast explicit export "
+    "friend mutable namespace new noexcept not not_eq operator or or_eq private protected public "
+    "reinterpret_cast requires static_cast template this throw try typeid typename using virtual "
+    "wchar_t xor xor_eq".split())
 
 
 def files(
     manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
-    """Return the files of a C++ library."""
-    values = {
-        "name": manifest["name"], "version": __version__,
-        "klass": class_name(manifest["system"]["name"]), "n": len(options.q),
-        "about": f"{manifest['scheme']['method']} for {manifest['system']['name']}",
-        "real": manifest["real"], "dt": repr(options.dt), "steps": _STEPS,
-        "max_iterations": options.max_iterations, **start_values(options, manifest)}
+    """Return the header, the C, an example and CMakeLists.txt."""
+    refuse_names(manifest, KEYWORDS, "C++")
+    values = template_values(manifest, sources, options)
+    values["klass"] = class_name(manifest["system"]["name"])
     return {**sources, f"{manifest['name']}.hpp": filled("stepper.hpp", **values),
             "main.cpp": filled("main.cpp", **values),
             "CMakeLists.txt": filled("CMakeLists.txt", **values)}
@@ -45,15 +48,14 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
 
 def check(built: Built) -> str:
     """Compile the example as C++17 without a warning, run it, and compare its bits."""
-    name = built.stepper.name
+    name, here = built.stepper.name, built.path.resolve()
     c, cpp = (require(tool, "Checking target cpp") for tool in ("cc", "c++"))
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        here = str(built.path.resolve())
-        run_tool([*c, *C_FLAGS, "-c", f"{here}/{name}.c", "-o", "stepper.o"], folder,
+        run_tool([*c, *C_FLAGS, "-c", str(here / f"{name}.c"), "-o", "stepper.o"], folder,
                  "Compiling the stepper")
         run_tool([*cpp, "-std=c++17", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
-                  "-I", here, f"{here}/main.cpp", "stepper.o", "-lm", "-o", "example"], folder,
+                  str(here / "main.cpp"), "stepper.o", "-lm", "-o", "example"], folder,
                  "Compiling the example")
         found = run_tool([str(folder / "example"), "bits"], folder, "The example")
-    return refuse_difference("C++", found, built.stepper, built.options, _STEPS)
+    return refuse_difference("C++", found, built, EXAMPLE_STEPS)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.errors import GyrosparkError
-from .artefact import Options, Written, parameter_fields
+from .artefact import Built, Options, Written, parameter_fields
 from .tools import require, run_tool
 
 __all__ = ["C_FLAGS", "native_bits", "refuse_difference"]
@@ -63,7 +62,7 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
     return (bytes(q) + bytes(p)).hex()
 
 
-def refuse_difference(what: str, found: str, stepper: Written, options: Options, steps: int) -> str:
+def refuse_difference(what: str, found: str, built: Built, steps: int) -> str:
     """Compare bits of an artefact with those of native C; return the sentence of a check.
 
     Raises
@@ -71,15 +70,9 @@ def refuse_difference(what: str, found: str, stepper: Written, options: Options,
     GyrosparkError
         Where they differ.
     """
-    wanted = native_bits(stepper, options, steps)
+    wanted = native_bits(built.stepper, built.options, steps)
     if found.strip() != wanted:
-        raise GyrosparkError(f"{what} of {stepper.name} has other bits than the C after {steps} "
-                             f"steps: {found.strip()[:200]!r} instead of {wanted[:200]!r}.")
+        raise GyrosparkError(f"{what} of {built.stepper.name} has other bits than the C after "
+                             f"{steps} steps: {found.strip()[:200]!r} instead of "
+                             f"{wanted[:200]!r}.")
     return f"{what}: the bits of C after {steps} steps"
-
-
-def start_values(options: Options, manifest: Mapping[str, object]) -> dict[str, list[str]]:
-    """Return the numbers of a start as literals of C, C++, Rust and JavaScript."""
-    suffix = "f" if manifest["real"] == "float" else ""
-    return {what: [f"{x!r}{suffix}" for x in values] for what, values in (
-        ("q", options.q), ("p", options.p), ("parameters", options.parameters.values()))}

@@ -69,6 +69,7 @@ TOOLS = {tool.name: tool for tool in (
     Tool("cc", variable="CC", cure="install gcc or clang, or `pip install ziglang`"),
     Tool("c++", ("c++", "g++", "clang++"), "CXX", "ziglang", ("ziglang", "c++"),
          cure="install g++ or clang++, or `pip install ziglang`"),
+    Tool("cargo", ("cargo",), "CARGO", cure="install Rust, as https://rustup.rs says"),
     Tool("zig", ("zig",), package="ziglang", module_command=("ziglang",),
          cure="`pip install ziglang`"),
 )}

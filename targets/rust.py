@@ -1,0 +1,57 @@
+"""Target rust: a crate without dependencies, ``no_std``, whose build.rs calls a C compiler."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, refuse_names, template_values
+from .native import refuse_difference
+from .tools import require, run_tool
+
+__all__ = ["OPTIONS", "check", "compile", "files"]
+
+OPTIONS: tuple[Option, ...] = ()
+
+#: Of Rust 2024; C has some of them as well.
+_KEYWORDS = frozenset(
+    "abstract as async await become box break const continue crate do dyn else enum extern false "
+    "final fn for gen if impl in let loop macro match mod move mut override priv pub ref return "
+    "self Self static struct super trait true try type typeof unsafe unsized use virtual where "
+    "while yield".split())
+
+
+def files(
+    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+) -> dict[str, str | bytes]:
+    """Return the crate."""
+    refuse_names(manifest, _KEYWORDS, "Rust")
+    values = template_values(manifest, sources, options)
+    values |= {"f": "f32" if values["real"] == "float" else "f64",
+               "words": -(-values["work_size"] // 8)}
+    return {**{f"c/{name}": text for name, text in sources.items()},
+            "Cargo.toml": filled("Cargo.toml", **values), "build.rs": filled("build.rs"),
+            "src/lib.rs": filled("lib.rs", **values),
+            "examples/steps.rs": filled("steps.rs", **values)}
+
+
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
+    """Return the folder: cargo compiles it."""
+    return folder
+
+
+def check(built: Built) -> str:
+    """Run the tests of a copy of the crate, and its example; compare the bits."""
+    cargo = require("cargo", "Checking target rust")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "crate"
+        for name in built.files:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(built.path / name, folder / name)
+        run_tool([*cargo, "test", "--offline", "--quiet"], folder, "Testing the crate")
+        found = run_tool([*cargo, "run", "--offline", "--quiet", "--example", "steps", "bits"],
+                         folder, "The example")
+    return refuse_difference("Rust", found, built, EXAMPLE_STEPS)
