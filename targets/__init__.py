@@ -6,6 +6,7 @@
     native          the same C, compiled here: the bits that every check compares with
     texts           templates of what targets write
     cpp, rust       a class of C++17 by value; a crate
+    octave          a function of Octave and MATLAB
 
 A target is one module with
 
@@ -97,4 +98,6 @@ class Target:
 TARGETS: dict[str, Target] = {target.name: target for target in (
     Target("cpp", "cpp", "C++17: a class by value, CMake", checks=("c++", "cc")),
     Target("rust", "rust", "a Rust crate without std and dependencies", checks=("cargo", "cc")),
+    Target("octave", "octave", "a function of Octave and MATLAB, one mex file",
+           checks=("octave", "mkoctfile", "cc")),
 )}

@@ -70,6 +70,8 @@ TOOLS = {tool.name: tool for tool in (
     Tool("c++", ("c++", "g++", "clang++"), "CXX", "ziglang", ("ziglang", "c++"),
          cure="install g++ or clang++, or `pip install ziglang`"),
     Tool("cargo", ("cargo",), "CARGO", cure="install Rust, as https://rustup.rs says"),
+    Tool("octave", ("octave-cli", "octave"), cure="install Octave, with its headers"),
+    Tool("mkoctfile", ("mkoctfile",), cure="install Octave's headers, octave-dev in Debian"),
     Tool("zig", ("zig",), package="ziglang", module_command=("ziglang",),
          cure="`pip install ziglang`"),
 )}

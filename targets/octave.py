@@ -1,0 +1,52 @@
+"""Target octave: one function of Octave and MATLAB, compiled from one mex file."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, template_values
+from .native import refuse_difference
+from .tools import require, run_tool
+
+__all__ = ["OPTIONS", "check", "compile", "files"]
+
+OPTIONS: tuple[Option, ...] = ()
+
+
+def files(
+    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+) -> dict[str, str | bytes]:
+    """Return the C of the function, its help, and what compiles it."""
+    values = template_values(manifest, sources, options)
+    names = [*options.parameters]
+    values["places"] = [names.index(name) for name in values["inputs"]]
+    name = manifest["name"]
+    return {**sources, f"{name}_mex.c": filled("mex.c", **values),
+            f"{name}.m": filled("stepper.m", **values)}
+
+
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
+    """Return the folder: Octave, or MATLAB, compiles it."""
+    return folder
+
+
+def check(built: Built) -> str:
+    """Compile a copy in Octave, call the function, and compare the bits."""
+    octave = require("octave", "Checking target octave")
+    require("mkoctfile", "Checking target octave")
+    name = built.stepper.name
+    kind = "single" if built.stepper.manifest["real"] == "float" else "double"
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for file in built.files:
+            shutil.copy(built.path / file, folder / file)
+        found = run_tool(
+            [*octave, "--no-gui", "--norc", "--quiet", "--eval",
+             f"[q, p] = {name}([], [], {EXAMPLE_STEPS}); "
+             f"printf('%02x', typecast({kind}([q(:, end); p(:, end)]), 'uint8'))"],
+            folder, "Octave")
+    return refuse_difference("Octave", found, built, EXAMPLE_STEPS)
