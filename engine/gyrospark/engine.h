@@ -86,6 +86,9 @@
 #ifndef GS_SPLITTING /* a composition of exact flows */
 #define GS_SPLITTING 0
 #endif
+#ifndef GS_MOLECULES /* many equal molecules, with loops over pairs */
+#define GS_MOLECULES 0
+#endif
 #ifndef GS_DRAG /* isotropic drag, a part of free motions */
 #define GS_DRAG 0
 #endif

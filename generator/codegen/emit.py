@@ -28,6 +28,7 @@ from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
 from ..systems.lagrangian import LagrangianSystem
+from ..systems.molecular_system import MolecularSystem
 from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
 from ..systems.system import System
@@ -136,6 +137,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     kernels: list[EmittedKernel] = []
     if isinstance(scheme, SplittingScheme):
         states = scheme.state_kernels() if derived.profile == "full" else []
+        if scheme.molecules is not None:  # H of all is evaluated on lanes alone
+            states = [k for k in states if k.name != "molecule_hamiltonian"]
         kernels = [*(emit_kernel(k, constants, real) for k in states),
                    *(flows.kernels if flows else [])]
     elif (derived.profile != "control" or derived.derivatives) and not parts:
@@ -175,16 +178,17 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         features=_features(derived, parts, lanes or plain, frame),
         title=f"{derived.method} for {system.name.replace('_', ' ')}",
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
-        N=system.n, M=system.m, U=scheme.size,
+        N=system.n * system.copies, M=system.m * system.copies, U=scheme.size,
         S=tableau.s if tableau else 0, P=tableau.p if tableau else 0,
-        multipliers=scheme.multipliers * system.m + scheme.reactions * system.velocity_count,
+        multipliers=scheme.multipliers * system.m * system.copies + scheme.reactions * system.velocity_count,
         rows=system.velocity_count,
         velocity_table=[[real.literal(real.round(e)) for e in row]
                         for row in velocity_enclosures(tableau)]
         if tableau and system.velocity_count else [],
         order=scheme.order,
         hamiltonian="" if parts else comment(
-            legendre.texts()[0] if legendre else energy_of(system)),
+            legendre.texts()[0] if legendre else system.energy_text
+            if isinstance(system, MolecularSystem) else energy_of(system)),
         lagrangian=comment(legendre.texts()[1]) if legendre else "",
         forces=[comment(f) for f in system.forces],
         constraints=[] if parts else [comment(g) for g in system.constraints],
@@ -250,7 +254,7 @@ def _features(
     lanes = iteration if isinstance(iteration, LaneIteration) else None
     return Features(
         constrained=system.m > 0,
-        several_constraints=system.m > 1,
+        several_constraints=system.m * system.copies > 1,
         velocity_constraints=system.velocity_count > 0,
         spark=derived.is_spark,
         elements=elements is not None,
@@ -268,6 +272,7 @@ def _features(
         fixed_point=lanes is not None and not isinstance(scheme, SplittingScheme),
         splitting=isinstance(scheme, SplittingScheme),
         drag=isinstance(scheme, SplittingScheme) and scheme.has_drag,
+        molecules=system.copies > 1,
         momentum_forces=isinstance(scheme, SplittingScheme) and scheme.splitting.other_forces,
         constant_schur=iteration is not None and iteration.constant_schur,
         scalar_schur=iteration is not None and iteration.scalar_schur,

@@ -82,6 +82,7 @@ class Features:
     fixed_point: bool
     splitting: bool
     drag: bool
+    molecules: bool
     momentum_forces: bool
     constant_schur: bool
     scalar_schur: bool
@@ -261,7 +262,11 @@ class Flows:
     #: Coordinates of points, and entries of y that kicks change.
     free: list[int]
     kicked: list[int]
+    coordinates: int
     momenta: int
+    #: Equal molecules, and the numbers of the vectors of each that pairs interact by.
+    copies: int
+    vectors: int
     stages: int
     compositions: list[CompositionText]
     half_pi: list[str]

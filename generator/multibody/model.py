@@ -109,7 +109,7 @@ class Model:
                              "give one.")
 
     def __repr__(self) -> str:
-        n, m = self.system.n, self.system.m
+        n, m = (k * self.system.copies for k in (self.system.n, self.system.m))
         steps = "" if self.steps is None else f", {self.steps:,} steps"
         run = "" if self.dt is None else f"; dt = {self.dt:g} s{steps}"
         return (f"<Model {self.name}: {n} coordinates, {m} constraints, {len(self.parameters)} "
@@ -146,10 +146,10 @@ class Model:
             bodies={name: rounded(inertia) for name, inertia in self.bodies.items()})
 
     def _state(self, name: str, values: ArrayLike) -> Array:
-        state = real_array(values)
-        if state is None or state.shape != (self.system.n,) or not np.isfinite(state).all():
+        state, count = real_array(values), self.system.n * self.system.copies
+        if state is None or state.shape != (count,) or not np.isfinite(state).all():
             raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "
-                             f"{self.system.n} finite numbers.")
+                             f"{count} finite numbers.")
         known = [exact(x) for x in np.array(values, dtype=object).flat]
         if None not in known and known != [Fraction(x) for x in state]:  # doubles lose digits
             is_long = isinstance(values, np.ndarray) and values.dtype == np.longdouble

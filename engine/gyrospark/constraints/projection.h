@@ -27,6 +27,8 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
     substitute(W, g);
     return isfinite(norm(M, g)) ? OK : SINGULAR;
 }
+#elif GS_MOLECULES
+#include "gyrospark/splitting/molecule_constraints.h"
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
 

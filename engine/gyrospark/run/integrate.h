@@ -115,8 +115,8 @@ static void begin(work_t *work, const options_t *options, real dt, const real q[
 static long take_steps(IF_INPUTS(inputs_t inputs,) real start, real dt, long first, long last,
     work_t *w)
 {
-    flows *s = flows_of(w);
-    const flow_state before = s->now;
+    run_flows *s = run_flows_of(w);
+    const run_state before = s->now;
     const int was_underway = s->is_underway;
     for (long n = first; n < last; ++n) {
         IF_INPUTS(set_step_inputs(&w->constants, &inputs, 0, n);)
@@ -127,7 +127,7 @@ static long take_steps(IF_INPUTS(inputs_t inputs,) real start, real dt, long fir
     s->now = before; /* once more, up to the step that fails */
     s->is_underway = was_underway;
     for (long n = first;; ++n) {
-        const flow_state previous = s->now;
+        const run_state previous = s->now;
         const int is_underway = s->is_underway;
         IF_INPUTS(set_step_inputs(&w->constants, &inputs, 0, n);)
         step_on(w, start + (real)n*dt);

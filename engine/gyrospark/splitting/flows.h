@@ -10,8 +10,8 @@
  */
 
 /* Free motion during duration i: bodies rotate, points move. */
-INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, int i, NUMBER q[N],
-    NUMBER q_low[N], NUMBER y[Y])
+INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, int i,
+    NUMBER q[COORDINATES], NUMBER q_low[COORDINATES], NUMBER y[Y])
 {
     const NUMBER duration = s->drift[i];
     for (int b = 0; b < BODIES; ++b) {
@@ -144,11 +144,11 @@ INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, i
 }
 
 /* The state at the end of the step: the last drift on a copy. `work` is that of this drift. */
-INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows) *s, NUMBER q[N],
-    NUMBER p[N], NUMBER *work)
+INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows) *s,
+    NUMBER q[COORDINATES], NUMBER p[COORDINATES], NUMBER *work)
 {
-    NUMBER y[Y], q_low[N];
-    for (int a = 0; a < N; ++a) {
+    NUMBER y[Y], q_low[COORDINATES];
+    for (int a = 0; a < COORDINATES; ++a) {
         q[a] = s->now.q[a];
         q_low[a] = s->now.q_low[a];
     }

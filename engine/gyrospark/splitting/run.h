@@ -5,6 +5,12 @@
 #include "gyrospark/splitting/start.h"
 #include "gyrospark/run/record.h"
 
+#if GS_MOLECULES
+#include "gyrospark/splitting/molecules_run.h"
+#else
+typedef flows run_flows;
+typedef flow_state run_state;
+
 _Static_assert(sizeof(flows) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
 
 /* The state of the composition, at the first multiple of 64 bytes in its memory. */
@@ -21,11 +27,6 @@ static void set_state(work_t *w, const real q[N], const real p[N])
     s->now.work_low = 0;
     prepare_flows(s, &w->constants, s->h);
     start_flows(s, q, p);
-}
-
-static void reset_iteration(work_t *w)
-{
-    (void)w; /* nothing is kept of a failed step */
 }
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
@@ -63,6 +64,17 @@ static void step_on(work_t *w, real t)
         take_stage(&w->constants, s, i);
 }
 
+static flows *run_flows_of(work_t *w)
+{
+    return flows_of(w);
+}
+#endif
+
+static void reset_iteration(work_t *w)
+{
+    (void)w; /* nothing is kept of a failed step */
+}
+
 /*
  * Is step n of a run recorded? The state at the end of a step costs a drift of its own, so that
  * later steps are recorded now and then only.
@@ -87,7 +99,7 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     *iterations = 0;
     begin_run(w, options, dt, q, p);
     step_on(w, w->t);
-    if (!are_finite(&flows_of(w)->now))
+    if (!are_finite(&run_flows_of(w)->now))
         return NOT_FINITE;
     get_state(w, q_end, p_end, &report);
     for (int a = 0; a < N; ++a) {
