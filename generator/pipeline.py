@@ -98,6 +98,8 @@ def generate(
             raise InputError(f"Steps with exact energy (energy = True) have no {part}; leave out "
                              "one of the two.")
     system, rep = _system(spec, system, model)
+    if system.copies > 1:
+        _refuse_beyond_molecules(spec, system, derivatives=derivatives or second)
     _refuse_velocity_constraints(spec, system, own_tableau=tableau is not None)
     if system.velocity_count:
         _refuse_without_velocity_constraints(spec, system, derivatives, structured)
@@ -142,6 +144,17 @@ def _refuse_beyond_splitting(spec: Spec, model: Model | None, *, derivatives: bo
     if spec.profile == "run":
         raise InputError("Scheme splitting has the profiles 'full' and 'control', not 'run'; its "
                          "steps of profile 'control' solve nothing and need no fallback.")
+
+
+def _refuse_beyond_molecules(spec: Spec, system: System, *, derivatives: bool) -> None:
+    """Refuse what loops over many molecules do not have."""
+    for asked, what, cure in (
+            (spec.order is None, f"no scheme {spec.method}", "take scheme splitting, with an order"),
+            (spec.profile != "full", f"no profile {spec.profile!r}", "take profile 'full'"),
+            (derivatives, "no tangents and adjoints", "take differences of runs")):
+        if asked:
+            raise InputError(f"System {system.name!r} of {system.copies} molecules has {what}; "
+                             f"{cure}.")
 
 
 def _refuse_velocity_constraints(spec: Spec, system: System, *, own_tableau: bool) -> None:

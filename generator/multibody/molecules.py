@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_mapping, shown, whole
 from ...core.errors import InputError
+from ...core.inertia import RepName
 from ..systems.expression_arguments import as_expression
 from ..systems.molecular_system import MolecularSystem, PairPotential, SpaceVector
 from ..systems.system import System
@@ -30,10 +31,12 @@ from .model import Model
 from .multibody import Multibody
 from .rigid_body import expressions
 
-__all__ = ["Molecule", "molecules"]
+__all__ = ["MOST_MOLECULES", "Molecule", "molecules"]
 
 Array = NDArray[Any]
 
+#: All pairs are evaluated: beyond this a kick takes seconds.
+MOST_MOLECULES = 10_000
 #: The name of a molecule among the coordinates, m_q0_17 being one of molecule 17.
 _NAME = "m"
 
@@ -86,8 +89,8 @@ def molecules(
     pair_potential: Callable[..., Any], positions: ArrayLike,
     quaternions: ArrayLike | None = None, velocities: ArrayLike | None = None,
     angular_velocities: ArrayLike | None = None, potential: Callable[..., Any] | None = None,
-    parameters: Mapping[str, float] | None = None, dt: float | None = None,
-    steps: int | None = None, description: str = "",
+    parameters: Mapping[str, float] | None = None, rep: RepName = "gamma",
+    dt: float | None = None, steps: int | None = None, description: str = "",
 ) -> Model:
     """Return the model of many equal rigid molecules, for scheme splitting.
 
@@ -100,7 +103,7 @@ def molecules(
     name : str
         A C identifier.
     count : int
-        Number of molecules, 2 at least.
+        Number of molecules, 2 to 10,000.
     mass : float
         Of a molecule.
     inertia : three floats
@@ -121,6 +124,8 @@ def molecules(
         of each molecule alone, such as that of a wall or a field.
     parameters : mapping of str to float, optional
         The values of the symbols that the potentials are called with, which are passed by name.
+    rep : {"gamma", "alpha"}
+        Inertia representation; states and their motion are the same in both.
     dt, steps, description
         As for ``Multibody``.
 
@@ -149,10 +154,11 @@ def molecules(
     <MolecularSystem dipoles: 3 molecules>
     """
     copies = whole(count)
-    if copies is None or copies < 2:
-        raise InputError(f"count = {shown(count)} is no number of molecules; give 2 or more.")
+    if copies is None or not 2 <= copies <= MOST_MOLECULES:
+        raise InputError(f"count = {shown(count)} is no number of molecules; give a whole number "
+                         f"from 2 to {MOST_MOLECULES}.")
     build = Multibody(name, gravity=(0, 0, 0), dt=dt, steps=steps, description=description)
-    body = build.body(_NAME, mass=mass, inertia=inertia)
+    body = build.body(_NAME, mass=mass, inertia=inertia, rep=rep)
     if body.inverse:
         raise InputError(f"The inertia of molecules {name!r} is a tensor; give three principal "
                          "moments, in principal axes.")
