@@ -149,7 +149,7 @@ def _refuse_beyond_splitting(spec: Spec, model: Model | None, *, derivatives: bo
 def _refuse_beyond_molecules(spec: Spec, system: System, *, derivatives: bool) -> None:
     """Refuse what loops over many molecules do not have."""
     for asked, what, cure in (
-            (spec.order is None, f"no scheme {spec.method}", "take scheme splitting, with an order"),
+            (spec.order is None, f"no scheme {spec.title}", "take scheme splitting, with an order"),
             (spec.profile != "full", f"no profile {spec.profile!r}", "take profile 'full'"),
             (derivatives, "no tangents and adjoints", "take differences of runs")):
         if asked:

@@ -133,6 +133,7 @@ def bodies_of(manifest: Mapping[str, Any]) -> dict[str, BodyAt]:
     """
     system = manifest["system"]
     found = {}
+    at = {x: column for column, x in enumerate(system["coordinates"])}
     for name, body in system.get("bodies", {}).items():
         inertia = list(body["inertia"] if "inertia" in body else body["inverse_inertia"])
         if not {*inertia} <= {*system["parameters"]} or len(inertia) != (
@@ -140,7 +141,7 @@ def bodies_of(manifest: Mapping[str, Any]) -> dict[str, BodyAt]:
             raise ValueError("the manifest holds another body")
         mass = _vector(system, [body["mass"]], 1)[0] if "mass" in body else None
         found[str(name)] = BodyAt(
-            _columns(system, body["q"], 4), inertia, _columns(system, body.get("x", []), 0, 3),
+            _columns(at, body["q"], 4), inertia, _columns(at, body.get("x", []), 0, 3),
             _vector(system, body.get("origin", [0.0, 0.0, 0.0]), 3),
             _vector(system, body.get("centre", []), 0, 3), mass)
     if system["rigid_body"] and not found:
@@ -187,9 +188,9 @@ def _pull(system: Mapping[str, Any], name: str, pull: Any) -> Pull | None:
     return Pull(index, pull["kind"], *vectors)
 
 
-def _columns(system: Mapping[str, Any], names: Any, *lengths: int) -> list[int]:
-    """Return the columns of coordinates."""
-    columns = [system["coordinates"].index(x) for x in names]
+def _columns(at: Mapping[str, int], names: Any, *lengths: int) -> list[int]:
+    """Return the columns of coordinates, by their names."""
+    columns = [at[x] for x in names]
     if len(columns) not in lengths:
         raise ValueError("the manifest holds another body")
     return columns

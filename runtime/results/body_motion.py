@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_flag, choose, shown
 from ...core.errors import InputError
 from ...core.inertia import inertia_matrix, real_array
-from ..compilation.body_columns import BodyAt, PlacedAt, numbers
+from ..compilation.body_columns import BodyAt, PlacedAt, bodies_of, numbers
 from ..rigid_body import quaternion
 from ..rigid_body.euler_angles import euler_angles
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["BodyMotion", "FrameName", "PlacedMotion", "turned"]
+__all__ = ["BodyMotion", "FrameName", "PlacedMotion", "total_momenta", "turned"]
 
 Array = NDArray[Any]
 
@@ -253,6 +253,27 @@ def turned(q: Array, vectors: Array) -> Array:
     R = quaternion.rotation_matrix(q)
     in_space: Array = np.einsum("kij,kj->ki", R, np.broadcast_to(vectors, (len(R), 3)))
     return in_space
+
+
+def total_momenta(run: Trajectory) -> tuple[Array, Array]:
+    """Return Σ p and Σ (l + x × p) of the bodies of a run, shape (N+1, 3) each.
+
+    Raises
+    ------
+    InputError
+        Where not all coordinates are those of bodies with quaternion and position.
+    """
+    bodies = bodies_of(run.manifest).values()
+    if sum(bool(at.x) for at in bodies) * 7 != run.q.shape[1]:
+        raise InputError(f"System {run.manifest['system']['name']!r} has coordinates of others "
+                         "than free bodies; add up what body(name).momentum() and "
+                         "angular_momentum() return.")
+    places, positions = ([at.q for at in bodies], [at.x for at in bodies])
+    x, p = (array[:, positions].astype(float) for array in (run.q, run.p))
+    m = np.einsum("kbij,kbj->kbi", quaternion.left_matrix(run.q[:, places]),
+                  run.p[:, places].astype(float)) / 2
+    l = np.einsum("kbij,kbj->kbi", quaternion.rotation_matrix(run.q[:, places]), m)  # noqa: E741
+    return p.sum(axis=1), (l + np.cross(x, p)).sum(axis=1)
 
 
 class PlacedMotion(BodyMotion):

@@ -14,7 +14,7 @@ from ...core.arguments import as_path, choose, shown
 from ...core.errors import InputError
 from ...core.file_formats import format_of, with_ending
 from ..compilation.body_columns import bodies_of, joints_of, placed_of
-from .body_motion import BodyMotion, PlacedMotion
+from .body_motion import BodyMotion, PlacedMotion, total_momenta
 from .crossings import Crossings
 from .diagnostics import Report
 from .joint_motion import JointMotion
@@ -266,6 +266,25 @@ class Trajectory(Shown):
         ``body`` and what is raised are those of ``body``.
         """
         return self.body(body).angular_velocity()
+
+    def total_momentum(self) -> Array:
+        """Return Σ m ẋ of all bodies in space axes, shape (N+1, 3), in kg m/s.
+
+        It is conserved where potentials depend on relative positions alone.
+
+        Raises
+        ------
+        InputError
+            Where there are coordinates of others than bodies that move freely, or joined to such.
+        """
+        return total_momenta(self)[0]
+
+    def total_angular_momentum(self) -> Array:
+        """Return Σ (l + x × m ẋ) about the origin of space, shape (N+1, 3), in kg m²/s.
+
+        It is conserved where potentials depend on distances alone; raises as ``total_momentum``.
+        """
+        return total_momenta(self)[1]
 
     def axis(self, body: str | None = None) -> Array:
         """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3)."""
