@@ -8,16 +8,18 @@ from ..kernels.c_printer import CPrinter
 from ..kernels.kernel import Constants, Target, emit_kernel
 from ..schemes.derivative_kernels import (
     derivative_kernels,
+    flow_transposes,
     quantity_derivatives,
     switch_kernel,
     time_columns,
 )
+from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import common_kernels
 from ..symbolic.derivatives import derivative
 from ..systems.lagrangian import LagrangianSystem
 from .element_derivatives import element_derivatives
 from .program import Derivatives, Derived, Elements, LaneIteration
-from .second_order import second_order_of
+from .second_order import dual_kernels
 
 __all__ = ["LINEARISATION", "derivatives_of"]
 
@@ -37,16 +39,23 @@ def derivatives_of(
     iteration: LaneIteration | None,
 ) -> Derivatives:
     """Return the derivatives of a stepper whose C has these constants."""
-    scheme, system, real = derived.implicit, derived.system, derived.real
+    scheme, system, real = derived.scheme, derived.system, derived.real
     symbols = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
     constants = [symbols[name] for name in constants_c]
     times = time_columns(scheme)
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     parts = [] if elements is None else element_derivatives(derived, elements)
     own = [] if parts else derivative_kernels(scheme, columns)
+    if isinstance(scheme, SplittingScheme):
+        of_linearisation = flow_transposes(scheme, columns)
+        own += of_linearisation
+        on_duals = [*own, *scheme.kernels(), *scheme.flow_kernels(work=False),
+                    *(k for k in common_kernels(scheme.system) if k.name == "constraint_jacobian")]
+    else:
+        of_linearisation = on_duals = [
+            k for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
+            if k.name in LINEARISATION]
     kernels = [emit_kernel(k, derived.constants, real) for k in own]
-    of_linearisation = [k for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
-                        if k.name in LINEARISATION]
     lanes = []
     if (iteration is not None and not parts and not derived.second
             and not isinstance(system, LagrangianSystem) and not real.wide
@@ -70,8 +79,8 @@ def derivatives_of(
     slopes = [(i, order[p], d) for i, (_, e) in enumerate(constants)
               for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)
               if (d := derivative(e, p)) != 0]
-    second = second_order_of(derived, of_linearisation, [d for *_, d in slopes]
-                             ) if derived.second else None
+    duals = dual_kernels(derived, on_duals, [d for *_, d in slopes]) if derived.second or (
+        isinstance(scheme, SplittingScheme) and not lanes) else None
     places = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,
@@ -80,11 +89,12 @@ def derivatives_of(
         chain=[(i, j, printer.number(d)) for i, j, d in slopes],
         inputs=[places.get(str(u), -1) for u in system.inputs],
         functions=frozenset(printer.functions).union(
-            second.functions if second else (), *(k.functions for k in called)),
+            duals.functions if duals else (), *(k.functions for k in called)),
         parts=parts,
         lanes=lanes,
         quantities=quantities is not None,
-        second=second,
+        duals=duals,
+        second=derived.second,
         switches=0 if switches is None else len(switches.outputs["w"]),
     )
 

@@ -19,9 +19,9 @@ from ..systems.system import System
 from .profiles import ProfileName
 
 __all__ = [
-    "CompositionText", "Derivatives", "Derived", "Elements", "Features", "Flows",
+    "CompositionText", "Derivatives", "Derived", "DualKernels", "Elements", "Features", "Flows",
     "FrameTransformation", "LaneIteration", "MassTables", "PlainIteration", "Program",
-    "SecondOrder", "TableauText",
+    "TableauText",
 ]
 
 Table = list[list[str]]
@@ -279,7 +279,7 @@ class Flows:
 
 
 @dataclass(frozen=True)
-class SecondOrder:
+class DualKernels:
     """Kernels on dual numbers, and the functions that they call."""
 
     kernels: list[EmittedKernel]
@@ -314,7 +314,11 @@ class Derivatives:
     lanes: list[EmittedKernel]
     #: Whether there is a kernel of the derivatives of quantities.
     quantities: bool
-    second: SecondOrder | None
+    #: Kernels on dual numbers, for second derivatives, and for tangents where ``flows`` is not on
+    #: lanes.
+    duals: DualKernels | None
+    #: Whether there are second derivatives.
+    second: bool
     #: Switching functions of H and the forces in the kernel of them.
     switches: int
 

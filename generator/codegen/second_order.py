@@ -16,9 +16,9 @@ from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Target, emit_kernel
 from ..kernels.statements import Kernel
 from ..systems.lagrangian import LagrangianSystem
-from .program import Derived, SecondOrder
+from .program import Derived, DualKernels
 
-__all__ = ["LARGEST", "refuse_second", "second_order_of"]
+__all__ = ["LARGEST", "dual_kernels", "refuse_second"]
 
 #: Coordinates up to which systems of element templates are written out in full.
 LARGEST = 28
@@ -62,10 +62,10 @@ def refuse_second(derived: Derived) -> None:
                          "its gradients, which are exact.")
 
 
-def second_order_of(
+def dual_kernels(
     derived: Derived, kernels: Sequence[Kernel], slopes: Sequence[sp.Expr]
-) -> SecondOrder:
-    """Return the kernels on dual numbers, and the functions that they call.
+) -> DualKernels:
+    """Return kernels on dual numbers, and the functions that they call.
 
     ``slopes`` are the nonzero derivatives of constants by parameters.
     """
@@ -77,7 +77,7 @@ def second_order_of(
     chain = [printer.number(e) for e in slopes]
     called = printer.functions.union(*(k.functions for k in emitted))
     cardinals = [name for name in _CARDINALS if called & {name, f"{name}_slope"}]
-    return SecondOrder(
+    return DualKernels(
         kernels=emitted,
         chain=chain,
         slopes={name: slope for name, slope in _SLOPES.items() if name in called},

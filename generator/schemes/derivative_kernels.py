@@ -8,23 +8,25 @@ kernel here has one column for each constant, and behind them columns for the ti
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import sympy as sp
 
 from ..kernels.statements import Kernel
-from ..symbolic.derivatives import derivative
-from ..symbolic.shared_subexpressions import tree_size
+from ..symbolic.derivatives import derivative, slopes
+from ..symbolic.shared_subexpressions import share_repeated, tree_size
 from ..symbolic.switching_functions import switches_of
 from ..systems.jacobians import jacobian
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .lagrangian_midpoint import LagrangianEMS
+from .splitting_scheme import SplittingScheme
 from .step_equations import MeanScheme, SparkScheme
 from .system_differences import TIME_STEP, time_input, vector
 
-__all__ = ["by_each", "derivative_kernels", "quantity_derivatives", "time_columns"]
+__all__ = ["by_each", "derivative_kernels", "flow_transposes", "quantity_derivatives",
+           "time_columns"]
 
 Rows = list[list[sp.Expr]]
 
@@ -32,7 +34,7 @@ Rows = list[list[sp.Expr]]
 _LARGEST_QUANTITIES = 50_000
 
 
-def time_columns(scheme: SparkScheme | MeanScheme) -> list[sp.Symbol]:
+def time_columns(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[sp.Symbol]:
     """Return what follows the constants: the time, and the step of a mean value."""
     system = scheme.system
     if system.time is None or not system.is_nonautonomous:
@@ -42,20 +44,62 @@ def time_columns(scheme: SparkScheme | MeanScheme) -> list[sp.Symbol]:
 
 
 def derivative_kernels(
-    scheme: SparkScheme | MeanScheme, columns: Sequence[sp.Symbol]
+    scheme: SparkScheme | MeanScheme | SplittingScheme, columns: Sequence[sp.Symbol]
 ) -> list[Kernel]:
     """Return the kernels of a scheme, written out in full.
 
     Parameters
     ----------
-    scheme : SparkScheme or MeanScheme
+    scheme : SparkScheme, MeanScheme or SplittingScheme
         Of any system without element templates.
     columns : sequence of Symbol
         Constants of the run, then ``time_columns``.
     """
+    if isinstance(scheme, SplittingScheme):
+        return _constraint_kernels(scheme.system, columns) if scheme.system.m else []
     if isinstance(scheme, SparkScheme):
         return _spark_kernels(scheme.system, columns)
     return _mean_kernels(scheme, columns)
+
+
+def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+    """Return the transposed derivatives of the kernels of a step of a splitting.
+
+    Cotangents of the outputs come in, those of the inputs and of the constants go out.
+    """
+    constants = {"c": list(columns)}
+    kernels = {k.name: k for k in (*scheme.kernels(), *scheme.flow_kernels(work=False))}
+    return [
+        _transposed(kernels["kick_rate"], kernels["kick_rate"].inputs | constants, value=True),
+        _transposed(kernels["free_velocity"], kernels["free_velocity"].inputs | constants),
+        _transposed(kernels["flow_rates"], constants),
+        _transposed(kernels["axis_directions"], constants),
+    ]
+
+
+def _transposed(
+    kernel: Kernel, by: Mapping[str, Sequence[sp.Symbol]], *, value: bool = False
+) -> Kernel:
+    """Return the kernel of Σ w ∂(output)/∂x for each x, by reverse differentiation.
+
+    ``value`` adds Σ w (output). Weights w of an output are in the array ``<output>_bar``.
+    """
+    rows = {name: _flat(e) for name, e in kernel.outputs.items()}
+    weights = {f"{name}_bar": vector(f"_w_{name}", len(e)) for name, e in rows.items()}
+    shared = iter(share_repeated([e for row in rows.values() for e in row]))
+    total = sp.Add(*(w * next(shared) for names in weights.values() for w in names))
+    symbols = [x for names in by.values() for x in names]
+    found = iter(slopes(total, tuple(symbols)))
+    outputs: dict[str, Any] = {f"{name}_bar": [next(found) for _ in names]
+                               for name, names in by.items()}
+    if value:
+        outputs["value"] = [total]
+    return Kernel(f"{kernel.name}_transposed", f"transposed derivatives of {kernel.name}",
+                  {**kernel.inputs, **weights}, outputs)
+
+
+def _flat(e: Sequence[Any]) -> list[sp.Expr]:
+    return [x for row in e for x in (row if isinstance(row, list | tuple) else [row])]
 
 
 def quantity_derivatives(system: System) -> Kernel | None:

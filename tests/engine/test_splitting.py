@@ -164,7 +164,6 @@ def test_what_a_splitting_does_not_have_is_refused():
         lambda: step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
         lambda: step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC,
                                solver="newton"),
-        lambda: step.jvp(TOP.q0, TOP.p0, TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
     ):
         with pytest.raises(InputError):
             call()

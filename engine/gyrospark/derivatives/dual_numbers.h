@@ -8,9 +8,11 @@
 #ifndef GS_DERIVATIVES_DUAL_NUMBERS_H
 #define GS_DERIVATIVES_DUAL_NUMBERS_H
 
+#if !GS_SPLITTING
 #include "gyrospark/derivatives/lu.h"
 
 typedef pivots_t dual_pivots_t;
+#endif
 
 /* 2^(two fifths of the least exponent): neither squares nor slopes of results leave the range. */
 static inline real slope_unit(void)
@@ -42,6 +44,16 @@ static inline dual dual_broadcast(real x)
     return make_dual(x, 0);
 }
 
+#if GS_SPLITTING
+static inline void dual_sine_cosine(dual x, dual *sine, dual *cosine)
+{
+    const real slope = scaled_slope_of(x);
+    real s, c;
+    sine_cosine(value_of(x), &s, &c);
+    *sine = make_dual(s, c*slope);
+    *cosine = make_dual(c, -s*slope);
+}
+#else
 /* Values <- the LU factors of values; slopes stay those of the matrix. */
 static int dual_factorise_matrix(int n, dual *A, pivots_t *pivots)
 {
@@ -87,5 +99,6 @@ static inline void dual_solve_transposed_with(int n, const dual *A, const pivots
 {
     dual_solve(n, A, pivots, 1, b);
 }
+#endif
 
 #endif

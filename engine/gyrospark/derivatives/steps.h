@@ -6,6 +6,8 @@
 #include "gyrospark/profiles/run.h"
 #elif GS_PROFILE_CONTROL
 #include "gyrospark/derivatives/control.h"
+#elif GS_SPLITTING
+#include "gyrospark/run/integrate.h"
 #else
 #include "gyrospark/run/advance.h"
 #endif
@@ -14,6 +16,13 @@
 #define IF_ELEMENTS(...) __VA_ARGS__
 #else
 #define IF_ELEMENTS(...)
+#endif
+
+/* The unknowns of a step: a composition of flows has none, and C no empty arrays. */
+#if GS_SPLITTING
+#define UNKNOWNS(x) *x
+#else
+#define UNKNOWNS(x) x[U]
 #endif
 
 /* Results of a step: q1, p1, multipliers */
@@ -26,7 +35,10 @@ typedef struct {
     lanes_constants lane_constants;
     lanes_linearisation_t l;
     /* Derivatives of the results of LANES steps; the same, step by step. */
-    lanes x[RESULTS][U], force[RESULTS][P][N], matrix[RESULTS][Z];
+#if !GS_SPLITTING
+    lanes x[RESULTS][U], force[RESULTS][P][N];
+#endif
+    lanes matrix[RESULTS][Z];
     real rows[LANES][RESULTS*Z];
 #else
     constants c;
@@ -49,7 +61,13 @@ size_t NAME(derivative_size)(void)
     return sizeof(derivatives_t) + 64;
 }
 
-#if GS_PROFILE_RUN
+#if GS_SPLITTING
+/* Nothing is solved. */
+void NAME(keep)(const work_t *work, const options_t *options, real UNKNOWNS(x))
+{
+    (void)work, (void)options, (void)x;
+}
+#elif GS_PROFILE_RUN
 /* The last unknowns are the first of the history, which a step by Newton's method clears. */
 void NAME(keep)(const work_t *work, const options_t *options, real x[U])
 {
@@ -217,7 +235,7 @@ enum { BLOCK_STEPS = LANES };
 static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) long first,
     real start, real dt, int count, const real *q, const real *p, const real *x, int results)
 {
-    lanes q0[N], p0[N], q1[N], p1[N], unknowns[U], t = splat(0);
+    lanes q0[N], p0[N], q1[N], p1[N], unknowns[U + 1], t = splat(0);
     d->lane_constants._used = LANES;
     for (int i = 0; i < LANES; ++i) {
         const int j = i < count ? i : 0;
@@ -233,6 +251,15 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
         for (int e = 0; e < U; ++e)
             lane_set(&unknowns[e], i, x[j*U + e]);
     }
+#if GS_SPLITTING
+    const int status = lanes_linearise(&d->lane_constants, t, splat(dt), q0, p0, &d->l);
+    for (int a = 0; a < results; ++a) {
+        lanes unit[RESULTS];
+        for (int b = 0; b < RESULTS; ++b)
+            unit[b] = splat(a == b);
+        lanes_step_adjoint(&d->l, unit, NULL, d->matrix[a]);
+    }
+#else
     const int status = lanes_linearise(&d->lane_constants, t, splat(dt), q0, p0, unknowns, q1, p1,
         &d->l);
     if (status != OK)
@@ -247,10 +274,11 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
     lanes_solve_transposed_all(U, d->l.J, d->l.pivots, results, &d->x[0][0]);
     for (int a = 0; a < results; ++a)
         lanes_adjoint_of_stages(&d->l, d->x[a], d->force[a], d->matrix[a]);
+#endif
     for (int i = 0; i < count; ++i)
         for (int e = 0; e < results*Z; ++e)
             d->rows[i][e] = lane_get(&d->matrix[0][0] + e, i);
-    return OK;
+    return status;
 }
 
 /* dz1 and, if not NULL, multipliers <- the derivatives of the results of step i along z */
@@ -294,7 +322,7 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
 static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N],
     real *multipliers)
 {
-    real dx[U];
+    real dx[U + 1];
     (void)i;
     step_tangent(&d->l, z, dx, dz1, multipliers);
 }
@@ -309,12 +337,16 @@ static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const re
 
 /* Linearises a single step, whose end is computed. */
 static int linearise_single(const parameters_t *parameters, real dt, const real q[N],
-    const real p[N], const real x[U], int results, derivatives_t *d)
+    const real p[N], const real UNKNOWNS(x), int results, derivatives_t *d)
 {
     prepare_derivatives(parameters, d);
     d->work.t = start_time(parameters);
+#if GS_SPLITTING
+    const int status = OK; /* the end is not needed */
+#else
     IF_TIME(d->work.step = dt;)
     const int status = finish(&d->work, dt, q, p, x, d->q + N, d->p + N, d->multipliers);
+#endif
     for (int a = 0; a < N; ++a) {
         d->q[a] = q[a];
         d->p[a] = p[a];
@@ -325,7 +357,7 @@ static int linearise_single(const parameters_t *parameters, real dt, const real 
 }
 
 int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], int count, const real *dz, real *dz1, real *multipliers, void *memory)
+    const real UNKNOWNS(x), int count, const real *dz, real *dz1, real *multipliers, void *memory)
 {
     derivatives_t *d = derivatives_of(memory);
     const int results = multipliers == NULL ? 2*N : RESULTS;
@@ -342,7 +374,7 @@ int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], cons
 }
 
 int NAME(adjoint)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], const real w[2*N], const real *multipliers, real *z_bar, void *memory)
+    const real UNKNOWNS(x), const real w[2*N], const real *multipliers, real *z_bar, void *memory)
 {
     derivatives_t *d = derivatives_of(memory);
     const int results = multipliers == NULL ? 2*N : RESULTS;

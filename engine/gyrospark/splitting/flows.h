@@ -70,7 +70,7 @@ INLINE void TYPED(kick)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i, 
 #else
     TYPED(kick_rate)(c, s->now.q, s->now.y, t, gradient, rate);
 #endif
-#if GS_FORCES
+#if GS_FORCES && !GS_ON_DUALS
     NUMBER mean[Y];
     for (int e = 0; e < Y; ++e)
         mean[e] = s->now.y[e];
@@ -113,6 +113,7 @@ INLINE void TYPED(kick_and_rotate)(const TYPED(flow_constants) *c, TYPED(flows) 
     TYPED(kick)(c, s, i, (real)0.5*duration);
 }
 
+#if !GS_ON_DUALS /* their steps are those of derivatives/splitting.h */
 /* One drift of the step that counts its work, where there is drag. */
 INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
 {
@@ -175,3 +176,4 @@ INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows
     for (int e = 0; e < FREE; ++e)
         p[free_q[e]] = y[3*BODIES + e];
 }
+#endif

@@ -3,14 +3,26 @@
  * the angular momentum in space axes, m = R(q)^T l in body axes.
  */
 
+/* |l|, never 0, so that sin(turn |l|)/|l| is turn for a body at rest */
+INLINE NUMBER TYPED(size_of)(const NUMBER l[3])
+{
+#if GS_ON_DUALS
+    const real x = value_of(l[0]), y = value_of(l[1]), z = value_of(l[2]);
+    const real size = MATH(sqrt)(x*x + y*y + z*z + LIMIT(MIN));
+    return make_dual(size, (x*scaled_slope_of(l[0]) + y*scaled_slope_of(l[1])
+        + z*scaled_slope_of(l[2]))/size);
+#else
+    return TYPED(square_root)(l[0]*l[0] + l[1]*l[1] + l[2]*l[2] + LIMIT(MIN));
+#endif
+}
+
 /*
  * q <- exp(turn l) q, the free motion of a body with inertia I in all directions: l is constant, and
  * turn is the time over 2 I.
  */
 INLINE void TYPED(rotate_freely)(NUMBER q[4], const NUMBER l[3], NUMBER turn)
 {
-    /* never 0, so that sin(turn |l|)/|l| is turn for a body at rest */
-    const NUMBER size = TYPED(square_root)(l[0]*l[0] + l[1]*l[1] + l[2]*l[2] + LIMIT(MIN));
+    const NUMBER size = TYPED(size_of)(l);
     NUMBER s, c;
     TYPED(sine_cosine)(turn*size, &s, &c);
     const NUMBER k = s/size, x = k*l[0], y = k*l[1], z = k*l[2];

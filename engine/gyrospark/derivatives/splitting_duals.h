@@ -1,0 +1,88 @@
+/* Flows on dual numbers; derivatives of a step along a direction. */
+#ifndef GS_DERIVATIVES_SPLITTING_DUALS_H
+#define GS_DERIVATIVES_SPLITTING_DUALS_H
+
+#include "gyrospark/derivatives/step_maps.h"
+
+/* value (1 + power dh/h), a multiple of h^power */
+static inline dual scaled_by_step(real value, real power, dual h)
+{
+    return make_dual(value, power*value*scaled_slope_of(h)/value_of(h));
+}
+
+/* s <- the flows `of` a run with the slopes of the constants c and of the time step h */
+static void prepare_dual_flows(dual_flows *s, const flows *of, const dual_constants *c, dual h)
+{
+    dual_flow_rates(c, s->sphere, s->axis_rate, s->axis_offset, s->further_rate, s->further_offset,
+        s->drag);
+    dual_axis_directions(c, s->axis, s->further_axis);
+    for (int k = 0; k < AXES; ++k) /* those that complete_axis has set */
+        for (int e = 0; e < 3; ++e)
+            if (!isfinite(value_of(s->axis[k][e])))
+                s->axis[k][e] = dual_broadcast(of->axis[k][e]);
+    for (int k = 0; k < FURTHER; ++k)
+        for (int e = 0; e < 3; ++e)
+            if (!isfinite(value_of(s->further_axis[k][e])))
+                s->further_axis[k][e] = dual_broadcast(of->further_axis[k][e]);
+    s->h = h;
+    s->stages = of->stages;
+    s->is_symmetric = 0;
+    for (int i = 0; i < STAGES + 2; ++i)
+        s->drift[i] = scaled_by_step(of->drift[i], 1, h);
+    for (int i = 0; i < STAGES; ++i) {
+        s->kick[i] = scaled_by_step(of->kick[i], 1, h);
+        s->gradient[i] = scaled_by_step(of->gradient[i], 2, h);
+        s->kick_time[i] = scaled_by_step(of->kick_time[i], 1, h);
+    }
+#if GS_DRAG
+    for (int e = 0; e < BODIES + FREE; ++e)
+        for (int i = 0; i <= s->stages; ++i) {
+            const real k = of->drag[e], a = of->drift[i], decay = of->decay[e][i];
+            const real elapsed = of->elapsed[e][i], dk = scaled_slope_of(s->drag[e]);
+            const real da = scaled_slope_of(s->drift[i]);
+            s->decay[e][i] = make_dual(decay, -decay*(k*da + a*dk));
+            s->elapsed[e][i] = make_dual(elapsed,
+                decay*da + elapsed_slope(k, a, elapsed, decay)*dk);
+        }
+#endif
+}
+
+/* The step that `l` is of, along z: derivatives of its end. */
+static void step_tangent(const linearisation_t *l, const real z[Z], real *dx, real dz1[2*N],
+    real *multipliers)
+{
+    const real unit = slope_unit();
+    dual_constants c;
+    dual_flows s;
+    dual q[N], p[N];
+    (void)dx, (void)multipliers; /* there are none */
+    set_dual_constants(&c, l->c, unit, z + 2*N);
+    prepare_dual_flows(&s, &l->s, &c, make_dual(l->s.h, unit*z[DH]));
+    s.t = make_dual(l->s.t, unit*z[DT0]);
+    for (int a = 0; a < N; ++a) {
+        q[a] = make_dual(l->start[0].q[a], unit*z[a]);
+        p[a] = make_dual(l->p[a], unit*z[N + a]);
+    }
+    dual_start_of_step(&s, q, p);
+    for (int m = 0; m < maps_of(s.stages); ++m)
+        dual_take_map(&c, &s, m);
+    dual_end_of_maps(&s, q, p);
+    for (int a = 0; a < N; ++a) {
+        dz1[a] = scaled_slope_of(q[a])/unit;
+        dz1[N + a] = scaled_slope_of(p[a])/unit;
+    }
+}
+
+/* A step on dual numbers; x, q1 and p1 are not needed. */
+static int dual_linearise(const dual_constants *c, dual t, dual h, const dual q[N],
+    const dual p[N], const flows *of, dual_linearisation_t *l)
+{
+    prepare_dual_flows(&l->s, of, c, h);
+    l->c = c;
+    l->s.t = t;
+    dual_start_of_step(&l->s, q, p);
+    dual_take_step(l, p);
+    return OK;
+}
+
+#endif
