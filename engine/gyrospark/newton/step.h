@@ -167,7 +167,7 @@ static void spread_jacobian(const real *J, real *dense)
 }
 
 void NAME(jacobian)(const parameters_t *parameters, real dt, const real q[N], const real p[N],
-    const real x[U], real J[U*U], work_t *work)
+    const real x[U], real J[(size_t)U*U], work_t *work)
 {
     prepare(parameters, &work->constants);
     work->t = start_time(parameters);
