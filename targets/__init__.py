@@ -7,6 +7,7 @@
     texts           templates of what targets write
     cpp, rust       a class of C++17 by value; a crate
     octave          a function of Octave and MATLAB
+    arduino         a library of Arduino and PlatformIO
 
 A target is one module with
 
@@ -100,4 +101,6 @@ TARGETS: dict[str, Target] = {target.name: target for target in (
     Target("rust", "rust", "a Rust crate without std and dependencies", checks=("cargo", "cc")),
     Target("octave", "octave", "a function of Octave and MATLAB, one mex file",
            checks=("octave", "mkoctfile", "cc")),
+    Target("arduino", "arduino", "a library of Arduino and PlatformIO", checks=("c++", "cc"),
+           real="float"),
 )}

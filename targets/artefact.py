@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
     from . import Target
 
-__all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Option", "Options", "Written", "check_out", "filled",
-           "parameter_fields", "place", "refuse_names", "staging", "template_values"]
+__all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Option", "Options", "Written", "check_out",
+           "filled", "literal", "parameter_fields", "place", "refuse_names", "staging",
+           "template_values"]
 
 #: The file of an artefact that says what it is: only what has it is written over.
 MARKER = "gyrospark.json"
@@ -192,14 +193,13 @@ def template_values(
     """
     system, name = manifest["system"], manifest["name"]
     header = sources[f"{name}.h"]
-    rounded = np.float32 if manifest["real"] == "float" else np.float64
-    q, p, values = ([repr(float(rounded(x))) for x in numbers]
+    q, p, values = ([literal(x, manifest["real"]) for x in numbers]
                     for numbers in (options.q, options.p, options.parameters.values()))
     return {
         "name": name, "NAME": name.upper(), "version": __version__,
         "about": f"{manifest['scheme']['method']} for {system['name'].replace('_', ' ')}",
         "description": " ".join(options.description.split()) or "A mechanical system.",
-        "n": len(options.q), "real": manifest["real"], "dt": repr(float(rounded(options.dt))),
+        "n": len(options.q), "real": manifest["real"], "dt": literal(options.dt, manifest["real"]),
         "q": q, "p": p, "parameters": [*zip(options.parameters, values, strict=True)],
         "inputs": system.get("inputs", []),
         "velocities": [one["name"] for one in system.get("numbers", ())
@@ -209,6 +209,15 @@ def template_values(
         "max_iterations": options.max_iterations, "steps": EXAMPLE_STEPS,
         "work_size": work_size(name, header), "checked": f"{name}_status {name}_begin(" in header,
         "energy": f" {name}_energy(" in header}
+
+
+def literal(x: float, real: str) -> str:
+    """Return a number as text that every language reads as the stepper's own number."""
+    if real != "float":
+        return repr(x)
+    rounded = np.float32(x)
+    short = str(rounded)  # C may read it as a double, and round that
+    return short if np.float32(float(short)) == rounded else repr(float(rounded))
 
 
 def work_size(name: str, header: str) -> int:

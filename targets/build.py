@@ -241,9 +241,22 @@ def _options(
                          "model instead of a system.")
     q, p = (model.q0, model.p0) if start is None and model is not None else _pair(start)
     q, p = (as_array(what, x, (n,), np.float64).tolist() for what, x in (("q", q), ("p", p)))
-    return Options(
-        float(as_step(dt)), tuple(q), tuple(p), _values(stepper.manifest, model, parameters),
-        "" if model is None else model.description, own=own, steppers=steppers)
+    dt, values = float(as_step(dt)), _values(stepper.manifest, model, parameters)
+    if stepper.manifest["real"] == "float":
+        names = (*system["coordinates"], *system["momenta"])
+        _refuse_beyond_float({"dt": dt, **values, **dict(zip(names, (*q, *p), strict=True))})
+    return Options(dt, tuple(q), tuple(p), values, "" if model is None else model.description,
+                   own=own, steppers=steppers)
+
+
+def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
+    """Refuse numbers that would be infinite, or 0, in float."""
+    limits = np.finfo(np.float32)
+    for name, x in numbers.items():
+        if x != 0 and not float(limits.tiny) <= abs(x) <= float(limits.max):
+            raise InputError(f"{name} = {x!r} has no place in float, which has numbers from "
+                             f"{float(limits.tiny):.2g} to {float(limits.max):.2g}; take real "
+                             "double, or other units.")
 
 
 def _pair(start: Any) -> tuple[Any, Any]:

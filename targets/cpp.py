@@ -15,13 +15,14 @@ __all__ = ["KEYWORDS", "OPTIONS", "check", "class_name", "compile", "files"]
 
 OPTIONS: tuple[Option, ...] = ()
 
-#: Words of C++20 that C does not have.
-KEYWORDS = frozenset(
+# Words of C++20 that C does not have.
+_WORDS = (
     "and and_eq bitand bitor catch char8_t char16_t char32_t class co_await co_return co_yield "
     "compl concept const_cast consteval constinit decltype delete dynamic_cast explicit export "
     "friend mutable namespace new noexcept not not_eq operator or or_eq private protected public "
     "reinterpret_cast requires static_cast template this throw try typeid typename using virtual "
-    "wchar_t xor xor_eq".split())
+    "wchar_t xor xor_eq")
+KEYWORDS = frozenset(_WORDS.split())
 
 
 def files(

@@ -16,12 +16,13 @@ __all__ = ["OPTIONS", "check", "compile", "files"]
 
 OPTIONS: tuple[Option, ...] = ()
 
-#: Of Rust 2024; C has some of them as well.
-_KEYWORDS = frozenset(
+# Of Rust 2024; C has some of them as well.
+_WORDS = (
     "abstract as async await become box break const continue crate do dyn else enum extern false "
     "final fn for gen if impl in let loop macro match mod move mut override priv pub ref return "
     "self Self static struct super trait true try type typeof unsafe unsized use virtual where "
-    "while yield".split())
+    "while yield")
+_KEYWORDS = frozenset(_WORDS.split())
 
 
 def files(

@@ -85,21 +85,21 @@ def plain_iteration(derived: Derived) -> PlainIteration:
 def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) -> None:
     if isinstance(scheme.system, LagrangianSystem):
         raise InputError(f"Profile {profile} takes systems with an H, not yet those from a "
-                         "Lagrangian; choose profile full.")
+                         "Lagrangian: profile full, of Python, takes them.")
     if profile == "control" and real.name not in ("float", "double"):
         raise InputError(f"Profile control is for float and double, not for {real.name}; choose "
                          "one of these, or profile run or full.")
     if scheme.system.n > _LARGEST:
         raise InputError(f"Profile {profile} writes a system out in full, up to {_LARGEST} "
-                         f"coordinates; {scheme.system.name} has {scheme.system.n}: choose profile "
-                         "full.")
+                         f"coordinates, and {scheme.system.name} has {scheme.system.n}: profile "
+                         "full, of Python, takes it.")
     if scheme.system.is_time_dependent:
         raise InputError(f"Profile {profile} takes time in forces, not in H or constraints; "
-                         f"{scheme.system.name} has it there: choose profile full.")
+                         f"{scheme.system.name} has it there: profile full, of Python, takes it.")
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
     if refusal is not None:
         raise InputError(f"Profile {profile} solves by fixed-point iteration, which this tableau "
-                         f"does not permit: {refusal}; choose profile full.")
+                         f"does not permit: {refusal}; profile full, of Python, takes it.")
 
 
 def beside(

@@ -1,0 +1,75 @@
+"""Target arduino: a library of Arduino and PlatformIO, with a sketch."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, refuse_names, template_values
+from .cpp import KEYWORDS
+from .native import C_FLAGS, refuse_difference
+from .tools import require, run_tool
+
+__all__ = ["OPTIONS", "check", "compile", "files"]
+
+OPTIONS: tuple[Option, ...] = ()
+
+# Macros of Arduino.h, and registers of AVR.
+_WORDS = (
+    "HIGH LOW INPUT OUTPUT INPUT_PULLUP PI HALF_PI TWO_PI DEG_TO_RAD RAD_TO_DEG EULER SERIAL "
+    "DISPLAY LSBFIRST MSBFIRST CHANGE FALLING RISING DEFAULT EXTERNAL INTERNAL LED_BUILTIN SDA "
+    "SCL SS MOSI MISO SCK DEC HEX OCT BIN SP SPL SPH SREG")
+_MACROS = frozenset(_WORDS.split()) | {
+        f"B{value:0{digits}b}" for digits in range(1, 9) for value in range(2**digits)} | {
+        f"{what}{port}" for what in ("PORT", "DDR", "PIN", "P") for port in "ABCDEFGHJKL"} | {
+        f"P{port}{bit}" for port in "ABCDEFGHJKL" for bit in range(8)}
+
+
+def files(
+    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+) -> dict[str, str | bytes]:
+    """Return the library."""
+    refuse_names(manifest, KEYWORDS | _MACROS, "Arduino")
+    values = template_values(manifest, sources, options)
+    name = manifest["name"]
+    values |= {"suffix": "f" if values["real"] == "float" else "",
+               "given": dict(values["parameters"])}
+    about = {"name": name, "version": "0.1.0", "description": f"{values['about']}, one step at a "
+             "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},
+             "frameworks": "*", "platforms": "*", "headers": f"{name}.h",
+             "build": {"flags": "-ffp-contract=off"}, "export": {"include": ["src", "examples",
+             "library.properties"]}}
+    return {**{f"src/{file}": text for file, text in sources.items() if not file.endswith("json")},
+            f"extras/{name}.json": sources[f"{name}.json"],
+            "library.json": json.dumps(about, indent=2) + "\n",
+            "library.properties": filled("library.properties", **values),
+            f"examples/{name}/{name}.ino": filled("sketch.ino", **values)}
+
+
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
+    """Return the folder: Arduino, or PlatformIO, compiles it."""
+    return folder
+
+
+def check(built: Built) -> str:
+    """Compile the sketch here, with a serial port that prints, and compare the bits."""
+    name, here = built.stepper.name, built.path.resolve()
+    c, cpp = (require(tool, "Checking target arduino") for tool in ("cc", "c++"))
+    sketch = here / "examples" / name / f"{name}.ino"
+    main = (f'#include "Arduino.h"\n#include "{sketch}"\nint main()\n{{\n    setup();\n'
+            f"    for (int k = 0; k < {EXAMPLE_STEPS}; ++k)\n        loop();\n"
+            "    print_bits(q, sizeof q);\n    print_bits(p, sizeof p);\n}\n")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        (folder / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
+        (folder / "main.cpp").write_text(main, encoding="utf-8")
+        run_tool([*c, *C_FLAGS, "-c", str(here / "src" / f"{name}.c"), "-o", "stepper.o"], folder,
+                 "Compiling the stepper")
+        run_tool([*cpp, "-std=c++11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
+                  "-I", str(here / "src"), "main.cpp", "stepper.o", "-lm", "-o", "sketch"],
+                 folder, "Compiling the sketch")
+        found = run_tool([str(folder / "sketch")], folder, "The sketch")
+    return refuse_difference("Sketch", found, built, EXAMPLE_STEPS)
