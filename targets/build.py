@@ -15,9 +15,9 @@ from ..core.arguments import as_items, as_path, choose, listed, proposal, shown,
 from ..core.errors import InputError
 from ..core.inertia import RepName
 from ..core.real_types import RealName
-from ..core.registry import PROBLEMS
+from ..core.registry import entry_named
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES
-from ..generator.spec import Spec
+from ..generator.spec import Spec, is_model_file
 from ..runtime.bindings.array_checks import as_array, as_step
 from ..runtime.integration.run_arguments import as_parameters
 from ..runtime.rigid_body.problems import Problem
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from ..generator.systems.system import System
 
 __all__ = ["build", "target_named"]
+
+#: Of profile control.
+_REALS: tuple[RealName, ...] = ("float", "double")
 
 
 def build(
@@ -106,7 +109,7 @@ def build(
     wanted = _platforms(chosen, platforms)
     for name in chosen.needs:
         require(name, f"Target {chosen.name}")
-    type_ = chosen.real if real is None else real
+    type_ = choose("floating-point type", chosen.real if real is None else real, _REALS)
     specs = [_spec(one, stages, rep, order, composition, type_, system)
              for one in _schemes(chosen, scheme)]
     path = None if out is None else as_path("out", out, f"stepper{chosen.suffix}")
@@ -198,12 +201,18 @@ def _spec(
     """Return the checked spec of one stepper, of profile control."""
     if scheme is None and order is None and composition is None:
         scheme, stages = DEFAULT_SCHEME, DEFAULT_STAGES if stages is None else stages
-    named = system.system if isinstance(system, Problem) else None
-    if isinstance(system, (str, Path)):
-        name = str(system)
-        entry = PROBLEMS.get(name.replace("_", "-"))
-        named = name if entry is None else entry.make().system
-    elif named is None and rep is not None:
+    named = None
+    if isinstance(system, Problem):
+        named = system.system
+    elif isinstance(system, (str, Path)):
+        named = str(system)
+        if not is_model_file(named):
+            entry = entry_named(named, "model")
+            named = entry.make().system if entry.kind == "problem" else entry.name
+    elif system is None:
+        raise InputError("system = None names nothing; give a problem such as 'fast-top', a model "
+                         "or a model file.")
+    elif rep is not None:
         raise InputError("rep belongs to what is named; a System or Model brings its own H.")
     return Spec.checked(scheme, stages, rep, named, real, None, order, composition
                         ).with_profile("control")
@@ -211,9 +220,8 @@ def _spec(
 
 def _problem_start(system: Any) -> RunDefaults | None:
     """Return the numbers of a problem."""
-    if isinstance(system, (str, Path)):
-        entry = PROBLEMS.get(str(system).replace("_", "-"))
-        system = None if entry is None else entry.make()
+    if isinstance(system, (str, Path)) and not is_model_file(str(system)):
+        system = entry_named(str(system)).make()
     return RunDefaults.of_problem(system) if isinstance(system, Problem) else None
 
 

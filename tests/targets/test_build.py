@@ -1,0 +1,270 @@
+"""``gs.build`` and ``gyrospark build``: what is written where, what is refused, and its bits."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from command_line import refused
+from gyrospark.targets import TARGETS
+from gyrospark.targets.artefact import MARKER, Option, literal
+from gyrospark.targets.native import native_bits, refuse_difference
+from gyrospark.targets.tools import TOOLS
+from processes import ROOT
+
+SATELLITE = ROOT / "examples" / "control_c" / "satellite.toml"
+TEXTS = ("cpp", "rust", "octave", "arduino")
+#: A model with inputs that are not 0, and short stages.
+WITH_INPUTS = {"system": SATELLITE, "scheme": "G-L", "stages": 1,
+               "parameters": {"u1": 0.01, "u3": -0.02}}
+
+
+def bits_of(*arrays, kind=np.float64):
+    return b"".join(np.asarray(x, kind).tobytes() for x in arrays).hex()
+
+
+@pytest.fixture
+def built(tmp_path):
+    """Return a function that builds the satellite with inputs in a folder of the test."""
+    return lambda target, **other: gs.build(
+        target, **WITH_INPUTS | {"out": tmp_path / str(target)} | other)
+
+
+# ---------------------------------------------------------------- bits
+
+
+@pytest.mark.parametrize("target", TEXTS)
+def test_artefacts_have_the_bits_of_c(built, target):
+    made = built(target)
+    for name in TARGETS[target].checks:
+        if TOOLS[name].find() is None:
+            pytest.skip(f"{name} is not installed")
+    assert "2000 steps" in made.check()
+
+
+def test_native_bits_are_those_of_the_run_in_python(built):
+    """Start, parameters and time step arrive: profile full goes the same way up to round-off."""
+    made = built("cpp")
+    found = np.frombuffer(bytes.fromhex(native_bits(made.stepper, made.options, 50)))
+    step = gs.stepper("G-L", 1, system=SATELLITE)
+    run = step.integrate(made.options.q, made.options.p, dt=0.1, steps=50,
+                         parameters=dict(made.options.parameters))
+    np.testing.assert_allclose(found, [*run.q[-1], *run.p[-1]], rtol=0, atol=1e-12)
+
+
+def test_a_bit_that_differs_is_found(built):
+    made = built("cpp")
+    right = native_bits(made.stepper, made.options, 3)
+    assert "3 steps" in refuse_difference("It", right, made, 3)
+    wrong = ("1" if right[0] == "0" else "0") + right[1:]
+    with pytest.raises(gs.GyrosparkError, match="other bits"):
+        refuse_difference("It", wrong, made, 3)
+    other = replace(made.options, parameters={**made.options.parameters, "u1": 0.0})
+    assert native_bits(made.stepper, other, 3) != right
+
+
+def test_a_step_that_fails_says_so(built):
+    made = built("cpp", dt=1e3)
+    with pytest.raises(gs.GyrosparkError, match="dt = 1000"):
+        native_bits(made.stepper, made.options, 3)
+
+
+@pytest.mark.parametrize("x", [0.1, 1e-5, 8.333333333333334, 1.17549435e-38, -3.0, 16777217.0])
+def test_literals_are_read_as_the_number(x):
+    assert float(literal(x, "double")) == x
+    assert np.float32(float(literal(x, "float"))) == np.float32(x)
+
+
+# ---------------------------------------------------------------- what is written
+
+
+def test_an_artefact_says_what_it_is(built):
+    made = built("cpp")
+    marker = json.loads((made.path / MARKER).read_text())
+    assert marker["target"] == "cpp"
+    assert marker["dt"] == 0.1
+    assert marker["parameters"]["u3"] == -0.02
+    assert {*made.files} == {*marker["files"], MARKER} == {
+        path.name for path in made.path.iterdir()}
+    assert np.linalg.norm(made.options.q) == pytest.approx(1, abs=1e-15)
+
+
+def test_what_a_user_has_beside_it_stays(built):
+    made = built("cpp")
+    (made.path / "notes.txt").write_text("mine")
+    (made.path / "build").mkdir()
+    again = built("cpp", dt=0.05)
+    assert again.path == made.path
+    assert (made.path / "notes.txt").read_text() == "mine"
+    assert "0.05" in (made.path / "wheeled_satellite_gl1_gamma.hpp").read_text()
+    other = built("cpp", stages=2)
+    names = {path.name for path in other.path.iterdir()}
+    assert "wheeled_satellite_gl1_gamma.hpp" not in names  # that of another stepper goes
+    assert {"notes.txt", "wheeled_satellite_gl2_gamma.hpp"} <= names
+
+
+def test_what_somebody_else_wrote_is_not_written_over(built, tmp_path):
+    made = built("cpp")
+    (made.path / "main.cpp").write_text("int main() {}")
+    with pytest.raises(gs.InputError, match=r"main\.cpp.*changed"):
+        built("cpp")
+    assert (made.path / "main.cpp").read_text() == "int main() {}"
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "file").write_text("mine")
+    for name in ("file", "folder"):
+        with pytest.raises(gs.InputError, match=f"{name}.*another --out"):
+            built("cpp", out=tmp_path / name)
+    assert (tmp_path / "folder" / "file").read_text() == "mine"
+    with pytest.raises(gs.InputError, match="nowhere"):
+        built("cpp", out=tmp_path / "nowhere" / "cpp")
+
+
+def test_nothing_is_left_where_a_target_fails(built, tmp_path, monkeypatch):
+    def fail(folder, platforms):
+        assert (folder / "main.cpp").is_file()
+        raise gs.GyrosparkError("no compiler today")
+
+    monkeypatch.setattr(TARGETS["cpp"].load(), "compile", fail)
+    with pytest.raises(gs.GyrosparkError, match="today"):
+        built("cpp")
+    assert [*tmp_path.iterdir()] == []
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+def lagrangian():
+    x, v = sp.symbols("x v", real=True)
+    m = sp.Symbol("m", positive=True)
+    return gs.System.from_lagrangian(m * v**2 / 2 - x**2, (x,), (v,), (m,), name="spring")
+
+
+def plain():
+    x, y, m = *sp.symbols("x y", real=True), sp.Symbol("m", positive=True)
+    return gs.System((x,), (y,), (m,), y**2 / (2 * m) + x**2 / 2, name="spring")
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"target": "fmu1"}, "fmu1.*cpp"),
+    ({"target": 3}, "3.*cpp"),
+    ({"system": "heavy_top"}, "heavy_top.*fast-top"),
+    ({"system": "fast-top"}, r"dt.*--dt"),
+    ({"system": "slow-top"}, "slow-top.*fast-top"),
+    ({"system": "chain", "dt": 1e-3}, "28.*56"),
+    ({"system": ROOT / "examples" / "car_axis.toml"}, "car_axis"),
+    ({"real": "float128"}, "float128.*double"),
+    ({"real": "float", "parameters": {"u1": 1e60}}, "u1.*1e.60"),
+    ({"real": "float", "dt": 1e-60}, "dt.*1e-60"),
+    ({"platforms": "linux"}, "platforms.*linux"),
+    ({"parameters": {"u9": 1.0}}, "u9"),
+    ({"parameters": 3}, "3.*u1"),
+    ({"parameters": {"I1": -1.0}}, "I1.*-1"),
+    ({"start": 3}, r"3.*\(q, p\)"),
+    ({"start": ([1.0], [1.0])}, "q"),
+    ({"dt": 0}, "dt"),
+    ({"out": ""}, "out"),
+    ({"colour": "red"}, "colour"),
+    ({"scheme": "RK4"}, "RK4"),
+    ({"system": None}, "None"),
+])
+def test_what_cannot_be_built_is_refused(built, tmp_path, change, said):
+    change = {"stages": None, "scheme": None, **change} if "system" in change else change
+    change = {"parameters": None, **change} if "system" in change else change
+    with pytest.raises(gs.InputError, match=said):
+        built(**{"target": "cpp"} | change)
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_systems_that_profile_control_does_not_take_are_refused(built):
+    given = {"stages": None, "scheme": None, "parameters": {"m": 1.0}, "dt": 0.1}
+    with pytest.raises(gs.InputError, match="Lagrangian"):
+        built("cpp", system=lagrangian(), start=([1.0], [0.0]), **given)
+    with pytest.raises(gs.InputError, match="start"):
+        built("cpp", system=plain(), **given)
+    watched = gs.Model(plain(), {"m": 1.0}, [1.0], [0.0], events=gs.Event("x"), dt=0.1)
+    with pytest.raises(gs.InputError, match="event 'x'"):
+        built("cpp", **given | {"system": watched})
+
+
+def test_names_that_a_language_keeps_for_itself_are_refused(built):
+    for name, target, other in (("this", "cpp", "rust"), ("fn", "rust", "cpp"),
+                                ("B101", "arduino", "cpp")):
+        x, y, k = *sp.symbols("x y", real=True), sp.Symbol(name, positive=True)
+        given = {"system": gs.System((x,), (y,), (k,), y**2 / 2 + k * x**2 / 2, name="spring"),
+                 "parameters": {name: 1.0}, "start": ([1.0], [0.0]), "dt": 0.1}
+        with pytest.raises(gs.InputError, match=f"{name!r}.*spring"):
+            built(target, **given)
+        assert built(other, **given).path.is_dir()
+
+
+def test_a_missing_tool_is_named_with_its_cure(built, monkeypatch):
+    made = {target: built(target) for target in TEXTS}
+    monkeypatch.setenv("PATH", "")
+    for name in ("CC", "CXX", "CARGO"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    for target, artefact in made.items():
+        with pytest.raises(gs.InputError, match=f"{target}.* needs .*install"):
+            artefact.check()
+
+
+def test_options_of_a_target_are_checked(built, monkeypatch):
+    module = TARGETS["cpp"].load()
+    monkeypatch.setattr(module, "OPTIONS", (
+        Option("colour", "", "red", allowed=("red", "green")), Option("count", "", 2),
+        Option("quick", "", False)))
+    made = built("cpp", colour="green", quick=True)
+    assert made.options.own == {"colour": "green", "count": 2, "quick": True}
+    for name, value in (("colour", "blue"), ("colour", 1), ("count", "2"), ("count", True),
+                        ("count", float("nan")), ("quick", 1), ("colou", "red")):
+        with pytest.raises(gs.InputError, match=name):
+            built("cpp", **{name: value})
+
+
+def test_platforms_are_those_of_the_target(built, monkeypatch):
+    monkeypatch.setitem(TARGETS, "cpp", replace(TARGETS["cpp"], platforms=("linux", "mac")))
+    assert built("cpp").platforms == ("linux",)
+    assert built("cpp", platforms="mac,linux").platforms == ("mac", "linux")
+    for wrong in ("amiga", "", 3, []):
+        with pytest.raises(gs.InputError):
+            built("cpp", platforms=wrong)
+
+
+# ---------------------------------------------------------------- command line
+
+
+def test_the_command_writes_and_checks(gyrospark, tmp_path):
+    done = gyrospark("build", "cpp", SATELLITE, "--scheme", "G-L", "--stages", "1", "--parameter",
+                     "u1=0.01", "--parameter", "gamma=m", "--out", tmp_path / "made")
+    assert done.code == 0, done.stderr
+    assert "main.cpp" in done.stdout
+    marker = json.loads((tmp_path / "made" / MARKER).read_text())
+    assert marker["parameters"]["u1"] == 0.01
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["fmu1", "fast-top"], "fmu1"), (["cpp", "slow-top"], "slow-top"),
+    (["cpp", "fast-top"], "--dt"), (["cpp", "fast-top", "--dt", "1e-3", "--parameter", "x"], "x"),
+    (["cpp", "fast-top", "--dt", "1e-3", "--set", "spin=3"], "spin"),
+    (["cpp", "fast-top", "--dt", "1e-3", "--out", os.sep], "out"),
+    (["cpp", "fast-top", "--dt", "1e-3", "--for", "linux"], "--for"),
+])
+def test_bad_input_is_one_line(gyrospark, words, said):
+    refused(gyrospark("build", *words), said)
+
+
+def test_help_has_the_options_of_that_target(gyrospark, monkeypatch):
+    own = Option("colour", "Its colour.", "red", allowed=("red", "green"))
+    monkeypatch.setattr(TARGETS["rust"].load(), "OPTIONS", (own,))
+    assert "--colour" in gyrospark("build", "rust", "--help").stdout
+    assert "--colour" not in gyrospark("build", "cpp", "--help").stdout
+    listed = gyrospark("build", "--list").stdout
+    assert all(any(line.startswith(name) for line in listed.splitlines()) for name in TARGETS)
