@@ -211,8 +211,9 @@ def compile_module(
         checks += own_checks
         (inside / f"{name}.c").write_text(
             files[f"{name}.c"] + check_text(own_checks, files[f"{name}.c"]), encoding="utf-8")
+        on_duals = compiler.is_gcc and "typedef _Complex" in files[f"{name}.c"]
         own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags,
-               *(DUAL_FLAGS if compiler.is_gcc and part == "second" else ())]
+               *(DUAL_FLAGS if on_duals else ())]
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")

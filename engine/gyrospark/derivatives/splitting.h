@@ -452,7 +452,8 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
         bar->further_rate, bar->further_offset, bar->drag, own);
     for (int e = 0; e < E; ++e)
         z[2*N + e] += own[e];
-    TYPED(axis_directions_transposed)(l->c, bar->axis[0], bar->further_axis[0], own);
+    TYPED(axis_directions_transposed)(l->c, (const NUMBER *)bar->axis,
+        (const NUMBER *)bar->further_axis, own);
     for (int e = 0; e < E; ++e)
         z[2*N + e] += own[e];
     z[DT0] = bar->t;

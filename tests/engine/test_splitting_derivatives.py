@@ -1,0 +1,224 @@
+"""Derivatives of splittings: against a splitting in 50 digits, differences, and each other."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.core.errors import InputError
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.tableaux.compositions import COMPOSITIONS
+
+TOP = gs.problems.fast_top()
+SYMMETRIC = TOP.parameters | {"gamma": 1.0}
+ASYMMETRIC = SYMMETRIC | {"I2": 1.3 * TOP.parameters["I1"]}
+MOMENTS = ["I1", "I2", "I3", "mgl"]
+STEP = gs.stepper("splitting", order=4)
+
+
+def product(a, b):
+    """Return the product of two quaternions."""
+    return [a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+            a[0] * b[2] + a[2] * b[0] + a[3] * b[1] - a[1] * b[3],
+            a[0] * b[3] + a[3] * b[0] + a[1] * b[2] - a[2] * b[1]]
+
+
+def conjugate(a):
+    return [a[0], -a[1], -a[2], -a[3]]
+
+
+class HeavyTop:
+    """The top's splitting by its formulas: H = ½ |m|²/I1 + rotations about axes 3 and 2 + V."""
+
+    def __init__(self, I1, I2, I3, mgl):
+        self.a, self.mgl = 1 / I1, mgl
+        self.rates = {2: 1 / I2 - 1 / I1, 3: 1 / I3 - 1 / I1}
+
+    def momentum(self, q, l, axis):  # noqa: E741
+        """Return m_axis, m = R(q)ᵀ l."""
+        return product(product(conjugate(q), [0, *l]), q)[axis]
+
+    def turn(self, q, l, axis, t):  # noqa: E741
+        angle = t * self.rates[axis] * self.momentum(q, l, axis) / 2
+        e = [mp.cos(angle), 0, 0, 0]
+        e[axis] = mp.sin(angle)
+        return product(q, e)
+
+    def drift(self, q, l, t):  # noqa: E741
+        q = self.turn(q, l, 3, t)
+        size = mp.sqrt(sum(x * x for x in l))
+        k = mp.sin(self.a * size * t / 2) / size if size else self.a * t / 2
+        return product([mp.cos(self.a * size * t / 2), *(k * x for x in l)], q)
+
+    def kick(self, q, l, t, kappa=0):  # noqa: E741
+        """Return l behind a kick by V = mgl z, z = R33, and G = mgl²(1 − z²)/I1."""
+        x, y, z = product(product(q, [0, 0, 0, 1]), conjugate(q))[1:]
+        rate = t * (self.mgl - 2 * kappa * self.mgl**2 * z * self.a)
+        return [l[0] - rate * y, l[1] + rate * x, l[2]]
+
+
+def reference(q, p, h, values, steps):
+    """Return the end of steps of order 4, of the composition that the parameters choose."""
+    top, even = HeavyTop(*values), values[0] == values[1]
+    one = COMPOSITIONS[STEP.manifest["scheme"]["compositions"][even]]
+    q, l = list(q), [x / 2 for x in product(p, conjugate(q))[1:]]  # noqa: E741
+    for _ in range(steps):
+        for i, b in enumerate(one.kicks):
+            q = top.drift(q, l, h * mp.mpf(one.drifts[i].numerator) / one.drifts[i].denominator)
+            t = h * mp.mpf(b.numerator) / b.denominator
+            if even:
+                c = -one.gradients[i] / b
+                l = top.kick(q, l, t, h**2 * mp.mpf(c.numerator) / c.denominator)  # noqa: E741
+                continue
+            l = top.kick(q, l, t / 2)  # noqa: E741
+            q = top.turn(q, l, 2, t)
+            l = top.kick(q, l, t / 2)  # noqa: E741
+        a = one.drifts[-1]
+        q = top.drift(q, l, h * mp.mpf(a.numerator) / a.denominator)
+    return q + [2 * x for x in product([0, *l], q)]
+
+
+@pytest.mark.parametrize("case", ["symmetric", "asymmetric", "at rest"])
+def test_tangents_against_differences_in_50_digits(case):
+    values = ASYMMETRIC if case == "asymmetric" else SYMMETRIC
+    p0 = TOP.p0 * (case != "at rest")
+    steps, h = 3, 2e-3
+    free = MOMENTS if case == "asymmetric" else ["I3", "mgl"]
+    run = STEP.integrate(TOP.q0, p0, dt=h, steps=steps, parameters=values,
+                         tangents=gs.Tangents(parameters=free, dt=True))
+    tangents = np.concatenate([run.tangents.q, run.tangents.p], axis=1)
+    first, found = tangents[0], tangents[-1]
+    with mp.workdps(50):
+        numbers = [mp.mpf(values[name]) for name in MOMENTS]
+
+        def end(row, name, by):
+            z = [mp.mpf(float(x)) + by * mp.mpf(float(d))
+                 for x, d in zip([*TOP.q0, *p0], row, strict=True)]
+            own = [x + by * (m == name) for m, x in zip(MOMENTS, numbers, strict=True)]
+            return mp.matrix(reference(z[:4], z[4:], mp.mpf(h) + by * (name == "dt"), own, steps))
+
+        for k, name in enumerate(run.tangents.names):
+            exact = (end(first[:, k], name, mp.mpf(10)**-15)
+                     - end(first[:, k], name, -mp.mpf(10)**-15)) / (2 * mp.mpf(10)**-15)
+            exact = np.array([float(x) for x in exact])
+            assert np.abs(found[:, k] - exact).max() <= 2e-13 * np.abs(exact).max()
+    omega = np.kron([[0, 1], [-1, 0]], np.eye(4))
+    kept = found[:, :6].T @ omega @ found[:, :6] - first[:, :6].T @ omega @ first[:, :6]
+    assert np.abs(kept).max() < 1e-15 * np.abs(found[:, :6]).max()**2 + 1e-14
+    w = np.random.default_rng(1).normal(size=8)
+    back = STEP.gradient(run, {"q": w[:4], "p": w[4:]}, wrt=["start", *free, "dt"]).vector()
+    assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
+
+
+def test_runs_backwards_from_checkpoints_and_in_reverse():
+    run = STEP.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=200, parameters=ASYMMETRIC, every=10)
+    cotangents = {"q": run.q, "p": 3 * run.q}
+    kept, pieces, reverse = (STEP.gradient(run, cotangents, memory=memory).vector()
+                             for memory in ("256 MB", "10 kB", "none"))
+    assert np.array_equal(kept, pieces)
+    assert np.allclose(kept, reverse, rtol=1e-9, atol=1e-9 * np.abs(kept).max())
+
+
+def test_symmetric_bodies_have_the_derivative_by_what_breaks_the_symmetry():
+    """Of order 2: it approaches that of a body that is nearly symmetric."""
+    near = SYMMETRIC | {"I2": SYMMETRIC["I1"] * (1 + 1e-9)}
+    errors = []
+    for steps in (20, 40):
+        found = [STEP.integrate(TOP.q0, TOP.p0, dt=0.04 / steps, steps=steps, parameters=values,
+                                tangents=gs.Tangents(start=None, parameters=["I2"])).tangents.q[-1]
+                 for values in (SYMMETRIC, near)]
+        errors.append(np.abs(found[0] - found[1]).max() / np.abs(found[1]).max())
+    assert errors[1] < 1e-3
+    assert errors[0] / errors[1] > 3.5
+
+
+@cache
+def everything(torque: float = 0.0) -> gs.Model:
+    """An asymmetric body with drag in a field that changes, on a spring to a driven point.
+
+    ``torque`` adds one that is no drag, so that kicks depend on momenta.
+    """
+    model = gs.Multibody("everything", gravity=(0, 0, -1))
+    a = model.body("a", mass=1, inertia=(1, 1.2, 0.7), angular_velocity=(0.5, 0.2, 1))
+    b = model.point_mass("b", mass=2, position=(1.5, 0.2, 0.1), velocity=(0, 0.3, 0))
+    k, c, u = (model.parameter("k", 2.0, positive=True), model.parameter("c", 0.2),
+               model.input("u", 0.3))
+    reach = [x - y for x, y in zip(a.point((0.2, 0, 0)), b.point((0, 0, 0)), strict=True)]
+    model.potential(k * sum(x**2 for x in reach) / 2 * (1 + sp.cos(2 * model.time) / 3))
+    model.torque(a, [-c * (1 + torque * i) * sp.Symbol(f"a_I{i}", positive=True) * w
+                     for i, w in zip((1, 2, 3), a.angular_velocity, strict=True)])
+    model.force(b, [u, 0, 0])
+    return model.model()
+
+
+@pytest.mark.parametrize("torque", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
+def test_forces_points_inputs_and_time(torque):
+    """Tangents by differences; adjoints and Hessians by tangents and each other."""
+    one, h, rng = everything(torque), 0.05, np.random.default_rng(3)
+    step = gs.stepper("splitting", order=2 if torque else 4, system=one.system)
+    n, own = step.n, [x for x in one.parameters if x != "u"]
+    names = [*own, "dt", "t0"]
+    by = [dict(zip([*names, "u"], rng.normal(size=len(names) + 1), strict=True))
+          for _ in range(2)]
+    ways = rng.normal(size=(2, 2 * n))
+    w = rng.normal(size=2 * n)
+
+    def arguments(d, s):
+        return {"dt": h + s * d["dt"], "t0": 0.1 + s * d["t0"],
+                "parameters": {k: v + s * d[k] for k, v in one.parameters.items()}}
+
+    def start(way, s):
+        z = np.concatenate([one.q0, one.p0]) + s * way
+        z[:4] /= np.sqrt(z[:4] @ z[:4])
+        z[n : n + 4] -= z[:4] * (z[:4] @ z[n : n + 4])
+        return z[:n], z[n:]
+
+    def differences(f, d, way, s):
+        def slope(s):
+            return (f(*start(way, s), **arguments(d, s)) - f(*start(way, -s),
+                                                             **arguments(d, -s))) / (2 * s)
+        return (slope(2 * s) - 20 * slope(s) + 64 * slope(s / 2)) / 45
+
+    def end(q, p, **given):
+        return np.concatenate(step.step(q, p, **given)[:2])
+
+    def cotangent(q, p, **given):
+        back = step.vjp(q, p, wrt=["q", "p", *own, "inputs", "dt", "t0"], **given)[2](w[:n], w[n:])
+        return np.concatenate([back.q, back.p, [back[name] for name in names],
+                               back["inputs"].ravel()])
+
+    at_start = arguments(by[0], 0)
+    projected = [np.concatenate([one.q0, one.p0]) * 0 for _ in ways]
+    pairs = []
+    for k, (d, way) in enumerate(zip(by, ways, strict=True)):
+        x = way.copy()
+        x[:4] -= one.q0[:4] * (one.q0[:4] @ x[:4])
+        x[n : n + 4] -= one.q0[:4] * (x[:4] @ one.p0[:4] + one.q0[:4] @ x[n : n + 4])
+        projected[k] = x
+        found = np.concatenate(step.jvp(one.q0, one.p0, x[:n], x[n:], d=d, **at_start)[2:])
+        exact = differences(end, d, x, 1e-3)
+        assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
+        along = np.concatenate([x, [d[name] for name in [*names, "u"]]])
+        pairs.append(along)
+        assert w @ found == pytest.approx(cotangent(one.q0, one.p0, **at_start) @ along,
+                                          abs=1e-14 * np.abs(w * found).sum())
+    hessian = []
+    for d, x in zip(by, projected, strict=True):
+        made = step.hvp(one.q0, one.p0, x[:n], x[n:], w[:n], w[n:], d=d, **at_start)
+        hessian.append(np.concatenate([made.q, made.p, [made[name] for name in names],
+                                       made["inputs"].ravel()]))
+    assert hessian[0] @ pairs[1] == pytest.approx(hessian[1] @ pairs[0], rel=1e-11)
+    exact = differences(cotangent, by[0], projected[0], 1e-3)[2 * n :]
+    assert np.abs(hessian[0][2 * n :] - exact).max() < 1e-9 * np.abs(exact).max()
+
+
+def test_other_profiles_are_refused():
+    with pytest.raises(InputError, match="control"):
+        generate(Spec("splitting", order=4, profile="control"), derivatives=True)
