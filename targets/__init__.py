@@ -8,6 +8,7 @@
     cpp, rust       a class of C++17 by value; a crate
     octave          a function of Octave and MATLAB
     arduino         a library of Arduino and PlatformIO
+    fmu2, fmu3      an FMU for co-simulation, of FMI 2.0 and of FMI 3.0; what they share is in fmi/
 
 A target is one module with
 
@@ -103,4 +104,8 @@ TARGETS: dict[str, Target] = {target.name: target for target in (
            checks=("octave", "mkoctfile", "cc")),
     Target("arduino", "arduino", "a library of Arduino and PlatformIO", checks=("c++", "cc"),
            real="float"),
+    Target("fmu2", "fmu2", "FMU for co-simulation, FMI 2.0", checks=("cc",), suffix=".fmu",
+           platforms=("own", "linux", "windows", "mac")),
+    Target("fmu3", "fmu3", "FMU for co-simulation, FMI 3.0", checks=("cc",), suffix=".fmu",
+           platforms=("own", "linux", "windows", "mac", "aarch64")),
 )}

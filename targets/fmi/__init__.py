@@ -1,0 +1,11 @@
+"""FMUs for co-simulation, FMI 2.0 and 3.0: targets ``fmu2`` and ``fmu3``.
+
+    target          files, libraries and the check, for both versions
+    variables       the variables of an FMU, with starts, bounds and units
+    description     modelDescription.xml, buildDescription.xml, and tables for core.h
+    archive         libraries for platforms, and the file that holds all
+    slave           a loaded FMU, by ctypes
+
+core.h, fmi2.c and fmi3.c are the C beside them; fmi2*.h and fmi3*.h are the headers of the FMI
+project, under the 2-clause BSD licence that stands in each.
+"""

@@ -1,0 +1,147 @@
+"""The libraries of an FMU, and the file that holds them with their sources."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import zipfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...core.errors import InputError
+from ..tools import require, run_tool
+
+__all__ = ["OWN", "PLATFORMS", "Platform", "compile_fmu", "library_of", "own_platform"]
+
+#: The platform of this machine, by its own compiler.
+OWN = "own"
+#: One set for all: ziglang compiles a C library for each set of flags.
+_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-Wall", "-Wextra")
+#: The start of the calendar of zip files.
+_NO_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Platform:
+    """What a library is compiled for.
+
+    Attributes
+    ----------
+    folders : tuple of str
+        In ``binaries/`` of FMI 2.0 and of FMI 3.0; empty where the version has no name for it.
+    target : str
+        Of zig.
+    suffix : str
+    """
+
+    folders: tuple[str, str]
+    target: str
+    suffix: str
+
+    def flags(self, library: str) -> list[str]:
+        """Flags that differ from platform to platform; the folder must not be in the library."""
+        own = {".so": ["-fPIC", "-s"], ".dll": [],
+               ".dylib": ["-fPIC", f"-Wl,-install_name,@rpath/{library}"]}
+        return [*own[self.suffix], "-shared"]
+
+
+_LINUX = Platform(("linux64", "x86_64-linux"), "x86_64-linux-gnu.2.17", ".so")
+_ARM_LINUX = Platform(("", "aarch64-linux"), "aarch64-linux-gnu.2.17", ".so")
+_WINDOWS = Platform(("win64", "x86_64-windows"), "x86_64-windows-gnu", ".dll")
+_MAC = Platform(("darwin64", "x86_64-darwin"), "x86_64-macos", ".dylib")
+_ARM_MAC = Platform(("", "aarch64-darwin"), "aarch64-macos", ".dylib")
+
+#: By the names of ``--for``.
+PLATFORMS: dict[str, tuple[Platform, ...]] = {
+    "linux": (_LINUX,), "windows": (_WINDOWS,), "mac": (_MAC, _ARM_MAC),
+    "aarch64": (_ARM_LINUX,),
+}
+
+
+def own_platform(version: int) -> Platform:
+    """Return that of this machine.
+
+    Raises
+    ------
+    InputError
+        Where that version of FMI has no name for it.
+    """
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(),
+                                                          platform.machine())
+    system = {"win32": "windows"}.get(sys.platform, sys.platform)
+    for found in (one for several in PLATFORMS.values() for one in several):
+        if found.folders[1] == f"{machine}-{system}" and found.folders[version - 2]:
+            return found
+    raise InputError(f"FMI {version}.0 has no name for this machine ({machine}-{system}); choose "
+                     f"other platforms of {', '.join(PLATFORMS)}.")
+
+
+def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...]) -> Path:
+    """Compile ``folder/sources`` for platforms into ``folder/binaries``; return the FMU.
+
+    The file is the same to the byte for the same sources and compilers: its members are sorted and
+    have no time.
+
+    Raises
+    ------
+    InputError
+        Where a compiler is missing, or the version has no name for a platform.
+    GyrosparkError
+        Where a compiler fails.
+    """
+    what = f"Target fmu{version}"
+    wanted: dict[Platform, list[str]] = {}
+    for choice in platforms:
+        several = (own_platform(version),) if choice == OWN else PLATFORMS[choice]
+        several = tuple(one for one in several if one.folders[version - 2])
+        if not several:
+            raise InputError(f"FMI {version}.0 has no name for platform {choice!r}; take fmu3, or "
+                             "leave it out.")
+        for one in several:
+            if choice != OWN:
+                wanted[one] = [*require("zig", what), "cc", "-target", one.target, "-s"]
+            elif one not in wanted:
+                wanted[one] = require("cc", what)
+
+    def link(one: Platform) -> None:
+        library = folder / _library(name, version, one)
+        library.parent.mkdir(parents=True, exist_ok=True)
+        run_tool([*wanted[one], *_FLAGS, *one.flags(library.name), f"fmi{version}.c", f"{name}.c",
+                  "-o", f"../{_library(name, version, one)}", "-lm"], folder / "sources", what)
+        for beside in library.parent.iterdir():  # of Windows: .pdb and .lib
+            if beside != library:
+                beside.unlink()
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(link, wanted))
+    fmu = folder / f"{name}.fmu"
+    with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for path in sorted(path for path in folder.rglob("*") if path.is_file() and path != fmu):
+            member = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _NO_TIME)
+            member.compress_type, member.create_system = zipfile.ZIP_DEFLATED, 3
+            member.external_attr = 0o644 << 16
+            archive.writestr(member, path.read_bytes())
+    return fmu
+
+
+def _library(name: str, version: int, one: Platform) -> str:
+    return f"binaries/{one.folders[version - 2]}/{name}{one.suffix}"
+
+
+def library_of(fmu: Path, name: str, version: int, folder: Path) -> Path:
+    """Extract the library of this machine into ``folder`` and return its path.
+
+    Raises
+    ------
+    InputError
+        Where the FMU has none.
+    """
+    one = own_platform(version)
+    member = _library(name, version, one)
+    with zipfile.ZipFile(fmu) as archive:
+        if member not in archive.namelist():
+            raise InputError(f"{fmu.name} holds no library for this machine, {one.folders[1]}; "
+                             f"build it for platform {OWN!r}, too.")
+        return Path(archive.extract(member, folder))

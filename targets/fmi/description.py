@@ -1,0 +1,203 @@
+"""What an FMU says of itself: modelDescription.xml, buildDescription.xml, tables for core.h."""
+
+from __future__ import annotations
+
+import json
+import re
+import uuid
+from collections.abc import Mapping, Sequence
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import SubElement as Sub
+
+from ..artefact import Options, parameter_fields
+from .variables import LEAST, Variable, exponents, unit_of
+
+__all__ = ["absent_functions", "build_description", "model_description", "model_header", "token"]
+
+
+def token(manifest: Mapping[str, Any], variables: Sequence[Variable], version: int) -> str:
+    """Return the guid: of a model and its start, so that two builds are equal to the byte."""
+    content = [manifest, [[v.name, v.start] for v in variables], version]
+    return str(uuid.uuid5(uuid.NAMESPACE_URL, json.dumps(content, sort_keys=True)))
+
+
+def _text(root: Element) -> str:
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, "unicode")}\n'
+
+
+def model_description(
+    manifest: Mapping[str, Any], options: Options, variables: Sequence[Variable], version: int,
+) -> str:
+    """Return modelDescription.xml of FMI 2.0 or 3.0."""
+    name, two = manifest["name"], version == 2
+    root = Element("fmiModelDescription", {
+        "fmiVersion": f"{version}.0", "modelName": name,
+        "guid" if two else "instantiationToken": token(manifest, variables, version),
+        "description": options.description or f"{manifest['system']['name']}, "
+                                              f"{manifest['scheme']['method']}",
+        "generationTool": f"gyrospark {manifest['generator']}",
+        "variableNamingConvention": "flat",
+        **({"numberOfEventIndicators": "0"} if two else {})})
+    state = "FMUstate" if two else "FMUState"
+    simulation = Sub(root, "CoSimulation", {
+        "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
+        f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
+        **({"canNotUseMemoryManagementFunctions": "true"} if two
+           else {"fixedInternalStepSize": repr(float(options.dt))})})
+    if two:
+        sources = Sub(simulation, "SourceFiles")
+        for file in ("fmi2.c", f"{name}.c"):
+            Sub(sources, "File", name=file)
+    definitions = Sub(root, "UnitDefinitions")
+    for unit in dict.fromkeys(v.unit for v in variables if v.unit):
+        base = {key: str(power) for key, power in exponents(unit).items()}
+        Sub(Sub(definitions, "Unit", name=unit), "BaseUnit", base)
+    Sub(Sub(root, "LogCategories"), "Category", name="logStatus")
+    Sub(root, "DefaultExperiment", startTime="0", stopTime=repr(1000 * options.dt),
+        stepSize=repr(float(options.dt)))
+    (_variables2 if two else _variables3)(root, variables)
+    return _text(root)
+
+
+def _attributes(variable: Variable) -> dict[str, str]:
+    """Return what both versions say of a variable in the same words."""
+    return {"description": variable.about, "causality": variable.causality,
+            "variability": variable.variability,
+            **({"initial": variable.initial} if variable.initial else {})}
+
+
+def _numbers(variable: Variable) -> dict[str, str]:
+    """Return unit, bound and start."""
+    return {**unit_of(variable), **({"min": repr(LEAST)} if variable.domain == "positive" else {}),
+            **({} if variable.start is None or variable.initial == "calculated"
+               else {"start": repr(variable.start)})}
+
+
+def _variables2(root: Element, variables: Sequence[Variable]) -> None:
+    listed = Sub(root, "ModelVariables")
+    for reference, variable in enumerate(variables):
+        entry = Sub(listed, "ScalarVariable", {
+            "name": variable.name, "valueReference": str(reference), **_attributes(variable)})
+        Sub(entry, "Real", _numbers(variable))
+    structure = Sub(root, "ModelStructure")
+    inputs = {v.name: str(k) for k, v in enumerate(variables, 1)
+              if v.causality in ("input", "independent")}
+    outputs = Sub(structure, "Outputs")
+    unknown = [(str(k), v) for k, v in enumerate(variables, 1) if v.causality == "output"]
+    for index, variable in unknown:
+        Sub(outputs, "Unknown", index=index, dependencies=" ".join(
+            inputs[name] for name in variable.depends or () if name in inputs))
+    later = Sub(structure, "InitialUnknowns")
+    for index, variable in unknown:
+        if variable.initial == "calculated":
+            Sub(later, "Unknown", index=index)
+
+
+def _variables3(root: Element, variables: Sequence[Variable]) -> None:
+    listed = Sub(root, "ModelVariables")
+    for reference, variable in enumerate(variables):
+        Sub(listed, "Float64", {"name": variable.name, "valueReference": str(reference),
+                                **_attributes(variable), **_numbers(variable)})
+    structure = Sub(root, "ModelStructure")
+    references = {v.name: str(k) for k, v in enumerate(variables)}
+    outputs = [v for v in variables if v.causality == "output"]
+    for variable in outputs:
+        Sub(structure, "Output", valueReference=references[variable.name],
+            dependencies=" ".join(references[name] for name in variable.depends or ()))
+    for variable in outputs:
+        if variable.initial == "calculated":
+            Sub(structure, "InitialUnknown", valueReference=references[variable.name])
+
+
+def build_description(name: str) -> str:
+    """Return sources/buildDescription.xml of FMI 3.0."""
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    files = Sub(Sub(root, "BuildConfiguration", modelIdentifier=name), "SourceFileSet",
+                language="C11", compilerOptions="-O2 -ffp-contract=off")
+    for file in ("fmi3.c", f"{name}.c"):
+        Sub(files, "SourceFile", name=file)
+    return _text(root)
+
+
+def model_header(
+    manifest: Mapping[str, Any], options: Options, variables: Sequence[Variable], version: int,
+) -> str:
+    """Return sources/model.h: the stepper and its numbers, as core.h reads them."""
+    name, system = manifest["name"], manifest["system"]
+    roles = [number["role"] for number in system["numbers"]]
+    velocities, quantities = roles.count("velocity"), roles.count("quantity")
+    time = "&(m)->time, " if system.get("quantities_take_time") else ""
+    start = f"{name}_start(&(m)->parameters, (m)->q, (m)->velocity, (m)->p)"
+    velocity = f"{name}_velocity(&(m)->parameters, (m)->q, (m)->p, (m)->velocity)"
+    observe = f"{name}_quantities(&(m)->parameters, {time}(m)->q, (m)->p, (m)->quantities)"
+    rows = ", \\\n    ".join(
+        f'{{ "{v.name}", offsetof(model_t, {v.place}), {v.settable}, {v.domain.upper()} }}'
+        for v in variables)
+    members = ", ".join(f".{field} = {float(options.parameters.get(field, 0))!r}"
+                        for field in parameter_fields(manifest))
+    states = {f"q[{k}]": x for k, x in enumerate(options.q)}
+    states |= {f"p[{k}]": x for k, x in enumerate(options.p)}
+    states |= {v.place: v.start for v in variables
+               if v.start is not None and not v.place.startswith("parameters.")}
+    starts = ", ".join(f".{place} = {float(x)!r}" for place, x in states.items())
+    return f"""/* Generated: tables of one stepper for core.h. */
+#include <stddef.h>
+
+#define {name.upper()}_WORK
+#include "{name}.h"
+
+#define STEPPER(x) {name}_##x
+#define STATUS(x) {name.upper()}_##x
+#define GUID "{token(manifest, variables, version)}"
+
+enum {{ N = {len(system["coordinates"])}, V = {velocities}, OBSERVED = {quantities} }};
+
+#define START(m) {start if velocities else "STATUS(OK)"}
+#define VELOCITY(m) {velocity if velocities else "(void)(m)"}
+#define OBSERVE(m) {observe if quantities else "(void)(m)"}
+#define SET_TIME(m) {f"(m)->parameters.{system['time']} = (m)->time" if "time" in system
+                     else "(void)(m)"}
+
+#define VARIABLES \\
+    {rows}
+
+#define INITIAL {{ {starts}, \\
+    .parameters = {{ {members} }} }}
+"""
+
+
+_TYPE = re.compile(r"typedef\s+(\w+)\s+(fmi\d\w+)TYPE\s*\((.*?)\)\s*;", re.S)
+_COMMENT = re.compile(r"/\*.*?\*/", re.S)
+_VALUES = re.compile(r"ValueReference\s+\w+\[\]\s*,\s*size_t\s+(\w+)")
+
+
+def absent_functions(types: str, written: str) -> str:
+    """Return sources/absent.h: the functions of an interface that are not written.
+
+    Each refuses, but for one of no variables, which has nothing to refuse.
+
+    Parameters
+    ----------
+    types : str
+        The header that declares the type of each function.
+    written : str
+        The C that has the others.
+    """
+    lines = ["/* Generated: functions that this FMU does not offer. */"]
+    known = {*re.findall(r"\bfmi\d\w+", written)}
+    for result, function, text in _TYPE.findall(_COMMENT.sub("", types)):
+        if function in known:
+            continue
+        arguments = [" ".join(one.split()) for one in text.split(",")]
+        names = [re.sub(r"\[.*?\]", "", one).split()[-1].strip("*") for one in arguments]
+        unused = ", ".join(f"(void){one}" for one in names)
+        none = _VALUES.search(" ".join(text.split()))
+        refusal = f'refuse({names[0]}, "{function} is not offered by this FMU")'
+        answer = "NULL" if not result.endswith("Status") else refusal if none is None else \
+            f"{none[1]} == 0 ? {result[:4]}OK : {refusal}"
+        lines += [f"{result} {function}({', '.join(arguments)})",
+                  "{", f"    {unused};", f"    return {answer};", "}"]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,166 @@
+/* A stepper as an FMU for co-simulation, FMI 2.0. */
+#include "core.h"
+#include "fmi2Functions.h"
+
+typedef struct {
+    model_t model;
+    fmi2CallbackFunctions calls;
+    char name[64];
+} instance_t;
+
+#define MODEL(c) (&((instance_t *)(c))->model)
+
+static void say(const fmi2CallbackFunctions *calls, const char *name, fmi2Status status,
+    const char *text)
+{
+    if (calls != NULL && calls->logger != NULL)
+        calls->logger(calls->componentEnvironment, name, status, "logStatus", "%s", text);
+}
+
+/* The status of FMI, with the sentence to the logger. */
+static fmi2Status report(fmi2Component c, status_t status, const reason_t *why)
+{
+    static const fmi2Status of[] = { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error };
+    const instance_t *i = c;
+    if (status != CORE_OK)
+        say(&i->calls, i->name, of[status], why->text);
+    return of[status];
+}
+
+static fmi2Status refuse(fmi2Component c, const char *text)
+{
+    const instance_t *i = c;
+    say(&i->calls, i->name, fmi2Error, text);
+    return fmi2Error;
+}
+
+#define REPORT(c, call) \
+    reason_t reason = { "" }, *why = &reason; \
+    const status_t status = (call); \
+    return report(c, status, why)
+
+const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+const char *fmi2GetVersion(void) { return fmi2Version; }
+
+/* Only sentences about a status are logged, and those always. */
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String names[])
+{
+    (void)c, (void)on, (void)n, (void)names;
+    return fmi2OK;
+}
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
+    fmi2String resources, const fmi2CallbackFunctions *calls, fmi2Boolean visible,
+    fmi2Boolean logging)
+{
+    (void)resources, (void)visible, (void)logging;
+    const char *wrong = type != fmi2CoSimulation ? "this FMU is for co-simulation only"
+        : guid == NULL || strcmp(guid, GUID) != 0
+        ? "the guid is not that of this FMU: description and library differ" : NULL;
+    instance_t *i = wrong == NULL ? calloc(1, sizeof *i) : NULL;
+    if (i == NULL) {
+        say(calls, name, fmi2Error, wrong != NULL ? wrong : "there is no memory for an instance");
+        return NULL;
+    }
+    i->model = initial;
+    if (calls != NULL)
+        i->calls = *calls;
+    snprintf(i->name, sizeof i->name, "%s", name != NULL ? name : "");
+    return i;
+}
+
+void fmi2FreeInstance(fmi2Component c) { free(c); }
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance,
+    fmi2Real start, fmi2Boolean has_stop, fmi2Real stop)
+{
+    (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+    MODEL(c)->time = start;
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+{
+    REPORT(c, core_enter(MODEL(c), MODEL(c)->time, why));
+}
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) { REPORT(c, core_exit(MODEL(c), why)); }
+fmi2Status fmi2Terminate(fmi2Component c) { REPORT(c, core_terminate(MODEL(c), why)); }
+
+fmi2Status fmi2Reset(fmi2Component c)
+{
+    *MODEL(c) = initial;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Real values[])
+{
+    REPORT(c, core_get(MODEL(c), r, n, values, why));
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n,
+    const fmi2Real values[])
+{
+    REPORT(c, core_set(MODEL(c), r, n, values, why));
+}
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real H, fmi2Boolean no_way_back)
+{
+    (void)no_way_back;
+    REPORT(c, core_step(MODEL(c), t, H, why));
+}
+
+/* After a step that was discarded: the model is where it was. */
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
+{
+    if (kind != fmi2LastSuccessfulTime)
+        return refuse(c, "the one status that is a real number is fmi2LastSuccessfulTime");
+    *value = MODEL(c)->time;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
+{
+    if (kind != fmi2Terminated)
+        return refuse(c, "the one status that is a boolean is fmi2Terminated");
+    *value = fmi2False;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    REPORT(c, core_keep(MODEL(c), state, why));
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    REPORT(c, core_restore(MODEL(c), state, why));
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    (void)c;
+    free(*state);
+    *state = NULL;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    (void)c, (void)state;
+    *size = STATE_BYTES;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    REPORT(c, core_write(state, (unsigned char *)bytes, size, why));
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
+    fmi2FMUstate *state)
+{
+    REPORT(c, core_read((const unsigned char *)bytes, size, state, why));
+}
+
+#include "absent.h" /* generated: the other functions of the interface, which return fmi2Error */

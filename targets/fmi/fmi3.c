@@ -1,0 +1,149 @@
+/* A stepper as an FMU for co-simulation, FMI 3.0: no event mode, no clocks, no early return. */
+#include "core.h"
+#include "fmi3Functions.h"
+
+typedef struct {
+    model_t model;
+    fmi3LogMessageCallback log;
+    void *environment;
+} instance_t;
+
+#define MODEL(c) (&((instance_t *)(c))->model)
+
+/* The status of FMI, with the sentence to the logger. */
+static fmi3Status report(fmi3Instance c, status_t status, const reason_t *why)
+{
+    static const fmi3Status of[] = { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error };
+    const instance_t *i = c;
+    if (status != CORE_OK && i->log != NULL)
+        i->log(i->environment, of[status], "logStatus", why->text);
+    return of[status];
+}
+
+static fmi3Status refuse(fmi3Instance c, const char *text)
+{
+    const instance_t *i = c;
+    if (i->log != NULL)
+        i->log(i->environment, fmi3Error, "logStatus", text);
+    return fmi3Error;
+}
+
+#define REPORT(c, call) \
+    reason_t reason = { "" }, *why = &reason; \
+    const status_t status = (call); \
+    return report(c, status, why)
+
+const char *fmi3GetVersion(void) { return fmi3Version; }
+
+/* Only sentences about a status are logged, and those always. */
+fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String names[])
+{
+    (void)c, (void)on, (void)n, (void)names;
+    return fmi3OK;
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
+    fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early,
+    const fmi3ValueReference required[], size_t n, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
+{
+    (void)name, (void)resources, (void)visible, (void)logging, (void)early, (void)required,
+        (void)n, (void)update;
+    const char *wrong = events ? "this FMU has no event mode"
+        : token == NULL || strcmp(token, GUID) != 0
+        ? "the token is not that of this FMU: description and library differ" : NULL;
+    instance_t *i = wrong == NULL ? calloc(1, sizeof *i) : NULL;
+    if (i == NULL) {
+        if (log != NULL)
+            log(environment, fmi3Error, "logStatus",
+                wrong != NULL ? wrong : "there is no memory for an instance");
+        return NULL;
+    }
+    i->model = initial;
+    i->log = log;
+    i->environment = environment;
+    return i;
+}
+
+void fmi3FreeInstance(fmi3Instance c) { free(c); }
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance,
+    fmi3Float64 tolerance, fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop)
+{
+    (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+    REPORT(c, core_enter(MODEL(c), start, why));
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { REPORT(c, core_exit(MODEL(c), why)); }
+fmi3Status fmi3Terminate(fmi3Instance c) { REPORT(c, core_terminate(MODEL(c), why)); }
+
+fmi3Status fmi3Reset(fmi3Instance c)
+{
+    *MODEL(c) = initial;
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n,
+    fmi3Float64 values[], size_t count)
+{
+    if (count != n)
+        return refuse(c, "all variables are scalars: as many values as references");
+    REPORT(c, core_get(MODEL(c), r, n, values, why));
+}
+
+fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n,
+    const fmi3Float64 values[], size_t count)
+{
+    if (count != n)
+        return refuse(c, "all variables are scalars: as many values as references");
+    REPORT(c, core_set(MODEL(c), r, n, values, why));
+}
+
+fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 H, fmi3Boolean no_way_back,
+    fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
+{
+    (void)no_way_back;
+    reason_t reason = { "" };
+    const status_t status = core_step(MODEL(c), t, H, &reason);
+    *event = *terminate = *early = fmi3False;
+    *last = MODEL(c)->time;
+    return report(c, status, &reason);
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
+{
+    REPORT(c, core_keep(MODEL(c), state, why));
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
+{
+    REPORT(c, core_restore(MODEL(c), state, why));
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
+{
+    (void)c;
+    free(*state);
+    *state = NULL;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
+{
+    (void)c, (void)state;
+    *size = STATE_BYTES;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+{
+    REPORT(c, core_write(state, bytes, size, why));
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size,
+    fmi3FMUState *state)
+{
+    REPORT(c, core_read(bytes, size, state, why));
+}
+
+#include "absent.h" /* generated: the other functions of the interface, which return fmi3Error */

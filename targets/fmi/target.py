@@ -1,0 +1,117 @@
+"""Targets fmu2 and fmu3: files, libraries and the check of an FMU for co-simulation."""
+
+from __future__ import annotations
+
+import json
+import struct
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import GyrosparkError, InputError
+from ..artefact import MARKER, Built, Options
+from ..native import native_bits
+from .archive import compile_fmu, library_of
+from .description import (
+    absent_functions,
+    build_description,
+    model_description,
+    model_header,
+    token,
+)
+from .slave import Slave
+from .variables import variables_of
+
+__all__ = ["Fmu"]
+
+_HERE = Path(__file__).parent
+#: Of the FMI project, under the licence in each of them.
+_HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+            3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")}
+#: Of a check.
+_STEPS = 200
+
+
+class Fmu:
+    """The functions of a target for a version of FMI, 2 or 3."""
+
+    def __init__(self, version: int) -> None:
+        self.version = version
+
+    def files(
+        self, manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    ) -> dict[str, str | bytes]:
+        """Return descriptions, sources and a mark by their paths in the FMU.
+
+        Raises
+        ------
+        InputError
+            For another type than double, and for numbers that an FMU cannot hold.
+        """
+        if manifest["real"] != "double":
+            raise InputError(f"An FMU holds numbers of type double, and {manifest['name']} is of "
+                             f"type {manifest['real']}; choose real='double'.")
+        version, name = self.version, manifest["name"]
+        variables = variables_of(manifest, options)
+        own = {file: (_HERE / file).read_text(encoding="utf-8")
+               for file in ("core.h", f"fmi{version}.c", *_HEADERS[version])}
+        code = {
+            **{file: sources[file] for file in (f"{name}.c", f"{name}.h")}, **own,
+            "model.h": model_header(manifest, options, variables, version),
+            "absent.h": absent_functions(own[_HEADERS[version][1]], own[f"fmi{version}.c"]),
+            **({"buildDescription.xml": build_description(name)} if version == 3 else {}),
+        }
+        return {
+            "modelDescription.xml": model_description(manifest, options, variables, version),
+            f"resources/{MARKER}": json.dumps(manifest, indent=2, ensure_ascii=False) + "\n",
+            **{f"sources/{file}": text for file, text in code.items()},
+        }
+
+    def compile(self, folder: Path, platforms: tuple[str, ...]) -> Path:
+        """Compile the sources for platforms; return the FMU, a file in the folder."""
+        manifest = json.loads((folder / "resources" / MARKER).read_text(encoding="utf-8"))
+        return compile_fmu(folder, manifest["name"], self.version, platforms)
+
+    def check(self, built: Built) -> str:
+        """Compare its attitude and momenta with those of native C, and a repeated run.
+
+        Raises
+        ------
+        InputError
+            Where it holds no library for this machine.
+        GyrosparkError
+            Where the library does not load, or bits differ.
+        """
+        manifest, options = built.stepper.manifest, built.options
+        variables = variables_of(manifest, options)
+        names = [v.name for v in variables if v.place.startswith(("q[", "p["))]
+        count = len(options.q)
+        with tempfile.TemporaryDirectory() as place:
+            library = library_of(built.path, built.stepper.name, self.version, Path(place))
+            with Slave(library, token(manifest, variables, self.version), self.version,
+                       {v.name: k for k, v in enumerate(variables)}) as slave:
+                slave.start()
+                state = slave.keep()
+                first: list[float] = []
+                again: list[float] = []
+                for rows in (first, again):
+                    slave.restore(state)
+                    for step in range(_STEPS):
+                        status = slave.step(step * options.dt, options.dt)
+                        if status not in ("OK", "Warning"):
+                            raise GyrosparkError(
+                                f"Step {step + 1} of the FMU returns {status}: "
+                                f"{' '.join(slave.messages[-1:])}")
+                    rows += slave.get(names)
+                slave.free(state)
+        wanted = native_bits(built.stepper, options, _STEPS)
+        found = struct.pack(f"={len(first)}d", *first).hex()
+        if found != wanted[:len(found)] or len(first) < count:
+            raise GyrosparkError(f"The FMU of {built.stepper.name} has other bits than the C after "
+                                 f"{_STEPS} steps: {found} instead of {wanted[:len(found)]}.")
+        if first != again:
+            raise GyrosparkError(f"The FMU of {built.stepper.name} does not repeat {_STEPS} steps "
+                                 f"from a state that was kept: {again} instead of {first}.")
+        return (f"FMI {self.version}.0: the bits of C after {_STEPS} steps, twice from one state "
+                "that was kept")
