@@ -25,7 +25,7 @@ def digest() -> str:
                 and path.name not in ("build", "dist", "docs", "tests")]
     inside = [path for package in packages for path in package.rglob("*")]
     for path in sorted([*ROOT.glob("*.py"), *inside]):
-        if path.suffix in (".py", ".h", ".jinja", ".toml", ".html", ".js"):
+        if path.suffix in (".py", ".h", ".jinja", ".toml", ".html", ".css", ".js"):
             found.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return found.hexdigest()[:16]
 

@@ -6,5 +6,5 @@
     motion_plots      figures of a body, a joint, phase portraits
     scene             bodies and joints in space
     animation         a film
-    html_view         a page that moves, of view.html and view.js
+    html_view         a page that moves: view.html, view.css, view.js, and scene.js, which draws
 """

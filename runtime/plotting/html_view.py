@@ -103,11 +103,17 @@ def check_page(path: str | os.PathLike[str]) -> Path:
 def _page(scene: Scene, shape: ShapeName) -> str:
     """Return the document: styles, script and scene in one."""
     content = json.dumps(_content(scene, shape), allow_nan=False).replace("<", "\\u003c")
-    page = (_HERE / "view.html").read_text(encoding="utf-8")
-    for name, text in (("SCRIPT", (_HERE / "view.js").read_text(encoding="utf-8")),
+    page = page_file("view.html")
+    for name, text in (("STYLE", page_file("view.css")), ("DRAWING", page_file("scene.js")),
+                       ("SCRIPT", page_file("view.js")),
                        ("TITLE", html.escape(scene.title)), ("SCENE", content)):  # the longest last
-        page = page.replace(f"@{name}@", text)
+        page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
     return page
+
+
+def page_file(name: str) -> str:
+    """Return a part of a page: ``"scene.js"``, which draws bodies, or ``"view.css"``."""
+    return (_HERE / name).read_text(encoding="utf-8")
 
 
 def _content(scene: Scene, shape: ShapeName) -> dict[str, Any]:

@@ -4,7 +4,7 @@ const fs = require("fs");
 const page = fs.readFileSync(process.argv[2], "utf8");
 const between = (from, to) => page.split(from)[1].split(to)[0];
 const scene = between('<script type="application/json" id="scene">', "</script>");
-const script = page.split("<script>\n")[1].split("</script>")[0];
+const scripts = page.split("<script>\n").slice(1).map((text) => text.split("</script>")[0]);
 const counts = { fill: 0, stroke: 0, bad: 0, texts: [] };
 const listeners = {};
 const pen = new Proxy({}, {
@@ -38,7 +38,7 @@ global.Option = function Option(text, value) { Object.assign(this, { text, value
 global.ResizeObserver = class { observe() {} };
 const waiting = [];
 global.requestAnimationFrame = (act) => waiting.push(act);
-new Function(script)();
+new Function(scripts.join("\n"))();
 let now = 0;
 const frame = () => waiting.shift()((now += 16));
 frame();

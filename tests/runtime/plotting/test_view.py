@@ -147,7 +147,8 @@ def test_a_spin_too_fast_to_be_followed_is_reported(gl3):
 
 @needs_node
 def test_the_script_is_javascript_and_draws(tops, gl3, tmp_path):
-    subprocess.run(["node", "--check", ROOT / "runtime/plotting/view.js"], check=True)
+    for script in ("scene.js", "view.js"):
+        subprocess.run(["node", "--check", ROOT / "runtime/plotting" / script], check=True)
     for run, bodies in ((tops, 2), (gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN), 1),
                         (gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN), 1),
                         (integrated(gs.models.gimbal(), 5, dt=-1e-3), 3)):
