@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from .sweeps.run_sweep import sweep
     from .targets.artefact import Built
     from .targets.build import build
+    from .targets.web.page import playground
 
 #: Public name → where it lives; resolved on first use.
 _HOMES = {
@@ -134,6 +135,7 @@ _HOMES = {
     "sweep": "sweeps.run_sweep",
     "Built": "targets.artefact",
     "build": "targets.build",
+    "playground": "targets.web.page",
 }
 
 #: The same for modules.

@@ -9,6 +9,7 @@
     octave          a function of Octave and MATLAB
     arduino         a library of Arduino and PlatformIO
     fmu2, fmu3      an FMU for co-simulation, of FMI 2.0 and of FMI 3.0; what they share is in fmi/
+    web             WebAssembly, and a page that integrates
 
 A target is one module with
 
@@ -108,4 +109,8 @@ TARGETS: dict[str, Target] = {target.name: target for target in (
            platforms=("own", "linux", "windows", "mac")),
     Target("fmu3", "fmu3", "FMU for co-simulation, FMI 3.0", checks=("cc",), suffix=".fmu",
            platforms=("own", "linux", "windows", "mac", "aarch64")),
+    Target("wasm", "web.webassembly", "WebAssembly without imports, and a class of JavaScript",
+           needs=("zig",), checks=("wasmtime", "cc"), several=True),
+    Target("web", "web.page", "a page that integrates, one HTML file without network",
+           needs=("zig",), checks=("wasmtime", "cc"), suffix=".html", several=True),
 )}

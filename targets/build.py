@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from ..core.errors import InputError
 from ..core.inertia import RepName
 from ..core.real_types import RealName
 from ..core.registry import entry_named
-from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES
+from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..generator.spec import Spec, is_model_file
 from ..runtime.bindings.array_checks import as_array, as_step
 from ..runtime.integration.run_arguments import as_parameters
@@ -66,7 +67,7 @@ def build(
         ``parameters`` and ``dt``.
     scheme, stages, rep, order, composition, real
         As for ``stepper``; G-L with 3 stages where no scheme is named. A target that takes several
-        schemes takes a list of them.
+        schemes takes a list of them, such as ``["2-G-L", "3-G-L", "IMS"]``.
     dt : float, optional
         Time step in s that the artefact starts with; the model's where it names one.
     start : tuple of two array_like, shape (n,), optional
@@ -110,8 +111,8 @@ def build(
     for name in chosen.needs:
         require(name, f"Target {chosen.name}")
     type_ = choose("floating-point type", chosen.real if real is None else real, _REALS)
-    specs = [_spec(one, stages, rep, order, composition, type_, system)
-             for one in _schemes(chosen, scheme)]
+    specs = [_spec(*one, rep, type_, system)
+             for one in _schemes(chosen, scheme, stages, order, composition)]
     path = None if out is None else as_path("out", out, f"stepper{chosen.suffix}")
     if path is not None:
         check_out(path)
@@ -185,18 +186,34 @@ def _platforms(target: Target, given: Any) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _schemes(target: Target, given: Any) -> list[Any]:
-    """Return the names of schemes, of which most targets take one."""
+def _schemes(
+    target: Target, given: Any, stages: Any, order: Any, composition: Any
+) -> list[tuple[Any, Any, Any, Any]]:
+    """Return scheme, stages, order and composition of each stepper; most targets take one.
+
+    Of several, ``"2-G-L"`` names its stages; another gets of these numbers what it has a choice of.
+    """
     if given is None or not target.several:
-        return [given]
+        return [(given, stages, order, composition)]
     names = given.split(",") if isinstance(given, str) else as_items("scheme", given, "names")
     if not names:
         raise InputError("scheme = [] names none; give one such as 'G-L'.")
-    return list(dict.fromkeys(names))
+    if len(names) == 1 and names[0] in SCHEMES:
+        return [(names[0], stages, order, composition)]
+    found = []
+    for text in dict.fromkeys(names):
+        number = re.match(r"(\d+)-", str(text))
+        name = text if number is None else text[number.end():]
+        scheme = SCHEMES[choose("scheme", name, SCHEMES)]
+        count = int(number[1]) if number else stages if scheme.counted else None
+        if scheme.counted and count is None:
+            count = DEFAULT_STAGES
+        found.append((name, count, *((order, composition) if scheme.composed else (None, None))))
+    return found
 
 
 def _spec(
-    scheme: Any, stages: Any, rep: Any, order: Any, composition: Any, real: Any, system: Any
+    scheme: Any, stages: Any, order: Any, composition: Any, rep: Any, real: Any, system: Any
 ) -> Spec:
     """Return the checked spec of one stepper, of profile control."""
     if scheme is None and order is None and composition is None:

@@ -46,6 +46,21 @@ class View:
         where = "" if self.path is None else f" in {str(self.path)!r}"
         return f"<View of {self._title}{where}: {len(self.page) / 1e3:,.0f} kB of HTML>"
 
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page to a file whose name ends in .html; return its path.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        GyrosparkError
+            If the file cannot be written.
+        """
+        self.path = check_page(path)
+        with result_file(self.path, "The page") as part:
+            part.write_text(self.page, encoding="utf-8")
+        return self.path
+
     def _repr_html_(self) -> str:
         """Return the page in a frame of its own, whose styles and names do not leave it."""
         return (f'<iframe title="{html.escape(self._title)}" style="width:100%;height:{_HEIGHT}px;'
@@ -80,11 +95,10 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     target = None if path is None else check_page(path)
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     scene = scene_of(trajectory, count)
-    page = _page(scene, shape)
+    shown = View(scene.title, _page(scene, shape), None)
     if target is not None:
-        with result_file(target, "The page") as part:
-            part.write_text(page, encoding="utf-8")
-    return View(scene.title, page, target)
+        shown.save(target)
+    return shown
 
 
 def check_page(path: str | os.PathLike[str]) -> Path:

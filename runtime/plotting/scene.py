@@ -8,20 +8,21 @@ body is shown as large as it is; one of which the mass is not known in its propo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..compilation.body_columns import bodies_of, joints_of, numbers, placed_of
+from ..compilation.body_columns import JointAt, bodies_of, joints_of, numbers, placed_of
 from ..rigid_body.quaternion import rotation_matrix
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["SHAPES", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies", "scene_of"]
+__all__ = ["SHAPES", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies",
+           "drawn_joints", "scene_of"]
 
 Array = NDArray[np.float64]
 ShapeName = Literal["box", "ellipsoid"]
@@ -186,20 +187,28 @@ def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
     """Return the joints, rods and springs that have a place."""
     numbered = {part.name: i for i, part in enumerate(parts)} | {"": -1}
     found = []
-    for name, joint in joints_of(trajectory.manifest).items():
+    for name, (kind, joint) in drawn_joints(trajectory.manifest).items():
         on_a, on_b, axis = (numbers(e, trajectory.parameters)
                             for e in (joint.on_a, joint.on_b, joint.axis_b))
+        found.append(Tie(name, kind, numbered[joint.a], numbered[joint.b], on_a, on_b,
+                         axis if joint.axis_b else None))
+    return found
+
+
+def drawn_joints(manifest: Mapping[str, Any]) -> dict[str, tuple[str, JointAt]]:
+    """Return kind and place of the joints, rods and springs that a scene shows, by name."""
+    found = {}
+    for name, joint in joints_of(manifest).items():
         if joint.pulls and all(pull.kind == "axial" for pull in joint.pulls):
             continue  # a drive, at the place of its joint
-        a, b = numbered[joint.a], numbered[joint.b]
         if not joint.on_b:  # an axis alone: where b is held, or where its origin is
-            if b < 0:
+            if not joint.b:
                 continue
-            on_a = on_b = np.zeros(3)
+            joint = replace(joint, on_a=[0.0]*3, on_b=[0.0]*3)  # noqa: PLW2901
         distance = joint.pulls is not None and any(p.kind == "distance" for p in joint.pulls)
         kind = ("spring" if not joint.constraints else "rod" if distance else
                 "hinge" if joint.axis_b else "ball")
-        found.append(Tie(name, kind, a, b, on_a, on_b, axis if joint.axis_b else None))
+        found[name] = (kind, joint)
     return found
 
 

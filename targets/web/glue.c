@@ -1,0 +1,61 @@
+/*
+ * What a page asks of a stepper of profile control beside its own functions: many steps a call, and
+ * how well the constraints hold. Compiled once for each stepper, whose C file it includes:
+ *     cc -std=c11 -DSTEPPER='"heavy_top_gl3_gamma.c"' -DSPARK=1 -DCONSTRAINTS=1 -c glue.c
+ * CONSTRAINTS is their number; SPARK and SPLITTING say which scheme it is: neither of IMS and EMS.
+ */
+#include STEPPER
+
+/* Steps until one fails; returns the last status. done: completed steps, their iterations. */
+int NAME(repeat)(state_t *w, real q[N], real p[N], int steps, real done[2])
+{
+    int status = OK;
+    done[0] = done[1] = 0;
+    while (done[0] < steps) {
+        status = (int)NAME(advance)(w, q, p);
+        if (status != OK && status != NOT_CONVERGED)
+            break;
+        done[0] += 1;
+#if !SPLITTING
+        done[1] += (real)NAME(iterations)(w);
+#endif
+    }
+    return status;
+}
+
+static real largest_of(int count, const real *values, real largest)
+{
+    for (int i = 0; i < count; ++i)
+        largest = MATH(fmax)(largest, MATH(fabs)(values[i]));
+    return largest;
+}
+
+/* The largest |g(q)|, and |f(q, p)| of the conditions on momenta where the scheme has them. */
+void NAME(defects)(state_t *w, const real q[N], const real p[N], real largest[2])
+{
+    largest[0] = largest[1] = 0;
+#if SPLITTING /* its constraints are those of unit quaternions */
+    (void)w;
+    for (int b = 0; b < BODIES; ++b) {
+        real g = -1, f = 0;
+        for (int k = 0; k < 4; ++k) {
+            g += q[body_q[b][k]]*q[body_q[b][k]];
+            f += q[body_q[b][k]]*p[body_q[b][k]];
+        }
+        largest[0] = largest_of(1, &g, largest[0]);
+        largest[1] = largest_of(1, &f, largest[1]);
+    }
+#elif CONSTRAINTS
+    real values[CONSTRAINTS];
+    KERNEL(constraint)(&w->constants, q, values);
+    largest[0] = largest_of(CONSTRAINTS, values, 0);
+#if SPARK
+    KERNEL(hidden_constraint)(&w->constants, q, p, values);
+    largest[1] = largest_of(CONSTRAINTS, values, 0);
+#else
+    (void)p;
+#endif
+#else
+    (void)w, (void)q, (void)p;
+#endif
+}

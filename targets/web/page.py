@@ -1,0 +1,177 @@
+"""Target web: a page that integrates a model while it is looked at. One file, no network."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+import tempfile
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..._version import __version__
+from ...core.errors import InputError
+from ...runtime.compilation.body_columns import bodies_of
+from ...runtime.plotting.html_view import View, page_file
+from ...runtime.plotting.scene import check_bodies, drawn_joints
+from ..artefact import MARKER, Built, Option, Options
+from ..build import build
+from . import webassembly
+from .webassembly import (
+    SOURCES,
+    c_files,
+    compile_module,
+    read,
+    schemes_of,
+    start_of,
+    velocities_of,
+)
+
+if TYPE_CHECKING:
+    from ...generator.multibody.model import Model
+    from ...generator.systems.system import System
+    from ...runtime.rigid_body.problems import Problem
+
+__all__ = ["OPTIONS", "check", "compile", "files", "playground"]
+
+OPTIONS: tuple[Option, ...] = ()
+
+_PAGE = "page.html"
+#: In the page, the base64 of the module, compressed.
+_MODULE = "@MODULE@"
+
+
+def files(
+    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+) -> dict[str, str | bytes]:
+    """Return the C, and the page but for the module.
+
+    Raises
+    ------
+    InputError
+        For a system without a rigid body that coordinates give the place of.
+    """
+    check_bodies(manifest)
+    if not bodies_of(manifest):
+        raise InputError(f"The place of the bodies of {manifest['system']['name']!r} is a formula "
+                         "of its coordinates, which a page does not evaluate; build target wasm.")
+    content = json.dumps(_content(manifest, options), allow_nan=False, ensure_ascii=False)
+    page = read("page.html")
+    for name, text in (("STYLE", page_file("view.css")), ("OWN_STYLE", read("page.css")),
+                       ("DRAWING", page_file("scene.js")), ("STEPPER", read("stepper.js")),
+                       ("SCRIPT", read("page.js")), ("TITLE", html.escape(_title(manifest))),
+                       ("CONTENT", content.replace("<", "\\u003c"))):
+        page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
+    return {**c_files(options), _PAGE: page}
+
+
+def _title(manifest: Mapping[str, Any]) -> str:
+    name = str(manifest["system"]["name"]).replace("_", " ")
+    return name[:1].upper() + name[1:]
+
+
+def _content(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
+    """Return what page.js reads: places in arrays, names, numbers of the start."""
+    system, bodies = manifest["system"], bodies_of(manifest)
+    velocities, spins = [], []
+    for i, number in enumerate(velocities_of(manifest)):
+        owner = next((name for name in sorted(bodies, key=len, reverse=True)
+                      if number["name"].startswith(f"{name}_")), "")
+        text = number["name"].removeprefix(f"{owner}_")
+        if "omega" in text:
+            spins.append(i)
+        velocities.append({"name": number["name"], "body": owner, "unit": _unit(number),
+                           "text": text.replace("omega", "ω").replace("_", " ")})
+    fixed = {*re.findall(r"\w+", " ".join(system["constraints"]))}
+    numbered = {name: i for i, name in enumerate(bodies)} | {"": -1}
+    known = {x["name"]: x for x in system.get("numbers", [])}
+    inputs = {*system.get("inputs", ())}
+    about = " ".join(filter(None, [
+        options.description,
+        f"The generated C of gyrospark {__version__}, as WebAssembly, integrates in this page."]))
+    return {
+        "about": about, MARKER: "web", "hash": manifest.get("hash"),
+        "schemes": schemes_of(options), "start": start_of(manifest, options),
+        "jointed": len(system["constraints"]) > len(bodies),
+        "curves": 3 if system["constraints"] else 1,
+        "velocities": velocities, "spins": spins,
+        "numbers": [{"name": name, "domain": domain,
+                     "role": "input" if name in inputs else "parameter",
+                     "unit": _unit(known.get(name, {}))}
+                    for name, domain in system["parameters"].items() if name not in fixed],
+        "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
+                    "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
+                   for name, body in bodies.items()],
+        "ties": [{"name": name, "kind": kind, "a": numbered[joint.a], "b": numbered[joint.b],
+                  "onA": joint.on_a, "onB": joint.on_b, "axis": joint.axis_b or None}
+                 for name, (kind, joint) in drawn_joints(manifest).items()],
+        "wasm": _MODULE,
+    }
+
+
+def _unit(number: Mapping[str, Any]) -> str:
+    """Return a unit as a page shows it, of FMI's spelling: ``kg m²`` of ``kg.m2``."""
+    digits = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+    text = str(number.get("unit") or "").replace(".", " ").replace("-", "⁻")
+    return re.sub(r"(?<=[a-zA-Z⁻])\d", lambda found: found[0].translate(digits), text)
+
+
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:  # noqa: A001 (the protocol's name)
+    """Compile the module, and put it into the page; return the page."""
+    module, page = folder / "stepper.wasm", folder / _PAGE
+    compile_module(folder / SOURCES, module)
+    packed = base64.b64encode(zlib.compress(module.read_bytes(), 9)).decode("ascii")
+    text = page.read_text(encoding="utf-8")
+    page.write_text(text.replace(_MODULE, packed), encoding="utf-8")
+    return page
+
+
+def module_of(page: str) -> bytes:
+    """Return the WebAssembly of a page."""
+    content = json.loads(page.split('id="content">')[1].split("</script>")[0])
+    return zlib.decompress(base64.b64decode(content["wasm"]))
+
+
+def check(built: Built) -> str:
+    """Run the module of the page in wasmtime and Node, and compare bits with native C."""
+    return webassembly.compare(built, module_of(built.path.read_text(encoding="utf-8")))
+
+
+def playground(
+    system: str | Path | System | Model | Problem,
+    *,
+    scheme: str | Sequence[str] = ("3-G-L", "IMS", "EMS"),
+    **options: Any,
+) -> View:
+    """Return a page in which a model moves, integrated while it is looked at.
+
+    The bodies in space, sliders for step, start and parameters, the errors of energy and
+    constraints. The page is one file without network; Jupyter shows it where it is the last value
+    of a cell, ``save`` writes it.
+
+    Parameters
+    ----------
+    system : str, path, Problem, Model or System
+        As for ``build``: with bodies.
+    scheme : str or sequence of str
+        Schemes that the page offers, the first to begin with.
+    **options
+        Further arguments of ``build``: ``dt``, ``start``, ``parameters``, ``rep``.
+
+    Returns
+    -------
+    View
+        ``.page`` is the HTML document, ``.save(path)`` writes it.
+
+    Raises
+    ------
+    InputError
+        As ``build``; for a system without a body; where ziglang is missing, with the cure.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        built = build("web", system, scheme=scheme, out=Path(place) / "page.html", **options)
+        page = built.path.read_text(encoding="utf-8")
+    return View(_title(built.stepper.manifest), page, None)

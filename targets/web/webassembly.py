@@ -1,0 +1,210 @@
+"""Target wasm: one module of one or several steppers, and a class of JavaScript that calls it."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ...core.errors import InputError
+from ..artefact import Built, Option, Options, Written
+from ..native import C_FLAGS, refuse_difference
+from ..tools import TOOLS, require, run_tool
+
+__all__ = ["OPTIONS", "check", "compare", "compile", "compile_module", "files", "read", "start_of",
+           "velocities_of"]
+
+OPTIONS: tuple[Option, ...] = ()
+
+_HERE = Path(__file__).resolve().parent
+#: Without an entry of its own the module imports nothing; a step needs little of a stack.
+_LINK = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-Wl,--no-entry",
+         "-Wl,-z,stack-size=65536", "-Wl,--export=__heap_base", "-s")
+#: Of glue.c.
+_OWN = ("repeat", "defects")
+#: Where the C of an artefact is.
+SOURCES = "c"
+#: Steps of a check.
+_STEPS = 2000
+
+
+def files(
+    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+) -> dict[str, str | bytes]:
+    """Return the C, and ``NAME.mjs`` with the class ``Stepper``, names and numbers."""
+    name = manifest["name"]
+    facts = {"schemes": schemes_of(options), "start": start_of(manifest, options),
+             "velocities": [x["name"] for x in velocities_of(manifest)]}
+    values = "".join(f"export const {what} = {json.dumps(value)};\n"
+                     for what, value in facts.items())
+    return {**c_files(options), f"{name}.mjs": f"{read('stepper.js')}\n{values}export {{ Stepper }};\n"}
+
+
+def c_files(options: Options) -> dict[str, str | bytes]:
+    """Return the C of all steppers, and what is compiled with each."""
+    if not options.steppers:
+        raise InputError("An artefact without a stepper: name a scheme.")
+    found: dict[str, str | bytes] = {f"{SOURCES}/glue.c": read("glue.c")}
+    for stepper in options.steppers:
+        refuse_other_numbers(options.steppers[0], stepper)
+        found |= {f"{SOURCES}/{file}": text for file, text in stepper.sources.items()}
+    return found
+
+
+def refuse_other_numbers(first: Written, other: Written) -> None:
+    """Refuse a stepper that takes other numbers than the first: one start serves all.
+
+    Raises
+    ------
+    InputError
+    """
+    for key in ("coordinates", "parameters"):
+        if list(other.manifest["system"][key]) != list(first.manifest["system"][key]):
+            raise InputError(f"{other.manifest['scheme']['method']} has other {key} than "
+                             f"{first.manifest['scheme']['method']}; build them apart.")
+
+
+def schemes_of(options: Options) -> list[dict[str, str]]:
+    """Return label and name of each stepper."""
+    return [{"label": stepper.manifest["scheme"]["method"], "name": stepper.name}
+            for stepper in options.steppers]
+
+
+def velocities_of(manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the numbers that ``NAME_start`` takes as velocities; none where it is not there."""
+    return [x for x in manifest["system"].get("numbers", []) if x["role"] == "velocity"]
+
+
+def start_of(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
+    """Return the numbers that ``Stepper`` of stepper.js begins with."""
+    return {"real": manifest["real"], "dt": options.dt, "parameters": dict(options.parameters),
+            "q": list(options.q), "p": list(options.p),
+            "velocities": len(velocities_of(manifest))}
+
+
+def read(name: str) -> str:
+    """Return a file of this folder."""
+    return (_HERE / name).read_text(encoding="utf-8")
+
+
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:  # noqa: A001 (the protocol's name)
+    """Compile the module; return the folder."""
+    module = next(folder.glob("*.mjs")).with_suffix(".wasm")
+    compile_module(folder / SOURCES, module)
+    return folder
+
+
+def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
+    """Compile all steppers of a folder, each with glue.c, as one module that imports nothing."""
+    command = [*require("zig", "WebAssembly"), "cc", *_LINK[:2], *C_FLAGS, level]
+    manifests = [json.loads(path.read_text(encoding="utf-8"))
+                 for path in sorted(folder.glob("*.json"))]
+    for manifest in manifests:
+        run_tool([*command, *definitions(manifest), "-c", "glue.c", "-o",
+                  f"{manifest['name']}.o"], folder, "Compiling WebAssembly")
+    objects = [f"{manifest['name']}.o" for manifest in manifests]
+    exports = [f"-Wl,--export={function}" for manifest in manifests for function in exported(
+        manifest["name"], (folder / f"{manifest['name']}.h").read_text(encoding="utf-8"))]
+    run_tool([*command, *_LINK[2:], *exports, *objects, "-o", str(module.resolve())], folder,
+             "Linking WebAssembly")
+    for name in objects:
+        (folder / name).unlink()
+
+
+def definitions(manifest: Mapping[str, Any]) -> list[str]:
+    """Return what glue.c is told about a stepper."""
+    kind = manifest["scheme"]["kind"]
+    return [f'-DSTEPPER="{manifest["name"]}.c"', f"-DSPARK={int(kind == 'spark')}",
+            f"-DSPLITTING={int(kind == 'splitting')}",
+            f"-DCONSTRAINTS={len(manifest['system']['constraints'])}"]
+
+
+def exported(name: str, header: str) -> list[str]:
+    """Return the functions of a stepper in the module: those of its header, and of glue.c."""
+    declared = re.findall(rf"^[\w ]*?\b{name}_(\w+)\(", header, re.MULTILINE)
+    return [f"{name}_{function}" for function in (*dict.fromkeys(declared), *_OWN)]
+
+
+# ---------------------------------------------------------------- checks
+
+
+def check(built: Built) -> str:
+    """Run the module in wasmtime and Node, where they are, and compare bits with native C."""
+    name = built.stepper.name
+    return compare(built, (built.path / f"{name}.wasm").read_bytes())
+
+
+def compare(built: Built, module: bytes) -> str:
+    """Compare all steppers of a module with native C, in each engine that is here.
+
+    Raises
+    ------
+    InputError
+        Where there is neither wasmtime nor Node.
+    GyrosparkError
+        Where a bit differs.
+    """
+    engines = {name: run for name, run in (("wasmtime", _in_wasmtime), ("node", _in_node))
+               if TOOLS[name].find() is not None}
+    if not engines:
+        require("wasmtime", f"Checking target {built.target.name}")
+    said = []
+    for engine, run in engines.items():
+        for stepper, bits in zip(built.options.steppers,
+                                 run(module, built.options), strict=True):
+            said.append(refuse_difference(f"{stepper.name} in {engine}", bits, stepper,
+                                          built.options, _STEPS))
+    return "; ".join(said)
+
+
+def _in_node(module: bytes, options: Options) -> list[str]:
+    """Return the bits of q and p of each stepper after the steps of a check."""
+    about = {"schemes": schemes_of(options), "steps": _STEPS,
+             "start": start_of(options.steppers[0].manifest, options)}
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        (folder / "stepper.wasm").write_bytes(module)
+        (folder / "about.json").write_text(json.dumps(about), encoding="utf-8")
+        (folder / "check.mjs").write_text(read("stepper.js") + read("check.js"), encoding="utf-8")
+        return run_tool([*require("node", "This check"), "check.mjs"], folder, "Node").split()
+
+
+def _in_wasmtime(module: bytes, options: Options) -> list[str]:
+    """Return the same of wasmtime."""
+    import wasmtime
+
+    store = wasmtime.Store()
+    instance = wasmtime.Instance(store, wasmtime.Module(store.engine, module), [])
+    exports = instance.exports(store)
+    memory: Any = exports["memory"]
+    base = exports["__heap_base"].value(store)  # type: ignore[union-attr]
+    found = []
+    for stepper in options.steppers:
+        real = "f" if stepper.manifest["real"] == "float" else "d"
+
+        def call(what: str, *arguments: float, name: str = stepper.name) -> Any:
+            return exports[f"{name}_{what}"](store, *arguments)  # type: ignore[operator]
+
+        arrays = [struct.pack(f"<{len(values)}{real}", *values) for values in (
+            list(options.parameters.values()), options.q, options.p)]
+        arrays.append(struct.pack(f"<{real}i", 0.0, options.max_iterations))
+        arrays += [bytes(16), bytes(call("work_size"))]
+        at, end = [], -(-base // 16)*16
+        for array in arrays:
+            at.append(end)
+            end += -(-len(array) // 16)*16
+        missing = end - memory.data_len(store)
+        if missing > 0:
+            memory.grow(store, -(-missing // 65536))
+        for place, array in zip(at, arrays, strict=True):
+            memory.write(store, array, place)
+        parameters, q, p, limits, done, work = at
+        call("begin", work, parameters, limits, options.dt, q, p)
+        call("repeat", work, q, p, _STEPS, done)
+        found.append(b"".join(memory.read(store, place, place + len(array))
+                              for place, array in zip((q, p), arrays[1:3], strict=True)).hex())
+    return found
