@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .runtime.analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
     from .runtime.derivatives.gradient import Gradient
     from .runtime.derivatives.tangent_space import Tangents
+    from .runtime.devices.ensemble import DeviceEnsemble
     from .runtime.events.poincare_section import Section, section
     from .runtime.results.crossings import Crossings
     from .runtime.results.trajectory import Trajectory
@@ -102,6 +103,7 @@ _HOMES = {
     "from_mechanics": "generator.systems.sympy_mechanics",
     "Projection": "core.projection",
     "Crossings": "runtime.results.crossings",
+    "DeviceEnsemble": "runtime.devices.ensemble",
     "Ensemble": "runtime.steppers.ensemble",
     "Event": "core.event",
     "FrameChoice": "runtime.tuning.frame_search",
@@ -151,6 +153,7 @@ __all__ = [
     "Citations",
     "CompilerError",
     "Crossings",
+    "DeviceEnsemble",
     "Ensemble",
     "Event",
     "Fit",

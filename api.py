@@ -173,10 +173,16 @@ def _derived(
 
 
 def _with_derivatives(
-    spec: Spec, system: Any, tableau: Any, allow_invalid: bool, *, second: bool = False
+    spec: Spec, system: Any, tableau: Any, allow_invalid: bool, *, second: bool = False,
+    control: bool = False,
 ) -> dict[str, str]:
-    """Return the files of a stepper with tangents and adjoints, for a given system or tableau."""
-    return _derived(spec, system, tableau, allow_invalid, derivatives=True, second=second)[1]
+    """Return the files of a stepper with tangents and adjoints, or of its profile control."""
+    return _derived(_profiled(spec, control), system, tableau, allow_invalid,
+                    derivatives=not control, second=second)[1]
+
+
+def _profiled(spec: Spec, control: bool) -> Spec:
+    return spec.with_profile("control") if control else spec
 
 
 def consistent(
@@ -280,13 +286,16 @@ def _named_stepper(spec: Spec) -> Stepper:
         partial(_derivative_files, spec), portable=True))
 
 
-def _derivative_files(spec: Spec, *, second: bool = False) -> dict[str, str]:
-    """Return the files of a named stepper with tangents and adjoints, cached."""
-    kind = "second" if second else "derivatives"
+def _derivative_files(
+    spec: Spec, *, second: bool = False, control: bool = False
+) -> dict[str, str]:
+    """Return what ``_with_derivatives`` does for a named stepper, cached."""
+    kind = "control" if control else "second" if second else "derivatives"
     key = f"{spec.name}-{_source_key(spec, kind)}.source.json"
     files: dict[str, str] | None = read_cache(key)
     if files is None:
-        files = _generate(spec, None, None, False, derivatives=True, second=second).source.files()
+        files = _generate(_profiled(spec, control), None, None, False, derivatives=not control,
+                          second=second).source.files()
         write_cache(key, files)
     return files
 
@@ -408,16 +417,16 @@ def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults
 
 def _model_with_derivatives(
     key: str, spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool, *,
-    second: bool = False,
+    second: bool = False, control: bool = False,
 ) -> dict[str, str]:
-    """Return the files of a model's stepper with tangents and adjoints, cached beside its own."""
-    kind = "second" if second else "derivatives"
+    """Return what ``_with_derivatives`` does for a model's stepper, cached beside its own."""
+    kind = "control" if control else "second" if second else "derivatives"
     key = key.replace(".source.json", f"_{kind}.source.json")
     files: dict[str, str] | None = read_cache(key)
     if files is None:
         with capture_warnings():
-            files = _generate_model(spec, make, allow_invalid, derivatives=True,
-                                    second=second)[1]
+            files = _generate_model(_profiled(spec, control), make, allow_invalid,
+                                    derivatives=not control, second=second)[1]
         write_cache(key, files)
     return files
 

@@ -10,6 +10,7 @@
     arduino         a library of Arduino and PlatformIO
     fmu2, fmu3      an FMU for co-simulation, of FMI 2.0 and of FMI 3.0; what they share is in fmi/
     web             WebAssembly, and a page that integrates
+    cuda            kernels of CUDA, a thread for each trajectory
 
 A target is one module with
 
@@ -113,4 +114,5 @@ TARGETS: dict[str, Target] = {target.name: target for target in (
            needs=("zig",), checks=("wasmtime", "cc"), several=True),
     Target("web", "web.page", "a page that integrates, one HTML file without network",
            needs=("zig",), checks=("wasmtime", "cc"), suffix=".html", several=True),
+    Target("cuda", "cuda", "CUDA: kernels with a thread for each trajectory", checks=("cc",)),
 )}

@@ -239,14 +239,19 @@ class Compiled:
         """Return empty running records."""
         return self.ffi.new(f"{self.name}_report[]", count)
 
-    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
-        """Return an array of parameter structs, for runs that start at those times."""
+    def parameter_rows(self, columns: dict[str, Array], times: Array) -> Array:
+        """Return the fields of a parameter struct in a row for each run, which starts at a time."""
         fields = [*(columns[name] for name in self.parameter_names),
                   *([] if self.time is None else [times])]
         rows = self.new(len(times), max(len(fields), 1))  # one that has none has a field too
         with np.errstate(over="ignore"):
             for place, column in enumerate(fields):
                 rows[:, place] = column
+        return rows
+
+    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
+        """Return an array of parameter structs, for runs that start at those times."""
+        rows = self.parameter_rows(columns, times)
         return self.ffi.from_buffer(f"{self.name}_parameters[]", rows)
 
     def integrate_lanes(

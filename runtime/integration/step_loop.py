@@ -73,22 +73,26 @@ class Rows:
 class ChunkSize:
     """How many steps compiled code does between two looks at signals: some tenths of a second.
 
-    Seconds of this thread, not of the clock: a machine that is busy elsewhere changes nothing.
+    Seconds of this thread, unless ``clock`` says otherwise: a machine that is busy elsewhere
+    changes nothing.
     """
 
-    def __init__(self, catch_signals: bool = False) -> None:
+    def __init__(
+        self, catch_signals: bool = False, clock: Callable[[], float] = time.thread_time
+    ) -> None:
+        self._clock = clock
         self._largest = _CHUNK_WITH_EVENTS if catch_signals else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
-        self._began = time.thread_time()
+        self._began = clock()
 
     def begin(self) -> int:
         """Return how many steps to do at most; the clock runs."""
-        self._began = time.thread_time()
+        self._began = self._clock()
         return self.most
 
     def end(self, steps: int) -> None:
         """Take the time that so many steps took for the next ones."""
-        seconds = time.thread_time() - self._began
+        seconds = self._clock() - self._began
         if seconds > _LOOK:
             self.most = max(1, int(steps * _LOOK / seconds))
         elif steps >= self.most and seconds < _LOOK / 2:

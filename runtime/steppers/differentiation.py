@@ -53,14 +53,14 @@ class Derive:
     Attributes
     ----------
     files : callable
-        Returns header, source and manifest by their names; with ``second=True`` those of second
-        derivatives, where the files are not known yet.
+        Returns header, source and manifest by their names; where the files are not known yet, with
+        ``second=True`` those of second derivatives, with ``control=True`` those of profile control.
     portable : bool
         Whether another process can call it: it holds no system and no tableau of this one.
     known : bool
         Whether the files were derived before.
     further : Derive, optional
-        What derives second derivatives where the others are known.
+        What derives the others where those of derivatives are known.
     """
 
     files: Callable[..., dict[str, str]]
@@ -69,8 +69,8 @@ class Derive:
     further: Derive | None = None
 
     @property
-    def of_second(self) -> Derive | None:
-        """What derives second derivatives; None where that is not known any more."""
+    def of_others(self) -> Derive | None:
+        """What derives more than derivatives; None where that is not known any more."""
         return self.further if self.known else self
 
 
@@ -82,6 +82,7 @@ class Differentiation(Evaluation):
         self._derive = derive
         self._derivative_binding: list[DerivativeBinding] = []
         self._second_binding: list[SecondBinding] = []
+        self._control_files: dict[str, str] = {}
         self._deriving = threading.Lock()
         system = self.manifest["system"]
         #: The name of each constraint.
@@ -100,7 +101,7 @@ class Differentiation(Evaluation):
                 files = self._derive.files()
                 own = self._bound(load_module(self.name, files, "derivatives"))
                 self._derive = Derive(partial(dict, files), portable=True, known=True,
-                                      further=self._derive.of_second)
+                                      further=self._derive.of_others)
                 quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_binding.append(kind(
@@ -116,7 +117,7 @@ class Differentiation(Evaluation):
                 if self.symmetries:
                     raise InputError(f"Stepper {self.name} moves with a frame, which has no second "
                                      "derivatives; leave the frame out.")
-                derive = self._derive.of_second if self._derive is not None else None
+                derive = self._derive.of_others if self._derive is not None else None
                 if derive is None:
                     raise InputError(
                         f"Stepper {self.name} was read from a file, or sent to this process before "
@@ -126,6 +127,20 @@ class Differentiation(Evaluation):
                 own = self._bound(load_module(self.name, files, "second"))
                 self._second_binding.append(SecondBinding(own, first))
         return self._second_binding[0]
+
+    @property
+    def control_files(self) -> dict[str, str]:
+        """Header, source and manifest of profile control, derived when first asked for."""
+        with self._deriving:
+            if not self._control_files:
+                derive = self._derive.of_others if self._derive is not None else None
+                if derive is None:
+                    raise InputError(
+                        f"Stepper {self.name} was read from a file, or sent to this process before "
+                        "its code for a card was first used; make it with "
+                        "gyrospark.stepper(...).")
+                self._control_files.update(derive.files(control=True))
+        return self._control_files
 
     def portable_derive(self) -> Derive | None:
         """Return what another process derives with; None if it cannot."""

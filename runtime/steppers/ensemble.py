@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,16 +18,28 @@ from ...core.errors import InputError, StepFailed, Stopped
 from ...core.event import Event, as_events
 from ...core.exact_numbers import Number
 from ...core.html import card, table
-from ...core.interrupts import catch_ctrl_c
+from ...core.interrupts import Interrupts, catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_positive_count
 from ..bindings.inputs import Inputs, as_inputs
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
+from ..devices.cuda_text import cuda_text
+from ..devices.device import Device, is_on_card
+from ..devices.ensemble import (
+    DeviceEnsemble,
+    DeviceName,
+    device_for,
+    refuse_on_device,
+    shared_ensemble,
+    views_of,
+)
+from ..devices.trajectories import Trajectories, gathered
 from ..events.detection import Levels
 from ..events.location import crossings_of, detectors_for
 from ..integration.failure import Diagnosis
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import (
+    EnsembleArguments,
     Origin,
     RawArguments,
     checked_runs,
@@ -187,9 +199,47 @@ def integrate_members(
     inputs: Any = None,
     hold: int = 1,
     tangents: Tangents | None = None,
+    device: DeviceName | None = None,
     **options: Any,
 ) -> Ensemble:
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
+    card = device_for(device, q, p)
+    if card is not None:
+        refuse_on_device(stepper, options["solver"], events=events, inputs=inputs,
+                         tangents=tangents, workers=workers)
+        # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
+        return cast(Ensemble, _integrate_on(card, stepper, q, p, dt, t0, parameters, options))
+    runs = _checked(stepper, q, p, dt, t0, parameters, options, inputs, hold)
+    levels = _levels(stepper, events)
+    computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
+    with catch_ctrl_c() as interrupts:
+        def fill(some: EnsembleStates) -> None:
+            fill_ensemble(some, threads_of(workers), lambda: interrupts.requested)
+
+        fill(computed)
+        crossings = [] if levels is None else crossings_of(stepper, levels, runs,
+                                                           computed.detectors, fill)
+        found = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
+        if tangents is not None:
+            found = _with_tangents(stepper, found, tangents, threads_of(workers),
+                                   lambda: interrupts.requested)
+    if interrupts.requested:
+        raise _stopped(interrupts, sum(computed.stored), found, found.t.size)
+    return found
+
+
+def _stopped(
+    interrupts: Interrupts, stored: int, found: Ensemble | DeviceEnsemble, size: int
+) -> Stopped:
+    return Stopped(f"Stopped with {stored:,} of {size:,} states; they are in .ensemble.",
+                   interrupts.signal, ensemble=cast(Ensemble, found))
+
+
+def _checked(
+    stepper: Stepper, q: Any, p: Any, dt: Any, t0: Any, parameters: Any, options: dict[str, Any],
+    inputs: Any = None, hold: int = 1,
+) -> EnsembleArguments:
+    """Return the runs of an ensemble, or raise InputError for what is unusable."""
     starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
     if starts.ndim != 2 or starts.shape != momenta.shape or not len(starts):
         raise InputError(f"q and p have shapes {starts.shape} and {momenta.shape}; give "
@@ -204,24 +254,32 @@ def integrate_members(
     given = _with_frames(stepper, given, fed)
     runs = replace(checked_runs(stepper, given), inputs=fed)
     warn_of_negative(runs.parameters)
-    levels = _levels(stepper, events)
     if runs.first.steps:
         stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
-    computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
-    with catch_ctrl_c() as interrupts:
-        def fill(some: EnsembleStates) -> None:
-            fill_ensemble(some, threads_of(workers), lambda: interrupts.requested)
+    return runs
 
-        fill(computed)
-        crossings = [] if levels is None else crossings_of(stepper, levels, runs,
-                                                           computed.detectors, fill)
-        found = _ensemble(stepper, computed, crossings, () if levels is None else levels.events)
-        if tangents is not None:
-            found = _with_tangents(stepper, found, tangents, threads_of(workers),
-                                   lambda: interrupts.requested)
+
+def _integrate_on(
+    device: Device, stepper: Stepper, q: Any, p: Any, dt: Any, t0: Any, parameters: Any,
+    options: dict[str, Any],
+) -> Ensemble | DeviceEnsemble:
+    """Integrate each row of q and p on a card; arrays that lie there stay there."""
+    name, text = stepper.name, cuda_text(stepper.name, stepper.control_files)
+    state, like = None, q
+    if is_on_card(q):
+        state = gathered(device, name, text, *views_of(device, stepper, q, p))
+        q, p = np.split(device.get(state).T, 2, axis=1)
+    runs = _checked(stepper, q, p, dt, t0, parameters, options)
+    there = Trajectories(device, name, text, stepper.binding, runs, state)
+    with catch_ctrl_c() as interrupts:
+        def stop() -> bool:
+            return interrupts.requested
+
+        found = (_ensemble(stepper, there.states(stepper.binding, stop), [], ()) if state is None
+                 else shared_ensemble(stepper, there, like, stop))
     if interrupts.requested:
-        raise Stopped(f"Stopped with {sum(computed.stored):,} of {found.t.size:,} states; they are "
-                      "in .ensemble.", interrupts.signal, ensemble=found)
+        stored = int(sum(runs.first.stored(done) + 1 for done in there.done.tolist()))
+        raise _stopped(interrupts, stored, found, len(runs) * (runs.first.rows + 1))
     return found
 
 

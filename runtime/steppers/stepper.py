@@ -25,6 +25,7 @@ from ..compilation.manifest import manifest_warnings
 from ..compilation.stepper_module import provenance
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
+from ..devices.ensemble import DeviceName
 from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
@@ -345,6 +346,7 @@ class Stepper(Differentiation):
         workers: int | None = None,
         events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None,
+        device: DeviceName | None = None,
     ) -> Ensemble:
         """Integrate many trajectories; the leading axis of q, p is the trajectory.
 
@@ -368,12 +370,17 @@ class Stepper(Differentiation):
         The code of these lanes is compiled by the first call that needs it, and kept as the
         stepper is; without a compiler that call raises ``CompilerError``.
 
+        With ``device="cuda"`` each trajectory is a thread of an NVIDIA card, with the bits of
+        profile control; arrays that lie on a card run there by themselves, and a
+        ``DeviceEnsemble`` of arrays of their library comes back. See docs/cuda.md for what a card
+        does not have.
+
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         choose("solver", solver, SOLVERS)
         return integrate_members(
             self, q, p, dt, t0, parameters, workers, events, inputs, hold, tangents,
-            steps=steps, every=every, solver=solver, tolerance=tolerance,
+            device, steps=steps, every=every, solver=solver, tolerance=tolerance,
             max_iterations=max_iterations,
         )
 

@@ -178,7 +178,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
               fix="energy", free=None, t0=0.0, max_iterations=2),
         plain("integrate_ensemble", step.integrate_ensemble, q=[q, q], p=[p, p], **run, steps=3,
               t0=0.0, every=1, solver="auto", tolerance=None, max_iterations=50, workers=1,
-              events=gs.Event("q1"), inputs=None, hold=1, tangents=gs.Tangents()),
+              events=gs.Event("q1"), inputs=None, hold=1, tangents=gs.Tangents(), device="cpu"),
         plain("at", step.at, trajectory=made, times=[0.0015], workers=1),
         plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
         plain("start", step.start, q0=q, p0=p, **run, t0=0.0, solver="auto", tolerance=1e-12,

@@ -1,0 +1,128 @@
+"""A card, by cuda-core and NVRTC."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError, MissingDependencyError
+from ...core.extras import install
+from .cuda_text import THREADS
+from .device import Memory, View
+
+try:
+    from cuda.bindings import driver
+    from cuda.core import Buffer, LaunchConfig, Program, ProgramOptions, launch
+    from cuda.core import Device as Card
+    from cuda.core.utils import StridedMemoryView
+except ImportError as error:
+    raise MissingDependencyError(
+        f"device = 'cuda' needs cuda-core; {install('cuda')} brings it.") from error
+
+__all__ = ["CudaDevice", "compile_cubin"]
+
+Array = NDArray[Any]
+
+
+def compile_cubin(name: str, text: str, architecture: str) -> Any:
+    """Return the machine code of a CUDA text for an architecture such as ``"sm_90"``, by NVRTC.
+
+    No product is contracted with a sum, so that the bits are those of the C on a CPU.
+    """
+    options = ProgramOptions(name=f"{name}.cu", arch=architecture, std="c++17", fma=False)
+    return Program(text, "c++", options).compile("cubin")
+
+
+@lru_cache(maxsize=64)
+def _kernels(name: str, text: str, architecture: str, card: int) -> Any:
+    """Return the machine code, which is loaded on one card; NVRTC takes a second or two."""
+    return compile_cubin(name, text, architecture)
+
+
+class CudaDevice:
+    """The current card, or the one with a number; all launches are on one stream of its own."""
+
+    def __init__(self, number: int | None = None) -> None:
+        try:
+            self._card = Card(number)
+            self._card.set_current()
+            self._stream = self._card.create_stream()
+        except Exception as error:  # no driver, no card: each has an error of its own
+            raise InputError(
+                f"device = 'cuda' finds no NVIDIA card ({str(error).splitlines()[0]}); leave "
+                "device out, and the trajectories run on the CPU.") from error
+
+    def load(self, name: str, text: str) -> Any:
+        """Return the compiled kernels."""
+        capability = self._card.compute_capability
+        architecture = f"sm_{capability.major}{capability.minor}"
+        return name, _kernels(name, text, architecture, self._card.device_id)
+
+    def zeros(self, shape: tuple[int, ...], dtype: Any) -> Memory:
+        """Return memory that is 0."""
+        made = self._new(shape, np.dtype(dtype))
+        made.handle.fill(0, stream=self._stream)
+        return made
+
+    def put(self, array: Array) -> Memory:
+        """Return memory with the numbers of an array."""
+        whole = np.ascontiguousarray(array)
+        made = self._new(whole.shape, whole.dtype)
+        _checked(driver.cuMemcpyHtoDAsync(int(made.handle.handle), whole.ctypes.data, whole.nbytes,
+                                          int(self._stream.handle)))
+        self.wait()
+        return made
+
+    def get(self, memory: Memory) -> Array:
+        """Return the numbers."""
+        found = np.empty(memory.shape, memory.dtype)
+        _checked(driver.cuMemcpyDtoHAsync(found.ctypes.data, int(memory.handle.handle),
+                                          found.nbytes, int(self._stream.handle)))
+        self.wait()
+        return found
+
+    def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
+        """Begin so many threads, in blocks."""
+        name, code = program
+        passed = [int(one.handle.handle) if isinstance(one, Memory) else one for one in arguments]
+        config = LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
+        launch(self._stream, config, code.get_kernel(f"{name}_{kernel}"), *passed)
+
+    def wait(self) -> None:
+        """Return when all launches are done."""
+        self._stream.sync()
+
+    def view(self, array: Any) -> View:
+        """Return an array of another library; what it has begun there is waited for."""
+        found = StridedMemoryView.from_any_interface(array, stream_ptr=int(self._stream.handle))
+        strides = found.strides
+        if strides is None:  # C order
+            strides = tuple(int(np.prod(found.shape[k + 1:])) for k in range(len(found.shape)))
+        handle = Buffer.from_handle(found.ptr, found.size * found.dtype.itemsize, owner=found)
+        return View(Memory(handle, tuple(found.shape), found.dtype), tuple(strides))
+
+    def share(self, memory: Memory, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:
+        """Return memory as an object with ``__dlpack__``."""
+        return StridedMemoryView.from_buffer(memory.handle, shape, strides, dtype=memory.dtype)
+
+    def _new(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Memory:
+        size = int(np.prod(shape)) * dtype.itemsize
+        try:
+            handle = self._card.allocate(max(size, 1), stream=self._stream)
+        except Exception as error:
+            if "OUT_OF_MEMORY" not in str(error):
+                raise
+            raise InputError(f"The card has no memory for {size:,} bytes more; take fewer "
+                             "trajectories at a time, or keep fewer of their states with a larger "
+                             "every.") from error
+        return Memory(handle, shape, dtype)
+
+
+def _checked(result: tuple[Any, ...]) -> None:
+    """Raise if a call of the driver has failed."""
+    (status, *_) = result
+    if status != driver.CUresult.CUDA_SUCCESS:
+        raise RuntimeError(f"The CUDA driver says {status.name}.")

@@ -1,0 +1,76 @@
+"""What an ensemble needs of a device: memory, compilation, launches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Device", "Memory", "View", "is_on_card"]
+
+Array = NDArray[Any]
+
+#: Numbers of DLPack for memory of a CPU, and for such memory that a card can read.
+_OF_CPU = (1, 3)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """An array in memory of a device.
+
+    Attributes
+    ----------
+    handle
+        What the device knows it by.
+    shape, dtype
+        Of the array, whose last axis is contiguous.
+    """
+
+    handle: Any
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+
+@dataclass(frozen=True)
+class View:
+    """An array of another library: ``memory``, its strides in numbers."""
+
+    memory: Memory
+    strides: tuple[int, ...]
+
+
+class Device(Protocol):
+    """A card, or what stands in for one."""
+
+    def load(self, name: str, text: str) -> Any:
+        """Return the compiled kernels of a CUDA text, the stepper's name before each."""
+
+    def zeros(self, shape: tuple[int, ...], dtype: Any) -> Memory:
+        """Return memory that is 0."""
+
+    def put(self, array: Array) -> Memory:
+        """Return memory with the numbers of an array."""
+
+    def get(self, memory: Memory) -> Array:
+        """Return the numbers as an array, once all launches are done."""
+
+    def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
+        """Begin so many threads of a kernel; arguments are ``Memory`` and NumPy scalars."""
+
+    def wait(self) -> None:
+        """Return when all launches are done."""
+
+    def view(self, array: Any) -> View:
+        """Return an array of another library, which has ``__dlpack__``, without a copy."""
+
+    def share(self, memory: Memory, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:
+        """Return memory as an object with ``__dlpack__``, without a copy."""
+
+
+def is_on_card(array: Any) -> bool:
+    """Whether an array of any library lies in memory of a card."""
+    if isinstance(array, (np.ndarray, type)) or not hasattr(array, "__dlpack_device__"):
+        return False
+    return array.__dlpack_device__()[0] not in _OF_CPU

@@ -1,0 +1,191 @@
+"""The trajectories of an ensemble on a device: launches, slice by slice, and stored states."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bindings.binding import Binding
+from ..integration.lanes import EnsembleStates
+from ..integration.run_arguments import EnsembleArguments
+from ..integration.step_loop import ChunkSize, Rows
+from ..results.run_arrays import defect_sizes
+from .device import Device, Memory, View
+
+__all__ = ["DeviceStates", "Trajectories", "gathered"]
+
+Array = NDArray[Any]
+
+#: Bytes of stored states that lie on the device before they are copied to the host.
+_WINDOW = 2**28
+
+
+@dataclass(frozen=True)
+class Window:
+    """Stored states that lie on the device: rows ``first`` to ``first + len(q)`` of all."""
+
+    first: int
+    #: (rows, n, trajectories)
+    q: Memory
+    p: Memory
+    #: (rows, trajectories)
+    iterations: Memory
+
+
+class Trajectories:
+    """The trajectories of an ensemble in memory of a device, from their start on.
+
+    Parameters
+    ----------
+    device : Device
+        Where they run.
+    name, text : str
+        Of the stepper, and what ``cuda_text`` says for it.
+    binding : Binding
+        Of the stepper on the CPU, which knows the order of its parameters.
+    runs : EnsembleArguments
+        Checked.
+    state : Memory, optional
+        q and p of all trajectories, (2 n, trajectories), where they lie there already.
+    """
+
+    def __init__(
+        self, device: Device, name: str, text: str, binding: Binding, runs: EnsembleArguments,
+        state: Memory | None = None,
+    ) -> None:
+        self.device, self.runs, self.n, self.dtype = device, runs, binding.n, binding.dtype
+        self.program = device.load(name, text)
+        count, number = len(runs), self.dtype
+        sizes = device.zeros((2,), np.int64)
+        device.launch(self.program, "measure", 1, sizes)
+        words, fields = device.get(sizes).tolist()
+        parameters = binding.parameter_rows(runs.parameters, runs.t0)
+        assert parameters.shape[1] == fields, "profile control has the parameters of the stepper"
+        self.state = device.put(np.concatenate([runs.q.T, runs.p.T])) if state is None else state
+        self.words = device.zeros((words, count), np.uint32)
+        self.status = device.zeros((count,), np.intc)
+        self.steps, self.iterations = (device.zeros((count,), np.int64) for _ in range(2))
+        first = runs.first
+        self._launch("begin_trajectories", device.put(parameters.T.astype(number)),
+                     device.put(runs.dt.astype(number)), number(first.tolerance or 0),
+                     np.intc(first.max_iterations), self.state, self.words, self.status,
+                     self.steps, self.iterations)
+
+    def integrate(
+        self, rows: int, store: Callable[[Window], None], stop: Callable[[], bool]
+    ) -> int:
+        """Take all steps, until they shall stop; return how many.
+
+        ``store`` is called with each ``rows`` rows, the start among the first, when they are full.
+        """
+        first, pace = self.runs.first, ChunkSize(clock=time.perf_counter)
+        done = row = 0
+        while True:
+            window = self._window(row, min(rows, first.rows + 1 - row))
+            end = min((row + window.q.shape[0] - 1) * first.every, first.steps)
+            if row == 0:
+                self._advance(0, 0, window)
+            while done < end and not stop():
+                count = min(pace.begin(), end - done)
+                self._advance(done, done + count, window)
+                done += count
+                pace.end(count)
+            store(window)
+            if done < end or end == first.steps:
+                return done
+            row += window.q.shape[0]
+
+    @property
+    def done(self) -> Array:
+        """Steps that each trajectory has done."""
+        return self.device.get(self.steps)
+
+    def states(self, binding: Binding, stop: Callable[[], bool]) -> DeviceStates:
+        """Take all steps, until they shall stop; return the stored states on the host."""
+        runs, count, n = self.runs, len(self.runs), self.n
+        rows = runs.first.rows + 1
+        q, p = binding.new(count, rows, n), binding.new(count, rows, n)
+        iterations = np.zeros((count, rows), np.intc)
+
+        def store(window: Window) -> None:
+            part = slice(window.first, window.first + window.q.shape[0])
+            q[:, part] = self.device.get(window.q).transpose(2, 0, 1)
+            p[:, part] = self.device.get(window.p).transpose(2, 0, 1)
+            iterations[:, part] = self.device.get(window.iterations).T
+
+        self.integrate(max(_WINDOW // (2 * n * count * q.itemsize), 1), store, stop)
+        unknown = binding.new(1)[0] + np.nan
+        multipliers = np.broadcast_to(unknown, (count, rows, binding.multipliers))
+        work = np.broadcast_to(unknown if binding.has_forces else unknown.dtype.type(0),
+                               (count, rows))
+        state = self.device.get(self.state)
+        return DeviceStates(
+            binding, runs, False, 1, Rows(q, p, multipliers, iterations, work),
+            np.ascontiguousarray(state[:n].T), np.ascontiguousarray(state[n:].T),
+            self.device.get(self.status), [], steps=self.done,
+            iterations=self.device.get(self.iterations))
+
+    def _window(self, first: int, rows: int) -> Window:
+        count = len(self.runs)
+        q, p = (self.device.zeros((rows, self.n, count), self.dtype) for _ in range(2))
+        return Window(first, q, p, self.device.zeros((rows, count), np.intc))
+
+    def _advance(self, first: int, last: int, window: Window) -> None:
+        run = self.runs.first
+        self._launch("advance_trajectories", *map(np.int64, (
+            first, last, run.every, run.steps, window.first)), self.state, self.words, self.status,
+            self.steps, self.iterations, window.q, window.p, window.iterations)
+        self.device.wait()
+
+    def _launch(self, kernel: str, *arguments: Any) -> None:
+        self.device.launch(self.program, kernel, len(self.runs), np.int64(len(self.runs)),
+                           *arguments)
+
+
+def gathered(device: Device, name: str, text: str, q: View, p: View) -> Memory:
+    """Return q and p of all trajectories, (2 n, trajectories), from arrays with any strides."""
+    count, n = q.memory.shape
+    state = device.zeros((2 * n, count), q.memory.dtype)
+    device.launch(device.load(name, text), "gather_states", count, np.int64(count), q.memory,
+                  *map(np.int64, q.strides), p.memory, *map(np.int64, p.strides), state)
+    return state
+
+
+@dataclass(frozen=True)
+class DeviceStates(EnsembleStates):
+    """Stored states that were copied from a device, with what is known of each trajectory.
+
+    Multipliers are NaN: a step of profile control keeps none. So is the work of forces.
+    """
+
+    #: Steps and iterations of each trajectory.
+    steps: Array = field(kw_only=True)
+    iterations: Array = field(kw_only=True)
+
+    @property
+    def stored(self) -> list[int]:
+        """The stored states of each trajectory, its start among them."""
+        return [self.runs.first.stored(done) + 1 for done in self.steps.tolist()]
+
+    def report(self, i: int) -> Any:
+        """Return the running record of a trajectory, whose errors are those of stored states."""
+        binding, run, done = self.binding, self.runs[i], int(self.steps[i])
+        rows = run.stored(done) + 1
+        parameters = binding.parameters(run.parameters, run.t0)
+        t = binding.times(run.t0, run.dt, run.steps_of_rows(done)).astype(binding.dtype)
+        q, p = self.rows.q[i, :rows], self.rows.p[i, :rows]
+        H = binding.hamiltonian(parameters, q, p, t).astype(float)
+        errors = np.abs(H - H[0] - (np.nan if binding.has_forces else 0))
+        g, f = defect_sizes(binding, parameters, q, p, t)
+        return SimpleNamespace(
+            steps=done, recorded=rows, iterations=int(self.iterations[i]),
+            iterations_max=int(self.rows.iterations[i, 1:rows].max(initial=0)), newton_steps=0,
+            energy_start=H[0], energy_error_max=errors.max(), energy_error_sum=errors.sum(),
+            constraint_max=g.max(), constraint_sum=g.sum(), hidden_max=f.max(), hidden_sum=f.sum(),
+            work=np.nan)

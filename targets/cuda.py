@@ -1,0 +1,93 @@
+"""Target cuda: ``NAME.cu``, kernels with a thread for each trajectory, and an example."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._version import __version__
+from ..core.errors import GyrosparkError
+from ..runtime.devices.cuda_text import THREADS, cuda_text
+from ..runtime.devices.host_device import HostDevice
+from .artefact import Built, Option, Options, filled, parameter_fields
+from .native import refuse_difference, start_values
+from .tools import require, run_tool
+
+OPTIONS: tuple[Option, ...] = ()
+
+#: Of the example, and of the check.
+_STEPS = 2000
+#: The architectures of A100 and H100, which the check compiles for.
+_ARCHITECTURES = ("sm_80", "sm_90")
+
+
+def files(
+    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+) -> dict[str, str | bytes]:
+    """Return the CUDA text, its header for programs on the host, an example and the manifest."""
+    name = manifest["name"]
+    values = {
+        "name": name, "version": __version__, "n": len(options.q), "threads": THREADS,
+        "about": f"{manifest['scheme']['method']} for {manifest['system']['name']}",
+        "fields": parameter_fields(manifest), "real": manifest["real"], "dt": repr(options.dt),
+        "steps": _STEPS, "max_iterations": options.max_iterations,
+        **start_values(options, manifest)}
+    return {f"{name}.cu": cuda_text(name, sources) + filled("launch.cu", **values),
+            f"{name}_cuda.h": filled("trajectories.h", **values),
+            "main.cu": filled("main.cu", **values), f"{name}.json": sources[f"{name}.json"]}
+
+
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
+    """Return the folder: text is all there is."""
+    return folder
+
+
+def check(built: Built) -> str:
+    """Compile the text as C, run it, compare its bits; compile it by nvcc, where that is."""
+    require("cc", "Checking target cuda")
+    name, here = built.stepper.name, built.path.resolve()
+    found = refuse_difference("CUDA text as C", _bits(built), built.stepper, built.options, _STEPS)
+    nvcc = shutil.which("nvcc")
+    if nvcc is None:
+        return f"{found}; nvcc, which compiles it for a card, was not found"
+    with tempfile.TemporaryDirectory() as place:
+        for architecture in _ARCHITECTURES:
+            run_tool([nvcc, "-O2", "-fmad=false", f"-arch={architecture}", str(here / "main.cu"),
+                      str(here / f"{name}.cu"), "-o", "many"], Path(place), "Compiling the example")
+    return f"{found}; nvcc compiles it for {' and '.join(_ARCHITECTURES)}"
+
+
+def _bits(built: Built) -> str:
+    """Return the bits of the last of three trajectories, whose steps two launches take."""
+    options, device, name = built.options, HostDevice(), built.stepper.name
+    real = np.float32 if built.stepper.manifest["real"] == "float" else np.float64
+    program = device.load(name, (built.path / f"{name}.cu").read_text(encoding="ascii"))
+    count, n = 3, len(options.q)
+
+    def of_all(numbers: Any) -> Any:
+        return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
+
+    sizes = device.zeros((2,), np.int64)
+    device.launch(program, "measure", 1, sizes)
+    words = device.zeros((int(device.get(sizes)[0]), count), np.uint32)
+    state, status = of_all((*options.q, *options.p)), device.zeros((count,), np.intc)
+    steps, iterations = (device.zeros((count,), np.int64) for _ in range(2))
+    device.launch(program, "begin_trajectories", count, np.int64(count),
+                  of_all(options.parameters.values()), of_all([options.dt]), real(0),
+                  np.intc(options.max_iterations), state, words, status, steps, iterations)
+    rows = [device.zeros((2, n, count), real) for _ in range(2)]
+    most = device.zeros((2, count), np.intc)
+    for first, last in ((0, _STEPS // 3), (_STEPS // 3, _STEPS)):
+        device.launch(program, "advance_trajectories", count, np.int64(count), *map(np.int64, (
+            first, last, _STEPS, _STEPS, 0)), state, words, status, steps, iterations, *rows, most)
+    failed = device.get(status).any()
+    if failed:
+        raise GyrosparkError(f"A step of {name} with dt = {options.dt:.6g} failed: status "
+                             f"{device.get(status)[-1]}; choose a smaller dt.")
+    end = np.concatenate([device.get(memory)[-1, :, -1] for memory in rows])
+    return str(end.astype(real).tobytes().hex())

@@ -1,0 +1,368 @@
+"""Ensembles on a card: the CUDA text as C, C++ and for a card; what a card does not have.
+
+No card is asked for: launches are those of ``HostDevice``, which compiles the same text as C. What
+talks to a card is called where there is one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import shutil
+import signal
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.api import text_of
+from gyrospark.core.errors import InputError, MissingDependencyError, Stopped
+from gyrospark.core.extras import install
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.devices import ensemble as devices
+from gyrospark.runtime.devices import trajectories
+from gyrospark.runtime.devices.cuda_text import KERNELS, THREADS, cuda_text
+from gyrospark.runtime.devices.device import Memory
+from gyrospark.runtime.devices.host_device import HostDevice
+from gyrospark.targets.artefact import Options, Written
+from gyrospark.targets.native import native_bits
+from processes import call
+
+TOP = gs.problems.fast_top()
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+COUNT, STEPS, EVERY = 3, 50, 7
+#: Numbers before and behind all memory.
+BAND = 1024
+#: A step that has no solution, and the warning of it.
+LONG = 0.5
+WARNED = pytest.mark.filterwarnings("ignore:The fastest rotation")
+RUN = {"dt": 1e-3, "steps": STEPS, "every": EVERY,
+       "parameters": PARAMETERS | {"mgl": PARAMETERS["mgl"] * np.array([1, 1.1, 1.2])}}
+MANY = np.tile(TOP.q0, (COUNT, 1)), np.tile(TOP.p0, (COUNT, 1))
+SPECS = {"gl2": Spec("G-L", 2, "gamma"), "ems_float": Spec("EMS", None, "gamma", real="float"),
+         "splitting4": Spec.checked("splitting", rep="gamma", order=4)}
+
+
+@pytest.fixture(scope="module")
+def host():
+    """A device that keeps what it has compiled."""
+    return HostDevice()
+
+
+@pytest.fixture
+def card(host, monkeypatch):
+    """The same in place of every card: launches are counted, nothing is written out of bounds."""
+    counted = SimpleNamespace(launches=[], at_launch=lambda: None, bands=[])
+    launch = host.launch
+
+    def put(array):
+        whole = np.full(array.size + 2 * BAND, 7, array.dtype)
+        counted.bands.append(whole)
+        inner = whole[BAND:-BAND].reshape(array.shape)
+        inner[...] = array
+        return Memory(inner, array.shape, array.dtype)
+
+    def count(program, kernel, threads, *arguments):
+        counted.launches.append((kernel, *arguments[1:3]))
+        launch(program, kernel, threads, *arguments)
+        counted.at_launch()
+
+    monkeypatch.setattr(host, "put", put)
+    monkeypatch.setattr(host, "launch", count)
+    monkeypatch.setattr(devices, "open_card", lambda number: host)
+    yield counted
+    assert all((whole[:BAND] == 7).all() and (whole[-BAND:] == 7).all() for whole in counted.bands)
+
+
+@pytest.fixture(scope="module")
+def step():
+    return gs.stepper("G-L", stages=2, rep="gamma")
+
+
+@pytest.fixture(scope="module")
+def texts():
+    """Manifest, files and CUDA text of some steppers, by name."""
+    made = {}
+    for kind, spec in SPECS.items():
+        files, _ = text_of(spec.with_profile("control"))
+        name = next(one for one in files if one.endswith(".h"))[:-2]
+        made[kind] = SimpleNamespace(name=name, files=files, text=cuda_text(name, files),
+                                     manifest=json.loads(files[f"{name}.json"]))
+    return made
+
+
+class OnCard:
+    """An array of a library whose memory is that of a card."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __dlpack_device__(self):
+        return 2, 0
+
+    def __dlpack__(self, **options):
+        return self.array.__dlpack__(**options)
+
+
+# ---------------------------------------------------------------- bits
+
+
+def test_a_trajectory_has_the_bits_of_profile_control(card, step):
+    many = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    files = step.control_files
+    written = Written(json.loads(files[f"{step.name}.json"]), files)
+    for i, factor in ((0, 1.0), (2, 1.2)):
+        start = Options(RUN["dt"], tuple(TOP.q0), tuple(TOP.p0),
+                        PARAMETERS | {"mgl": PARAMETERS["mgl"] * factor})
+        bits = many.q[i, -1].tobytes() + many.p[i, -1].tobytes()
+        assert bits.hex() == native_bits(written, start, STEPS)
+    assert not many.failures
+    assert np.isfinite(many.q).all()
+    assert (many.iterations > 0).all()
+
+
+def test_bits_do_not_depend_on_how_steps_are_launched(card, step, monkeypatch):
+    whole = step.integrate_ensemble(*MANY, **RUN | {"every": 1}, device="cuda")
+    slices = [pair for kernel, *pair in card.launches if kernel == "advance_trajectories"]
+    assert [b for _, b in slices[:-1]] == [a for a, _ in slices[1:]]  # one goes on where one ended
+    assert len(slices) > 2
+    monkeypatch.setattr(trajectories, "_WINDOW", 1)  # each row is copied to the host by itself
+    kept = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    rows = [*range(0, STEPS, EVERY), STEPS]
+    for name in ("t", "q", "p"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name)[:, rows])
+    most = [whole.iterations[:, a:b].max(axis=1) for a, b in itertools.pairwise(rows)]
+    np.testing.assert_array_equal(kept.iterations, np.transpose(most))
+
+
+def test_results_are_those_of_the_cpu_but_for_rounding(card, step):
+    there = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    here = step.integrate_ensemble(*MANY, **RUN)
+    np.testing.assert_allclose(there.q, here.q, rtol=0, atol=1e-13)
+    one, other = there.members[1], here.members[1]
+    assert one.report.steps == STEPS
+    assert one.report.iterations >= one.iterations.sum()
+    np.testing.assert_allclose(one.energies, other.energies, rtol=1e-13)
+    assert one.report.energy_error_max == abs(one.energies - one.energies[0]).max()
+    assert np.isnan(one.multipliers).all()
+    assert one.multipliers.shape == other.multipliers.shape
+
+
+def test_trajectories_fill_more_than_a_block(card):
+    """In float: threads beyond the last trajectory do nothing, all others do the same."""
+    single = gs.stepper("splitting", rep="gamma", order=4, real="float")
+    count = THREADS + 2
+    many = single.integrate_ensemble(
+        np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1)), dt=1e-3, steps=20, every=20,
+        parameters=PARAMETERS, device="cuda")
+    assert many.q.dtype == np.float32
+    assert (many.q == many.q[:1]).all()
+    assert not many.failures
+    files = single.control_files
+    wanted = native_bits(Written(json.loads(files[f"{single.name}.json"]), files), Options(
+        1e-3, tuple(TOP.q0), tuple(TOP.p0), PARAMETERS), 20)
+    assert (many.q[-1, -1].tobytes() + many.p[-1, -1].tobytes()).hex() == wanted
+
+
+# ---------------------------------------------------------------- failures, Ctrl-C
+
+
+@WARNED
+def test_a_trajectory_that_fails_stops_alone(card, step):
+    dt = np.array([1e-3, LONG, 1e-3])
+    many = step.integrate_ensemble(*MANY, **RUN | {"dt": dt, "every": 1}, device="cuda")
+    alone = step.integrate_ensemble(*MANY, **RUN | {"every": 1}, device="cuda")
+    assert [*many.failures] == [1]
+    failure = many.failures[1]
+    assert failure.reason in ("diverged", "not converged", "not finite")
+    assert np.isfinite(many.q[1, : failure.step]).all()
+    for part in (many.t, many.q, many.p):
+        assert np.isnan(part[1, failure.step :]).all()
+    np.testing.assert_array_equal(many.q[[0, 2]], alone.q[[0, 2]])
+    assert len(failure.trajectory) == failure.step
+
+
+def test_ctrl_c_returns_what_was_done(card, step):
+    def interrupt():
+        if len(card.launches) == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    card.at_launch = interrupt
+    with pytest.raises(Stopped) as stopped:
+        step.integrate_ensemble(*MANY, **RUN | {"steps": 10**6, "every": 10}, device="cuda")
+    found = stopped.value.ensemble
+    done = np.isfinite(found.t[0]).sum()
+    assert 1 < done < 10
+    assert np.isfinite(found.q[:, :done]).all()
+    assert np.isnan(found.q[:, done:]).all()
+    assert not found.failures
+
+
+# ---------------------------------------------------------------- arrays that lie on a card
+
+
+def test_arrays_on_a_card_stay_there(card, step, monkeypatch):
+    """With any strides; the result is a view of what the last launch wrote."""
+    wanted = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    state = np.concatenate(MANY, axis=1).T.copy()  # (2 n, trajectories)
+    q, p = OnCard(state[:4].T), OnCard(np.repeat(state[4:].T, 2, axis=0)[::2])
+    found = step.integrate_ensemble(q, p, **RUN)
+    assert isinstance(found, gs.DeviceEnsemble)
+    for name in ("t", "q", "p"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+    np.testing.assert_array_equal(found.iterations[:, 1:], wanted.iterations)
+    assert (found.steps == STEPS).all()
+    assert not found.failures
+    assert found.q.strides[0] == found.q.itemsize
+    assert "3 trajectories of 9 states" in repr(found)
+    library = SimpleNamespace(from_dlpack=lambda shared: ("its own", shared.shape))
+    monkeypatch.setitem(sys.modules, "a_library", library)
+    monkeypatch.setattr(OnCard, "__module__", "a_library.arrays")
+    assert step.integrate_ensemble(q, p, **RUN).q == ("its own", (COUNT, 9, 4))
+
+
+@WARNED
+def test_failures_on_a_card_are_named(card, step):
+    dt = np.array([1e-3, LONG, 1e-3])
+    found = step.integrate_ensemble(*map(OnCard, MANY), **RUN | {"dt": dt})
+    assert [*found.failures] == [1]
+    assert np.isnan(found.q[1, -1]).all()
+    assert np.isfinite(found.q[::2]).all()
+
+
+# ---------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    ({"solver": "newton"}, "newton"), ({"solver": "python"}, "python"),
+    ({"events": gs.Event("q1")}, "events"), ({"tangents": gs.Tangents()}, "tangents"),
+    ({"workers": 2}, "workers"), ({"inputs": {"torque": 1.0}}, "inputs"),
+    ({"device": "gpu"}, "'gpu'"), ({"device": "cuda:1"}, "cuda:1"),
+    ({"parameters": PARAMETERS | {"I1": -1.0}}, "I1"), ({"q": 2 * MANY[0]}, "Trajectory 0"),
+])
+def test_what_a_card_does_not_have_is_refused(card, step, arguments, said):
+    given = {"q": MANY[0], "p": MANY[1], "device": "cuda"} | RUN | arguments
+    with pytest.raises(InputError, match=re.escape(said)):
+        step.integrate_ensemble(**given)
+    assert not card.launches
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"real": "float128"}, "float128"), ({"n": 29}, "29 coordinates"), ({"frame": [1]}, "frames"),
+    ({"rows": 1}, "velocity constraints"), ({"exact_energy": True}, "exact energy"),
+    ({"fast_path": {"available": False, "reason": "its tableau"}}, "its tableau"),
+])
+def test_steppers_that_no_card_has_are_refused(change, said):
+    of = {"real": "double", "n": 4, "frame": [], "rows": 0, "exact_energy": False,
+          "fast_path": {"available": True}} | change
+    stepper = SimpleNamespace(
+        name="own", n=of["n"], symmetries=of["frame"],
+        binding=SimpleNamespace(rows=of["rows"], solves=True),
+        manifest={"real": of["real"], "scheme": {"exact_energy": of["exact_energy"]},
+                  "fast_path": of["fast_path"]})
+    with pytest.raises(InputError, match=re.escape(said)):
+        devices.refuse_on_device(stepper, "auto")
+
+
+@pytest.mark.parametrize(("q", "p", "device", "said"), [
+    (OnCard(MANY[0]), MANY[1], None, "one does not"),
+    (*map(OnCard, MANY), "cpu", "NumPy"),
+    (OnCard(MANY[0][:, :3]), OnCard(MANY[1][:, :3]), None, "(3, 3)"),
+    (OnCard(MANY[0][:2]), OnCard(MANY[1]), None, "(2, 4)"),
+    (OnCard(np.float32(MANY[0])), OnCard(MANY[1]), None, "float32"),
+])
+def test_arrays_that_do_not_fit_are_refused(card, step, q, p, device, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        step.integrate_ensemble(q, p, **RUN, device=device)
+
+
+def test_without_cuda_core_the_extra_is_named(step, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cuda", None)
+    monkeypatch.delitem(sys.modules, "gyrospark.runtime.devices.cuda_device", raising=False)
+    with pytest.raises(MissingDependencyError) as refusal:
+        step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    assert install("cuda") in str(refusal.value)
+
+
+# ---------------------------------------------------------------- the text
+
+
+@pytest.mark.parametrize("kind", SPECS)
+def test_every_function_is_one_of_a_card(texts, kind):
+    made = texts[kind]
+    kernels = [f"GS_KERNEL NAME({name})(" for name in KERNELS]
+    assert all(made.text.count(one) == 1 for one in kernels)
+    of_host = [line for line in made.text.splitlines()
+               if re.match(r"[a-z_A-Z]\w*[ (].*\(.*[^;]$|static", line)
+               and not line.startswith(("GS_DEVICE ", "GS_KERNEL ", "INLINE "))]
+    assert not of_host
+    assert "#include \"" not in made.text
+    assert made.text.index("#include <") < made.text.index("#define GS_DEVICE")
+
+
+def test_the_target_is_complete_and_its_check_compares_bits(tmp_path, monkeypatch):
+    which = shutil.which
+    monkeypatch.setattr(shutil, "which", lambda name: None if name == "nvcc" else which(name))
+    built = gs.build("cuda", "fast-top", scheme="G-L", stages=2, dt=1e-3, out=tmp_path / "top")
+    assert {*built.files} >= {"heavy_top_gl2_gamma.cu", "heavy_top_gl2_gamma_cuda.h", "main.cu"}
+    assert "the bits of C" in built.check()
+    file = built.path / "heavy_top_gl2_gamma.cu"
+    text = file.read_text()
+    file.write_text(text.replace("p[a] = w->p[a] = p_end[a]", "p[a] = w->p[a] = 2*p_end[a]"))
+    assert file.read_text() != text
+    with pytest.raises(gs.GyrosparkError):
+        built.check()
+    header = (built.path / "heavy_top_gl2_gamma_cuda.h").read_text()
+    asked = re.findall(r"heavy_top_gl2_gamma_\w+(?=\()", header)
+    assert all(re.search(rf"\b{name}\(", text) for name in asked)
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
+def test_the_text_is_cpp_too(texts):
+    made = texts["splitting4"]
+    library, _ = HostDevice(["g++", "-std=c++17", "-Wall", "-Wextra", "-Wno-unused-function"]).load(
+        made.name, made.text)
+    assert hasattr(library, f"{made.name}_measure")
+
+
+@pytest.mark.skipif(shutil.which("nvcc") is None, reason="there is no nvcc")
+@pytest.mark.parametrize("kind", SPECS)
+def test_nvcc_compiles_it_for_a_card(texts, kind, tmp_path):
+    made = texts[kind]
+    (tmp_path / "text.cu").write_text(made.text)
+    done = call(["nvcc", "-arch=sm_90", "-fmad=false", "-std=c++17", "-cubin", "-Xptxas", "-v",
+                 "text.cu", "-o", "text.cubin"], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    spills = re.findall(r"(\d+) bytes spill stores, (\d+) bytes spill loads", done.stderr)
+    assert len(spills) >= len(KERNELS)
+    assert all(int(bytes_) < 64 for pair in spills for bytes_ in pair)
+
+
+def test_nvrtc_compiles_it_without_a_card(texts):
+    pytest.importorskip("cuda.core")
+    pytest.importorskip("cuda.bindings.nvrtc")
+    from gyrospark.runtime.devices.cuda_device import compile_cubin
+
+    made = texts["gl2"]
+    for architecture in ("sm_80", "sm_90"):
+        assert len(bytes(compile_cubin(made.name, made.text, architecture).code)) > 10_000
+
+
+def test_a_card_gives_the_bits_of_the_host(step, host, monkeypatch):
+    pytest.importorskip("cuda.core")
+    from gyrospark.runtime.devices.cuda_device import CudaDevice
+
+    try:
+        found = CudaDevice()
+    except InputError as error:
+        pytest.skip(str(error))
+    made = []
+    for device in (found, host):
+        monkeypatch.setattr(devices, "open_card", lambda number, device=device: device)
+        made.append(step.integrate_ensemble(*MANY, **RUN, device="cuda"))
+    np.testing.assert_array_equal(made[0].q, made[1].q)
+    np.testing.assert_array_equal(made[0].p, made[1].p)
