@@ -4,6 +4,7 @@
     arguments      checks of names, paths, flags and lists, with the closest match for a wrong name
     exact_numbers  real numbers of any kind, exactly, and their one rounding
     real_types     floating-point types: float, double, long double, float128
+    units          SI units by name
     inertia        moments of inertia, attitude and angles of a rigid body, checked
     event          an event: a quantity of a run crosses a level
     registry       named systems, problems and models

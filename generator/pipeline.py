@@ -97,6 +97,8 @@ def generate(
         if spec.energy and asked:
             raise InputError(f"Steps with exact energy (energy = True) have no {part}; leave out "
                              "one of the two.")
+    if system is None and spec.model is None and spec.system not in SYSTEMS:
+        model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
     system, rep = _system(spec, system, model)
     if system.copies > 1:
         _refuse_beyond_molecules(spec, system, derivatives=derivatives or second)
@@ -129,7 +131,7 @@ def generate(
         method_name = spec.method if spec.stages else coefficients.name
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
-                          spec.profile, frame, derivatives or second, second), structured)
+                          spec.profile, frame, derivatives or second, second, model), structured)
     return Generated(source, scheme, system, coefficients)
 
 
@@ -195,8 +197,8 @@ def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[Sys
     if spec.system in SYSTEMS:
         made: System = SYSTEMS[spec.system].make(spec.rep)
         return made, spec.rep
-    named: Model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
-    return named.system, spec.rep
+    assert model is not None
+    return model.system, spec.rep
 
 
 def tableau_of(spec: Spec) -> Tableau | None:

@@ -110,6 +110,9 @@
 #ifndef GS_SEPARABLE /* H_pq = 0: Gauss-Seidel ordering */
 #define GS_SEPARABLE 0
 #endif
+#ifndef GS_HELD /* there are constraints other than those of unit quaternions */
+#define GS_HELD 0
+#endif
 #ifndef GS_EVEN_ODD /* products with the tableau, symmetric in time, by even and odd parts */
 #define GS_EVEN_ODD 0
 #endif

@@ -11,6 +11,8 @@
     plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
     splitting_flows  compositions of exact flows: tables, weights, kernels
     solver_costs     what an iteration of either solver costs, counted
+    state_functions  functions of one state: energy, quantities, momenta of velocities
+    numbers          roles, units and values of a stepper's numbers
     manifest         what the C guarantees, for those who call it
     bytecode         templates as Python's bytecode, cached beside them
     c_lines          lines of C that fit on a screen

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cache
@@ -21,7 +22,6 @@ from ...core.real_types import REALS, Real, round_binary
 from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
 from ..kernels.c_printer import ON_LANES, SWITCHES, CPrinter
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel, sums_products
-from ..kernels.statements import Kernel
 from ..schemes.frame_kernels import FrameRotation
 from ..schemes.lagrangian_midpoint import LagrangianEMS
 from ..schemes.splitting_scheme import SplittingScheme
@@ -31,7 +31,6 @@ from ..systems.lagrangian import LagrangianSystem
 from ..systems.molecular_system import MolecularSystem
 from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
-from ..systems.system import System
 from ..tableaux.energy_parameter import energy_values
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from ..tableaux.velocity_rows import velocity_enclosures
@@ -40,8 +39,9 @@ from .c_lines import fitted
 from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
-from .manifest import domain_of, frame_manifest, hidden_constraints, manifest_text
+from .manifest import frame_manifest, hidden_constraints, manifest_text
 from .mass_tables import mass_tables
+from .numbers import domain_of
 from .plain_iteration import beside, plain_iteration
 from .program import (
     Derived,
@@ -51,17 +51,21 @@ from .program import (
     LaneIteration,
     PlainIteration,
     Program,
+    StateFunctions,
     TableauText,
 )
 from .second_order import refuse_second
 from .solver_costs import solver_costs
 from .splitting_flows import flow_lanes, flows_of
+from .state_functions import quantity_kernel, state_functions
 
 __all__ = ["Source", "describe", "emit"]
 
 TEMPLATES = Path(__file__).resolve().parents[2] / "templates"
 #: Of the interface between generated files and ``engine/gyrospark/engine.h``.
 ENGINE_VERSION = 1
+#: Where a header has the hash of the model and the generator, before it is known.
+_IDENTITY = "HASH OF THE FILES"
 #: Of the number of steps of a run, at most.
 _COUNTER_BITS = 53
 
@@ -101,13 +105,17 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     program = describe(derived, elements)
     context = {field.name: getattr(program, field.name) for field in fields(program)}
     context |= {"full": program.profile == "full", "iteration": program.iteration,
+                "identity": _IDENTITY,
                 "derivative_parts": program.derivatives.parts if program.derivatives else []}
     kind = "control" if program.profile == "control" else "stepper"
     header, source = (fitted(_environment().get_template(f"{kind}.{ending}.jinja").render(context))
                       for ending in "hc")
-    if program.profile != "full":
-        source = amalgamate(source)
-    return Source(program.name, header, source, manifest_text(derived, program))
+    manifest = manifest_text(derived, program, _IDENTITY)
+    if program.profile == "full":
+        return Source(program.name, header, source, manifest)
+    files = header, amalgamate(source), manifest
+    identity = hashlib.sha256("\0".join(files).encode()).hexdigest()[:32]
+    return Source(program.name, *(text.replace(_IDENTITY, identity) for text in files))
 
 
 def describe(derived: Derived, elements: bool | None = None) -> Program:
@@ -150,7 +158,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     known = [*kernels, *(plain.known if plain else []),
              *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
     frame = _frame(derived)
-    quantities = _quantity_kernel(system, real)
+    quantities, states = quantity_kernel(system, real), state_functions(derived)
+    of_states = states.kernels if states else []
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters})
     used = frozenset[str]().union(*(kernel.constants for kernel in known),
                                   parts.used_constants if parts else ())
@@ -158,7 +167,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     constants_c = {str(s): printer(e) for e, s in needed.items()}
     derivatives = (derivatives_of(derived, constants_c, parts, lanes) if derived.derivatives
                    else None)
-    more = derivatives.functions if derivatives else frozenset[str]()
+    more = frozenset[str]().union(derivatives.functions if derivatives else (),
+                                  *(kernel.functions for kernel in of_states))
     if derivatives and lanes:
         called = more.union(*(k.functions for k in derivatives.lanes))
         lanes = replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
@@ -175,7 +185,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         engine_version=ENGINE_VERSION,
         include_check=INCLUDE_CHECK,
         profile=derived.profile,
-        features=_features(derived, parts, lanes or plain, frame),
+        features=_features(derived, parts, lanes or plain, frame, states),
         title=f"{derived.method} for {system.name.replace('_', ' ')}",
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
         N=system.n * system.copies, M=system.m * system.copies, U=scheme.size,
@@ -228,6 +238,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         frame=frame,
         derivatives=derivatives,
         flows=flows,
+        states=states,
     )
 
 
@@ -247,7 +258,7 @@ def _elements(derived: Derived, wanted: bool | None) -> Elements | None:
 
 def _features(
     derived: Derived, elements: Elements | None, iteration: LaneIteration | PlainIteration | None,
-    frame: FrameTransformation | None,
+    frame: FrameTransformation | None, states: StateFunctions | None,
 ) -> Features:
     """Return the features of the engine that a stepper needs."""
     scheme, system, profile = derived.scheme, derived.system, derived.profile
@@ -278,6 +289,7 @@ def _features(
         scalar_schur=iteration is not None and iteration.scalar_schur,
         factors=iteration is not None and iteration.factors,
         separable=iteration is not None and iteration.separable,
+        held=states is not None and states.held > 0,
         even_odd=lanes is not None and bool(lanes.even_odd_tables),
         exact_energy=isinstance(scheme, SparkScheme) and scheme.exact_energy,
         short_real=derived.real.bits < _COUNTER_BITS,
@@ -347,18 +359,6 @@ def _quarter(wide: Real) -> list[str]:
         parts.append(wide.literal(rest))
         rest -= round_binary(rest, wide.bits)
     return parts
-
-
-def _quantity_kernel(system: System, real: Real) -> EmittedKernel | None:
-    """Return the kernel of the user's quantities, in terms of the parameters themselves."""
-    if not system.quantities:
-        return None
-    time = {} if system.time is None else {"t": [system.time]}
-    kernel = Kernel("quantities", "What the user asked for of a state",
-                    {**time, "q": list(system.q), "p": list(system.p)},
-                    {"out": list(system.quantities.values())})
-    return emit_kernel(kernel, Constants(system.parameters), real,
-                       Target(real.c_type, "parameters_t", ""))
 
 
 def comment(e: sp.Expr | str) -> str:

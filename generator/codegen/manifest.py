@@ -21,11 +21,12 @@ from ..systems.smoothness import Switching
 from ..systems.system import System
 from ..tableaux.conditions import check_tableau, remarks
 from ..tableaux.tableau import Tableau
+from .numbers import domain_of, numbers_of
 from .program import Derived, Elements, Program
 
-__all__ = ["SCHEMA", "domain_of", "frame_manifest", "hidden_constraints", "manifest_text"]
+__all__ = ["SCHEMA", "frame_manifest", "hidden_constraints", "manifest_text"]
 
-SCHEMA = 2  # of the manifest; part of the cache key
+SCHEMA = 3  # of the manifest; part of the cache key
 
 
 def hidden_constraints(derived: Derived, elements: Elements | None) -> list[str]:
@@ -36,8 +37,12 @@ def hidden_constraints(derived: Derived, elements: Elements | None) -> list[str]
     return [str(derived.constants.expand_shared(f)) for f in system.hidden]
 
 
-def manifest_text(derived: Derived, program: Program) -> str:
-    """Return the manifest as JSON."""
+def manifest_text(derived: Derived, program: Program, identity: str) -> str:
+    """Return the manifest as JSON.
+
+    Profiles for C have the numbers of the model in it, and a hash of it and the other files;
+    manifests of profile ``full`` are the same for all numbers, and so are builds.
+    """
     scheme, system, elements = derived.scheme, derived.system, program.elements
     tableau, frame = scheme.tableau, derived.frame
     content = {
@@ -45,6 +50,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
         "generator": __version__,
         "name": derived.name,
         "profile": derived.profile,
+        **({} if derived.profile == "full" else {"hash": identity}),
         "system": {
             "name": system.name,
             "coordinates": _of_all(system, map(str, system.q)),
@@ -60,6 +66,7 @@ def manifest_text(derived: Derived, program: Program) -> str:
             "rigid_body": system.rigid_body,
             **_bodies(system),
             **_forces_and_quantities(system),
+            **_numbers(derived, program),
             **Switching(system).said(
                 scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
         },
@@ -85,6 +92,15 @@ def manifest_text(derived: Derived, program: Program) -> str:
         else {k.name: k.operations for k in program.kernels},
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _numbers(derived: Derived, program: Program) -> dict[str, Any]:
+    """Return all numbers with their roles, and the time step of the model."""
+    if derived.profile == "full":
+        return {}
+    dt = derived.model.dt if derived.model else None
+    return {"numbers": numbers_of(derived, program.states),
+            "dt": None if dt is None else float(dt)}
 
 
 def _composition(scheme: object) -> dict[str, Any]:
@@ -245,13 +261,6 @@ def _velocity_constraints(system: System) -> dict[str, Any]:
         "expressions": [str(row) for row in system.velocity_constraints],
         "velocities": [str(v) for v in system.velocities],
         "names": list(system.velocity_constraint_names)}}
-
-
-def domain_of(parameter: sp.Symbol) -> str:
-    """Return what a value must be, from the assumptions of the symbol."""
-    if parameter.is_positive:
-        return "positive"
-    return "nonzero" if parameter.is_nonzero else "real"
 
 
 # ---------------------------------------------------------------- co-moving frames

@@ -12,7 +12,9 @@ from typing import Any
 
 from ...core.real_types import Real
 from ..kernels.kernel import Constants, EmittedKernel
+from ..multibody.model import Model
 from ..schemes.splitting_scheme import SplittingScheme
+from ..schemes.start_kernels import StartKernels
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.system import System
@@ -21,7 +23,7 @@ from .profiles import ProfileName
 __all__ = [
     "CompositionText", "Derivatives", "Derived", "DualKernels", "Elements", "Features", "Flows",
     "FrameTransformation", "LaneIteration", "MassTables", "PlainIteration", "Program",
-    "TableauText",
+    "StateFunctions", "TableauText",
 ]
 
 Table = list[list[str]]
@@ -47,6 +49,8 @@ class Derived:
     derivatives: bool = False
     #: Whether the derivatives of adjoints are.
     second: bool = False
+    #: The model with the numbers to start from, where there is one.
+    model: Model | None = None
 
     @property
     def implicit(self) -> SparkScheme | MeanScheme:
@@ -88,6 +92,7 @@ class Features:
     scalar_schur: bool
     factors: bool
     separable: bool
+    held: bool
     even_odd: bool
     exact_energy: bool
     short_real: bool
@@ -279,6 +284,18 @@ class Flows:
 
 
 @dataclass(frozen=True)
+class StateFunctions:
+    """Functions of one state in profile ``control``: energy, velocities and their momenta."""
+
+    kernels: list[EmittedKernel]
+    own: StartKernels
+    #: Names of velocities, none where momenta do not follow from them.
+    velocities: list[str]
+    #: Constraints that a start is checked for.
+    held: int
+
+
+@dataclass(frozen=True)
 class DualKernels:
     """Kernels on dual numbers, and the functions that they call."""
 
@@ -393,6 +410,7 @@ class Program:
     frame: FrameTransformation | None
     derivatives: Derivatives | None
     flows: Flows | None
+    states: StateFunctions | None
 
     @property
     def iteration(self) -> LaneIteration | PlainIteration | None:

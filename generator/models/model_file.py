@@ -28,6 +28,9 @@ or any holonomic Hamiltonian system, ``system_file``:
     m = 1
     g = 9.81
     l = 0.5
+    [units]
+    m = "kg"
+    l = "m"
     [start]
     q = [0.5, 0]
     p = [0, 0]
@@ -165,7 +168,7 @@ def _read(
     formulas = Formulas(content, ParameterValues(content))
     try:
         model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
-        model = _with_events(model, content)
+        model = _with_units(_with_events(model, content), content)
         if "frame" in content:
             model = replace(model, frame=content.choice("frame", FRAMES, ""))
         formulas.warn_of_unused()
@@ -187,6 +190,13 @@ def _with_inputs(model: Model, content: TomlTable) -> Model:
             raise table.error(name, "is in no force; write it where it acts, or remove it.")
     inputs = tuple(known[name] for name in table.items())
     return replace(model, system=replace(model.system, inputs=inputs)) if inputs else model
+
+
+def _with_units(model: Model, content: TomlTable) -> Model:
+    """Return the model with the units of [units]."""
+    table = content.table("units")
+    given = {name: table.text(name) for name in table.items()}
+    return replace(model, units={**model.units, **given}) if given else model
 
 
 def _with_events(model: Model, content: TomlTable) -> Model:

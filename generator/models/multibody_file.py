@@ -97,7 +97,7 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     """
     content.allow("name", "description", "frame", "bodies", "point_masses", "rotors", "joints",
                   "forces", "gravity", "potential", "without", "redundant", "parameters", "inputs",
-                  "run", "quantities", "points", "drives", "events")
+                  "run", "quantities", "points", "drives", "events", "units")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _bodies(content, builder, rep)

@@ -52,7 +52,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         With file, key and cure.
     """
     content.allow("name", "description", "frame", "potential", "body", "parameters", "inputs",
-                  "start", "run", "quantities", "forces", "events")
+                  "start", "run", "quantities", "forces", "events", "units")
     body, forces = content.table("body"), content.table("forces")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")
@@ -92,6 +92,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     q0, p0 = _start(content.table("start"), inertia)
     return Model(system, values, whole_array(q0), whole_array(p0), bodies={chosen: inertia},
                  rules={chosen: body.text(chosen)} if ruled else {},
+                 units={"mass": "kg"} if "mass" in values else {},
                  **run_length(content))
 
 

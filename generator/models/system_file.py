@@ -24,7 +24,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         With file, key and cure.
     """
     content.allow("name", "description", "frame", "system", "parameters", "inputs", "start",
-                  "run", "quantities", "events")
+                  "run", "quantities", "events", "units")
     table, start = content.table("system"), content.table("start")
     if rep is not None:
         raise content.file_error(f"it is a system with its own hamiltonian, and rep {rep!r} "

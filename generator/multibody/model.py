@@ -18,6 +18,7 @@ from ...core.exact_numbers import exact
 from ...core.html import card, table
 from ...core.inertia import Inertia, as_moments_or_tensor, real_array
 from ...core.registry import FRAMES, RULES
+from ...core.units import base_units
 from ..systems.system import System
 
 __all__ = ["Model", "whole_array"]
@@ -54,6 +55,9 @@ class Model:
     events : tuple of Event
         Events of its runs: ``step.integrate(..., events=model.events)``. ``gyrospark run``
         does.
+    units : mapping of str to str
+        SI unit of parameters, inputs, coordinates, momenta or quantities, "kg.m2" or "N.m/rad";
+        manifests complete them by those that follow.
     """
 
     system: System
@@ -67,6 +71,7 @@ class Model:
     frame: str = ""
     rules: Mapping[str, str] = field(default_factory=dict)
     events: Sequence[Event] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):
@@ -92,6 +97,13 @@ class Model:
                 raise InputError(f"Model {self.name!r} has a rule for {name!r}, which is no "
                                  "inertia parameter without a value; leave it out.")
         object.__setattr__(self, "rules", MappingProxyType(dict(rules)))
+        units = as_mapping("units", self.units, "{'mgl': 'N.m'}")
+        named = [*map(str, (*self.system.parameters, *self.system.q, *self.system.p)),
+                 *self.system.quantities]
+        for name, unit in units.items():
+            choose("name of a number with a unit", name, named)
+            base_units(unit)
+        object.__setattr__(self, "units", MappingProxyType(dict(units)))
         if self.dt is not None:
             object.__setattr__(self, "dt", self._number("dt", self.dt))
         if self.steps is not None:

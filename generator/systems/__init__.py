@@ -15,5 +15,6 @@
     repeated_structure     element templates that many terms share, and their sparsity
     elimination_order      elimination orders with little fill-in
     run_functions          sums over the states of a run, and their derivatives
+    units                  units of numbers, completed by each other
     smoothness             points where an expression is not smooth
 """

@@ -73,6 +73,21 @@ class Control:
                      self.pointer(self.p)) == status
         return self
 
+    def velocities(self, parameters, q, p):
+        """Return the velocities of a state."""
+        names = self.manifest["system"]["numbers"]
+        made = np.zeros(sum(one["role"] == "velocity" for one in names), self.type)
+        self.velocity(self.parameters(parameters), *map(self.pointer, (
+            np.array(q, self.type), np.array(p, self.type), made)))
+        return made
+
+    def started(self, parameters, q, velocity):
+        """Return status, q and p of a start from velocities."""
+        q, velocity = np.array(q, self.type), np.array(velocity, self.type)
+        p = np.zeros_like(q)
+        status = self.start(self.parameters(parameters), *map(self.pointer, (q, velocity, p)))
+        return status, q, p
+
     def parameters(self, values):
         return self.ffi.new(f"{self.name}_parameters *", dict(values))
 
@@ -154,6 +169,16 @@ def test_other_systems(scheme, file, tmp_path):
     eps = np.finfo(float).eps
     assert abs(q - run.q).max() <= 400 * eps * max(1, abs(run.q).max())
     assert abs(p - run.p).max() <= 400 * eps * max(abs(run.p).max(), 1e-3)
+    assert own.energy(own.parameters(parameters), 0.0, own.pointer(q[-1]), own.pointer(
+        p[-1])) == pytest.approx(full.energy(q[-1], p[-1], parameters=parameters), rel=1e-14)
+    velocity = own.velocities(parameters, q[0], p[0])
+    status, at, momenta = own.started(parameters, q[0], velocity)
+    assert status == OK
+    assert np.array_equal(at, q[0])  # on the constraints already
+    assert abs(momenta - p[0]).max() <= 8 * eps * abs(p[0]).max()
+    if model.system.m > 1:  # joints
+        assert own.started(parameters, q[0] + 1e-3, velocity)[0] == INVALID
+        assert own.started(parameters, q[0], velocity + 1e-3)[0] == INVALID
 
 
 # ---------------------------------------------------------------- bounds and ends
@@ -180,7 +205,8 @@ def test_needs_nothing_but_the_maths_library(tmp_path):
     assert {words[-2] for words in lines} <= set("TtrU")
     assert {words[-1] for words in lines if words[-2] == "T"} == {
         f"{source.name}_{function}" for function in
-        ("begin", "advance", "set_parameters", "iterations", "change", "time", "work_size")}
+        ("begin", "advance", "set_parameters", "iterations", "change", "time", "work_size",
+         "energy", "start", "velocity")}
     assert {words[-1] for words in lines if words[-2] == "U"} <= {
         "fmaf", "fmaxf", "sqrtf", "memset", "memcpy", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
 
@@ -240,6 +266,26 @@ def test_arguments_outside_of_their_domains_begin_nothing(wrong, small):
     assert small.set_parameters(small.w, small.parameters(PARAMETERS)) == INVALID
     small.begin(PARAMETERS, **given)
     assert small.step() == OK
+
+
+def test_starts_from_an_attitude_and_an_angular_velocity(small):
+    """p = 2 L(q)^T J Omega of the axis e3, and of any quaternion that is no unit one."""
+    omega = [0.1, -0.2, 30.0]
+    status, q, p = small.started(PARAMETERS, [2.0, 1.0, 0.0, 0.5], omega)
+    assert status == OK
+    assert (q**2).sum() == pytest.approx(1, abs=3e-7)
+    assert q[0] / q[3] == pytest.approx(4)
+    assert small.velocities(PARAMETERS, q, p) == pytest.approx(omega, rel=1e-5)
+    upright = small.started(PARAMETERS, [1, 0, 0, 0], omega)[2]
+    moments = [PARAMETERS[f"I{i}"] for i in (1, 2, 3)]
+    assert upright == pytest.approx([0, *(2 * np.multiply(moments, omega))])
+    for wrong in ({"q": [0, 0, 0, 0]}, {"q": [np.nan, 0, 0, 1]}, {"velocity": [np.inf, 0, 0]},
+                  {"parameters": PARAMETERS | {"I1": 0.0}}):
+        given = {"parameters": PARAMETERS, "q": [2.0, 0, 0, 0], "velocity": omega} | wrong
+        status, q, p = small.started(**given)
+        assert status == INVALID
+        assert np.array_equal(q, np.float32(given["q"]), equal_nan=True)
+        assert not p.any()
 
 
 def test_parameters_outside_of_their_domains_change_nothing(small):

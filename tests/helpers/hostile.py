@@ -282,7 +282,7 @@ def model_calls() -> Iterator[Call]:
     def model() -> tuple[Callable[..., Any], dict[str, Any]]:
         return gs.Model, {"system": system, "parameters": {}, "q0": [1.0], "p0": [1.0],
                           "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": "",
-                          "rules": {}, "events": [gs.Event("x")]}
+                          "rules": {}, "events": [gs.Event("x")], "units": {"x": "m"}}
 
     yield Call("Model", model)
 

@@ -111,6 +111,7 @@ VARIANTS: dict[str, dict[str, object]] = {
            "profile run, scalar W": {"GS_PROFILE_RUN": 1, "GS_CONSTANT_SCHUR": 1,
                                      "GS_SCALAR_SCHUR": 1},
            "profile control": {"GS_PROFILE_CONTROL": 1},
+           "profile control, held": {"GS_PROFILE_CONTROL": 1, "GS_HELD": 1},
            "profile control, free": {"GS_PROFILE_CONTROL": 1, "TOY_CONSTRAINTS": 0},
            "profile control, time": {"GS_PROFILE_CONTROL": 1, "GS_FORCED_BY_TIME": 1},
            "profile control, separable": {"GS_PROFILE_CONTROL": 1, "GS_SEPARABLE": 1},

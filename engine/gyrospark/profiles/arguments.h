@@ -17,18 +17,25 @@ static bool are_finite(int count, const real *x)
     return sum == 0;
 }
 
-/* Whether a trajectory can start at (q, p): all numbers are finite, quaternions have a length. */
-static bool is_state(const real q[N], const real p[N])
+/* Whether q is finite and its quaternions have a length. */
+static bool is_position(const real q[N])
 {
-    bool valid = are_finite(N, q) && are_finite(N, p);
+    bool valid = are_finite(N, q);
     for (int b = 0; b < QUATERNIONS; ++b) {
-        real largest = 0;
+        real square = 0;
         for (int e = 0; e < 4; ++e) {
-            largest = MATH(fmax)(largest, MATH(fabs)(q[quaternion[b][e]]));
+            const real x = q[quaternion[b][e]];
+            square += x*x;
         }
-        valid = valid && (largest > 0);
+        valid = valid && (square > 0) && isfinite(square);
     }
     return valid;
+}
+
+/* Whether a trajectory can start at (q, p). */
+static bool is_state(const real q[N], const real p[N])
+{
+    return is_position(q) && are_finite(N, p);
 }
 
 /* Whether h and 1/h are finite numbers. */

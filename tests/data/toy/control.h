@@ -19,4 +19,26 @@ static inline bool are_valid(const toy_parameters *par)
     return par->k > 0;
 }
 
+/* For profiles/start.h. */
+enum { V = N, HELD = 1 };
+
+static inline void momenta_of(const toy_parameters *par, const real *q, const real *v, real *p)
+{
+    (void)par, (void)q;
+    for (int a = 0; a < N; ++a)
+        p[a] = v[a];
+}
+
+static inline void velocities_of(const toy_parameters *par, const real *q, const real *p, real *v)
+{
+    momenta_of(par, q, p, v);
+}
+
+static inline void start_defects(const toy_parameters *par, const real *q, const real *v,
+    real *rate, real *g, real *f, real *square)
+{
+    momenta_of(par, q, v, rate);
+    g[0] = f[0] = square[0] = 0;
+}
+
 #endif

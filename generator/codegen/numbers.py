@@ -1,0 +1,80 @@
+"""The numbers of a stepper for those who show or set them: roles, units, domains, values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+
+from ...core.exact_numbers import exact
+from ...core.registry import GAMMA_RULES, function_of
+from ...core.units import base_units, combined, unit_name
+from ..multibody.model import Model
+from ..systems.units import units_of
+from .program import Derived, StateFunctions
+
+__all__ = ["domain_of", "numbers_of"]
+
+
+def domain_of(parameter: sp.Symbol) -> str:
+    """Return what a value must be, from the assumptions of the symbol."""
+    if parameter.is_positive:
+        return "positive"
+    return "nonzero" if parameter.is_nonzero else "real"
+
+
+def numbers_of(derived: Derived, states: StateFunctions | None) -> list[dict[str, Any]]:
+    """Return name, role, domain, unit and starting value of each number.
+
+    Within a role, the order is that of the C. Names are C identifiers and differ.
+    """
+    system, model = derived.system, derived.model
+    units = units_of(system, model.units if model else {})
+    start = _start(derived, model, states) if model else {}
+    inputs = {*system.inputs}
+    made: list[dict[str, Any]] = []
+
+    def add(role: str, names: Sequence[str], domain: str = "real", **known: Any) -> None:
+        made.extend({"name": name, "role": role, "domain": domain,
+                     "unit": known.get("unit", units.get(name)), "start": start.get(name)}
+                    for name in names)
+
+    for x in system.parameters:
+        add("input" if x in inputs else "parameter", [str(x)], domain_of(x))
+    if system.is_nonautonomous:
+        add("time", [str(system.time)], unit="s")
+    add("q", [str(x) for x in system.q])
+    add("p", [str(x) for x in system.p])
+    if states and states.velocities:
+        for name, x in zip(states.velocities, states.own.rate_of, strict=True):
+            add("velocity", [name], unit="rad/s" if x is None else _rate(units[str(x)]))
+    add("quantity", [*system.quantities])
+    return made
+
+
+def _rate(unit: str | None) -> str | None:
+    """Return the unit of the rate of a coordinate."""
+    return None if unit is None else unit_name(combined((base_units(unit), 1),
+                                                        (base_units("s"), -1)))
+
+
+def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dict[str, float]:
+    """Return the values of a model's numbers by name."""
+    system = derived.system
+    values = {name: exact(x) for name, x in model.parameters.items()}
+    for name, inertia in model.bodies.items():
+        rule = GAMMA_RULES[model.rules.get(name, "m")]
+        function = rule.function if rule.is_mean else GAMMA_RULES["m"].function
+        if name not in values:
+            values[name] = exact(function_of("runtime.rigid_body.gamma_rules", function)(inertia))
+    if system.is_nonautonomous:
+        values[str(system.time)] = exact(0.0)
+    for names, numbers in ((model.system.q, model.q0), (model.system.p, model.p0)):
+        values |= {str(x): exact(value) for x, value in zip(names, numbers, strict=True)}
+    if states and states.velocities:
+        given = {x: sp.Rational(values[str(x)]) for x in (*system.q, *system.p,
+                                                          *system.parameters)}
+        values |= {name: e.evalf(30, subs=given) for name, e in zip(
+            states.velocities, states.own.velocities, strict=True)}
+    return {name: float(x) for name, x in values.items()}

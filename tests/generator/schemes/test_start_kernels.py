@@ -1,0 +1,62 @@
+"""Momenta of velocities: H_p of them is the rate that the velocities say, in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from gyrospark.generator.multibody.rigid_body import heavy_top
+from gyrospark.generator.schemes.start_kernels import StartKernels
+
+
+def oscillators(count):
+    """Return masses on springs whose H_pp couples all of them and depends on q."""
+    q, p = (sp.symbols(f"{letter}0:{count}", real=True) for letter in "xy")
+    H = sum(y**2 for y in p) + sum(p) ** 2 / (2 + sp.sin(q[0])) / 2 + p[0] * q[1] / 3
+    return gs.System(q, p, (), H, name="oscillators")
+
+
+SYSTEMS = {
+    "gamma": lambda: heavy_top("gamma"), "alpha": lambda: heavy_top("alpha"),
+    "four bars": lambda: gs.models.four_bar().system, "coupled": lambda: oscillators(3),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_velocities_of_momenta_are_those_of_h(name):
+    system = SYSTEMS[name]()
+    own = StartKernels(system)
+    assert own.exists
+    random = np.random.default_rng(5)
+    q = {x: float(random.normal()) for x in system.q}
+    for body in system.bodies:
+        size = np.linalg.norm([q[x] for x in body.q])
+        q |= {x: q[x] / size for x in body.q}
+    values = q | {x: float(random.uniform(1, 2)) for x in system.parameters}
+    u = {x: float(random.normal()) for x in own.symbols}
+
+    def numbers(expressions, more):
+        given = values | more
+        return np.array([float(e.evalf(30, subs=given)) for e in map(sp.sympify, expressions)])
+
+    p = dict(zip(system.p, numbers(own.momenta(own.symbols), u), strict=True))
+    rates = numbers(own.rates(own.symbols), u)
+    assert numbers(system.H_p, p) == pytest.approx(rates, rel=1e-12, abs=1e-13)
+    assert numbers(own.velocities, p) == pytest.approx(list(u.values()), rel=1e-12)
+    for body in system.bodies:  # the condition of a unit quaternion on its momenta
+        assert sum(q[x] * p[y] for x, y in zip(system.q, system.p, strict=True)
+                   if x in body.q) == pytest.approx(0, abs=1e-13)
+
+
+def test_what_a_unit_quaternion_implies_is_no_condition():
+    assert not StartKernels(heavy_top("gamma")).conditions
+    assert len(StartKernels(gs.models.four_bar().system).conditions) == 17
+
+
+def test_systems_without_momenta_of_velocities():
+    """D of four rows is not inverted; H of fourth degree has none."""
+    x, y = sp.symbols("x y", real=True)
+    assert not StartKernels(oscillators(4)).exists
+    assert not StartKernels(gs.System((x,), (y,), (), y**4, name="quartic")).exists
