@@ -158,8 +158,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     known = [*kernels, *(plain.known if plain else []),
              *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
     frame = _frame(derived)
-    quantities, states = quantity_kernel(system, real), state_functions(derived)
-    of_states = states.kernels if states else []
+    quantities, of_state = quantity_kernel(system, real), state_functions(derived)
+    of_state_kernels = of_state.kernels if of_state else []
     printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters})
     used = frozenset[str]().union(*(kernel.constants for kernel in known),
                                   parts.used_constants if parts else ())
@@ -168,7 +168,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     derivatives = (derivatives_of(derived, constants_c, parts, lanes) if derived.derivatives
                    else None)
     more = frozenset[str]().union(derivatives.functions if derivatives else (),
-                                  *(kernel.functions for kernel in of_states))
+                                  *(kernel.functions for kernel in of_state_kernels))
     if derivatives and lanes:
         called = more.union(*(k.functions for k in derivatives.lanes))
         lanes = replace(lanes, functions=sorted({*lanes.functions, *(called - ON_LANES)}),
@@ -185,7 +185,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         engine_version=ENGINE_VERSION,
         include_check=INCLUDE_CHECK,
         profile=derived.profile,
-        features=_features(derived, parts, lanes or plain, frame, states),
+        features=_features(derived, parts, lanes or plain, frame, of_state),
         title=f"{derived.method} for {system.name.replace('_', ' ')}",
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
         N=system.n * system.copies, M=system.m * system.copies, U=scheme.size,
@@ -238,7 +238,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         frame=frame,
         derivatives=derivatives,
         flows=flows,
-        states=states,
+        states=of_state,
     )
 
 

@@ -62,7 +62,7 @@ def _rate(unit: str | None) -> str | None:
 def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dict[str, float]:
     """Return the values of a model's numbers by name."""
     system = derived.system
-    values = {name: exact(x) for name, x in model.parameters.items()}
+    values: dict[str, Any] = {name: exact(x) for name, x in model.parameters.items()}
     for name, inertia in model.bodies.items():
         rule = GAMMA_RULES[model.rules.get(name, "m")]
         function = rule.function if rule.is_mean else GAMMA_RULES["m"].function
