@@ -1,8 +1,46 @@
-/* Flows on dual numbers; derivatives of a step along a direction. */
-#ifndef GS_DERIVATIVES_SPLITTING_DUALS_H
-#define GS_DERIVATIVES_SPLITTING_DUALS_H
+/* A step of a composition of flows, linearised: as many as lanes, or one; its tangents. */
+#ifndef GS_DERIVATIVES_SPLITTING_STEPS_H
+#define GS_DERIVATIVES_SPLITTING_STEPS_H
 
 #include "gyrospark/derivatives/step_maps.h"
+
+#if GS_DERIVATIVES_IN_LANES
+/* All lanes have the same parameters and time steps. */
+static int lanes_linearise(const lanes_constants *c, lanes t, lanes h, const lanes q[N],
+    const lanes p[N], lanes_linearisation_t *l)
+{
+    constants first;
+    flows own = { 0 };
+    const real *numbers = (const real *)(const void *)&own;
+    lanes *in_lanes = (lanes *)(void *)&l->s;
+    get_constants(c, 0, &first);
+    own.h = lane_get(&h, 0);
+    prepare_flows(&own, &first, own.h);
+    for (int e = 0; e < FLOW_NUMBERS; ++e)
+        in_lanes[e] = splat(numbers[e]);
+    l->c = c;
+    l->s.stages = own.stages;
+    l->s.is_symmetric = 0;
+    l->s.t = t;
+    lanes_start_of_step(&l->s, q, p);
+    lanes_take_step(l, p);
+    return OK;
+}
+#else
+/* A step that was done: nothing was solved, so that neither unknowns nor the end are needed. */
+static int linearise(const constants *c, real t, real h, const real *q, const real *p,
+    const real *x, const real *q1, const real *p1, linearisation_t *l)
+{
+    (void)x, (void)q1, (void)p1;
+    l->c = c;
+    l->s.h = h;
+    l->s.t = t;
+    prepare_flows(&l->s, c, h);
+    l->s.is_symmetric = 0;
+    start_of_step(&l->s, q, p);
+    take_step(l, p);
+    return are_finite(&l->s.now) ? OK : NOT_FINITE;
+}
 
 /* value (1 + power dh/h), a multiple of h^power */
 static inline dual scaled_by_step(real value, real power, dual h)
@@ -84,5 +122,6 @@ static int dual_linearise(const dual_constants *c, dual t, dual h, const dual q[
     dual_take_step(l, p);
     return OK;
 }
+#endif
 
 #endif
