@@ -3,6 +3,7 @@
 #define GS_DERIVATIVES_SPLITTING_STEPS_H
 
 #include "gyrospark/derivatives/step_maps.h"
+#include "gyrospark/linear_algebra/norms.h"
 
 #if GS_DERIVATIVES_IN_LANES
 /* All lanes have the same parameters and time steps. */
@@ -39,7 +40,7 @@ static int linearise(const constants *c, real t, real h, const real *q, const re
     l->s.is_symmetric = 0;
     start_of_step(&l->s, q, p);
     take_step(l, p);
-    return are_finite(&l->s.now) ? OK : NOT_FINITE;
+    return isfinite(norm(N, l->s.now.q) + norm(Y, l->s.now.y)) ? OK : NOT_FINITE;
 }
 
 /* value (1 + power dh/h), a multiple of h^power */

@@ -49,7 +49,7 @@ static inline void TYPED(hidden_constraint)(const TYPED(flow_constants) *c, cons
     f[0] = q[0]*p[0] + q[1]*p[1] + q[2]*p[2] + q[3]*p[3];
 }
 
-#if TOY_SPLITTING > 2
+#if TOY_SPLITTING > 2 && !GS_ON_DUALS
 #include "gyrospark/simd/sine_cosine.h"
 #endif
 #if TOY_SPLITTING > 3
@@ -57,4 +57,20 @@ static inline void TYPED(hidden_constraint)(const TYPED(flow_constants) *c, cons
 #endif
 #if TOY_SPLITTING > 4
 #include "gyrospark/splitting/flows.h"
+#endif
+#if TOY_SPLITTING > 5
+void TYPED(kick_rate_transposed)(const TYPED(flow_constants) *c, const NUMBER *q, const NUMBER *y,
+    const NUMBER *t, const NUMBER *gradient, const NUMBER *rate_bar, NUMBER *q_bar, NUMBER *y_bar,
+    NUMBER *t_bar, NUMBER *gradient_bar, NUMBER *c_bar, NUMBER *value);
+void TYPED(free_velocity_transposed)(const TYPED(flow_constants) *c, const NUMBER *y,
+    const NUMBER *velocity_bar, const NUMBER *offset_bar, NUMBER *y_bar, NUMBER *c_bar);
+void TYPED(flow_rates_transposed)(const TYPED(flow_constants) *c, const NUMBER *sphere_bar,
+    const NUMBER *axis_rate_bar, const NUMBER *axis_offset_bar, const NUMBER *further_rate_bar,
+    const NUMBER *further_offset_bar, const NUMBER *drag_bar, NUMBER *c_bar);
+void TYPED(axis_directions_transposed)(const TYPED(flow_constants) *c, const NUMBER *axis_bar,
+    const NUMBER *further_axis_bar, NUMBER *c_bar);
+#include "gyrospark/derivatives/step_maps.h"
+#endif
+#if TOY_SPLITTING > 6
+#include "gyrospark/derivatives/splitting.h"
 #endif

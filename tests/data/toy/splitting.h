@@ -3,7 +3,8 @@
  * mgl e3 x R e3, and a point on a line with a spring. toy.h includes it for headers of splitting/.
  *
  *   TOY_SPLITTING   1, and more for template headers that come before:
- *                   2 simd/quadrants.h, 3 sine_cosine.h, 4 rotations.h, 5 flows.h
+ *                   2 simd/quadrants.h, 3 sine_cosine.h, 4 rotations.h, 5 flows.h;
+ *                   6 with kernels of derivatives, 7 derivatives/splitting.h
  */
 #define GS_SPLITTING 1
 #define GS_ENGINE 1
@@ -15,7 +16,7 @@
 #define LIMIT(name) DBL_##name
 typedef double real;
 
-enum { N = 5, M = 1, MULTIPLIERS = 0, ROOM = 1, INPUTS = 1, OBSERVED_STEPS = 16,
+enum { N = 5, COORDINATES = N, M = 1, MULTIPLIERS = 0, ROOM = 1, INPUTS = 1, OBSERVED_STEPS = 16,
     OBSERVED_EVERY = 32 };
 enum { BODIES = 1, AXES = 1, FURTHER = 1, FREE = 1, Y = 4, KICKED = 3, STAGES = 1,
     COMPOSITIONS = 2 };
@@ -175,10 +176,20 @@ static inline void set_constants(lanes_constants *to, int i, const constants *fr
     lane_set(&to->mgl, i, from->mgl);
 }
 
+static inline void get_constants(const lanes_constants *from, int i, constants *to)
+{
+    to->mgl = lane_get(&from->mgl, i);
+}
+
 static inline void lanes_set_inputs(lanes_constants *to, int i, const constants *from)
 {
     lane_set(&to->u, i, from->u);
 }
+#endif
+
+#if TOY_SPLITTING > 5
+#define TIMES 0
+enum { E = 7, DT0 = 2*N + E - TIMES, DH, Z };
 #endif
 
 #if TOY_SPLITTING > 1
@@ -189,5 +200,20 @@ static inline void lanes_set_inputs(lanes_constants *to, int i, const constants 
 #include "gyrospark/simd/lanes.h"
 #include "split_kernels.h"
 #endif
+#endif
+#if TOY_SPLITTING > 6 && !GS_DERIVATIVES_IN_LANES
+typedef _Complex double dual;
+FLOW_TYPES(dual, dual_)
+typedef struct {
+    dual I1, I2, I3, mgl, k, u;
+} dual_constants;
+typedef dual_constants dual_flow_constants;
+#include "gyrospark/derivatives/dual_numbers.h"
+void set_dual_constants(dual_constants *to, const constants *from, real unit, const real *slopes);
+void dual_flow_rates(const dual_constants *c, dual *sphere, dual *axis_rate, dual *axis_offset,
+    dual *further_rate, dual *further_offset, dual *drag);
+void dual_axis_directions(const dual_constants *c, dual (*axis)[3], dual (*further)[3]);
+#include "gyrospark/simd/duals.h"
+#include "split_kernels.h"
 #endif
 #include "gyrospark/simd/numbers.h"
