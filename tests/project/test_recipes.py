@@ -93,7 +93,8 @@ class Recipe:
 
 RECIPES = {title: Recipe(text) for title, text in re.findall(
     r"^### A(?:n)? ([\w-]+(?: problem)?).*?\n(.*?)(?=^##)", TEXT, flags=re.MULTILINE | re.DOTALL)}
-PARTS = ["scheme", "named problem", "floating-point", "output", "joint", "command", "study"]
+PARTS = ["scheme", "named problem", "floating-point", "output", "joint", "command", "target",
+         "study"]
 
 
 def test_there_is_one_for_each():
@@ -240,6 +241,13 @@ def test_joint(tmp_path):
 def test_command(tmp_path):
     (said,) = followed("command", tmp_path)
     assert said.splitlines()[0].split() == ["IMS", "implicit", "midpoint", "scheme"]
+
+
+def test_target(tmp_path):
+    (said,) = followed("target", tmp_path)
+    assert "plain: header, C and manifest, of heavy_top_gl3_gamma" in said
+    assert "the bits of C after 9 steps" in said
+    assert (tmp_path / "plain" / "heavy_top_gl3_gamma.c").is_file()
 
 
 def test_study(tmp_path):
