@@ -156,8 +156,8 @@ def compare(built: Built, module: bytes) -> str:
     for engine, run in engines.items():
         for stepper, bits in zip(built.options.steppers,
                                  run(module, built.options), strict=True):
-            said.append(refuse_difference(f"{stepper.name} in {engine}", bits, stepper,
-                                          built.options, _STEPS))
+            said.append(refuse_difference(f"{stepper.name} in {engine}", bits, built,
+                                          _STEPS, stepper))
     return "; ".join(said)
 
 
