@@ -207,8 +207,7 @@ def template_values(
         "quantities": [*system.get("quantities", ())],
         "quantities_take_time": system.get("quantities_take_time", False),
         "max_iterations": options.max_iterations, "steps": EXAMPLE_STEPS,
-        "work_size": work_size(name, header), "checked": f"{name}_status {name}_begin(" in header,
-        "energy": f" {name}_energy(" in header}
+        "work_size": work_size(name, header), "energy": f" {name}_energy(" in header}
 
 
 def literal(x: float, real: str) -> str:

@@ -6,6 +6,7 @@ import ctypes
 import tempfile
 from pathlib import Path
 
+from ..core.arguments import few
 from ..core.errors import GyrosparkError
 from .artefact import Built, Options, Written, parameter_fields
 from .tools import require, run_tool
@@ -52,8 +53,10 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
     work = (ctypes.c_longdouble * (size() // ctypes.sizeof(ctypes.c_longdouble) + 1))()
     q, p = (real * len(options.q))(*options.q), (real * len(options.p))(*options.p)
     limits = Limits(0, options.max_iterations)
-    getattr(library, f"{name}_begin")(
-        ctypes.byref(work), ctypes.byref(parameters), ctypes.byref(limits), real(options.dt), q, p)
+    if getattr(library, f"{name}_begin")(ctypes.byref(work), ctypes.byref(parameters),
+                                         ctypes.byref(limits), real(options.dt), q, p) != 0:
+        raise GyrosparkError(f"The start of {name} is not usable: dt = {options.dt:.6g}, q = "
+                             f"{few(options.q)}, or a parameter.")
     for step in range(steps):
         status = getattr(library, f"{name}_advance")(ctypes.byref(work), q, p)
         if status > 1:

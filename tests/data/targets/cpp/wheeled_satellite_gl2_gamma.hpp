@@ -24,7 +24,7 @@ public:
     using State = std::array<real, 4>;
     using Parameters = wheeled_satellite_gl2_gamma_parameters;
     using Options = wheeled_satellite_gl2_gamma_options;
-    using Status = enum wheeled_satellite_gl2_gamma_status;
+    using Status = wheeled_satellite_gl2_gamma_status;
 
     /* The numbers of the model. */
     static constexpr real model_dt = 0.1;
@@ -58,33 +58,35 @@ public:
         q = at_q;
         p = at_p;
         parameters_ = with;
-        wheeled_satellite_gl2_gamma_begin(&work_, &parameters_, &how, dt, q.data(), p.data());
-        return status_ = WHEELED_SATELLITE_GL2_GAMMA_OK;
+        return status_ = wheeled_satellite_gl2_gamma_begin(&work_, &parameters_, &how, dt, q.data(), p.data());
     }
 
     /* One step. A status above 1: it failed, and q and p are as they were. */
     Status advance()
     {
-        return status_ = static_cast<Status>(wheeled_satellite_gl2_gamma_advance(&work_, q.data(), p.data()));
+        return status_ = wheeled_satellite_gl2_gamma_advance(&work_, q.data(), p.data());
     }
 
     Status status() const { return status_; } /* of the last call */
     int iterations() const { return wheeled_satellite_gl2_gamma_iterations(&work_); } /* of the last step */
+    real time() const { return wheeled_satellite_gl2_gamma_time(&work_); }
 
     using Quantities = std::array<real, 3>; /* omega1, omega2, omega3 */
-    Quantities quantities(real t) const
+    Quantities quantities() const
     {
         Quantities found{};
+        const real t = time();
         wheeled_satellite_gl2_gamma_quantities(&parameters_, &t, q.data(), p.data(), found.data());
         return found;
     }
 
-    /* Other parameters from the next step on. */
+    /* Other parameters from the next step on; those that are not usable change nothing. */
     Status set_parameters(const Parameters &with)
     {
-        parameters_ = with;
-        wheeled_satellite_gl2_gamma_set_parameters(&work_, &parameters_);
-        return status_ = WHEELED_SATELLITE_GL2_GAMMA_OK;
+        status_ = wheeled_satellite_gl2_gamma_set_parameters(&work_, &with);
+        if (status_ == WHEELED_SATELLITE_GL2_GAMMA_OK)
+            parameters_ = with;
+        return status_;
     }
     const Parameters &parameters() const { return parameters_; }
 

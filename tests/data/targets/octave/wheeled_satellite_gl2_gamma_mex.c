@@ -107,7 +107,10 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
     const double *inputs = at[6] ? doubles(at[6], INPUTS*steps, "inputs (one column for each step)") : NULL;
     const wheeled_satellite_gl2_gamma_options options = { 0, 50 };
     static wheeled_satellite_gl2_gamma_work work;
-    wheeled_satellite_gl2_gamma_begin(&work, &parameters, &options, dt, q, p);
+    if (wheeled_satellite_gl2_gamma_begin(&work, &parameters, &options, dt, q, p) != WHEELED_SATELLITE_GL2_GAMMA_OK)
+        mexErrMsgIdAndTxt("gyrospark:input",
+            "dt, q0, p0 or a parameter is not usable: dt is finite and not 0, q0 has no quaternion 0, "
+            "masses and moments of inertia are above 0.");
 
     const size_t rows = steps/every + 1;
     result[0] = mxCreateDoubleMatrix(N, rows, mxREAL);

@@ -65,11 +65,12 @@ extern "C" {
     fn wheeled_satellite_gl2_gamma_begin(
         work: *mut Work, parameters: *const Parameters, options: *const Options, dt: f64,
         q: *const f64, p: *const f64,
-    );
+    ) -> i32;
     fn wheeled_satellite_gl2_gamma_advance(work: *mut Work, q: *mut f64, p: *mut f64) -> i32;
-    fn wheeled_satellite_gl2_gamma_set_parameters(work: *mut Work, parameters: *const Parameters);
+    fn wheeled_satellite_gl2_gamma_set_parameters(work: *mut Work, parameters: *const Parameters) -> i32;
     fn wheeled_satellite_gl2_gamma_iterations(work: *const Work) -> i32;
     fn wheeled_satellite_gl2_gamma_work_size() -> usize;
+    fn wheeled_satellite_gl2_gamma_time(work: *const Work) -> f64;
     fn wheeled_satellite_gl2_gamma_quantities(
         parameters: *const Parameters, t: *const f64, q: *const f64, p: *const f64,
         out: *mut f64,
@@ -117,10 +118,11 @@ impl Stepper {
     ) -> Result<Self, Failure> {
         let mut made = Stepper { work: Work([0; WORDS]), parameters, q, p };
         // The C writes no more than its own work_size, which is checked first, and keeps no pointer.
-        unsafe {
+        let status = unsafe {
             assert!(wheeled_satellite_gl2_gamma_work_size() <= core::mem::size_of::<Work>());
             wheeled_satellite_gl2_gamma_begin(&mut made.work, &made.parameters, &options, dt, q.as_ptr(), p.as_ptr())
         };
+        result(status)?;
         Ok(made)
     }
 
@@ -138,7 +140,8 @@ impl Stepper {
 
     /// Other parameters from the next step on.
     pub fn set_parameters(&mut self, parameters: Parameters) -> Result<(), Failure> {
-        unsafe { wheeled_satellite_gl2_gamma_set_parameters(&mut self.work, &parameters) };
+        let status = unsafe { wheeled_satellite_gl2_gamma_set_parameters(&mut self.work, &parameters) };
+        result(status)?;
         self.parameters = parameters;
         Ok(())
     }
@@ -152,9 +155,14 @@ impl Stepper {
         unsafe { wheeled_satellite_gl2_gamma_iterations(&self.work) }
     }
 
+    pub fn time(&self) -> f64 {
+        unsafe { wheeled_satellite_gl2_gamma_time(&self.work) }
+    }
+
     /// omega1, omega2, omega3.
-    pub fn quantities(&self, t: f64) -> [f64; 3] {
+    pub fn quantities(&self) -> [f64; 3] {
         let mut out = [0.0; 3];
+        let t = self.time();
         unsafe {
             wheeled_satellite_gl2_gamma_quantities(
                 &self.parameters, &t, self.q.as_ptr(), self.p.as_ptr(), out.as_mut_ptr(),

@@ -21,7 +21,9 @@ static float p[4] = { -0.31857094f, 0.5111665f, -0.55079234f, -0.119369894f };
 void setup() {
   Serial.begin(115200);
   const wheeled_satellite_gl2_gamma_float_options options = { 0, 50 };
-  wheeled_satellite_gl2_gamma_float_begin(&work, &parameters, &options, 0.1f, q, p);
+  if (wheeled_satellite_gl2_gamma_float_begin(&work, &parameters, &options, 0.1f, q, p) != WHEELED_SATELLITE_GL2_GAMMA_FLOAT_OK) {
+    Serial.println("a parameter or the start is not usable");
+  }
 }
 
 void loop() {
