@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..api import text_of
+from ..api import consistent, load_model, text_of
 from ..core.arguments import as_items, as_path, choose, listed, proposal, shown, unknown
 from ..core.errors import InputError
 from ..core.inertia import RepName
 from ..core.real_types import RealName
-from ..core.registry import entry_named
+from ..core.registry import MODELS, SYSTEMS, entry_named
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..generator.spec import Spec, is_model_file
 from ..runtime.bindings.array_checks import as_array, as_step
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from ..generator.systems.system import System
 
 __all__ = ["build", "target_named"]
+
+#: How far a start may be from the constraints, relative to it: a few digits more than float has.
+_OFF = 1e-9
 
 #: Of profile control.
 _REALS: tuple[RealName, ...] = ("float", "double")
@@ -122,6 +125,8 @@ def build(
     first = steppers[0]
     defaults = texts[0][1] or _problem_start(system)
     numbers = _options(first, defaults, dt, start, parameters, own, steppers)
+    if start is not None:
+        _refuse_off_constraints(specs[0], given, numbers)
     if path is None:
         path = Path(f"{first.name}{chosen.suffix}")
         check_out(path)
@@ -282,6 +287,21 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
             raise InputError(f"{name} = {x!r} has no place in float, which has numbers from "
                              f"{float(limits.tiny):.2g} to {float(limits.max):.2g}; take real "
                              "double, or other units.")
+
+
+def _refuse_off_constraints(spec: Spec, given: Any, options: Options) -> None:
+    """Refuse a given state that is not on the constraints: no step would bring it there."""
+    if spec.model is not None:
+        given = load_model(spec.model)
+    elif given is None:
+        entry = {**SYSTEMS, **MODELS}[spec.system]
+        given = entry.make(spec.rep) if entry.kind == "system" else entry.make()
+    found = consistent(getattr(given, "system", given), options.q, options.p, options.parameters)
+    size = max(map(abs, (*options.q, *options.p)))
+    if max(found.q_moved, found.p_moved) > _OFF * size:
+        raise InputError(f"start is not on the constraints of {spec.model or spec.system}: it is "
+                         f"{max(found.q_moved, found.p_moved):.2g} from them; give gs.consistent("
+                         "...).q and .p.")
 
 
 def _pair(start: Any) -> tuple[Any, Any]:

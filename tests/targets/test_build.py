@@ -49,6 +49,16 @@ def test_artefacts_have_the_bits_of_c(built, target):
     assert "2000 steps" in made.check()
 
 
+@pytest.mark.parametrize("model", [
+    SATELLITE, "satellite", "fast-top", gs.problems.fast_top(), gs.models.satellite()], ids=str)
+def test_another_start_is_taken(built, model):
+    """q and p of any model, where they are on the constraints."""
+    made = built("cpp", system=model, dt=1e-3, parameters=None,
+                 start=([0, 0.6, 0, 0.8], [1, 0.8, 2, -0.6]))
+    assert made.options.q == (0, 0.6, 0, 0.8)
+    assert "0.6" in (made.path / f"{made.stepper.name}.hpp").read_text()
+
+
 def test_native_bits_are_those_of_the_run_in_python(built):
     """Start, parameters and time step arrive: profile full goes the same way up to round-off."""
     made = built("cpp")
@@ -169,6 +179,8 @@ def plain():
     ({"parameters": {"I1": -1.0}}, "I1.*-1"),
     ({"start": 3}, r"3.*\(q, p\)"),
     ({"start": ([1.0], [1.0])}, "q"),
+    ({"start": ([1.0, 0.1, 0, 0], [0.0, 1, 1, 1])}, "constraints.*consistent"),
+    ({"start": ([1.0, 0, 0, 0], [1.0, 1, 1, 1])}, "constraints.*consistent"),
     ({"dt": 0}, "dt"),
     ({"out": ""}, "out"),
     ({"colour": "red"}, "colour"),
