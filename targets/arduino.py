@@ -13,7 +13,7 @@ from .cpp import KEYWORDS
 from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
 
-__all__ = ["OPTIONS", "check", "compile", "files"]
+__all__ = ["OPTIONS", "check", "compile", "files", "program_of"]
 
 OPTIONS: tuple[Option, ...] = ()
 
@@ -54,18 +54,22 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
     return folder
 
 
+def program_of(sketch: Path, steps: int) -> str:
+    """Return a program that runs a sketch and prints its bits, for texts/Arduino.h."""
+    return (f'#include "Arduino.h"\n#include "{sketch}"\nint main()\n{{\n    setup();\n'
+            f"    for (int k = 0; k < {steps}; ++k)\n        loop();\n"
+            "    print_bits(q, sizeof q);\n    print_bits(p, sizeof p);\n}\n")
+
+
 def check(built: Built) -> str:
     """Compile the sketch here, with a serial port that prints, and compare the bits."""
     name, here = built.stepper.name, built.path.resolve()
     c, cpp = (require(tool, "Checking target arduino") for tool in ("cc", "c++"))
-    sketch = here / "examples" / name / f"{name}.ino"
-    main = (f'#include "Arduino.h"\n#include "{sketch}"\nint main()\n{{\n    setup();\n'
-            f"    for (int k = 0; k < {EXAMPLE_STEPS}; ++k)\n        loop();\n"
-            "    print_bits(q, sizeof q);\n    print_bits(p, sizeof p);\n}\n")
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
-        (folder / "main.cpp").write_text(main, encoding="utf-8")
+        sketch = here / "examples" / name / f"{name}.ino"
+        (folder / "main.cpp").write_text(program_of(sketch, EXAMPLE_STEPS), encoding="utf-8")
         run_tool([*c, *C_FLAGS, "-c", str(here / "src" / f"{name}.c"), "-o", "stepper.o"], folder,
                  "Compiling the stepper")
         run_tool([*cpp, "-std=c++11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",

@@ -1,0 +1,131 @@
+"""Programs of users around artefacts: a class that is copied, bad input, an emulated board."""
+
+from __future__ import annotations
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from c_programs import run
+from compilers import COMPILERS_OF_CPLUSPLUS, MAIN, compiler
+from gyrospark.targets.arduino import program_of
+from gyrospark.targets.artefact import filled
+from gyrospark.targets.native import C_FLAGS, native_bits
+from gyrospark.targets.tools import TOOLS
+from processes import ROOT, call
+
+SATELLITE = ROOT / "examples" / "control_c" / "satellite.toml"
+NAME = "wheeled_satellite_gl1_gamma"
+
+USER = r"""
+#include "wheeled_satellite_gl1_gamma.hpp"
+#include <cstdio>
+
+static void print(const WheeledSatellite &at)
+{
+    for (double x : at.q)
+        std::printf("%a ", x);
+    std::printf("%d\n", int(at.status()));
+}
+
+int main()
+{
+    WheeledSatellite satellite;
+    for (int k = 0; k < 10; ++k)
+        satellite.advance();
+    const WheeledSatellite stored = satellite;
+    for (int k = 0; k < 10; ++k)
+        satellite.advance();
+    print(satellite);
+    satellite = stored;
+    for (int k = 0; k < 10; ++k)
+        satellite.advance();
+    print(satellite);
+
+    auto parameters = satellite.parameters();
+    parameters.I1 = -1;
+    std::printf("%d %g %g\n", int(satellite.set_parameters(parameters)),
+        satellite.parameters().I1, double(satellite.time()));
+    for (double x : satellite.quantities())
+        std::printf("%.17g ", x);
+    std::printf("\n%d %d\n", int(WheeledSatellite(0.0).status()),
+        int(satellite.begin(0.1, {}, WheeledSatellite::model_p)));
+}
+"""
+
+
+def test_a_class_by_value(tmp_path):
+    """A copy is a state that is kept; what is not usable changes nothing and says so."""
+    plusplus = compiler(MAIN, COMPILERS_OF_CPLUSPLUS)
+    built = gs.build("cpp", SATELLITE, scheme="G-L", stages=1, out=tmp_path / "made")
+    (built.path / "user.cpp").write_text(USER, encoding="utf-8")
+    run([*compiler(MAIN), *C_FLAGS, "-c", f"{NAME}.c"], built.path)
+    run([*plusplus, "-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "user.cpp",
+         f"{NAME}.o", "-lm", "-o", "user"], built.path)
+    once, again, refused, quantities, unusable = run(
+        [built.path / "user"], built.path).splitlines()
+    assert once == again
+    assert once.endswith(" 0")
+    assert refused.split() == ["6", "12", "2"]
+    assert unusable.split() == ["6", "6"]
+    step = gs.stepper("G-L", 1, system=SATELLITE)
+    trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=20,
+                                parameters=dict(built.options.parameters))
+    found = [float.fromhex(x) for x in once.split()[:4]]
+    np.testing.assert_allclose(found, trajectory.q[-1], rtol=0, atol=1e-13)
+    np.testing.assert_allclose([float(x) for x in quantities.split()],
+                               trajectory.quantity_values[-1], rtol=0, atol=1e-13)
+
+
+def test_octave_refuses_in_sentences(tmp_path):
+    octave = TOOLS["octave"].find()
+    if octave is None or TOOLS["mkoctfile"].find() is None:
+        pytest.skip("Octave is not installed")
+    built = gs.build("octave", SATELLITE, scheme="G-L", stages=1, out=tmp_path / "made")
+    calls = ("1, 10.5", "0.1, 10, [], [1 2]", '0.1, 10, [], [], [], struct("I4", 2)', "0, 10",
+             "0.1, 10, 1, [], [], 3", "0.1, 10, 1, [], [], [], ones(3, 9)",
+             "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10")
+    lines = [f"try, {NAME}({given}); disp('taken'), catch e, disp(e.message), end\n"
+             for given in calls]
+    inputs = (f"a = {NAME}(0.1, 5, 1, [], [], struct('u2', 0.3));\n"
+              f"b = {NAME}(0.1, 5, 1, [], [], [], [0 0.3 0]'*ones(1, 5));\n"
+              "disp(isequal(a, b)), disp(size(b))\n")
+    (built.path / "user.m").write_text("".join(lines) + inputs, encoding="utf-8")
+    said = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
+    *refusals, same, size = said.stdout.splitlines()
+    for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs", "8 arg",
+                               "dt"), refusals, strict=True):
+        assert re.search(words, refusal), refusal
+        assert refusal.endswith(".")
+    assert same.strip() == "1"
+    assert size.split() == ["4", "6"]
+
+
+def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):
+    """In float, at -Os, on the emulated processor."""
+    for program in ("arm-none-eabi-gcc", "arm-none-eabi-g++", "qemu-system-arm"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+    built = gs.build("arduino", SATELLITE, scheme="G-L", stages=1, out=tmp_path / "made",
+                     parameters={"u1": 0.01})
+    name = built.stepper.name
+    board = ROOT / "tests" / "data" / "cortex_m4"
+    m4 = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
+    sketch = built.path / "examples" / name / f"{name}.ino"
+    (tmp_path / "main.cpp").write_text(program_of(sketch, 100), encoding="utf-8")
+    (tmp_path / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
+    start = run(["arm-none-eabi-gcc", *m4, "-print-file-name=rdimon-crt0.o"], tmp_path).strip()
+    run(["arm-none-eabi-gcc", *m4, "-Os", "-std=c11", "-ffp-contract=off", "-c",
+         built.path / "src" / f"{name}.c", "-o", "stepper.o"], tmp_path)
+    run(["arm-none-eabi-gcc", *m4, "-Os", "-c", board / "start.c"], tmp_path)
+    run(["arm-none-eabi-g++", *m4, "-Os", "-std=c++11", "-fno-exceptions", "-fno-rtti", "-I",
+         built.path / "src", "-c", "main.cpp"], tmp_path)
+    run(["arm-none-eabi-gcc", *m4, "--specs=rdimon.specs", "-nostartfiles", "-T",
+         board / "mps2_an386.ld", "start.o", "main.o", "stepper.o", start, "-lm", "-o",
+         "sketch.elf"], tmp_path)
+    said = call(["qemu-system-arm", "-M", "mps2-an386", "-kernel", "sketch.elf", "-display", "none",
+                 "-monitor", "none", "-serial", "none", "-semihosting"], cwd=tmp_path)
+    assert said.stdout.strip() == native_bits(built.stepper, built.options, 100)
