@@ -190,7 +190,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
         N=system.n * system.copies, M=system.m * system.copies, U=scheme.size,
         S=tableau.s if tableau else 0, P=tableau.p if tableau else 0,
-        multipliers=scheme.multipliers * system.m * system.copies + scheme.reactions * system.velocity_count,
+        multipliers=scheme.multipliers * system.m + scheme.reactions * system.velocity_count,
         rows=system.velocity_count,
         velocity_table=[[real.literal(real.round(e)) for e in row]
                         for row in velocity_enclosures(tableau)]

@@ -44,7 +44,8 @@ def flows_of(derived: Derived) -> Flows:
         bodies=[list(body.q) for body in bodies],
         body_axis=[axis_of.get(i, -1) for i in range(len(bodies))],
         axis_which=[_which(axis) for _, axis in scheme.axes],
-        axis_steady=[int(axis.steady and not molecules) for body in scheme.symmetric.bodies for axis in body.axes],
+        axis_steady=[int(axis.steady and molecules is None)
+                     for body in scheme.symmetric.bodies for axis in body.axes],
         further_body=[body for body, _ in scheme.further],
         further_which=[_which(axis) for _, axis in scheme.further],
         free=list(scheme.free),

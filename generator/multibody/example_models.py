@@ -200,6 +200,8 @@ def waters(count: int = 64, *, rep: RepName = "gamma", spacing: float = 0.31,
     if copies is None or not 2 <= copies <= MOST_MOLECULES:
         raise InputError(f"A drop of {shown(count)} molecules cannot be built; give a whole number "
                          f"from 2 to {MOST_MOLECULES}.")
+    if whole(seed) is None or int(seed) < 0:
+        raise InputError(f"seed = {shown(seed)} is no whole number from 0 on.")
     x, mass = _BOND * math.sin(_ANGLE / 2), _O + 2 * _H
     height = _BOND * math.cos(_ANGLE / 2)  # of O above the hydrogens
     above, below = 2 * _H / mass * height, -_O / mass * height
@@ -216,7 +218,7 @@ def waters(count: int = 64, *, rep: RepName = "gamma", spacing: float = 0.31,
         return A / oxygens**6 - B / oxygens**3 + k * sum(
             c * d / sp.sqrt(square(r, s)) for c, r in sites for d, s in sites)
 
-    rng, size = np.random.default_rng(seed), math.ceil(copies ** (1 / 3))
+    rng, size = np.random.default_rng(int(seed)), math.ceil(copies ** (1 / 3))
     heat = _GAS * float(finite("temperature", temperature, ()))
     grid = float(finite("spacing", spacing, ())) * np.indices((size,) * 3).reshape(3, -1).T[:copies]
     v = math.sqrt(heat / mass) * rng.standard_normal((copies, 3))

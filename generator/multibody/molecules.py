@@ -109,9 +109,9 @@ def molecules(
     inertia : three floats
         Its principal moments about the centre of mass; body axes are principal axes.
     pair_potential : callable
-        Called once with two molecules and a symbol for each parameter; returns an expression of
-        ``a.point(r)``, ``a.direction(v)``, ``a.x``, ``a.rotation``, and the same of b. Its value
-        must not change when a and b are swapped.
+        Called once with two molecules, and with the symbols of those parameters that it names;
+        returns an expression of ``a.point(r)``, ``a.direction(v)``, ``a.x``, ``a.rotation``, and
+        the same of b. Its value must not change when a and b are swapped.
     positions, velocities : array_like, shape (count, 3)
         Of the centres of mass in space; velocities are 0 by default.
     quaternions : array_like, shape (count, 4), optional
@@ -120,10 +120,10 @@ def molecules(
     angular_velocities : array_like, shape (count, 3), optional
         In body axes; 0 by default.
     potential : callable, optional
-        Called once with one molecule, a ``Body``, and a symbol for each parameter: the potential
-        of each molecule alone, such as that of a wall or a field.
+        Called once with one molecule, a ``Body``, and parameters as above: the potential of each
+        molecule alone, such as that of a wall or a field.
     parameters : mapping of str to float, optional
-        The values of the symbols that the potentials are called with, which are passed by name.
+        The values of these symbols.
     rep : {"gamma", "alpha"}
         Inertia representation; states and their motion are the same in both.
     dt, steps, description
@@ -162,7 +162,8 @@ def molecules(
     if body.inverse:
         raise InputError(f"The inertia of molecules {name!r} is a tensor; give three principal "
                          "moments, in principal axes.")
-    values = as_mapping("parameters", parameters or {}, "{'k': 332.06}")
+    values = as_mapping(
+        "parameters", {} if parameters is None else parameters, "{'k': 332.06}")
     symbols = {key: build.parameter(key, value) for key, value in values.items()}
     if potential is not None:
         build.potential(_called("potential", potential, (body,), symbols))
@@ -197,15 +198,18 @@ def molecules(
 
 def _called(what: str, function: Any, arguments: tuple[Any, ...], symbols: Mapping[str, sp.Symbol]
             ) -> Any:
-    """Return what a potential is, called with molecules and parameters by name."""
+    """Return what a potential is, called with molecules and with the parameters that it names."""
     if not callable(function):
         raise InputError(f"{what} = {shown(function)} is no function of molecules.")
     try:
-        inspect.signature(function).bind(*arguments, **symbols)
-    except TypeError as error:
+        signature = inspect.signature(function)
+        takes_all = any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values())
+        named = {key: x for key, x in symbols.items() if takes_all or key in signature.parameters}
+        signature.bind(*arguments, **named)
+    except (TypeError, ValueError) as error:
         raise InputError(f"{what} cannot be called with {len(arguments)} molecules and the "
                          f"parameters {', '.join(symbols) or '(none)'}: {error}.") from None
-    return function(*arguments, **symbols)
+    return function(*arguments, **named)
 
 
 def _states(

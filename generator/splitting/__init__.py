@@ -4,6 +4,5 @@
     parts     the parts: rotations, translations, kicks, and their flows
     kicks     torques of potentials and forces in space axes
     proofs    flows, invariants and sums of the parts, proved by algebra
-    repeated  many equal molecules: one body and one pair
     quotient  normal forms modulo |q|² = 1
 """

@@ -84,7 +84,7 @@ class PairPotential:
         """Refuse a V that depends on which of two molecules is the first."""
         swapped = self.V.xreplace(dict(zip([*self.first, *self.second],
                                            [*self.second, *self.first], strict=True)))
-        values = {x: sp.sqrt(sp.prime(n)) * (-1) ** (n % 3) + n for n, x in enumerate(
+        values = {x: sp.Float(sp.Rational(101 * n * n % 89, 7), _DIGITS) for n, x in enumerate(
             sorted(self.V.free_symbols | swapped.free_symbols, key=str), 1)}
         one, other = (sp.N(e.xreplace(values), _DIGITS) for e in (self.V, swapped))
         if abs(one - other) > abs(one) * sp.Float(10) ** (-_DIGITS // 2):

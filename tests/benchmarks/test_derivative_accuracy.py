@@ -10,8 +10,8 @@ import gyrospark as gs
 from gyrospark.benchmarks.derivative_accuracy import measure, subjects
 
 FEW = ("simple-pendulum",)
-#: Of 567 coordinates: minutes.
-LARGE = {"four-bars-40"}
+#: Of 567 coordinates, which takes minutes, and for scheme splitting alone.
+LARGE = {"four-bars-40", "waters"}
 MANY = [pytest.param(name, marks=[] if name in FEW else pytest.mark.slow)
         for name in (*gs.references.names(), *gs.models.__all__) if name not in LARGE]
 
