@@ -29,7 +29,7 @@ API = {
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],
     "systems": [
-        "System", "from_mechanics", "Model", "Multibody", "body_system", "symbols", "load_model",
+        "System", "from_mechanics", "Model", "Multibody", "body_system", "molecules", "symbols", "load_model",
         "load_urdf", "read_urdf", "models", "problems", "references", "exact", "tableau",
         "consistent", "Projection"],
     "tuning": [

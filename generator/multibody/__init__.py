@@ -9,6 +9,7 @@
     initial_poses   positions and attitudes at the start
     assembly        constraints, H and forces from the components
     multibody       the builder of models, ``gyrospark.Multibody``
+    molecules       many equal bodies with pair potentials, ``gyrospark.molecules``
     model           a system with parameters and an initial state
     example_models  example models, as ``gyrospark.models``
 """
