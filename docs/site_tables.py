@@ -29,8 +29,8 @@ API = {
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],
     "systems": [
-        "System", "from_mechanics", "Model", "Multibody", "body_system", "molecules", "symbols", "load_model",
-        "load_urdf", "read_urdf", "models", "problems", "references", "exact", "tableau",
+        "System", "from_mechanics", "Model", "Multibody", "body_system", "molecules", "symbols",
+        "load_model", "load_urdf", "read_urdf", "models", "problems", "references", "exact", "tableau",
         "consistent", "Projection"],
     "tuning": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",

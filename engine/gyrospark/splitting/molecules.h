@@ -11,6 +11,7 @@
 #define GS_SPLITTING_MOLECULES_H
 
 #include "gyrospark/splitting/start.h"
+#include "gyrospark/splitting/molecule_constraints.h"
 
 enum { BLOCKS = (MOLECULES + LANES - 1)/LANES };
 

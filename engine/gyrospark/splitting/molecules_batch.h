@@ -2,6 +2,7 @@
 #ifndef GS_SPLITTING_MOLECULES_BATCH_H
 #define GS_SPLITTING_MOLECULES_BATCH_H
 
+#include "gyrospark/splitting/molecules_run.h"
 #include "gyrospark/run/integrate.h"
 
 _Static_assert(sizeof(work_t) + 64 <= sizeof(((batch_memory *)0)->memory),

@@ -3,6 +3,11 @@
 #define GS_SPLITTING_RUN_H
 
 #include "gyrospark/splitting/start.h"
+
+#if GS_MOLECULES
+#include "gyrospark/splitting/molecules.h"
+#endif
+
 #include "gyrospark/run/record.h"
 
 #if GS_MOLECULES
