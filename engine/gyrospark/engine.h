@@ -86,6 +86,9 @@
 #ifndef GS_SPLITTING /* a composition of exact flows */
 #define GS_SPLITTING 0
 #endif
+#ifndef GS_ROTATING_AXES /* H has -omega.J: axes of space that turn */
+#define GS_ROTATING_AXES 0
+#endif
 #ifndef GS_MOLECULES /* many equal molecules, with loops over pairs */
 #define GS_MOLECULES 0
 #endif

@@ -284,6 +284,7 @@ def _features(
         splitting=isinstance(scheme, SplittingScheme),
         drag=isinstance(scheme, SplittingScheme) and scheme.has_drag,
         molecules=system.copies > 1,
+        rotating_axes=isinstance(scheme, SplittingScheme) and bool(scheme.splitting.space),
         momentum_forces=isinstance(scheme, SplittingScheme) and scheme.splitting.other_forces,
         constant_schur=iteration is not None and iteration.constant_schur,
         scalar_schur=iteration is not None and iteration.scalar_schur,

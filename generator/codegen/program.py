@@ -87,6 +87,7 @@ class Features:
     splitting: bool
     drag: bool
     molecules: bool
+    rotating_axes: bool
     momentum_forces: bool
     constant_schur: bool
     scalar_schur: bool
@@ -269,6 +270,11 @@ class Flows:
     kicked: list[int]
     coordinates: int
     momenta: int
+    #: Rotations of space: how many, that of each body or -1; of each point that turns, its rotation
+    #: and its places in q and in y.
+    space_axes: int
+    body_space: list[int]
+    space_points: list[tuple[int, list[int], list[int]]]
     #: Equal molecules, and the numbers of the vectors of each that pairs interact by.
     copies: int
     vectors: int

@@ -35,7 +35,8 @@ def flows_of(derived: Derived) -> Flows:
     size = {"n": scheme.system.n, "y": len(scheme.momenta), "bodies": max(len(bodies), 1),
             "axes": max(len(scheme.axes), 1), "further": max(len(scheme.further), 1),
             "drags": max(len(scheme.drag), 1), "stages": stages, "flows": stages + 2}
-    shapes = _members(size, drag=scheme.has_drag)
+    spaces = scheme.splitting.space
+    shapes = _members(size, drag=scheme.has_drag, spaces=len(spaces))
     numbers = sum(_length(shape) for _, shape in shapes)
     return Flows(
         kernels=[emit_kernel(k, derived.constants, real)
@@ -52,6 +53,11 @@ def flows_of(derived: Derived) -> Flows:
         kicked=scheme.kicked,
         coordinates=scheme.system.n,
         momenta=len(scheme.momenta),
+        space_axes=len(spaces),
+        body_space=[next((k for k, space in enumerate(spaces) if b in space.bodies), -1)
+                    for b in range(len(bodies))],
+        space_points=[(k, list(point), [_in_y(scheme, i) for i in point])
+                      for k, space in enumerate(spaces) for point in space.points],
         copies=scheme.system.copies,
         vectors=len(molecules.pair.first) if molecules else 0,
         stages=stages,
@@ -101,7 +107,14 @@ def _memory(derived: Derived, scheme: SplittingScheme, numbers: int, moving: int
     return (molecules.copies + lanes) * each * real.bytes + common * wide + 4096
 
 
-def _members(size: dict[str, int], *, drag: bool) -> list[tuple[str, list[int]]]:
+def _in_y(scheme: SplittingScheme, i: int) -> int:
+    """Return where in y the momentum of a coordinate of a point is; -1 for none."""
+    return -1 if i < 0 else 3 * len(scheme.splitting.bodies) + scheme.free.index(i)
+
+
+def _members(
+    size: dict[str, int], *, drag: bool, spaces: int
+) -> list[tuple[str, list[int]]]:
     """Return the numbers of ``flows`` by name, with their shapes, in order."""
     stages, flows = size["stages"], size["flows"]
     made = [*((f"now.{name}", shape) for name, shape in _now(size)),
@@ -113,6 +126,8 @@ def _members(size: dict[str, int], *, drag: bool) -> list[tuple[str, list[int]]]
             ("cosine", [size["axes"], flows]), ("sine", [size["axes"], flows])]
     if drag:
         made += [("elapsed", [size["drags"], flows]), ("decay", [size["drags"], flows])]
+    if spaces:
+        made += [("space_cosine", [spaces, flows]), ("space_vector", [spaces, flows, 3])]
     return made
 
 

@@ -146,6 +146,9 @@ class SplittingScheme:
                 "axis": [self._hoisted(axis.axis) for _, axis in self.axes] or [[sp.S.Zero] * 3],
                 "further_axis": [self._hoisted(axis.axis) for _, axis in self.further]
                 or [[sp.S.Zero] * 3]}),
+            *([Kernel("space_rates", "angular velocities of axes of space", {}, {
+                "omega": [self._hoisted(space.omega) for space in self.splitting.space]})]
+              if self.splitting.space else []),
         ]
 
     @property
@@ -208,7 +211,7 @@ class SplittingScheme:
                 for e in expressions] or [sp.S.Zero]
 
     def _kinetic(self) -> sp.Expr:
-        """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p, in q and y."""
+        """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p − ω·J, in q and y."""
         splitting, system = self.splitting, self.splitting.system
         found: sp.Expr = sp.S.Zero
         for body in splitting.bodies:
@@ -222,6 +225,13 @@ class SplittingScheme:
             found += sum(e * p[i] * p[j] for (i, j), e in
                          splitting.translation.inverse_mass.items()) / 2
             found += sum(v * p[i] for i, v in splitting.translation.velocity.items())
+        for space in splitting.space:
+            omega, zero = sp.Matrix(space.omega), sp.S.Zero
+            found -= sum(omega.dot(sp.Matrix(splitting.bodies[b].l)) for b in space.bodies)
+            for point in space.points:
+                r, y = (sp.Matrix([zero if i < 0 else x[i] for i in point])
+                        for x in (system.q, system.p))
+                found -= omega.dot(r.cross(y))
         return found
 
     def _power(self) -> sp.Expr:
@@ -276,10 +286,6 @@ def splitting_scheme(
         If H has no splitting, or the order needs what the system does not have.
     """
     splitting = split(system)
-    if splitting.space:
-        raise InputError(f"H of system {system.name!r} has rotating axes, −ω·J with ω = "
-                         f"{splitting.space[0].omega}, for which scheme splitting has no flow yet; "
-                         "write it in axes at rest, or take scheme G-L.")
     plain = composition_named(named) if named else composition(order)
     if splitting.highest_order is not None and plain.order > splitting.highest_order:
         raise InputError(f"order = {plain.order} is not reached where forces depend on momenta "

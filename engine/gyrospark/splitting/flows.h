@@ -54,6 +54,51 @@ INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, 
     }
 }
 
+#if GS_ROTATING_AXES
+/* v <- R(w) v for the unit quaternion w = (c, u), by an increment: its length has no bias. */
+INLINE void TYPED(turn_vector)(NUMBER c, const NUMBER u[3], NUMBER *const v[3],
+    NUMBER *const v_low[3])
+{
+    const NUMBER x = *v[0], y = *v[1], z = *v[2];
+    const NUMBER a[3] = { u[1]*z - u[2]*y, u[2]*x - u[0]*z, u[0]*y - u[1]*x };
+    for (int i = 0; i < 3; ++i) {
+        const int j = (i + 1)%3, k = (i + 2)%3;
+        TYPED(accumulate)(v[i], v_low[i], 2*(c*a[i] + (u[j]*a[k] - u[k]*a[j])));
+    }
+}
+
+/* The flow of -omega.J during drift i, which commutes with the free motion: all vectors turn. */
+INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[COORDINATES],
+    NUMBER q_low[COORDINATES], NUMBER y[Y], NUMBER y_low[Y])
+{
+    for (int b = 0; b < BODIES; ++b) {
+        const int k = body_space[b], *at = body_q[b];
+        if (k < 0)
+            continue;
+        const NUMBER c = s->space_cosine[k][i], *u = s->space_vector[k][i];
+        NUMBER *const l[3] = { y + 3*b, y + 3*b + 1, y + 3*b + 2 };
+        NUMBER *const l_low[3] = { y_low + 3*b, y_low + 3*b + 1, y_low + 3*b + 2 };
+        const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
+        q[at[0]] = c*r[0] - u[0]*r[1] - u[1]*r[2] - u[2]*r[3];
+        q[at[1]] = c*r[1] + u[0]*r[0] + u[1]*r[3] - u[2]*r[2];
+        q[at[2]] = c*r[2] + u[1]*r[0] + u[2]*r[1] - u[0]*r[3];
+        q[at[3]] = c*r[3] + u[2]*r[0] + u[0]*r[2] - u[1]*r[1];
+        TYPED(turn_vector)(c, u, l, l_low);
+    }
+    for (int e = 0; e < SPACE_POINTS; ++e) {
+        const int *in_q = space_point_q[e], *in_y = space_point_y[e], k = space_of_point[e];
+        NUMBER none[2] = { TYPED(broadcast)(0), TYPED(broadcast)(0) }; /* z of a point in a plane */
+        const int flat = in_q[2] < 0;
+        NUMBER *const r[3] = { q + in_q[0], q + in_q[1], flat ? none : q + in_q[2] };
+        NUMBER *const r_low[3] = { q_low + in_q[0], q_low + in_q[1], flat ? none + 1 : q_low + in_q[2] };
+        NUMBER *const p[3] = { y + in_y[0], y + in_y[1], flat ? none : y + in_y[2] };
+        NUMBER *const p_low[3] = { y_low + in_y[0], y_low + in_y[1], flat ? none + 1 : y_low + in_y[2] };
+        TYPED(turn_vector)(s->space_cosine[k][i], s->space_vector[k][i], r, r_low);
+        TYPED(turn_vector)(s->space_cosine[k][i], s->space_vector[k][i], p, p_low);
+    }
+}
+#endif
+
 /* Kick i for the duration: momenta change, positions stay. */
 INLINE void TYPED(kick)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i, NUMBER duration)
 {
@@ -120,9 +165,15 @@ INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int
 #if GS_DRAG && GS_FORCES
     const NUMBER before = TYPED(kinetic_energy)(c, s->now.q, s->now.y);
     TYPED(drift)(c, s, i, s->now.q, s->now.q_low, s->now.y);
+#if GS_ROTATING_AXES
+    TYPED(rotate_axes)(s, i, s->now.q, s->now.q_low, s->now.y, s->now.y_low);
+#endif
     TYPED(accumulate)(&s->now.work, &s->now.work_low, TYPED(kinetic_energy)(c, s->now.q, s->now.y) - before);
 #else
     TYPED(drift)(c, s, i, s->now.q, s->now.q_low, s->now.y);
+#if GS_ROTATING_AXES
+    TYPED(rotate_axes)(s, i, s->now.q, s->now.q_low, s->now.y, s->now.y_low);
+#endif
 #endif
 }
 
@@ -153,16 +204,29 @@ INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows
         q[a] = s->now.q[a];
         q_low[a] = s->now.q_low[a];
     }
-    for (int e = 0; e < Y; ++e)
+#if GS_ROTATING_AXES
+    NUMBER y_low[Y];
+#endif
+    for (int e = 0; e < Y; ++e) {
         y[e] = s->now.y[e];
+#if GS_ROTATING_AXES
+        y_low[e] = s->now.y_low[e];
+#endif
+    }
     *work = TYPED(broadcast)(0);
     if (s->is_underway) {
 #if GS_DRAG && GS_FORCES
         *work = -TYPED(kinetic_energy)(c, q, y);
         TYPED(drift)(c, s, s->stages, q, q_low, y);
+#if GS_ROTATING_AXES
+        TYPED(rotate_axes)(s, s->stages, q, q_low, y, y_low);
+#endif
         *work += TYPED(kinetic_energy)(c, q, y);
 #else
         TYPED(drift)(c, s, s->stages, q, q_low, y);
+#if GS_ROTATING_AXES
+        TYPED(rotate_axes)(s, s->stages, q, q_low, y, y_low);
+#endif
 #endif
     }
     for (int b = 0; b < BODIES; ++b) {

@@ -182,6 +182,9 @@ static void step_molecules(molecules_t *s)
         for (int block = 0; block < BLOCKS; ++block) {
             lanes_flow_state *now = &s->now.block[block];
             lanes_drift(&s->constants, &s->all, drift, now->q, now->q_low, now->y);
+#if GS_ROTATING_AXES
+            lanes_rotate_axes(&s->all, drift, now->q, now->q_low, now->y, now->y_low);
+#endif
         }
         rotate_molecules(s, i, 0);
         kick_molecules(s, i);

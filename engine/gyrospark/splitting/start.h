@@ -38,6 +38,25 @@ static void set_drag(flows *s, int which, real k)
 }
 #endif
 
+#if GS_ROTATING_AXES
+/* exp(-t omega/2) of each drift, cosine and vector part, for axes of space that turn at omega. */
+static void set_rotating_axes(flows *s, const constants *c)
+{
+    real omega[SPACES][3];
+    space_rates(c, omega);
+    for (int k = 0; k < SPACES; ++k) {
+        const real *w = omega[k];
+        const real size = square_root(w[0]*w[0] + w[1]*w[1] + w[2]*w[2] + LIMIT(MIN));
+        for (int i = 0; i < s->stages + 2; ++i) {
+            real sine;
+            sine_cosine((real)0.5*size*s->drift[i], &sine, &s->space_cosine[k][i]);
+            for (int e = 0; e < 3; ++e)
+                s->space_vector[k][i][e] = -sine/size*w[e];
+        }
+    }
+}
+#endif
+
 /* An axis that the parameters leave undetermined, where nothing rotates about it. */
 static void complete_axis(real axis[3], real rate, real offset)
 {
@@ -80,6 +99,9 @@ static void prepare_flows(flows *s, const constants *c, real h)
 #if GS_DRAG
     for (int e = 0; e < BODIES + FREE; ++e)
         set_drag(s, e, s->drag[e]);
+#endif
+#if GS_ROTATING_AXES
+    set_rotating_axes(s, c);
 #endif
 }
 
