@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import shown
 from ...core.errors import InputError
+from ...core.records import changed
 from ..integration.run_arguments import RunArguments
 from ..results.tangent_rows import EventTangents, TangentRows
 from .frame import FrameMotion
@@ -72,7 +73,7 @@ def with_tangents(stepper: Stepper, wanted: Any, found: Trajectory) -> Trajector
         else:
             states, of_times = _stacked(whole, q[part], t[part])
             made[name] = own.of_others(states[:, : len(whole.start)], of_times)
-    return replace(found, tangents=replace(own, events=EventTangents(made, refused)))
+    return changed(found, tangents=replace(own, events=EventTangents(made, refused)))
 
 
 def _of_rows(rows: RunRows, whole: TangentRows, q: list[Any], t: list[Any]) -> tuple[Array, Array]:

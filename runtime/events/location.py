@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event
 from ...core.interrupts import catch_ctrl_c
+from ...core.records import changed
 from ..integration.dense_output import epsilon_of_times, partial_steps, run_together
 from ..integration.lanes import fill_ensemble, threads_of
 from ..integration.run_arguments import EnsembleArguments, RunArguments
 from ..integration.step_loop import Rows, integrate
 from ..results.crossings import Crossings
-from ..results.run_arrays import OUTPUTS, States, flat_multipliers, value_of
+from ..results.run_arrays import States, flat_multipliers
 from ..results.trajectory import Trajectory
 from .detection import Brackets, EventDetector, Levels
 
@@ -159,7 +160,7 @@ def observed(
         last = found[name].first
         trajectory = _ended(stepper, run, trajectory, detector.brackets, last)
         found = {key: crossings.until(last, run.dt) for key, crossings in found.items()}
-    trajectory = replace(trajectory, events=found)
+    trajectory = changed(trajectory, events=found)
     if trouble is None or (name is not None and isinstance(trouble, StepFailed)):
         return trajectory  # a step that fails behind the run's end is none of its own
     trouble.trajectory = trajectory
@@ -210,8 +211,7 @@ def _ended(
         np.concatenate([flat[:steps], rows.multipliers]).astype(binding.dtype),
         np.concatenate([trajectory.iterations[:steps], rows.iterations]),
         np.concatenate([trajectory.work[states], trajectory.report.work + rows.work]))
-    outputs: dict[str, Any] = {one.attribute: value_of(one, made) for one in OUTPUTS}
-    return replace(trajectory, **outputs)
+    return trajectory.of_states(made)
 
 
 def row_of_event(stepper: Stepper, run: RunArguments, brackets: Brackets, event: Crossings) -> Rows:

@@ -19,7 +19,7 @@ from ...core.errors import InputError, Stopped
 from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.inputs import Inputs
-from ..results.run_arrays import OUTPUTS, States, flat_multipliers, value_of
+from ..results.run_arrays import States, flat_multipliers
 from ..results.trajectory import Trajectory
 from .lanes import EnsembleStates, fill_ensemble, threads_of
 from .run_arguments import EnsembleArguments, RunArguments
@@ -255,6 +255,5 @@ def _trajectory(
     parameters = binding.parameters(trajectory.parameters, trajectory.t[0])
     states = States(binding, stepper.manifest, parameters, t, made.q, made.p,
                     made.multipliers[1:], made.iterations[1:], made.work)
-    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
     origin = None if trajectory._origin is None else replace(trajectory._origin, between=True)
-    return replace(trajectory, **outputs, tangents=None, _inputs=None, _origin=origin)
+    return trajectory.of_states(states, tangents=None, _inputs=None, _origin=origin)

@@ -125,7 +125,7 @@ class EnsembleStates:
         iterations, done, pace = rows.iterations[part], 0, ChunkSize()
         while done < first.steps and not status.all() and not stop():
             row = done // first.every + 1
-            count, every = next_chunk(first, done, pace.begin())
+            count, every = next_chunk(first, done, pace.begin(first.steps - done))
             most = iterations[:, row].copy()  # of the pieces before, where a row takes several
             step_on = partial(_lanes, binding, parameters, options, dt, count, reports, status,
                               memory, inputs)

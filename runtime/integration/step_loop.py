@@ -15,7 +15,7 @@ from ...core.errors import InputError, StepFailed, Stopped
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ..bindings.binding import Binding
 from ..results.diagnostics import Report
-from ..results.run_arrays import OUTPUTS, States, defect_sizes, value_of
+from ..results.run_arrays import States, defect_sizes
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
 from .newton import newton_step
@@ -83,15 +83,17 @@ class ChunkSize:
         self._clock = clock
         self._largest = _CHUNK_WITH_EVENTS if catch_signals else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
-        self._began = clock()
+        self._began: float | None = None
 
-    def begin(self) -> int:
-        """Return how many steps to do at most; the clock runs."""
-        self._began = self._clock()
+    def begin(self, left: int | None = None) -> int:
+        """Return how many steps to do at most; the clock runs, unless no more are ``left``."""
+        self._began = None if left is not None and left <= self.most else self._clock()
         return self.most
 
     def end(self, steps: int) -> None:
         """Take the time that so many steps took for the next ones."""
+        if self._began is None:
+            return
         seconds = self._clock() - self._began
         if seconds > _LOOK:
             self.most = max(1, int(steps * _LOOK / seconds))
@@ -158,14 +160,17 @@ def fill(
     """
     parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
     pace = ChunkSize(run.detector is not None)
-    status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
+    status = 0
+    if not run.steps or run.detector is not None or stop():  # else the first steps start the record
+        status = advance(binding, run, parameters, 0, 1, q, p, rows.after(run.rows), report, work)
     step_on = advance if run.detector is None else advance_with_events
     ended = run.detector is not None and run.detector.ends_in is not None
     while report.steps < run.steps and status == 0 and not ended and not stop():
         row = run.stored(int(report.steps))
-        count, every = next_chunk(run, int(report.steps), pace.begin())
+        done = int(report.steps)
+        count, every = next_chunk(run, done, pace.begin(run.steps - done))
         if run.follow is not None:
-            parameters = run.follow.parameters(run, int(report.steps), q, p, work)
+            parameters = run.follow.parameters(run, done, q, p, work)
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
@@ -330,9 +335,8 @@ def trajectory_of(
     t = binding.times(run.t0, run.dt, run.steps_of_rows(done))
     states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
                     rows.iterations[:stored], rows.work[: stored + 1])
-    outputs: dict[str, Any] = {one.attribute: value_of(one, states) for one in OUTPUTS}
-    return Trajectory(
-        **outputs,
+    return Trajectory.of(
+        states,
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,

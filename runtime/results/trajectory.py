@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_path, choose, shown
 from ...core.errors import InputError
 from ...core.file_formats import format_of, with_ending
+from ...core.records import changed
 from ..compilation.body_columns import bodies_of, joints_of, placed_of
 from .body_motion import BodyMotion, PlacedMotion, total_momenta
 from .crossings import Crossings
 from .diagnostics import Report
 from .joint_motion import JointMotion
-from .run_arrays import place_of_quantity
+from .run_arrays import OUTPUTS, States, place_of_quantity, value_of
 from .trajectory_display import Shown
 from .trajectory_file import read_npz
 
 __all__ = ["Trajectory"]
 
 Array = NDArray[Any]
+
+_OUTPUTS = {one.attribute: one for one in OUTPUTS}
 
 
 class Maker(Protocol):
@@ -42,6 +45,8 @@ class Maker(Protocol):
 @dataclass(frozen=True, eq=False)
 class Trajectory(Shown):
     """States of a run, stored every ``every`` steps.
+
+    The arrays of a run that has been integrated are computed when they are first asked for.
 
     Attributes
     ----------
@@ -105,6 +110,27 @@ class Trajectory(Shown):
     _origin: Any = field(default=None, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
     _stepper: Any = field(default=None, repr=False)
+    #: What the arrays that are not there yet are computed from.
+    _states: States | None = field(default=None, repr=False)
+
+    @classmethod
+    def of(cls, states: States, **others: Any) -> Self:
+        """Return the trajectory of stored states; ``others`` are the fields beside its arrays."""
+        return changed(object.__new__(cls), **{"events": {}, **others, "_states": states})
+
+    def of_states(self, states: States, **changes: Any) -> Self:
+        """Return a trajectory with other states, and other values of some fields."""
+        kept = {name: x for name, x in self.__dict__.items() if name not in _OUTPUTS}
+        return self.of(states, **kept | changes)
+
+    if not TYPE_CHECKING:  # names that are no field stay errors to a type checker
+
+        def __getattr__(self, name: str) -> Array:
+            """Compute an output, and keep it."""
+            states = self.__dict__.get("_states")
+            if states is None or name not in _OUTPUTS:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            return self.__dict__.setdefault(name, value_of(_OUTPUTS[name], states))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -375,12 +401,13 @@ class Trajectory(Shown):
 
     def made_by(self, stepper: Maker, origin: Any = None) -> Trajectory:
         """Return this trajectory, which then knows what made it, and of which arguments."""
-        return replace(self, _stepper=stepper, _origin=origin)
+        return changed(self, _stepper=stepper, _origin=origin)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the states alone: the code that made them is not theirs."""
         following = self._origin is not None and self._origin.run.follow is not None
-        return {**self.__dict__, "_stepper": None, **({"_origin": None} if following else {})}
+        return {**self.__dict__, **{name: getattr(self, name) for name in _OUTPUTS},
+                "_stepper": None, "_states": None, **({"_origin": None} if following else {})}
 
     # ------------------------------------------------------------ file
 

@@ -19,6 +19,7 @@ from ...core.event import Event, as_events
 from ...core.exact_numbers import Number
 from ...core.html import card, table
 from ...core.interrupts import Interrupts, catch_ctrl_c
+from ...core.records import changed
 from ..bindings.array_checks import as_numbers, as_positive_count
 from ..bindings.inputs import Inputs, as_inputs
 from ..derivatives.tangent_run import with_tangents
@@ -317,7 +318,7 @@ def _ensemble(
     def member(i: int) -> Trajectory:
         made = trajectory_of(binding, stepper.manifest, runs[i], computed.rows_of(i),
                              computed.report(i), computed.q[i], computed.p[i])
-        return replace(made, events=crossings[i] if crossings else {},
+        return changed(made, events=crossings[i] if crossings else {},
                        _origin=Origin(runs[i], asked))
 
     failures = {i: failure_of(runs[i], member(i), Diagnosis.bare(int(computed.status[i])))
@@ -343,7 +344,7 @@ def _with_tangents(
     tangents = [None if one is None else one.tangents for one in found]
 
     def member(i: int) -> Trajectory:
-        return replace(ensemble._make(i), tangents=tangents[i])
+        return changed(ensemble._make(i), tangents=tangents[i])
 
     return replace(ensemble, tangents=tangents, _make=member)
 

@@ -23,6 +23,7 @@ from ...core.arguments import proposal
 from ...core.errors import InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
 from ...core.interrupts import catch_ctrl_c
+from ...core.records import changed
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import Binding
 from ..bindings.inputs import Inputs
@@ -104,7 +105,7 @@ class AdvancingRun:
                       every=self.steps + 2)
         rows = Rows.allocate(self.binding, 0)
         rows.q[0], rows.p[0] = self.q, self.p
-        return replace(trajectory_of(self.binding, manifest, run, rows, self.record, self.q,
+        return changed(trajectory_of(self.binding, manifest, run, rows, self.record, self.q,
                                      self.p), every=1)
 
 
