@@ -103,6 +103,8 @@ def shown(value: Any, most: int = 80) -> str:
 
 def whole(value: Any) -> int | None:
     """Return a whole number of whatever type, 10.0 and 1e3 among them, as int; else None."""
+    if type(value) is int:
+        return value
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return None
     try:

@@ -76,6 +76,8 @@ def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
     InputError
         For what is no event, an unknown quantity, two events of one name.
     """
+    if type(given) is tuple and not given:
+        return ()
     events = (given,) if isinstance(given, Event) else given
     if not isinstance(events, Sequence) or not all(isinstance(one, Event) for one in events):
         raise InputError(f"events = {shown(given)} is no list of events; give "

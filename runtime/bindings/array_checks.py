@@ -36,7 +36,7 @@ def as_array(name: str, value: Any, shape: tuple[int, ...], dtype: type) -> NDAr
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}; give shape {shape}.")
     converted = converted_to(dtype, array)
-    if np.all(np.isfinite(converted)):
+    if np.isfinite(converted).all():
         return converted
     if not _are_finite(array):
         raise InputError(f"{name} = {_entries(array)} is not finite; give finite numbers.")
@@ -57,6 +57,8 @@ def converted_to(dtype: Any, array: NDArray[Any]) -> NDArray[Any]:
         made = [as_float(x, dtype) if isinstance(x, Fraction) else x
                 for x in map(exact, array.flat)]
         array = np.array(made, dtype=dtype).reshape(array.shape)
+    if array.dtype == dtype:
+        return np.array(array, order="C")
     with np.errstate(over="ignore"):
         return np.array(array, dtype=dtype, order="C")
 

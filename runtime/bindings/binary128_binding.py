@@ -30,7 +30,8 @@ _RECORDED = ("work", "work_low", "energy_start", "energy_error_max", "energy_err
 class QuadBinding(Binding):
     """``Binding`` for float128."""
 
-    epsilon = binary128.EPSILON
+    def _epsilon(self) -> float:
+        return binary128.EPSILON
 
     def function(self, name: str) -> Any:
         """Return a function of the module that takes arrays and numbers as they are."""

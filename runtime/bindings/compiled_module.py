@@ -37,6 +37,8 @@ class Compiled:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         real = REALS[manifest["real"]]
         self.c_type, self.dtype = real.c_type, real.dtype
+        #: Distance from 1 to the next number of the stepper's type.
+        self.epsilon = self._epsilon()
         #: Rounds a fraction to the stepper's own type; where that is float, to double.
         self.number = rounding(manifest["real"])
         system = manifest["system"]
@@ -69,9 +71,7 @@ class Compiled:
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
         self._report_type: np.dtype[Any] | None = None
 
-    @property
-    def epsilon(self) -> float:
-        """Distance from 1 to the next number of the stepper's type."""
+    def _epsilon(self) -> float:
         return float(np.finfo(self.dtype).eps)
 
     @property
@@ -98,16 +98,17 @@ class Compiled:
         """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
         if array.size == 0:
             return self.ffi.NULL
-        return self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True) + start
+        found = self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True)
+        return found + start if start else found
 
     def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
         """Return the parameter struct for a run, or a step, that starts at time t."""
-        return self.ffi.new(f"{self.name}_parameters *", self._fields(values, t))
-
-    def _fields(self, values: dict[str, Any], t: Any) -> dict[str, Any]:
-        """Return the parameters by name, with the time where something has it."""
-        time = {} if self.time is None else {self.time: t}
-        return {name: self._passed(value) for name, value in (values | time).items()}
+        fields = [values[name] for name in self.parameter_names]
+        if self.time is not None:
+            fields.append(t)
+        if self.dtype is np.longdouble:
+            fields = [*map(self._passed, fields)]
+        return self.ffi.new(f"{self.name}_parameters *", fields)
 
     def set_time(self, parameters: Any, t0: Any, steps: int, dt: Any) -> None:
         """Set the time in the parameter struct to t0 + steps dt."""

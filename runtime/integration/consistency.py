@@ -8,7 +8,8 @@ step, without constraint forces, changes in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ..bindings.binding import Binding
-from ..results.run_arrays import defect_sizes
 
 if TYPE_CHECKING:
     from .run_arguments import RunArguments
@@ -57,10 +57,9 @@ def defects_of_starts(
     If all rows are within lower bounds, which take O(n) numbers, the bounds are these; otherwise
     the sums over all coordinates, which take O(n²).
     """
-    g, f = (size.astype(float) for size in defect_sizes(binding, parameters, q, p))
-    for changes in (_least_changes, _changes):
-        found = Defects(g, f, *_bounds(binding, keeps_f, parameters, q, p, dt, f, changes))
-        if ((g <= found.g_bound) & (f <= found.f_bound)).all():
+    for moves in (_draws(binding.n), _each(binding.n)):
+        found = _judged(binding, keeps_f, parameters, q, p, dt, moves)
+        if ((found.g <= found.g_bound) & (found.f <= found.f_bound)).all():
             break
     return found
 
@@ -70,6 +69,8 @@ def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArgu
     if not binding.conditions:
         return
     parameters = binding.parameters(run.parameters, run.t0)
+    if _is_plainly_consistent(binding, parameters, run.q, run.p):
+        return
     found = defects_of_starts(binding, manifest["scheme"]["keeps_momentum_constraint"], parameters,
                               run.q[None], run.p[None], np.array([run.dt]))
     if found.consistent[0]:
@@ -120,74 +121,97 @@ def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: RunArg
                          "pivots; write the numbers of its parameters into L.")
 
 
-def _bounds(
-    binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array, f: Array,
-    changes: Callable[..., tuple[Array, Array]],
-) -> tuple[Array, Array]:
-    """Return the bounds of |g| and |f| in each row, by ``_changes`` or a bound below them."""
-    sizes = [np.sqrt((x.astype(float) ** 2).sum(axis=1)) for x in (q, p)]
+@dataclass(frozen=True)
+class _Moves:
+    """Parts of |q| and |p| by which states are moved, shape (moves, n); the first of them is 0."""
+
+    q: Array
+    p: Array
+    #: The change of g or f, shape (rows, entries), of its values at each move.
+    change: Callable[[Array], Array]
+    #: What an explicit Euler step is multiplied by.
+    euler: float
+
+
+def _added(values: Array) -> Array:
+    found: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
+    return found
+
+
+def _forth_and_back(values: Array) -> Array:
+    forth, back = values[:, 1 : _DRAWS + 1], values[:, _DRAWS + 1 :]
+    return np.abs(forth - back).reshape(len(values), -1) / 2
+
+
+@lru_cache(maxsize=8)
+def _each(n: int) -> _Moves:
+    """Return moves of each q and each p by itself, whose changes are added up."""
+    unit, still = np.eye(n), np.zeros((n + 1, n))
+    return _Moves(np.vstack([still[:1], unit, still[1:]]), np.vstack([still, unit]), _added, 1.0)
+
+
+@lru_cache(maxsize=8)
+def _draws(n: int) -> _Moves:
+    """Return few moves that change g and f less, up to terms of second order.
+
+    |Σ wₖ aₖ| ≤ Σ |aₖ| if no |wₖ| exceeds 1: all q and p are moved at once, by fixed random
+    fractions, forth and back. The difference has no term of second order, where moves of several
+    coordinates would add to each other. No fraction is near 0.
+    """
+    rng = np.random.default_rng(0)
+    drawn = rng.choice([-1.0, 1.0], (2, _DRAWS, n)) * rng.uniform(0.5, 0.99, (2, _DRAWS, n))
+    # An Euler step is no small move: half of it leaves room for terms of third order.
+    return _Moves(*(np.vstack([np.zeros((1, n)), w, -w]) for w in drawn), _forth_and_back, 0.5)
+
+
+def _is_plainly_consistent(binding: Binding, parameters: Any, q: Array, p: Array) -> bool:
+    """Whether one state is within the bounds by few moves: in half of the time of ``_judged``."""
+    moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
+    states = []
+    for x, move in ((q, moves.q), (p, moves.p)):
+        y = x.astype(float, copy=False)
+        states.append((x + nudge * math.sqrt(y @ y) * move).astype(binding.dtype, copy=False))
+    for d in binding.defects(parameters, *states):
+        size, change = np.abs(d[0]), np.abs(d[1 : _DRAWS + 1] - d[_DRAWS + 1 :]).ravel()
+        # argmax is the fastest of NumPy's reductions; NaN is the largest to it
+        if size.size and not size[size.argmax()] <= epsilons / 2 * change[change.argmax()]:
+            return False
+    return True
+
+
+def _scales(binding: Binding) -> tuple[float, float]:
+    """Return the part of |q| or |p| of a move, and what 64 ε are in parts of it."""
     nudge = 2.0**-10 * binding.epsilon**0.25
-    epsilons = 64 * binding.epsilon / nudge
-    g_bound, f_bound = (epsilons * size for size in changes(
-        binding, parameters, q, p, nudge * sizes[0], nudge * sizes[1]))
+    return nudge, 64 * binding.epsilon / nudge
+
+
+def _judged(
+    binding: Binding, keeps_f: bool, parameters: Any, q: Array, p: Array, dt: Array, moves: _Moves
+) -> Defects:
+    """Return |g| and |f| of each row, and their bounds by these moves."""
+    nudge, epsilons = _scales(binding)
+    sizes = [nudge * np.sqrt(np.einsum("ij,ij->i", x, x))
+             for x in (x.astype(float, copy=False) for x in (q, p))]
+    g, f, *changes = _sizes(binding, parameters, q, p, *sizes, moves)
+    g_bound, f_bound = (epsilons * change for change in changes)
     for i in np.flatnonzero(f > f_bound) if not keeps_f else ():
         row = slice(i, i + 1)
         own = parameters + i if binding.sets(parameters) > 1 else parameters
         x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
         n = binding.n
-        # An Euler step is no small move: half of it leaves room for terms of third order.
-        part = 1.0 if changes is _changes else 0.5
-        euler = [part * np.array([float(np.abs(d).max())]) for d in (x[:n], x[n : 2 * n])]
-        f_bound[row] += changes(binding, own, q[row], p[row], *euler)[1]
-    return g_bound, f_bound
+        euler = [moves.euler * np.array([float(np.abs(d).max())]) for d in (x[:n], x[n : 2 * n])]
+        f_bound[row] += _sizes(binding, own, q[row], p[row], *euler, moves)[3]
+    return Defects(g, f, g_bound, f_bound)
 
 
-def _changes(
-    binding: Binding, parameters: Any, q: Array, p: Array, dq: Array, dp: Array
-) -> tuple[Array, Array]:
-    """Return how much g and f change when each q moves by dq and each p by dp, added up."""
-    unit = np.eye(binding.n)
-    still = np.zeros((binding.n + 1, binding.n))
-    return _sizes(np.abs(d[:, 1:] - d[:, :1]).sum(axis=1, keepdims=True) for d in _moved(
-        binding, parameters, q, p, dq, dp, np.vstack([still[:1], unit, still[1:]]),
-        np.vstack([still, unit])))
-
-
-def _least_changes(
-    binding: Binding, parameters: Any, q: Array, p: Array, dq: Array, dp: Array
-) -> tuple[Array, Array]:
-    """Return a bound below ``_changes``, up to terms of second order, by few states.
-
-    |Σ wₖ aₖ| ≤ Σ |aₖ| if no |wₖ| exceeds 1: all q and p are moved at once, by fixed random
-    fractions, forth and back. The difference has no term of second order, where moves of several
-    coordinates would add to each other.
-    """
-    forth, back = (np.vstack([w, -w]) for w in _fractions(binding.n))
-    return _sizes(np.abs(d[:, :_DRAWS] - d[:, _DRAWS:]) / 2 for d in _moved(
-        binding, parameters, q, p, dq, dp, forth, back))
-
-
-@lru_cache(maxsize=8)
-def _fractions(n: int) -> Array:
-    """Return the fractions of dq and of dp, shape (2, draws, n); none is near 0."""
-    rng = np.random.default_rng(0)
-    return rng.choice([-1.0, 1.0], (2, _DRAWS, n)) * rng.uniform(0.5, 0.99, (2, _DRAWS, n))
-
-
-def _moved(
-    binding: Binding, parameters: Any, q: Array, p: Array, dq: Array, dp: Array,
-    q_moves: Array, p_moves: Array,
-) -> tuple[Array, Array]:
-    """Return g and f, shape (rows, moves, entries), of q + dq q_moves and p + dp p_moves."""
-    moved = [x[:, None] + step[:, None, None] * moves
-             for x, step, moves in ((q, dq, q_moves), (p, dp, p_moves))]
-    states = [np.ascontiguousarray(x.reshape(-1, binding.n), dtype=binding.dtype) for x in moved]
-    g, f = binding.defects(parameters, *states)
-    shape = len(q), len(q_moves)
-    return g.reshape(*shape, binding.m), f.reshape(*shape, binding.conditions)
-
-
-def _sizes(changes: Iterable[Array]) -> tuple[Array, Array]:
-    """Return the largest of the changes of g and of f in each row."""
-    g, f = (d.max(axis=(1, 2), initial=0).astype(float) for d in changes)
-    return g, f
+def _sizes(
+    binding: Binding, parameters: Any, q: Array, p: Array, dq: Array, dp: Array, moves: _Moves
+) -> list[Array]:
+    """Return the largest |g|, |f|, and changes of g and of f in each row, in one compiled call."""
+    states = [np.ascontiguousarray((x[:, None] + step[:, None, None] * move).reshape(-1, binding.n),
+                                   dtype=binding.dtype)
+              for x, step, move in ((q, dq, moves.q), (p, dp, moves.p))]
+    values = [d.reshape(len(q), len(moves.q), d.shape[1])
+              for d in binding.defects(parameters, *states)]
+    changes = [np.abs(d[:, 0]) for d in values] + [moves.change(d) for d in values]
+    return [d.max(axis=1, initial=0).astype(float, copy=False) for d in changes]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
 from ...core.event import Event
-from ...core.exact_numbers import as_double, exact
+from ...core.exact_numbers import Rounded, as_double, exact
 from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count, as_real, as_step
@@ -344,6 +344,10 @@ def as_parameters(
     """
     if not isinstance(given, Mapping):
         raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
+    plain = _as_plain_parameters(given, domains, number)
+    if plain is not None:
+        refuse_broken(symmetries, plain)
+        return plain
     frame = {symmetry.name: 0 for symmetry in symmetries}
     needed = [name for name in domains if name not in frame]
     missing = [name for name in needed if name not in given]
@@ -363,6 +367,24 @@ def as_parameters(
     made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
     refuse_broken(symmetries, made)
     return made
+
+
+def _as_plain_parameters(
+    given: Mapping[str, Any], domains: Mapping[str, str], number: Callable[[Fraction], Any]
+) -> dict[str, Any] | None:
+    """Return parameters that are all there as usable floats; None where one of them needs a look.
+
+    A tenth of the time, which matters to hundreds of bodies.
+    """
+    if number is not as_double or given.keys() != domains.keys():
+        return None
+    values = [given[name] for name in domains]
+    if not {*map(type, values)} <= {float, np.float64, Rounded} or not all(
+            map(math.isfinite, values)) or not all(
+            value > 0 if domain == "positive" else value != 0
+            for value, domain in zip(values, domains.values(), strict=True) if domain != "real"):
+        return None
+    return dict(zip(domains, map(float, values), strict=True))
 
 
 def refuse_choice(value: Any) -> None:
@@ -399,7 +421,9 @@ def _as_parameter(
 def warn_of_negative(parameters: Mapping[str, Any]) -> None:
     """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
     for name, values in parameters.items():
-        least = float(np.min(values)) if has_inertia(name, parameters) else 0.0
+        if not name.endswith(("gamma", "alpha")) or not has_inertia(name, parameters):
+            continue
+        least = values if type(values) is float else float(np.min(values))
         if least < 0:
             warn(f"Parameter {name} = {least:.6g} is below 0. The motion does not depend on it, "
                  "but its error does: several times that of a value near the moments of inertia, "

@@ -67,8 +67,8 @@ class Report:
             float(record.constraint_sum) / states,
             float(record.hidden_max),
             float(record.hidden_sum) / states,
-            tuple(float(x) for x in q),
-            tuple(float(x) for x in p),
+            tuple(map(float, q.tolist())),
+            tuple(map(float, p.tolist())),
             float(record.work) if forced else 0.0,
             int(getattr(record, "energy_waits", 0)),
         )

@@ -18,6 +18,7 @@ from ...core.errors import InputError
 from ...core.event import Event, as_events
 from ...core.exact_numbers import Number
 from ...core.html import card, table
+from ...core.records import changed
 from ..bindings.array_checks import as_callback, as_positive_count, as_real
 from ..bindings.binding import SOLVERS, SolverName
 from ..bindings.inputs import Inputs, as_inputs
@@ -478,7 +479,7 @@ class Stepper(Differentiation):
         """Return a run with its parameters as numbers, or raise InputError; it is consistent."""
         parameters = as_parameters(run.parameters, self.parameter_domains, self.binding.number,
                                    self.symmetries)
-        run = replace(run, parameters=parameters)
+        run = changed(run, parameters=parameters)
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
             refuse_singular_mass(self.binding, self.manifest, run)
             refuse_inconsistent(self.binding, self.manifest, run)
