@@ -51,8 +51,8 @@
   const unitOf = (unit) => (unit ?? "").replace(/\./g, " ")
     .replace(/([a-z])(-?)(\d)/gi, (all, letter, sign, d) => letter + (sign && "⁻") + HIGH[d]);
   const shownAs = (x) => (x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
-    ? x.toExponential(2).replace("e+", "e") : String(Number(x.toPrecision(4))))
-    .replace("-", "−");
+    ? Number(x.toPrecision(4)).toExponential().replace("e+", "e")
+    : String(Number(x.toPrecision(4)))).replaceAll("-", "−");
 
   /** A setting: its value moves over `reach` about `start`, on a log scale by that factor. */
   const settings = new Map();
@@ -245,7 +245,7 @@
   const redraw = () => { stale = true; };
   const space = sceneOn(byId("space"), shapes, ties, upOf(content.start.parameters), redraw);
   const chart = byId("errors"), ink = chart.getContext("2d");
-  let stale = true, playing = false, failed = false, rate = 1, late = 0, cost = 0;
+  let stale = true, playing = false, failed = false, rate = 1, late = 0;
   let before, now, energy0, curve, joined, paths, slow;
 
   const notice = (text) => { byId("notice").textContent = text; };
@@ -341,7 +341,7 @@
     let steps = Math.floor(Math.abs(late / dt) + 1e-9);
     if (steps < 1) return;
     late -= steps * Math.abs(dt);
-    const total = steps, parts = Math.min(PARTS, steps);
+    const parts = Math.min(PARTS, steps);
     for (let part = parts; part > 0 && steps > 0 && !failed; part--) {
       let some = Math.ceil(steps / part);
       steps -= some;
@@ -352,7 +352,6 @@
         if (performance.now() - begun > BUDGET) { steps = some = 0; late = 0; }
       }
     }
-    cost += 0.05 * ((performance.now() - begun) * 1e3 / total - cost);
   }
 
   // ------------------------------------------------------------ pictures
@@ -361,7 +360,7 @@
     ["|f(q, p)|", "momentum", [2, 2]]].slice(0, content.curves);
   function drawErrors() {
     const [width, height] = fit(chart, ink), left = 46, right = width - 6, top = 24;
-    const bottom = height - 20, low = -18;
+    const bottom = height - 20, low = -17;
     const computed = getComputedStyle(document.documentElement);
     const highest = Math.max(...curve.flatMap(({ errors }) => errors), 1e-12);
     const high = Math.min(Math.ceil(Math.log10(highest) + 0.3), 12);
@@ -417,8 +416,7 @@
       Math.log10(Math.abs(stepper.dt) * 10)), 0, 6))} s`;
     const mean = stepper.iterations / (stepper.steps || 1);
     byId("numbers").textContent = `${stepper.steps.toLocaleString("en")} steps`
-      + (mean ? `, ${mean.toFixed(1)} iterations` : "")
-      + (cost ? ` and ${cost.toFixed(1)} µs a step, drawing aside` : "");
+      + (mean ? `, ${mean.toFixed(1)} iterations a step` : "");
   }
 
   // ------------------------------------------------------------ what one can do

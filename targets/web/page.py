@@ -122,7 +122,7 @@ def _unit(number: Mapping[str, Any]) -> str:
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:  # noqa: A001 (the protocol's name)
     """Compile the module, and put it into the page; return the page."""
     module, page = folder / "stepper.wasm", folder / _PAGE
-    compile_module(folder / SOURCES, module)
+    compile_module(folder / SOURCES, module, "-Oz")
     packed = base64.b64encode(zlib.compress(module.read_bytes(), 9)).decode("ascii")
     text = page.read_text(encoding="utf-8")
     page.write_text(text.replace(_MODULE, packed), encoding="utf-8")
