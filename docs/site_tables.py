@@ -24,7 +24,8 @@ API = {
     "runs": [
         "stepper", "Stepper", "Trajectory", "gyrospark.runtime.results.body_motion.BodyMotion",
         "gyrospark.runtime.results.joint_motion.JointMotion",
-        "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "Event",
+        "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "DeviceEnsemble",
+        "Event",
         "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],

@@ -11,6 +11,7 @@ A package imports only from packages above it.
     integration/  the step loop, its arguments, dense output, failed steps
     events/       detection and location of events, Poincaré sections
     derivatives/  tangents and adjoints of steps and runs, gradients
+    devices/      ensembles on graphics cards
     steppers/     steppers, simulations, ensembles
     analysis/     fits, Lyapunov exponents, periodic orbits
 """

@@ -265,7 +265,10 @@ def _integrate_on(
     options: dict[str, Any],
 ) -> Ensemble | DeviceEnsemble:
     """Integrate each row of q and p on a card; arrays that lie there stay there."""
-    name, text = stepper.name, cuda_text(stepper.name, stepper.control_files)
+    try:
+        name, text = stepper.name, cuda_text(stepper.name, stepper.control_files)
+    except InputError as error:
+        raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
     state, like = None, q
     if is_on_card(q):
         state = gathered(device, name, text, *views_of(device, stepper, q, p))
