@@ -30,5 +30,7 @@ fn main() {
     println!("cargo:rerun-if-env-changed=CC");
     println!("cargo:rustc-link-search=native={out}");
     println!("cargo:rustc-link-lib=static=stepper");
-    println!("cargo:rustc-link-lib=m");
+    if env::var("CARGO_CFG_TARGET_FAMILY").as_deref() == Ok("unix") {
+        println!("cargo:rustc-link-lib=m");
+    }
 }

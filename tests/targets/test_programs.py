@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -78,6 +79,23 @@ def test_a_class_by_value(tmp_path):
     np.testing.assert_allclose(found, trajectory.q[-1], rtol=0, atol=1e-13)
     np.testing.assert_allclose([float(x) for x in quantities.split()],
                                trajectory.quantity_values[-1], rtol=0, atol=1e-13)
+
+
+PAGE = (ROOT / "docs" / "build.md").read_text(encoding="utf-8")
+#: Headings of the page, and what is typed under them.
+TYPED = re.findall(r"^## (.*?)\n.*?^```sh\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("title", "block"), TYPED, ids=[title for title, _ in TYPED])
+def test_commands_of_the_page(tmp_path, title, block):
+    """Each artefact from the commands of its section, as they are typed."""
+    for program in ("cmake", "cargo", "octave", "cc"):
+        if re.search(rf"\b{program} ", block) and shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    run(["bash", "-ec", f"gyrospark() {{ {sys.executable} -m gyrospark \"$@\"; }}\n"
+         f"exec 2>&1\n{block}"], tmp_path)
 
 
 def test_octave_refuses_in_sentences(tmp_path):

@@ -61,6 +61,24 @@ public:
         return status_ = wheeled_satellite_gl2_gamma_begin(&work_, &parameters_, &how, dt, q.data(), p.data());
     }
 
+    using Velocity = std::array<real, 3>; /* body_omega_x, body_omega_y, body_omega_z */
+
+    /* From velocities instead of momenta; quaternions in q are normalised. */
+    Status start(real dt, const State &at_q, const Velocity &velocity,
+        const Parameters &with = model_parameters, const Options &how = model_options)
+    {
+        State at = at_q, momenta{};
+        status_ = wheeled_satellite_gl2_gamma_start(&with, at.data(), velocity.data(), momenta.data());
+        return status_ == WHEELED_SATELLITE_GL2_GAMMA_OK ? begin(dt, at, momenta, with, how) : status_;
+    }
+
+    Velocity velocity() const
+    {
+        Velocity found{};
+        wheeled_satellite_gl2_gamma_velocity(&parameters_, q.data(), p.data(), found.data());
+        return found;
+    }
+
     /* One step. A status above 1: it failed, and q and p are as they were. */
     Status advance()
     {
@@ -70,6 +88,7 @@ public:
     Status status() const { return status_; } /* of the last call */
     int iterations() const { return wheeled_satellite_gl2_gamma_iterations(&work_); } /* of the last step */
     real time() const { return wheeled_satellite_gl2_gamma_time(&work_); }
+    real energy() const { return wheeled_satellite_gl2_gamma_energy(&parameters_, time(), q.data(), p.data()); }
 
     using Quantities = std::array<real, 3>; /* omega1, omega2, omega3 */
     Quantities quantities() const

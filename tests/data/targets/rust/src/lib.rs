@@ -71,6 +71,13 @@ extern "C" {
     fn wheeled_satellite_gl2_gamma_iterations(work: *const Work) -> i32;
     fn wheeled_satellite_gl2_gamma_work_size() -> usize;
     fn wheeled_satellite_gl2_gamma_time(work: *const Work) -> f64;
+    fn wheeled_satellite_gl2_gamma_energy(parameters: *const Parameters, t: f64, q: *const f64, p: *const f64) -> f64;
+    fn wheeled_satellite_gl2_gamma_start(
+        parameters: *const Parameters, q: *mut f64, velocity: *const f64, p: *mut f64,
+    ) -> i32;
+    fn wheeled_satellite_gl2_gamma_velocity(
+        parameters: *const Parameters, q: *const f64, p: *const f64, velocity: *mut f64,
+    );
     fn wheeled_satellite_gl2_gamma_quantities(
         parameters: *const Parameters, t: *const f64, q: *const f64, p: *const f64,
         out: *mut f64,
@@ -131,6 +138,27 @@ impl Stepper {
         Self::new(Parameters::default(), Options::default(), MODEL_DT, MODEL_Q, MODEL_P)
     }
 
+    /// Begins at velocities instead of momenta: body_omega_x, body_omega_y, body_omega_z.
+    pub fn from_velocity(
+        parameters: Parameters, options: Options, dt: f64, mut q: [f64; N],
+        velocity: [f64; 3],
+    ) -> Result<Self, Failure> {
+        let mut p = [0.0; N];
+        result(unsafe {
+            wheeled_satellite_gl2_gamma_start(&parameters, q.as_mut_ptr(), velocity.as_ptr(), p.as_mut_ptr())
+        })?;
+        Self::new(parameters, options, dt, q, p)
+    }
+
+    /// body_omega_x, body_omega_y, body_omega_z.
+    pub fn velocity(&self) -> [f64; 3] {
+        let mut found = [0.0; 3];
+        unsafe {
+            wheeled_satellite_gl2_gamma_velocity(&self.parameters, self.q.as_ptr(), self.p.as_ptr(), found.as_mut_ptr())
+        };
+        found
+    }
+
     /// One step; `Ok(false)`: done, but not down to round-off.
     pub fn advance(&mut self) -> Result<bool, Failure> {
         result(unsafe {
@@ -157,6 +185,10 @@ impl Stepper {
 
     pub fn time(&self) -> f64 {
         unsafe { wheeled_satellite_gl2_gamma_time(&self.work) }
+    }
+
+    pub fn energy(&self) -> f64 {
+        unsafe { wheeled_satellite_gl2_gamma_energy(&self.parameters, self.time(), self.q.as_ptr(), self.p.as_ptr()) }
     }
 
     /// omega1, omega2, omega3.
