@@ -14,6 +14,7 @@ from gyrospark.certificates.citations import WORKS
 from gyrospark.generator.models.formulas import CONSTANTS, FUNCTIONS
 from gyrospark.generator.models.multibody_file import FORCES, JOINTS, ON_JOINTS
 from gyrospark.generator.multibody.multibody import Multibody
+from gyrospark.targets import TARGETS
 
 __all__ = ["API", "TABLES"]
 
@@ -31,8 +32,8 @@ API = {
         "MissingDependencyError"],
     "systems": [
         "System", "from_mechanics", "Model", "Multibody", "body_system", "molecules", "symbols",
-        "load_model", "load_urdf", "read_urdf", "models", "problems", "references", "exact", "tableau",
-        "consistent", "Projection"],
+        "load_model", "load_urdf", "read_urdf", "models", "problems", "references", "exact",
+        "tableau", "consistent", "Projection"],
     "tuning": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
@@ -119,6 +120,16 @@ def examples() -> str:
     return "\n".join(parts)
 
 
+def artefacts() -> str:
+    """Return the targets of ``gyrospark build``."""
+    rows = []
+    for target in TARGETS.values():
+        kind = f"file {target.suffix}" if target.suffix else "folder"
+        rows.append([f"`{target.name}`", f"{kind}: {target.about}",
+                     ", ".join(target.needs) or "–", ", ".join(target.checks)])
+    return _table(["target", "artefact", "building needs", "`--check` needs"], rows)
+
+
 def works() -> str:
     """Return the works that ``gs.cite`` may name."""
     return "\n".join(f"- {work}" for work in WORKS.values())
@@ -144,5 +155,5 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 TABLES: dict[str, Callable[[], str]] = {
     **{f"api_{page}": (lambda page=page: api(page)) for page in API},
     "joints": joints, "forces": forces, "functions": functions, "keys": keys,
-    "examples": examples, "works": works,
+    "examples": examples, "works": works, "artefacts": artefacts,
 }

@@ -137,7 +137,7 @@ def built(target: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 #: Pages without cells, which have every public docstring and the help of every command.
 REFERENCE = [f"reference/{page}" for page in (
-    "index", "runs", "systems", "tuning", "stores", "commands")]
+    "index", "runs", "systems", "tuning", "stores", "artefacts", "commands")]
 #: Of ``make docs``, without cells, theme and MathJax; links to pages that are not built are let be.
 SHORT = ["-b", "dummy", "-D", "root_doc=reference/index",
          "-D", "extensions=myst_parser,sphinx.ext.autodoc,sphinx.ext.napoleon,sphinx_click,"
