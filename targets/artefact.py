@@ -195,19 +195,21 @@ def template_values(
     header = sources[f"{name}.h"]
     q, p, values = ([literal(x, manifest["real"]) for x in numbers]
                     for numbers in (options.q, options.p, options.parameters.values()))
+    known = {one["name"]: one["unit"] for one in system["numbers"] if one["unit"]}
     return {
         "name": name, "NAME": name.upper(), "version": __version__,
         "about": f"{manifest['scheme']['method']} for {system['name'].replace('_', ' ')}",
         "description": " ".join(options.description.split()) or "A mechanical system.",
         "n": len(options.q), "real": manifest["real"], "dt": literal(options.dt, manifest["real"]),
         "q": q, "p": p, "parameters": [*zip(options.parameters, values, strict=True)],
+        "units": {name: f", {known[name]}" if name in known else "" for name in options.parameters},
         "inputs": system.get("inputs", []),
-        "velocities": [one["name"] for one in system.get("numbers", ())
+        "velocities": [one["name"] for one in system["numbers"]
                        if one["role"] == "velocity"],
         "quantities": [*system.get("quantities", ())],
         "quantities_take_time": system.get("quantities_take_time", False),
         "max_iterations": options.max_iterations, "steps": EXAMPLE_STEPS,
-        "work_size": work_size(name, header), "energy": f" {name}_energy(" in header}
+        "work_size": work_size(name, header)}
 
 
 def literal(x: float, real: str) -> str:

@@ -54,6 +54,13 @@ int main()
         std::printf("%.17g ", x);
     std::printf("\n%d %d\n", int(WheeledSatellite(0.0).status()),
         int(satellite.begin(0.1, {}, WheeledSatellite::model_p)));
+
+    WheeledSatellite other;
+    const auto velocity = other.velocity();
+    std::printf("%d", int(other.start(0.1, WheeledSatellite::model_q, velocity)));
+    for (double x : other.p)
+        std::printf(" %.17g", x);
+    std::printf(" %.17g\n", other.energy());
 }
 """
 
@@ -66,7 +73,7 @@ def test_a_class_by_value(tmp_path):
     run([*compiler(MAIN), *C_FLAGS, "-c", f"{NAME}.c"], built.path)
     run([*plusplus, "-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "user.cpp",
          f"{NAME}.o", "-lm", "-o", "user"], built.path)
-    once, again, refused, quantities, unusable = run(
+    once, again, refused, quantities, unusable, started = run(
         [built.path / "user"], built.path).splitlines()
     assert once == again
     assert once.endswith(" 0")
@@ -79,6 +86,10 @@ def test_a_class_by_value(tmp_path):
     np.testing.assert_allclose(found, trajectory.q[-1], rtol=0, atol=1e-13)
     np.testing.assert_allclose([float(x) for x in quantities.split()],
                                trajectory.quantity_values[-1], rtol=0, atol=1e-13)
+    status, *p, energy = map(float, started.split())
+    assert status == 0
+    np.testing.assert_allclose(p, built.options.p, rtol=0, atol=1e-15)
+    assert energy == pytest.approx(trajectory.energies[0], rel=1e-14)
 
 
 PAGE = (ROOT / "docs" / "build.md").read_text(encoding="utf-8")
@@ -110,16 +121,22 @@ def test_octave_refuses_in_sentences(tmp_path):
              for given in calls]
     inputs = (f"a = {NAME}(0.1, 5, 1, [], [], struct('u2', 0.3));\n"
               f"b = {NAME}(0.1, 5, 1, [], [], [], [0 0.3 0]'*ones(1, 5));\n"
-              "disp(isequal(a, b)), disp(size(b))\n")
+              "[q, p, iterations, energy] = "
+              f"{NAME}(0.1, 4, 2); disp(isequal(a, b)), disp(size(b)), disp(size(energy))\n"
+              f"printf('%.17g ', energy)\n")
     (built.path / "user.m").write_text("".join(lines) + inputs, encoding="utf-8")
     said = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
-    *refusals, same, size = said.stdout.splitlines()
+    *refusals, same, size, of_energy, energies = said.stdout.splitlines()
     for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs", "8 arg",
                                "dt"), refusals, strict=True):
         assert re.search(words, refusal), refusal
         assert refusal.endswith(".")
     assert same.strip() == "1"
-    assert size.split() == ["4", "6"]
+    assert (size.split(), of_energy.split()) == (["4", "6"], ["1", "3"])
+    step = gs.stepper("G-L", 1, system=SATELLITE)
+    trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=4, every=2,
+                          parameters=dict(built.options.parameters))
+    np.testing.assert_allclose([float(x) for x in energies.split()], trajectory.energies, rtol=1e-13)
 
 
 def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):

@@ -21,4 +21,6 @@ int main(int count, char **)
     }
     for (std::size_t i = 0; i < stepper.q.size(); ++i)
         std::printf("q%zu: %.9g -> %.9g\n", i, double(start.q[i]), double(stepper.q[i]));
+    std::printf("H: %.9g, changed by %.1e\n", double(start.energy()),
+        double(stepper.energy() - start.energy()));
 }

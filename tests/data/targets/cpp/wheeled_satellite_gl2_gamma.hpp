@@ -31,13 +31,13 @@ public:
     static constexpr State model_q{ { 0.7936865909812724, 0.5728596151620241, 0.02866687380206139, 0.20266145898853288 } };
     static constexpr State model_p{ { -0.3185709286930946, 0.5111665012047489, -0.5507923388228748, -0.1193698912278222 } };
     static constexpr Parameters model_parameters{
-        12.0, // I1
-        10.0, // I2
-        3.0, // I3
-        0.01, // u1
-        0.0, // u2
-        -0.02, // u3
-        8.333333333333334, // gamma
+        12.0, // I1, kg.m2
+        10.0, // I2, kg.m2
+        3.0, // I3, kg.m2
+        0.01, // u1, N.m
+        0.0, // u2, N.m
+        -0.02, // u3, N.m
+        8.333333333333334, // gamma, kg.m2
     };
     static constexpr Options model_options{ 0, 50 };
 
@@ -88,7 +88,12 @@ public:
     Status status() const { return status_; } /* of the last call */
     int iterations() const { return wheeled_satellite_gl2_gamma_iterations(&work_); } /* of the last step */
     real time() const { return wheeled_satellite_gl2_gamma_time(&work_); }
-    real energy() const { return wheeled_satellite_gl2_gamma_energy(&parameters_, time(), q.data(), p.data()); }
+
+    /* H of the state. */
+    real energy() const
+    {
+        return wheeled_satellite_gl2_gamma_energy(&parameters_, time(), q.data(), p.data());
+    }
 
     using Quantities = std::array<real, 3>; /* omega1, omega2, omega3 */
     Quantities quantities() const

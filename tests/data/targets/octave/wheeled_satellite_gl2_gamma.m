@@ -1,22 +1,22 @@
-function [q, p, iterations] = wheeled_satellite_gl2_gamma(varargin)
+function [q, p, iterations, energy] = wheeled_satellite_gl2_gamma(varargin)
 % 2-G-L for wheeled satellite: Rigid satellite under the torques of its wheels.
 %
-%   [q, p, iterations] = wheeled_satellite_gl2_gamma(dt, steps, every, q0, p0, parameters, inputs)
+%   [q, p, iterations, energy] = wheeled_satellite_gl2_gamma(dt, steps, every, q0, p0, parameters, inputs)
 %
-% q and p have 4 rows and a column for each kept state, the start among them; iterations is the
-% mean of a step. What is left out, or [], is as follows:
+% q and p have 4 rows and a column for each kept state, the start among them; energy is H of
+% these states, and iterations the mean of a step. What is left out, or [], is as follows:
 %   dt          0.1 s
 %   steps       2000
 %   every       keep every state, 1
 %   q0, p0      the start of the model; another one is on the constraints
 %   parameters  a struct with some of
-%                 I1 = 12.0
-%                 I2 = 10.0
-%                 I3 = 3.0
-%                 u1 = 0.01
-%                 u2 = 0.0
-%                 u3 = -0.02
-%                 gamma = 8.333333333333334
+%                 I1 = 12.0, kg.m2
+%                 I2 = 10.0, kg.m2
+%                 I3 = 3.0, kg.m2
+%                 u1 = 0.01, N.m
+%                 u2 = 0.0, N.m
+%                 u3 = -0.02, N.m
+%                 gamma = 8.333333333333334, kg.m2
 %   inputs      u1, u2, u3: a row for each, a column for each step, constant during it
 %
 % The first call compiles wheeled_satellite_gl2_gamma_mex.c, by mkoctfile or mex.
@@ -33,5 +33,5 @@ function [q, p, iterations] = wheeled_satellite_gl2_gamma(varargin)
       mex("CFLAGS=$CFLAGS -std=c11 -ffp-contract=off", "wheeled_satellite_gl2_gamma_mex.c", "wheeled_satellite_gl2_gamma.c");
     end
   end
-  [q, p, iterations] = wheeled_satellite_gl2_gamma_mex(varargin{:});
+  [q, p, iterations, energy] = wheeled_satellite_gl2_gamma_mex(varargin{:});
 end

@@ -17,13 +17,13 @@ enum { N = 4, PARAMETERS = 7, INPUTS = 3 };
 static const real model_q[N] = { 0.7936865909812724, 0.5728596151620241, 0.02866687380206139, 0.20266145898853288 };
 static const real model_p[N] = { -0.3185709286930946, 0.5111665012047489, -0.5507923388228748, -0.1193698912278222 };
 static const real model_parameters[PARAMETERS] = {
-    12.0, /* I1 */
-    10.0, /* I2 */
-    3.0, /* I3 */
-    0.01, /* u1 */
-    0.0, /* u2 */
-    -0.02, /* u3 */
-    8.333333333333334, /* gamma */
+    12.0, /* I1, kg.m2 */
+    10.0, /* I2, kg.m2 */
+    3.0, /* I3, kg.m2 */
+    0.01, /* u1, N.m */
+    0.0, /* u2, N.m */
+    -0.02, /* u3, N.m */
+    8.333333333333334, /* gamma, kg.m2 */
 };
 static const char *const names[PARAMETERS] = {
     "I1",
@@ -115,13 +115,17 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
     const size_t rows = steps/every + 1;
     result[0] = mxCreateDoubleMatrix(N, rows, mxREAL);
     mxArray *momenta = mxCreateDoubleMatrix(N, rows, mxREAL);
+    mxArray *energies = mxCreateDoubleMatrix(1, rows, mxREAL);
     double iterations = 0;
     for (size_t k = 0;; ++k) {
-        if (k % every == 0)
+        if (k % every == 0) {
+            mxGetPr(energies)[k/every] =
+                wheeled_satellite_gl2_gamma_energy(&parameters, wheeled_satellite_gl2_gamma_time(&work), q, p);
             for (int i = 0; i < N; ++i) {
                 mxGetPr(result[0])[k/every*N + i] = q[i];
                 mxGetPr(momenta)[k/every*N + i] = p[i];
             }
+        }
         if (k == steps)
             break;
         if (inputs) {
@@ -136,10 +140,11 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
                 (unsigned)k + 1, status, (double)dt);
         iterations += wheeled_satellite_gl2_gamma_iterations(&work);
     }
-    if (results > 1)
-        result[1] = momenta;
-    else
-        mxDestroyArray(momenta);
-    if (results > 2)
-        result[2] = mxCreateDoubleScalar(steps ? iterations/(double)steps : 0);
+    mxArray *const more[] = { momenta, mxCreateDoubleScalar(steps ? iterations/(double)steps : 0),
+        energies };
+    for (int i = 1; i < 4; ++i)
+        if (i < results)
+            result[i] = more[i - 1];
+        else
+            mxDestroyArray(more[i - 1]);
 }

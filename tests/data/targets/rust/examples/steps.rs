@@ -16,6 +16,7 @@ fn main() -> Result<(), Failure> {
         for (i, x) in stepper.q.iter().enumerate() {
             println!("q{i}: {:.9} -> {x:.9}", MODEL_Q[i]);
         }
+        println!("H: {:.9}", stepper.energy());
     }
     Ok(())
 }

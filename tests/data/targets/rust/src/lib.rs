@@ -12,13 +12,13 @@ pub const N: usize = 4;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameters {
-    pub I1: f64,
-    pub I2: f64,
-    pub I3: f64,
-    pub u1: f64,
-    pub u2: f64,
-    pub u3: f64,
-    pub gamma: f64,
+    pub I1: f64, // kg.m2
+    pub I2: f64, // kg.m2
+    pub I3: f64, // kg.m2
+    pub u1: f64, // N.m
+    pub u2: f64, // N.m
+    pub u3: f64, // N.m
+    pub gamma: f64, // kg.m2
 }
 
 impl Default for Parameters {

@@ -7,13 +7,13 @@ static_assert(sizeof(float) == 4, "this board has no float of 4 bytes: build wit
 
 static wheeled_satellite_gl2_gamma_float_work work;
 static wheeled_satellite_gl2_gamma_float_parameters parameters = {
-  12.0f, // I1
-  10.0f, // I2
-  3.0f, // I3
-  0.01f, // u1
-  0.0f, // u2
-  -0.02f, // u3
-  8.333333f, // gamma
+  12.0f, // I1, kg.m2
+  10.0f, // I2, kg.m2
+  3.0f, // I3, kg.m2
+  0.01f, // u1, N.m
+  0.0f, // u2, N.m
+  -0.02f, // u3, N.m
+  8.333333f, // gamma, kg.m2
 };
 static float q[4] = { 0.79368657f, 0.57285964f, 0.028666874f, 0.20266145f };
 static float p[4] = { -0.31857094f, 0.5111665f, -0.55079234f, -0.119369894f };
