@@ -11,8 +11,9 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.etree.ElementTree import SubElement as Sub
 
+from ...core.units import base_units
 from ..artefact import Options, parameter_fields
-from .variables import LEAST, Variable, exponents, unit_of
+from .variables import LEAST, Variable, unit_of
 
 __all__ = ["absent_functions", "build_description", "model_description", "model_header", "token"]
 
@@ -53,7 +54,7 @@ def model_description(
             Sub(sources, "File", name=file)
     definitions = Sub(root, "UnitDefinitions")
     for unit in dict.fromkeys(v.unit for v in variables if v.unit):
-        base = {key: str(power) for key, power in exponents(unit).items()}
+        base = {key: str(power) for key, power in base_units(unit).items()}
         Sub(Sub(definitions, "Unit", name=unit), "BaseUnit", base)
     Sub(Sub(root, "LogCategories"), "Category", name="logStatus")
     Sub(root, "DefaultExperiment", startTime="0", stopTime=repr(1000 * options.dt),

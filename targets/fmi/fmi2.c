@@ -10,11 +10,12 @@ typedef struct {
 
 #define MODEL(c) (&((instance_t *)(c))->model)
 
+/* The text is the format: there is no % in it, and callers need not know variable arguments. */
 static void say(const fmi2CallbackFunctions *calls, const char *name, fmi2Status status,
     const char *text)
 {
     if (calls != NULL && calls->logger != NULL)
-        calls->logger(calls->componentEnvironment, name, status, "logStatus", "%s", text);
+        calls->logger(calls->componentEnvironment, name, status, "logStatus", text);
 }
 
 /* The status of FMI, with the sentence to the logger. */

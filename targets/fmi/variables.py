@@ -9,22 +9,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ...core.arguments import shown
+import numpy as np
+
 from ...core.errors import InputError
+from ...core.units import base_units
 from ..artefact import Options
 
-__all__ = ["Variable", "exponents", "unit_of", "variables_of"]
-
-_KG_M2_S_2 = {"kg": 1, "m": 2, "s": -2}
-#: Units that FMI's exponents of kg, m, s, A, K, mol, cd and rad can say, with factors of 1.
-_UNITS: dict[str, dict[str, int]] = {
-    **{base: {base: 1} for base in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")},
-    "1": {}, "J": _KG_M2_S_2, "N": {"kg": 1, "m": 1, "s": -2},
-    "W": {"kg": 1, "m": 2, "s": -3}, "Pa": {"kg": 1, "m": -1, "s": -2}, "Hz": {"s": -1},
-    "V": {"kg": 1, "m": 2, "s": -3, "A": -1}, "T": {"kg": 1, "s": -2, "A": -1},
-    "C": {"A": 1, "s": 1},
-}
-_FACTOR = re.compile(r"([A-Za-z]+|1)(-?\d+)?")
+__all__ = ["Variable", "unit_of", "variables_of"]
 
 #: The least number above 0 that is not subnormal: what ``min`` says of a positive number.
 LEAST = sys.float_info.min
@@ -104,8 +95,8 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
     known = [n["name"] for n in numbers if n["role"] in ("parameter", "input")]
     time = system.get("time")
     first = "velocity" if any(n["role"] == "velocity" for n in numbers) else "p"
-    mechanical = any("kg" in exponents(n["unit"]) for n in numbers if n["unit"])
-    starts = {"q": options.q, "p": options.p}
+    mechanical = any("kg" in base_units(n["unit"]) for n in numbers if n["unit"])
+    starts = {"q": options.q, first: options.p if first == "p" else _velocities(system, options)}
     yield Variable("time", "time", "time", "independent", unit="s")
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
                    float(options.dt), "s", "positive")
@@ -126,12 +117,9 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
                            *(("continuous", "") if role == "input" else ("fixed", "exact")),
                            value, unit, domain)
         elif role in ("q", first):
-            values = starts.get(role)
-            value = number["start"] if values is None else values[counts[role] - 1]
-            if value is None:
-                raise InputError(f"{name} has no start; give start= or put it into the model.")
+            value = float(starts[role][counts[role] - 1])
             about = {"q": "coordinate", "p": "momentum", "velocity": "velocity"}[role]
-            yield Variable(name, about, place, "output", initial="exact", start=float(value),
+            yield Variable(name, about, place, "output", initial="exact", start=value,
                            unit=unit, depends=() if role != "velocity" else depends(hamiltonian))
         elif role == "quantity":
             yield Variable(name, quantities[name], place, "output", initial="calculated", unit=unit,
@@ -140,25 +128,36 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
                    unit="J" if mechanical else None, depends=depends(hamiltonian))
 
 
-def exponents(unit: str) -> dict[str, int]:
-    """Return the exponents of SI's base units in a unit such as ``kg.m2/s2``.
+def _velocities(system: Mapping[str, Any], options: Options) -> list[float]:
+    """Return the velocities of a start: 2 L(q) q' of a quaternion, else q', with q' = H_p.
 
-    Raises
-    ------
-    InputError
-        For a unit that is no product of powers of those known here.
+    H_p is Im H(q, p + iε e_k)/ε, a way that shares nothing with the C.
     """
-    total: dict[str, int] = {}
-    above, *below = unit.split("/")
-    for sign, part in [(1, above), *((-1, text) for text in below)]:
-        for factor in part.strip("()").split("."):
-            match = _FACTOR.fullmatch(factor)
-            if match is None or match[1] not in _UNITS:
-                raise InputError(f"Unit {shown(unit)}: {shown(factor)} is none that an FMU can "
-                                 f"state; write it with {', '.join(_UNITS)}.")
-            for base, power in _UNITS[match[1]].items():
-                total[base] = total.get(base, 0) + sign * power * int(match[2] or 1)
-    return {base: power for base, power in total.items() if power}
+    import sympy as sp
+
+    from ...generator.models.formulas import parse_formula
+    from ...generator.symbolic.numeric_evaluation import evaluate
+    from ...runtime.rigid_body.quaternion import left_matrix
+
+    names = {name: sp.Symbol(name) for name in (
+        *system["coordinates"], *system["momenta"], *options.parameters)}
+    H = parse_formula(system["hamiltonian"], names, frozenset(names.values()))
+    p = np.array(options.p)[:, None] + 1e-100j * np.eye(len(options.p))
+    values = {**options.parameters, **dict(zip(system["coordinates"], options.q, strict=True)),
+              **dict(zip(system["momenta"], p, strict=True))}
+    rates = evaluate([H], {names[name]: x for name, x in values.items()}).imag[0] / 1e-100
+    at = {name: k for k, name in enumerate(system["coordinates"])}
+    bodies = system.get("bodies") or ({"body": {"q": system["coordinates"]}}
+                                      if system["rigid_body"] else {})
+    found: list[float] = []
+    seen: set[int] = set()
+    for body in bodies.values():
+        turning, moving = [at[x] for x in body["q"]], [at[x] for x in body.get("x", ())]
+        if turning:
+            found += (2 * left_matrix([options.q[k] for k in turning]) @ rates[turning]).tolist()
+        found += rates[moving].tolist()
+        seen |= {*turning, *moving}
+    return [*found, *(float(rate) for k, rate in enumerate(rates) if k not in seen)]
 
 
 def unit_of(variable: Variable) -> dict[str, str]:

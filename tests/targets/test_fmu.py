@@ -1,0 +1,609 @@
+"""FMUs: bits, states that are kept, bad input, and what they say of themselves."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import json
+import math
+import re
+import shutil
+import struct
+import zipfile
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from c_programs import STRICT, run
+from compilers import MAIN, compiler
+from gyrospark.targets.artefact import MARKER
+from gyrospark.targets.fmi.archive import library_of, own_platform
+from gyrospark.targets.fmi.slave import Slave
+from gyrospark.targets.native import native_bits
+from gyrospark.targets.tools import TOOLS
+from processes import DATA, ROOT, call
+
+SATELLITE = ROOT / "examples" / "control_c" / "satellite.toml"
+DT = 0.1
+#: Torques of the wheels at step k.
+INPUTS = ("u1", "u2", "u3")
+needs_zig = pytest.mark.skipif(TOOLS["zig"].find() is None, reason="ziglang is not installed")
+needs_fmpy = pytest.mark.skipif(importlib.util.find_spec("fmpy") is None,
+                                reason="fmpy is not installed")
+
+
+def torques(step):
+    return 0.1 * math.sin(0.07 * step), -0.05 * math.cos(0.03 * step), 0.02 if step % 7 else -0.1
+
+
+class Fmu:
+    """An FMU that was built, with its library for this machine."""
+
+    def __init__(self, built, version, folder):
+        self.built, self.version = built, version
+        self.library = library_of(built.path, built.stepper.name, version, folder)
+        with zipfile.ZipFile(built.path) as archive:
+            self.texts = {name: archive.read(name) for name in archive.namelist()}
+        self.description = ElementTree.fromstring(self.texts["modelDescription.xml"])
+        self.token = self.description.get("guid") or self.description.get("instantiationToken")
+        self.references = {one.get("name"): int(one.get("valueReference"))
+                           for one in self.description.find("ModelVariables")}
+
+    def instance(self, token=None):
+        return Slave(self.library, token or self.token, self.version, self.references)
+
+    def started(self, **values):
+        slave = self.instance()
+        slave.start(values)
+        return slave
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def satellite(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fmu")
+    built = gs.build(f"fmu{request.param}", SATELLITE, scheme="G-L", stages=2,
+                     out=folder / "satellite.fmu")
+    return Fmu(built, request.param, folder)
+
+
+class Native:
+    """The same C, compiled here and called with other parameters before each step."""
+
+    def __init__(self, built, folder):
+        self.name, self.options = built.stepper.name, built.options
+        for file, text in built.stepper.sources.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        run([*compiler(MAIN), "-std=c11", "-O2", "-ffp-contract=off", "-shared", "-fPIC",
+             f"{self.name}.c", "-o", "native.so", "-lm"], folder)
+        self.library = ctypes.CDLL(str(folder / "native.so"))
+
+    def rows(self, steps, dt=DT):
+        """Return q after each step, with torques."""
+        real = ctypes.c_double
+        state = [(real * 4)(*x) for x in (self.options.q, self.options.p)]
+        values = dict(self.options.parameters)
+        size = self["work_size"]
+        size.restype = ctypes.c_size_t
+        work = ctypes.create_string_buffer(size())
+
+        class Limits(ctypes.Structure):
+            _fields_ = (("tolerance", real), ("most", ctypes.c_int))
+
+        rows = []
+        for step in range(steps):
+            values |= dict(zip(INPUTS, torques(step), strict=True))
+            parameters = (real * len(values))(*values.values())
+            if step == 0:
+                assert self["begin"](work, parameters, ctypes.byref(Limits(0, 50)), real(dt),
+                                     *state) == 0
+            assert self["set_parameters"](work, parameters) == 0
+            assert self["advance"](work, *state) == 0
+            rows.append([*state[0]])
+        return rows
+
+    def __getitem__(self, function):
+        return getattr(self.library, f"{self.name}_{function}")
+
+
+@pytest.fixture(scope="module")
+def native(satellite, tmp_path_factory):
+    return Native(satellite.built, tmp_path_factory.mktemp("native"))
+
+
+ATTITUDE = ["q0", "q1", "q2", "q3"]
+OUTPUTS = [*ATTITUDE, "omega1", "omega2", "omega3", "energy"]
+
+
+def go(slave, step, size=DT):
+    slave.set(dict(zip(INPUTS, torques(step), strict=True)))
+    status = slave.step(step * DT, size)
+    assert status == "OK", slave.messages
+
+
+# ---------------------------------------------------------------- bits
+
+
+def test_two_thousand_steps_with_inputs_have_the_bits_of_c(satellite, native):
+    with satellite.started() as slave:
+        found = []
+        for step in range(2000):
+            go(slave, step)
+            found.append(slave.get(ATTITUDE))
+    assert found == native.rows(2000)
+    assert not slave.messages
+
+
+def test_a_thousand_rollbacks_to_random_states(satellite):
+    """From a state that was kept, the same inputs lead through the same bits, in any instance."""
+    random = np.random.default_rng(8)
+    with satellite.started() as slave, satellite.started(I1=11.0) as other:
+        rows, states = [], []
+        for step in range(120):
+            states.append(slave.keep())
+            rows.append(slave.get(OUTPUTS))
+            go(slave, step)
+        rows.append(slave.get(OUTPUTS))
+        for k in range(1000):
+            step = int(random.integers(len(states)))
+            target = other if k % 10 == 0 else slave
+            if target is other:
+                state = other.read(slave.write(states[step]))
+                other.restore(state)
+                other.free(state)
+            else:
+                slave.restore(states[step])
+            for later in range(step, min(step + int(random.integers(1, 4)), len(states))):
+                assert target.get(OUTPUTS) == rows[later]
+                go(target, later)
+                assert target.get(OUTPUTS) == rows[later + 1]
+        for state in states:
+            slave.free(state)
+            assert not state
+
+
+def test_two_instances_in_turns_do_not_know_each_other(satellite):
+    with satellite.started() as one, satellite.started(body_omega_x=0.3) as other:
+        for step in range(20):
+            go(one, step)
+            assert other.step(step * DT, DT) == "OK"
+        with satellite.started() as alone:
+            for step in range(20):
+                go(alone, step)
+            assert alone.get(OUTPUTS) == one.get(OUTPUTS) != other.get(OUTPUTS)
+
+
+def test_a_communication_step_is_split_into_equal_steps(satellite, native):
+    """0.25 with dt = 0.1 takes three steps of 0.25/3, without inputs those of the C."""
+    with satellite.started() as slave, satellite.started(dt=0.25 / 3) as fine:
+        for k in range(40):
+            assert slave.step(0.25 * k, 0.25) == "OK"
+            for part in range(3):
+                assert fine.step(0.25 * k + part * 0.25 / 3, 0.25 / 3) == "OK"
+        assert slave.get(OUTPUTS) == fine.get(OUTPUTS)
+        before = slave.get(["energy"])[0]
+        for k, size in enumerate([0.1, 0.03, 0.5, 0.07] * 5):
+            time = 10 + sum([0.1, 0.03, 0.5, 0.07][i % 4] for i in range(k))
+            assert slave.step(time, size) == "OK"
+        assert slave.get(["energy"])[0] == pytest.approx(before, rel=1e-6)
+
+
+def test_a_master_may_add_up_its_time(satellite):
+    """Rounding of t does not begin the run anew, which would change last bits."""
+    with satellite.started() as exact, satellite.started() as summed:
+        time = 0.0
+        for step in range(1500):
+            assert exact.step(step * DT, DT) == "OK"
+            assert summed.step(time, (time + DT) - time) == "OK"
+            time += DT
+        assert exact.get(ATTITUDE) == summed.get(ATTITUDE)
+
+
+# ---------------------------------------------------------------- starts
+
+
+def test_starts_are_an_attitude_of_any_length_and_an_angular_velocity(satellite):
+    omega = [0.3, -0.1, 0.2]
+    names = ["body_omega_x", "body_omega_y", "body_omega_z"]
+    with satellite.instance() as slave:
+        slave.set({"q0": 3.0, "q1": 0.0, "q2": 4.0, "q3": 0.0, "I1": 6.0,
+                   **dict(zip(names, omega, strict=True))})
+        moments = [6.0, *slave.get(["I2", "I3"])]
+        energy = sum(moment * w**2 for moment, w in zip(moments, omega, strict=True)) / 2
+        assert slave.get(["energy"]) == pytest.approx([energy], rel=1e-14), "before the start"
+        slave.start()
+        assert slave.get(ATTITUDE) == pytest.approx([0.6, 0, 0.8, 0], abs=1e-16)
+        assert slave.get(names) == pytest.approx(omega, rel=1e-14)
+        assert slave.get(["omega1", "omega2", "omega3"]) == pytest.approx(omega, rel=1e-14)
+        for step in range(50):
+            assert slave.step(step * DT, DT) == "OK"
+        assert slave.get(["energy"]) == pytest.approx([energy], rel=1e-8)
+
+
+def test_starts_in_the_description_are_those_of_the_library(satellite):
+    """Angular velocities come from H_p by complex steps there, from the C here."""
+    said = {one.get("name"): (one if satellite.version == 3 else one.find("Real")).get("start")
+            for one in satellite.description.find("ModelVariables")}
+    known = {name: float(start) for name, start in said.items() if start is not None}
+    assert {"dt", "I1", "gamma", "u1", "q0", "body_omega_x"} <= known.keys()
+    assert "energy" not in known
+    with satellite.started() as slave:
+        assert slave.get([*known]) == pytest.approx([*known.values()], rel=1e-14, abs=1e-16)
+    assert [known[f"body_omega_{axis}"] for axis in "xyz"] == pytest.approx([0.02, -0.03, 0.05])
+
+
+def test_reset_and_time_of_the_start(satellite):
+    with satellite.started() as slave:
+        first = slave.get(OUTPUTS)
+        go(slave, 0)
+        slave.must("Reset")
+        slave.start(time=5.0)
+        assert slave.get(["time"]) == [5.0]
+        assert slave.get(OUTPUTS) == first
+        assert slave.step(5.0, DT) == "OK"
+        assert slave.get(["time"]) == [5.1]
+        slave.must("Terminate")
+        assert slave.step(5.1, DT) == "Error"
+
+
+# ---------------------------------------------------------------- failures
+
+
+def test_a_step_that_fails_is_discarded_and_nothing_is_done(satellite):
+    """With such a step the iteration diverges; a master goes on with a shorter one."""
+    with satellite.started(dt=1e4, body_omega_x=40.0) as slave:
+        before = slave.get([*OUTPUTS, "time"])
+        assert slave.step(0.0, 1e4) == "Discard"
+        assert "1" in slave.messages[-1]
+        assert slave.get([*OUTPUTS, "time"]) == before
+        if satellite.version == 2:
+            time, ended = ctypes.c_double(7), ctypes.c_int(7)
+            slave.must("GetRealStatus", 2, ctypes.byref(time))
+            slave.must("GetBooleanStatus", 3, ctypes.byref(ended))
+            assert (time.value, ended.value) == (0, 0)
+            assert slave.call("GetRealStatus", 0, ctypes.byref(time)) == "Error"
+        for step in range(20):
+            assert slave.step(step * 1e-3, 1e-3) == "OK"
+
+
+@pytest.mark.parametrize(("values", "named"), [
+    ({"I1": 0.0}, "I1 = 0"), ({"I3": -2.0}, "I3 = -2"), ({"dt": 0.0}, "dt = 0"),
+    ({"gamma": 0.0}, "gamma"), (dict.fromkeys(ATTITUDE, 0.0), "attitude")])
+def test_starts_out_of_their_domain_are_refused(satellite, values, named):
+    with satellite.instance() as slave:
+        with pytest.raises(gs.GyrosparkError, match="returns Error") as refused:
+            slave.start(values)
+        assert named in str(refused.value)
+        assert slave.step(0.0, DT) == "Error"
+        assert slave.get(["u1"]) == [0.0], "it lives on"
+
+
+@pytest.mark.parametrize(("name", "value"), [("u1", math.nan), ("u1", math.inf), ("I1", 2.0),
+                                             ("q0", 0.1), ("energy", 1.0), ("time", 1.0)])
+def test_values_that_cannot_be_set_now(satellite, name, value):
+    with satellite.started() as slave:
+        before = slave.get([*OUTPUTS, "u1", "u2"])
+        with pytest.raises(gs.GyrosparkError, match=name):
+            slave.set({"u2": 0.7, name: value})
+        assert slave.get([*OUTPUTS, "u1", "u2"]) == before, "all or nothing"
+
+
+@pytest.mark.parametrize(("time", "size"), [(0, 0), (0, -0.1), (0, math.nan), (0, math.inf),
+                                            (math.nan, 0.1), (0.05, 0.1), (0, 1e12)])
+def test_steps_that_cannot_be(satellite, time, size):
+    with satellite.started() as slave:
+        before = slave.get([*OUTPUTS, "time"])
+        assert slave.step(time, size) == "Error"
+        assert slave.messages[-1]
+        assert slave.get([*OUTPUTS, "time"]) == before
+
+
+def test_other_misuse_is_an_error(satellite):
+    with satellite.started() as slave:
+        unknown = (ctypes.c_uint32 * 1)(10_000)
+        value = (ctypes.c_double * 1)(0)
+        count = [] if satellite.version == 2 else [ctypes.c_size_t(1)]
+        real = "Real" if satellite.version == 2 else "Float64"
+        for what in ("Get", "Set"):
+            assert slave.call(what + real, unknown, ctypes.c_size_t(1), value, *count) == "Error"
+            assert "10000" in slave.messages[-1]
+        state = slave.keep()
+        content = slave.write(state)
+        slave.free(state)
+        for spoilt in (content[:-1], b"x" + content[1:], content + b"x"):
+            with pytest.raises(gs.GyrosparkError, match="no state of this FMU"):
+                slave.read(spoilt)
+        with pytest.raises(gs.GyrosparkError, match="no state"):
+            slave.restore(ctypes.c_void_p())
+        with pytest.raises(gs.GyrosparkError, match="EnterInitializationMode"):
+            slave.start()
+    with pytest.raises(gs.GyrosparkError, match="no instance"):
+        satellite.instance(token="another")
+
+
+# ---------------------------------------------------------------- what it says of itself
+
+
+def test_every_function_of_the_interface_is_there(satellite):
+    version = satellite.version
+    header = satellite.texts[f"sources/fmi{version}FunctionTypes.h"].decode()
+    names = set(re.findall(rf"\b(fmi{version}\w+)TYPE", header))
+    library = ctypes.CDLL(str(satellite.library))
+    assert len(names) > 40
+    assert all(hasattr(library, name) for name in names)
+    with satellite.started() as slave:
+        absent = "GetIntegerStatus" if version == 2 else "EnterEventMode"
+        more = [0, None] if version == 2 else []
+        assert slave.call(absent, *more) == "Error"
+        assert absent in slave.messages[-1]
+        nothing = [None, ctypes.c_size_t(0), None, ctypes.c_size_t(0)]
+        kind = "GetInteger" if version == 2 else "GetInt32"
+        assert slave.call(kind, *nothing[:3 if version == 2 else 4]) == "OK"
+
+
+def test_the_description(satellite):
+    root, two = satellite.description, satellite.version == 2
+    variables = {one.get("name"): {**one.attrib, **(one.find("Real").attrib if two else {})}
+                 for one in root.find("ModelVariables")}
+    units = {one.get("name"): one.find("BaseUnit").attrib for one in root.find("UnitDefinitions")}
+    assert units["kg.m2"] == {"kg": "1", "m": "2"}
+    assert units["N.m"] == {"kg": "1", "m": "2", "s": "-2"}
+    assert variables["I1"]["unit"] == "kg.m2"
+    assert float(variables["I1"]["min"]) > 0
+    assert "min" not in variables["u1"]
+    assert variables["u1"]["causality"] == "input"
+    assert variables["dt"]["start"] == "0.1"
+    outputs = {name for name, one in variables.items() if one["causality"] == "output"}
+    assert {*OUTPUTS} <= outputs
+    structure = root.find("ModelStructure")
+    rows = structure.find("Outputs") if two else structure.findall("Output")
+    names = list(variables)
+    listed = {names[int(row.get("index")) - 1] if two else
+              names[int(row.get("valueReference"))]: row.get("dependencies").split()
+              for row in rows}
+    assert listed.keys() == outputs
+    assert listed["q0"] == []
+    assert not {names[int(k) - two] for k in listed["omega1"]} & {*INPUTS}
+    flag = root.find("CoSimulation").attrib
+    assert "providesDirectionalDerivatives" not in flag
+    assert "providesDirectionalDerivative" not in flag
+    assert flag["modelIdentifier"] == satellite.built.stepper.name
+
+
+def test_the_same_model_is_the_same_file(satellite, tmp_path):
+    """To the byte; another start has another token."""
+    built, target = satellite.built, satellite.built.target.load()
+
+    def texts(options):
+        return target.files(built.stepper.manifest, built.stepper.sources, options)
+
+    for name, text in texts(built.options).items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    assert target.compile(tmp_path, ("own",)).read_bytes() == built.path.read_bytes()
+    assert json.loads(satellite.texts[f"resources/{MARKER}"])["name"] == built.stepper.name
+    other = texts(replace(built.options, dt=0.05))["modelDescription.xml"]
+    assert satellite.token not in other
+    assert 'start="0.05"' in other
+    assert "the bits of C" in built.check()
+
+
+def test_sources_compile_without_a_warning(satellite, tmp_path):
+    """Those of a source code FMU, as its description names them."""
+    for name, text in satellite.texts.items():
+        if name.startswith("sources/"):
+            (tmp_path / name.partition("/")[2]).write_bytes(text)
+    if satellite.version == 2:
+        files = [one.get("name") for one in satellite.description.iter("File")]
+    else:
+        build = ElementTree.fromstring(satellite.texts["sources/buildDescription.xml"])
+        files = [one.get("name") for one in build.iter("SourceFile")]
+    assert len(files) == 2
+    run([*compiler(MAIN), *STRICT, "-Wno-strict-prototypes", "-fsyntax-only", *files], tmp_path)
+
+
+def test_models_without_velocities_start_from_momenta(tmp_path):
+    """H that is not quadratic in p, with time in its force and awkward text."""
+    q, p, k, t = sp.symbols("q p k t", real=True)
+    H = sp.sqrt(1 + p**2) + k * q**2 / 2
+    system = gs.System((q,), (p,), (k,), H, name="relativistic", time=t, forces=(sp.sin(3 * t),),
+                       quantities={"speed": p / sp.sqrt(1 + p**2), "phase": sp.sin(3 * t)})
+    built = gs.build("fmu3", system, scheme="IMS", dt=0.01, start=([0.5], [0.25]),
+                     parameters={"k": 2.0}, out=tmp_path / "r.fmu")
+    assert "the bits of C" in built.check()
+    fmu = Fmu(built, 3, tmp_path)
+    with fmu.instance() as slave:
+        slave.start({"p": 0.75}, time=2.0)
+        assert slave.get(["p", "energy", "speed", "phase"]) == pytest.approx(
+            [0.75, 1.25 + 0.25, 0.6, math.sin(6.0)])
+        for step in range(100):
+            assert slave.step(2 + step * 0.01, 0.01) == "OK"
+        found = slave.get(["q", "p"])
+    assert found == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
+
+
+def midpoint(q, p, t, h, steps):
+    """Return the end of so many steps of H = sqrt(1 + p^2) + q^2, F = sin 3t."""
+    for k in range(steps):
+        end = q, p
+        for _ in range(30):
+            qm, pm = (q + end[0]) / 2, (p + end[1]) / 2
+            end = (q + h * pm / math.sqrt(1 + pm**2),
+                   p + h * (math.sin(3 * (t + (k + 0.5) * h)) - 2 * qm))
+        q, p = end
+    return [q, p]
+
+
+# ---------------------------------------------------------------- refusals
+
+
+def test_what_cannot_be_an_fmu(tmp_path):
+    chosen = {"scheme": "IMS", "dt": 0.01, "out": tmp_path / "no.fmu"}
+    with pytest.raises(gs.InputError, match="28"):
+        gs.build("fmu3", gs.models.chain(5), **chosen)
+    with pytest.raises(gs.InputError, match=r"float.*double"):
+        gs.build("fmu2", SATELLITE, **chosen, real="float")
+    for name in ("dt", "energy", "time"):
+        q, p = sp.symbols("q p", real=True)
+        k = sp.Symbol(name, positive=True)
+        system = gs.System((q,), (p,), (k,), (p**2 + k * q**2) / 2, name="clash")
+        with pytest.raises(gs.InputError, match=name):
+            gs.build("fmu2", system, **chosen, start=([1.0], [0.0]), parameters={name: 1.0})
+    assert not any(tmp_path.iterdir())
+
+
+def test_platforms_that_cannot_be(tmp_path, monkeypatch):
+    chosen = {"system": SATELLITE, "scheme": "IMS", "out": tmp_path / "no.fmu"}
+    with pytest.raises(gs.InputError, match="aarch64"):
+        gs.build("fmu2", **chosen, platforms="aarch64")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda *_: None)
+    monkeypatch.setattr(shutil, "which", lambda *_: None)
+    with pytest.raises(gs.InputError, match="ziglang"):
+        gs.build("fmu3", **chosen, platforms="windows")
+    monkeypatch.setattr("platform.machine", lambda: "riscv64")
+    with pytest.raises(gs.InputError, match="riscv64"):
+        own_platform(3)
+    assert not any(tmp_path.iterdir())
+
+
+# ---------------------------------------------------------------- with other tools
+
+
+@needs_fmpy
+def test_fmpy_finds_no_problem_and_simulates_the_same_bits(satellite, native):
+    import fmpy
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(satellite.built.path)) == []
+    times = np.arange(200) * DT
+    rows = [(time, *torques(step)) for step, time in enumerate(times)]
+    signal = np.array(rows, dtype=[("time", float), *((name, float) for name in INPUTS)])
+    found = fmpy.simulate_fmu(str(satellite.built.path), start_time=0, stop_time=100 * DT,
+                              step_size=DT, output_interval=DT, input=signal, output=ATTITUDE)
+    got = np.stack([found[name] for name in ATTITUDE], -1)[1:101]
+    assert abs(got - native.rows(100)).max() < 1e-14, "its times are summed, so its inputs differ"
+
+
+@pytest.mark.slow
+@needs_zig
+@pytest.mark.parametrize("version", [2, 3])
+def test_libraries_for_every_platform(version, tmp_path):
+    """Linked by ziglang; that for Windows takes 2,000 steps under Wine, where it is installed."""
+    names = ["linux", "windows", "mac", *(["aarch64"] if version == 3 else [])]
+    chosen = {"scheme": "G-L", "stages": 2, "platforms": names}
+    built = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "all.fmu")
+    fmu = Fmu(built, version, tmp_path)
+    assert built.path.stat().st_size <= 150_000
+    assert "the bits of C" in built.check()
+    again = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "again.fmu")
+    assert again.path.read_bytes() == built.path.read_bytes()
+    found = {name: text[:4] for name, text in fmu.texts.items() if name.startswith("binaries/")}
+    magic = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
+    assert len(found) == 2 * version - 1
+    for name, start in found.items():
+        assert start.startswith(magic[name[name.rindex("."):]]), name
+    if shutil.which("wine") is None:
+        pytest.skip("Wine is not installed")
+    with zipfile.ZipFile(built.path) as archive:
+        archive.extractall(tmp_path)
+    library = next(name for name in found if name.endswith(".dll"))
+    run([*TOOLS["zig"].find(), "cc", "-target", "x86_64-windows-gnu", f"-DVERSION={version}",
+         "-Isources", DATA / "load_fmu.c", "-o", "load_fmu.exe"], tmp_path)
+    said = call(["wine", "load_fmu.exe", library, fmu.token, "2000", str(DT),
+                 str(fmu.references["q0"]), "4"], cwd=tmp_path, WINEDEBUG="-all",
+                WINEPREFIX=str(tmp_path / "wine"))
+    assert said.returncode == 0, said.stdout
+    numbers = [struct.unpack(">d", bytes.fromhex(line))[0] for line in said.stdout.split()]
+    wanted = bytes.fromhex(native_bits(built.stepper, built.options, 2000))
+    assert struct.pack("=4d", *numbers) == wanted[:32]
+
+
+@pytest.mark.slow
+@needs_fmpy
+@pytest.mark.parametrize("model", ["double_pendulum", "linkage", "arm"])
+def test_other_models(model, tmp_path):
+    """Bodies with joints, a four-bar linkage of points, an arm of sympy.physics.mechanics."""
+    from fmpy.validation import validate_fmu
+
+    system, chosen = {"double_pendulum": lambda: ("double_pendulum", {}), "linkage": linkage,
+                      "arm": arm}[model]()
+    for version in (2, 3):
+        built = gs.build(f"fmu{version}", system, scheme="G-L", stages=2, **chosen,
+                         out=tmp_path / f"{version}.fmu")
+        assert validate_fmu(str(built.path)) == []
+        assert "the bits of C" in built.check()
+        with Fmu(built, version, tmp_path).started() as slave:
+            before = slave.get(["energy"])[0]
+            for step in range(300):
+                assert slave.step(step * built.options.dt, built.options.dt) == "OK"
+            assert slave.get(["energy"])[0] == pytest.approx(before, abs=1e-4)
+
+
+def linkage():
+    """Return a four-bar linkage in a plane: two points, three rods."""
+    q = sp.symbols("x1 y1 x2 y2", real=True)
+    p = sp.symbols("px1 py1 px2 py2", real=True)
+    m, g = sp.symbols("m g", positive=True)
+    x1, y1, x2, y2 = q
+    rods = (x1**2 + y1**2 - 1, (x2 - x1)**2 + (y2 - y1)**2 - 4, (x2 - 2)**2 + y2**2 - 4)
+    H = sum(one**2 for one in p) / (2 * m) + m * g * (y1 + y2)
+    end = 1 + math.sqrt(2.75) / math.sqrt(5), 0.5 + 2 * math.sqrt(2.75) / math.sqrt(5)
+    assert math.hypot(end[0] - 0, end[1] - 1) == pytest.approx(2)
+    assert math.hypot(end[0] - 2, end[1]) == pytest.approx(2)
+    system = gs.System(q, p, (m, g), H, rods, name="linkage")
+    return system, {"dt": 0.005, "start": ([0.0, 1.0, *end], [0.0] * 4),
+                    "parameters": {"m": 1.0, "g": 9.81}}
+
+
+def arm():
+    """Return an arm of two links on crossed axes: M(q) and V from a System of SymPy."""
+    import sympy.physics.mechanics as me
+
+    space, origin = me.ReferenceFrame("N"), me.Point("O")
+    origin.set_vel(space, 0)
+    model, before = me.System(space, origin), me.RigidBody("base", origin, space)
+    m, l, inertia, g = parameters = sp.symbols("m l I g", positive=True)  # noqa: E741
+    V = sp.Integer(0)
+    for i in range(2):
+        axes, centre = me.ReferenceFrame(f"A{i}"), me.Point(f"C{i}")
+        link = me.RigidBody(f"link{i}", centre, axes, m, (
+            me.inertia(axes, inertia, inertia, inertia / 10), centre))
+        model.add_joints(me.PinJoint(
+            f"joint{i}", before, link, *me.dynamicsymbols(f"q{i} u{i}"),
+            parent_point=before.masscenter.locatenew(f"P{i}", i * l * before.frame.z),
+            child_point=centre.locatenew(f"Q{i}", -l * axes.z),
+            joint_axis=(before.frame.x, before.frame.y)[i]))
+        V += m * g * centre.pos_from(origin).dot(space.z)
+        before = link
+    model.form_eoms()
+    q, p = (sp.symbols(f"{name}0 {name}1", real=True) for name in "qp")
+    plain = dict(zip(model.q, q, strict=True))
+    M = model.mass_matrix.subs(plain)
+    momenta = sp.Matrix(p)
+    H = (momenta.T * M.inv() * momenta)[0] / 2 + V.subs(plain)
+    torque = sp.Symbol("torque", real=True)
+    system = gs.System(q, p, (*parameters, torque), sp.simplify(H), name="arm",
+                       forces=(torque, sp.Integer(0)), inputs=(torque,))
+    return system, {"dt": 0.005, "start": ([0.3, -0.2], [0.1, 0.05]),
+                    "parameters": {"m": 1, "l": 0.2, "I": 0.02, "g": 9.81, "torque": 0}}
+
+
+@pytest.mark.slow
+@needs_fmpy
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
+def test_a_source_code_fmu_is_compiled_by_others(satellite, tmp_path):
+    """Without its library, by fmpy and cmake."""
+    from fmpy.util import compile_platform_binary
+
+    path = tmp_path / "sources.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, text in satellite.texts.items():
+            if not name.startswith("binaries/"):
+                archive.writestr(name, text)
+    compile_platform_binary(str(path))
+    copy = replace(satellite.built, path=path)
+    assert "the bits of C" in copy.check()
