@@ -6,6 +6,7 @@
  *   GUID               token of the model description
  *   STEPPER(x)         public name of the stepper, STATUS(x) a status of it
  *   N, V, OBSERVED     numbers of coordinates, of velocities (0: the start is q and p), of quantities
+ *   ITERATIONS         of a step, at most
  *   START(m), VELOCITY(m), OBSERVE(m), SET_TIME(m)
  *                      calls of the functions of the stepper, 0 or nothing where there are none
  *   VARIABLES          rows of variables[], in the order of value references
@@ -85,7 +86,7 @@ static status_t check_domains(model_t *m, reason_t *why)
 
 static status_t begin_run(model_t *m, double t, double h, reason_t *why)
 {
-    const STEPPER(options) options = { .tolerance = 0, .max_iterations = 50 };
+    const STEPPER(options) options = { .tolerance = 0, .max_iterations = ITERATIONS };
     m->begun = m->time = t;
     m->h = h;
     m->steps = 0;

@@ -154,7 +154,8 @@ def model_header(
 #define STATUS(x) {name.upper()}_##x
 #define GUID "{token(manifest, variables, version)}"
 
-enum {{ N = {len(system["coordinates"])}, V = {velocities}, OBSERVED = {quantities} }};
+enum {{ N = {len(system["coordinates"])}, V = {velocities}, OBSERVED = {quantities},
+    ITERATIONS = {options.max_iterations} }};
 
 #define START(m) {start if velocities else "STATUS(OK)"}
 #define VELOCITY(m) {velocity if velocities else "(void)(m)"}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import GyrosparkError, InputError
-from ..artefact import MARKER, Built, Options
+from ..artefact import MARKER, Built, Options, refuse_names
 from ..native import native_bits
 from .archive import compile_fmu, library_of
 from .description import (
@@ -29,6 +29,11 @@ _HERE = Path(__file__).parent
 #: Of the FMI project, under the licence in each of them.
 _HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
             3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")}
+#: Without arguments, of model.h and of what core.h includes beyond <float.h> and <math.h>.
+_MACROS = frozenset([
+    "GUID", "VARIABLES", "INITIAL", "EOF", "BUFSIZ", "FILENAME_MAX", "FOPEN_MAX", "TMP_MAX",
+    "SEEK_CUR", "SEEK_END", "SEEK_SET", "stdin", "stdout", "stderr", "RAND_MAX", "EXIT_FAILURE",
+    "EXIT_SUCCESS", "MB_CUR_MAX", "SIZE_MAX"])
 #: Of a check.
 _STEPS = 200
 
@@ -52,6 +57,7 @@ class Fmu:
         if manifest["real"] != "double":
             raise InputError(f"An FMU holds numbers of type double, and {manifest['name']} is of "
                              f"type {manifest['real']}; choose real='double'.")
+        refuse_names(manifest, _MACROS, "core.h of an FMU")
         version, name = self.version, manifest["name"]
         variables = variables_of(manifest, options)
         own = {file: (_HERE / file).read_text(encoding="utf-8")

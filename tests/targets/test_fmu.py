@@ -447,7 +447,7 @@ def test_what_cannot_be_an_fmu(tmp_path):
         gs.build("fmu3", gs.models.chain(5), **chosen)
     with pytest.raises(gs.InputError, match=r"float.*double"):
         gs.build("fmu2", SATELLITE, **chosen, real="float")
-    for name in ("dt", "energy", "time"):
+    for name in ("dt", "energy", "time", "GUID", "stdin"):
         q, p = sp.symbols("q p", real=True)
         k = sp.Symbol(name, positive=True)
         system = gs.System((q,), (p,), (k,), (p**2 + k * q**2) / 2, name="clash")
@@ -597,13 +597,18 @@ def arm():
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
 def test_a_source_code_fmu_is_compiled_by_others(satellite, tmp_path):
     """Without its library, by fmpy and cmake."""
-    from fmpy.util import compile_platform_binary
+    from fmpy import extract
+    from fmpy.build import build_platform_binary
 
     path = tmp_path / "sources.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         for name, text in satellite.texts.items():
             if not name.startswith("binaries/"):
                 archive.writestr(name, text)
-    compile_platform_binary(str(path))
-    copy = replace(satellite.built, path=path)
-    assert "the bits of C" in copy.check()
+    folder = extract(str(path), unzipdir=str(tmp_path / "open"))
+    (tmp_path / "build").mkdir()
+    build_platform_binary(folder, tmp_path / "build")
+    with zipfile.ZipFile(path, "a") as archive:
+        for library in (tmp_path / "open" / "binaries").rglob("*.so"):
+            archive.write(library, library.relative_to(folder))
+    assert "the bits of C" in replace(satellite.built, path=path).check()
