@@ -7,6 +7,7 @@ import re
 import struct
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -152,13 +153,12 @@ def compare(built: Built, module: bytes) -> str:
                if TOOLS[name].find() is not None}
     if not engines:
         require("wasmtime", f"Checking target {built.target.name}")
-    said = []
-    for engine, run in engines.items():
-        for stepper, bits in zip(built.options.steppers,
-                                 run(module, built.options), strict=True):
-            said.append(refuse_difference(f"{stepper.name} in {engine}", bits, built,
-                                          _STEPS, stepper))
-    return "; ".join(said)
+    steppers = built.options.steppers
+    return "; ".join(
+        refuse_difference(f"{stepper.name} in {engine}", bits, replace(built, stepper=stepper),
+                          _STEPS)
+        for engine, run in engines.items()
+        for stepper, bits in zip(steppers, run(module, built.options), strict=True))
 
 
 def _in_node(module: bytes, options: Options) -> list[str]:
