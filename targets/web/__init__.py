@@ -2,7 +2,6 @@
 
     webassembly     the target wasm: a module, and its functions in JavaScript
     page            the target web, ``gs.playground``
-    checked_in      the pages of the documentation
 
 ``glue.c`` is compiled with each stepper, ``stepper.js`` calls it; ``page.html``, ``page.css`` and
 ``page.js`` are the page, which ``runtime/plotting/scene.js`` draws.

@@ -489,6 +489,7 @@
   });
   listBodies(byId("bodies"), shapes, redraw);
   byId("about").textContent = content.about;
+  if (!content.conserves) byId("balance").textContent = "Change of energy, errors of constraints";
   window.addEventListener("hashchange", () => open(location.hash));
 
   drawing.watch(redraw);

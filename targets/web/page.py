@@ -88,12 +88,15 @@ def _content(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
     fixed = {*re.findall(r"\w+", " ".join(system["constraints"]))}
     numbered = {name: i for i, name in enumerate(bodies)} | {"": -1}
     known = {x["name"]: x for x in system.get("numbers", [])}
-    inputs = {*system.get("inputs", ())}
+    inputs = [*system.get("inputs", ())]
+    sliders = sorted(system["parameters"].items(), key=lambda pair: pair[0] not in inputs)
     about = " ".join(filter(None, [
         options.description,
         f"The generated C of gyrospark {__version__}, as WebAssembly, integrates in this page."]))
     return {
-        "about": about, MARKER: "web", "hash": manifest.get("hash"),
+        "about": about, MARKER: "web",
+        "hash": [stepper.manifest["hash"] for stepper in options.steppers],
+        "conserves": not {"forces", "time"} & {*system},
         "schemes": schemes_of(options), "start": start_of(manifest, options),
         "jointed": len(system["constraints"]) > len(bodies),
         "curves": 3 if system["constraints"] else 1,
@@ -101,7 +104,7 @@ def _content(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
         "numbers": [{"name": name, "domain": domain,
                      "role": "input" if name in inputs else "parameter",
                      "unit": _unit(known.get(name, {}))}
-                    for name, domain in system["parameters"].items() if name not in fixed],
+                    for name, domain in sliders if name not in fixed],
         "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
                     "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
                    for name, body in bodies.items()],
