@@ -430,7 +430,7 @@
     byId("link").href = `#${changes}`;
     // A page inside another, as srcdoc, has no address of its own.
     byId("link").hidden = location.protocol === "about:";
-    if (location.protocol !== "about:" && location.hash !== `#${changes}`)
+    if (location.protocol !== "about:" && (location.hash || "#") !== `#${changes}`)
       history.replaceState(null, "", `#${changes}`);
   }
   function changed(live) {
@@ -507,5 +507,5 @@
     requestAnimationFrame(tick);
   }
   requestAnimationFrame(tick);
-  window.simulation = { content, settings, stepperOf, begin, take, open };
+  window.simulation = { content, settings, shapes, stepperOf, take };  // for tests and consoles
 })();

@@ -7,7 +7,6 @@ import re
 import struct
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -155,8 +154,7 @@ def compare(built: Built, module: bytes) -> str:
         require("wasmtime", f"Checking target {built.target.name}")
     steppers = built.options.steppers
     return "; ".join(
-        refuse_difference(f"{stepper.name} in {engine}", bits, replace(built, stepper=stepper),
-                          _STEPS)
+        refuse_difference(f"{stepper.name} in {engine}", bits, built, _STEPS, stepper)
         for engine, run in engines.items()
         for stepper, bits in zip(steppers, run(module, built.options), strict=True))
 

@@ -1,0 +1,280 @@
+"""WebAssembly and pages: texts, bits, the numbers that C gives a page, the pages of the site.
+
+Without ziglang all but the module is tested: ``glue.c`` by the compiler that is here, and the pages
+that are checked in by Node. ``pytest tests/targets/test_web.py --update`` builds those again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.runtime.plotting.html_view import page_file
+from gyrospark.runtime.plotting.scene import scene_of
+from gyrospark.targets import build as build_module
+from gyrospark.targets.build import build
+from gyrospark.targets.native import C_FLAGS, native_bits
+from gyrospark.targets.tools import TOOLS
+from gyrospark.targets.web import page as page_module
+from gyrospark.targets.web import webassembly
+from processes import ROOT
+
+DATA = ROOT / "tests" / "data"
+SATELLITE = {"system": ROOT / "examples" / "control_c" / "satellite.toml",
+             "scheme": ["1-G-L", "IMS", "splitting"], "order": 2, "parameters": {"u1": 0.01}}
+#: The pages of the site: file → what is built.
+PAGES = {
+    "heavy_top": {"system": "fast-top", "dt": 1e-3,
+                  "scheme": ["3-G-L", "1-G-L", "2-G-L", "3-LIIIA-B", "IMS", "EMS"]},
+    "double_pendulum": {"system": "double-pendulum", "dt": 5e-3, "scheme": ["3-G-L", "EMS"]},
+}
+SITE = ROOT / "docs" / "_static"
+
+needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="Node is not installed")
+needs_zig = pytest.mark.skipif(TOOLS["zig"].find() is None, reason="ziglang is not installed")
+
+
+@pytest.fixture
+def text_alone(monkeypatch):
+    """Write pages without a compiler: all but their module."""
+    monkeypatch.setattr(build_module, "require", lambda *_: [])
+    monkeypatch.setattr(page_module, "compile", lambda folder, platforms: folder / "page.html")
+
+
+def content_of(page):
+    return json.loads(page.split('id="content">')[1].split("</script>")[0])
+
+
+def without_module(page):
+    return re.sub(r'(?<="wasm": ")[^"]*(?=")', "@MODULE@", page)
+
+
+# ---------------------------------------------------------------- texts
+
+
+def test_a_page_is_its_files_and_the_numbers_of_a_model(text_alone, tmp_path, request):
+    page = build("web", **SATELLITE, out=tmp_path / "page.html").path.read_text(encoding="utf-8")
+    own = (webassembly.read(name) for name in ("page.css", "stepper.js", "page.js"))
+    for text in (page_file("view.css"), page_file("scene.js"), *own):
+        assert text in page
+    assert re.findall(r"@[A-Z_]+@", page) == ["@MODULE@"]
+    assert not re.search(r"https?://|src=|import ", page)  # no network
+    assert len(page) < 55_000  # a module of one scheme has some 5 kB
+    content = content_of(page)
+    del content["hash"]  # of the C, which has tests of its own
+    golden = DATA / "targets" / "web" / "satellite.json"
+    if request.config.getoption("--update"):
+        golden.parent.mkdir(exist_ok=True)
+        golden.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n",
+                          encoding="utf-8")
+    assert content == json.loads(golden.read_text(encoding="utf-8"))
+
+
+def test_sliders_leave_out_what_the_start_depends_on():
+    content = content_of((SITE / "double_pendulum.html").read_text(encoding="utf-8"))
+    names = {x["name"] for x in content["numbers"]}
+    assert content["jointed"]
+    assert {"a_m", "b_I3", "gravity_z"} <= names
+    assert not {"joint_a_z", "joint_b_z"} & names  # in constraints
+    assert [content["velocities"][i]["name"] for i in content["spins"]] == [
+        f"{body}_omega_{axis}" for body in "ab" for axis in "xyz"]
+
+
+def test_text_of_a_model_stays_text(text_alone, tmp_path):
+    model = tmp_path / "model.toml"
+    text = SATELLITE["system"].read_text(encoding="utf-8")
+    model.write_text(text.replace("under the torques", "</script><b>&amp;"), encoding="utf-8")
+    page = build("web", model, scheme="IMS", out=tmp_path / "p.html").path
+    page = page.read_text(encoding="utf-8")
+    assert "</script><b>" not in page
+    assert "</script><b>&amp;" in content_of(page)["about"]
+
+
+def test_what_a_page_cannot_show_is_refused(text_alone, tmp_path):
+    with pytest.raises(gs.InputError, match="no rigid body"):
+        build("web", ROOT / "examples" / "pendulum.toml", scheme="IMS", out=tmp_path / "p.html")
+    with pytest.raises(gs.InputError, match="G-M"):
+        build("web", **SATELLITE | {"scheme": ["G-M", "IMS"]}, out=tmp_path / "p.html")
+    with pytest.raises(gs.InputError, match="99"):
+        build("web", **SATELLITE | {"scheme": ["99-G-L", "IMS"]}, out=tmp_path / "p.html")
+
+
+def test_without_ziglang_the_cure_is_said(monkeypatch):
+    monkeypatch.setattr(type(TOOLS["zig"]), "find", lambda self: None)
+    with pytest.raises(gs.InputError, match="pip install ziglang"):
+        gs.playground("fast-top", dt=1e-3)
+
+
+# ---------------------------------------------------------------- glue.c
+
+
+@pytest.fixture(scope="module")
+def glued(tmp_path_factory):
+    """The satellite's steppers with glue.c, as one library each, by the compiler that is here."""
+    folder = tmp_path_factory.mktemp("glue")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build_module, "require", lambda *_: [])
+        patch.setattr(webassembly, "compile", lambda folder, platforms: folder)
+        made = build("wasm", **SATELLITE, out=folder / "satellite")
+    libraries = []
+    for stepper in made.options.steppers:
+        target = folder / f"{stepper.name}.so"
+        subprocess.run([*TOOLS["cc"].find(), *C_FLAGS, "-O1", "-Wall", "-Wextra", "-Werror",
+                        *webassembly.definitions(stepper.manifest), "-shared", "-fPIC", "glue.c",
+                        "-o", target, "-lm"], cwd=made.path / "c", check=True)
+        libraries.append(ctypes.CDLL(str(target)))
+    return made, libraries
+
+
+def test_many_steps_a_call_are_the_steps(glued):
+    made, libraries = glued
+    for stepper, library in zip(made.options.steppers, libraries, strict=True):
+        q, p, work, done = _run(stepper, library, made.options, 40)
+        assert (bytes(q) + bytes(p)).hex() == native_bits(stepper, made.options, 40)
+        assert done[0] == 40
+        assert (done[1] >= 40) == (stepper.manifest["scheme"]["kind"] != "splitting")
+        q[0], p[1] = q[0] + 1e-3, p[1] + 1e-2
+        defects = (ctypes.c_double*2)()
+        getattr(library, f"{stepper.name}_defects")(work, q, p, defects)
+        assert defects[0] == pytest.approx(abs(np.dot(q, q) - 1), rel=1e-9)
+        if stepper.manifest["scheme"]["kind"] != "mean":
+            hidden = np.dot(q, p)  # of a stepper in γ, times the constant of its own
+            assert defects[1] in (0, pytest.approx(abs(hidden), rel=1e-9))
+
+
+def _run(stepper, library, options, steps):
+    fields, name = options.parameters, stepper.name
+    q, p = ((ctypes.c_double*len(x))(*x) for x in (options.q, options.p))
+    values, done = (ctypes.c_double*len(fields))(*fields.values()), (ctypes.c_double*2)()
+
+    class Limits(ctypes.Structure):
+        _fields_ = (("tolerance", ctypes.c_double), ("max_iterations", ctypes.c_int))
+
+    size = getattr(library, f"{name}_work_size")
+    size.restype = ctypes.c_size_t
+    work = (ctypes.c_longdouble*(size()//16 + 1))()
+    begin = getattr(library, f"{name}_begin")
+    assert begin(work, values, ctypes.byref(Limits(0, 50)), ctypes.c_double(options.dt), q, p) == 0
+    assert getattr(library, f"{name}_repeat")(work, q, p, steps, done) == 0
+    return q, p, work, done
+
+
+def test_functions_of_the_header_are_exported(glued):
+    made, libraries = glued
+    for stepper, library in zip(made.options.steppers, libraries, strict=True):
+        names = webassembly.exported(stepper.name, stepper.sources[f"{stepper.name}.h"])
+        assert {f"{stepper.name}_{what}" for what in (
+            "begin", "advance", "energy", "start", "velocity", "repeat")} <= {*names}
+        assert all(hasattr(library, name) for name in names)
+
+
+# ---------------------------------------------------------------- modules and pages
+
+
+@needs_zig
+@pytest.mark.parametrize("name", PAGES)
+def test_pages_of_the_site_are_those_of_the_present_generator(name, tmp_path, request):
+    file = SITE / f"{name}.html"
+    if request.config.getoption("--update"):
+        gs.build("web", **PAGES[name], out=file)
+    request.getfixturevalue("text_alone")
+    text = build("web", **PAGES[name], out=tmp_path / "page.html").path.read_text(encoding="utf-8")
+    assert without_module(file.read_text(encoding="utf-8")) == text
+
+
+@needs_zig
+def test_bits_of_a_module_and_of_a_page_in_a_notebook(tmp_path):
+    made = gs.build("wasm", **SATELLITE, out=tmp_path / "satellite")
+    module = (made.path / f"{made.stepper.name}.wasm").read_bytes()
+    assert b"wasi" not in module  # it imports nothing
+    assert len(module) < 3*12_000
+    if any(TOOLS[name].find() is not None for name in ("node", "wasmtime")):
+        assert made.check().count("2000 steps") >= len(made.options.steppers)
+    view = gs.playground(SATELLITE["system"], scheme="IMS")
+    assert html.escape(view.page) in view._repr_html_()
+    assert view.save(tmp_path / "page.html").read_text(encoding="utf-8") == view.page
+    assert page_module.module_of(view.page)[:4] == b"\0asm"
+    with pytest.raises(gs.InputError, match=r"page\.txt"):
+        view.save(tmp_path / "page.txt")
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_pages_of_the_site_are_small(name):
+    page = (SITE / f"{name}.html").read_text(encoding="utf-8")
+    assert len(page.encode()) <= 80_000
+    assert not re.search(r"https?://|src=|import |@[A-Z_]+@", page)
+
+
+def in_node(name, *arguments):
+    """Run a page of the site in Node, with a document that counts; return what it said."""
+    done = subprocess.run(["node", DATA / "run_page.js", SITE / f"{name}.html", *arguments],
+                          check=True, capture_output=True, text=True)
+    return json.loads(done.stdout)
+
+
+@needs_node
+@pytest.mark.parametrize("name", PAGES)
+def test_pages_of_the_site_run(name):
+    for script in ("stepper.js", "page.js", "check.js"):
+        subprocess.run(["node", "--input-type=module", "--check"], check=True,
+                       input=webassembly.read(script), text=True)
+    said = in_node(name)
+    assert said["bad"] == 0
+    assert said["fills"] > 0
+    assert said["steps"] > 10
+    assert said["notice"] == ""
+    assert said["paused"] == 0
+    assert said["resumed"] > 0
+
+
+@needs_node
+def test_a_page_has_the_bits_of_the_run_in_c(tmp_path, text_alone):
+    made = build("web", **PAGES["heavy_top"], out=tmp_path / "page.html")
+    said = in_node("heavy_top", "#scheme=EMS&t=0.5")
+    ems = next(x for x in made.options.steppers if x.manifest["scheme"]["method"] == "EMS")
+    assert said["bits"] == native_bits(ems, made.options, 500)
+    assert said["clock"].startswith("0.500")
+
+
+@needs_node
+def test_settings_of_a_page_are_those_of_its_address(text_alone):
+    said = in_node("heavy_top", "#I1=0.003&body.nutation=60&omega_z=90&t=0&foo=1")
+    assert "foo" in said["notice"]
+    assert said["hash"] == "#body.nutation=60&omega_z=90&I1=0.003"
+    top = gs.problems.fast_top()
+    q = [np.cos(np.pi/6), np.sin(np.pi/6), 0, 0]
+    np.testing.assert_allclose(said["q"], q, rtol=0, atol=1e-15)
+    p = gs.momentum(q, (0, 0, 90), (0.003, *top.inertia[1:]))
+    np.testing.assert_allclose(said["p"], p, rtol=1e-14, atol=1e-16)
+
+
+@needs_node
+def test_a_step_that_fails_is_said_in_a_sentence():
+    said = in_node("heavy_top", "#dt=0.04&t=1")
+    assert said["steps"] < 25
+    assert "step" in said["notice"]
+    assert "fails" in said["notice"]
+
+
+@needs_node
+def test_bodies_have_the_shape_of_those_of_a_run():
+    model = gs.models.double_pendulum()
+    run = gs.stepper("IMS", system=model).integrate(
+        model.q0, model.p0, dt=1e-3, steps=1, parameters=model.parameters)
+    said = in_node("double_pendulum")
+    for mine, part in zip(said["shapes"], scene_of(run, 2).parts, strict=True):
+        assert mine["name"] == part.name
+        np.testing.assert_allclose(mine["centre"], part.centre, atol=1e-15)
+        np.testing.assert_allclose(mine["tip"], part.tip, atol=1e-12)
+        np.testing.assert_allclose(np.abs(np.array(mine["axes"]) @ part.axes), np.eye(3),
+                                   atol=1e-12)
+        for kind, sizes in part.sizes.items():
+            np.testing.assert_allclose(mine["sizes"][kind], sizes, rtol=1e-12)
