@@ -134,6 +134,9 @@
 #ifndef GS_DERIVATIVES /* tangents and adjoints */
 #define GS_DERIVATIVES 0
 #endif
+#ifndef GS_SECOND_DERIVATIVES /* derivatives of adjoints */
+#define GS_SECOND_DERIVATIVES 0
+#endif
 #ifndef GS_DERIVATIVES_IN_LANES /* derivatives of as many steps at once as there are lanes */
 #define GS_DERIVATIVES_IN_LANES 0
 #endif

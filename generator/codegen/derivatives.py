@@ -49,8 +49,9 @@ def derivatives_of(
     if isinstance(scheme, SplittingScheme):
         of_linearisation = flow_transposes(scheme, columns)
         own += of_linearisation
-        on_duals = [*own, *scheme.kernels(), *scheme.flow_kernels(work=False),
-                    *(k for k in common_kernels(scheme.system) if k.name == "constraint_jacobian")]
+        on_duals = [*scheme.kernels(), *scheme.flow_kernels(work=False)]
+        if derived.second:
+            on_duals += [*own, *(k for k in scheme.state_kernels() if k.name in LINEARISATION)]
     else:
         of_linearisation = on_duals = [
             k for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]

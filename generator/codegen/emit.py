@@ -144,7 +144,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     own, renamed = (plain.kernels if plain else []), dict[str, str]()
     kernels: list[EmittedKernel] = []
     if isinstance(scheme, SplittingScheme):
-        states = scheme.state_kernels() if derived.profile == "full" else []
+        states = [k for k in scheme.state_kernels() if derived.profile == "full" or (
+            derived.derivatives and k.name in LINEARISATION)]
         if scheme.molecules is not None:  # H of all is evaluated on lanes alone
             states = [k for k in states if k.name != "molecule_hamiltonian"]
         kernels = [*(emit_kernel(k, constants, real) for k in states),

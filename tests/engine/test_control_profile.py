@@ -463,7 +463,7 @@ def test_same_bits_on_aarch64(spec, tmp_path):
 
 
 @pytest.mark.parametrize("spec", [
-    SMALL, Spec("G-L", 3), Spec("EMS", None, "alpha"),
+    SMALL, Spec("G-L", 3), Spec("EMS", None, "alpha"), Spec("splitting", order=4),
     Spec.checked("G-L", 2, None, str(ROOT / "examples/double_pendulum.toml")),
     Spec.checked("G-L", 2, None, str(ROOT / "examples/bungee.toml")),
 ], ids=lambda spec: spec.name)
@@ -475,7 +475,7 @@ def test_derivatives_are_those_of_the_full_stepper(spec, tmp_path):
     """
     own = Control(made(spec, derivatives=True), tmp_path)
     if spec.model is None:
-        full = gs.stepper(spec.scheme, spec.stages, spec.rep, real=spec.real)
+        full = gs.stepper(spec.scheme, spec.stages, spec.rep, real=spec.real, order=spec.order)
         parameters, q, p = PARAMETERS, TOP.q0, TOP.p0
         parameters = TOP.parameters | {spec.rep: PARAMETERS["gamma"]}
     else:

@@ -10,9 +10,6 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.core.errors import InputError
-from gyrospark.generator.pipeline import generate
-from gyrospark.generator.spec import Spec
 from gyrospark.generator.tableaux.compositions import COMPOSITIONS
 
 TOP = gs.problems.fast_top()
@@ -219,6 +216,16 @@ def test_forces_points_inputs_and_time(torque):
     assert np.abs(hessian[0][2 * n :] - exact).max() < 1e-9 * np.abs(exact).max()
 
 
-def test_other_profiles_are_refused():
-    with pytest.raises(InputError, match="control"):
-        generate(Spec("splitting", order=4, profile="control"), derivatives=True)
+def test_analyses_of_runs():
+    """A pendulum's period and Floquet multipliers, and exponents that cancel in pairs."""
+    q = np.array([np.cos((np.pi - 0.6) / 2), np.sin((np.pi - 0.6) / 2), 0, 0])
+    small = 2 * np.pi * np.sqrt(ASYMMETRIC["I1"] / ASYMMETRIC["mgl"])
+    found = gs.periodic_orbit(STEP, q, np.zeros(4), dt=1.02 * small / 60, steps=60,
+                              parameters=ASYMMETRIC)
+    exact = small * 2 / np.pi * float(mp.ellipk(mp.sin(0.3)**2))
+    assert found.residuals[-1] < 1e-13
+    assert float(found.period) == pytest.approx(exact, rel=1e-6)
+    assert np.prod(found.multipliers) == pytest.approx(1, abs=1e-12)
+    chaos = gs.lyapunov(STEP, TOP.q0, TOP.p0 / 20, dt=2e-3, steps=1000, parameters=ASYMMETRIC)
+    assert chaos.exponents + chaos.exponents[::-1] == pytest.approx(0, abs=1e-2 * max(
+        chaos.exponents))

@@ -119,6 +119,7 @@ VARIANTS: dict[str, dict[str, object]] = {
     "drag": {"GS_DRAG": 1},
     "drag, forces": {"GS_DRAG": 1, "GS_FORCES": 1},
     "forces of momenta": {"GS_MOMENTUM_FORCES": 1, "GS_FORCES": 1},
+    "second derivatives": {"GS_SECOND_DERIVATIVES": 1},
     "derivatives in lanes": {"GS_DERIVATIVES_IN_LANES": 1},
     "derivatives in lanes, time": {"GS_DERIVATIVES_IN_LANES": 1, "GS_TIME_DEPENDENT": 1,
                                    "GS_FORCES": 1},

@@ -71,6 +71,7 @@ INLINE void TYPED(end_of_maps)(const TYPED(flows) *s, NUMBER q[N], NUMBER p[N])
         p[free_q[e]] = s->now.y[3*BODIES + e];
 }
 
+#if !GS_ON_DUALS || GS_SECOND_DERIVATIVES
 /* All maps of a step whose start is set. */
 static void TYPED(take_step)(TYPED(linearisation_t) *l, const NUMBER p[N])
 {
@@ -459,3 +460,4 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
     z[DT0] = bar->t;
     z[DH] = TYPED(step_cotangent)(&l->s, bar);
 }
+#endif

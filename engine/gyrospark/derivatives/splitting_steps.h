@@ -112,7 +112,8 @@ static void step_tangent(const linearisation_t *l, const real z[Z], real *dx, re
     }
 }
 
-/* A step on dual numbers; x, q1 and p1 are not needed. */
+#if GS_SECOND_DERIVATIVES
+/* A step on dual numbers, with the flows `of` its values. */
 static int dual_linearise(const dual_constants *c, dual t, dual h, const dual q[N],
     const dual p[N], const flows *of, dual_linearisation_t *l)
 {
@@ -123,6 +124,7 @@ static int dual_linearise(const dual_constants *c, dual t, dual h, const dual q[
     dual_take_step(l, p);
     return OK;
 }
+#endif
 #endif
 
 #endif

@@ -4,10 +4,12 @@
 
 #if GS_PROFILE_RUN
 #include "gyrospark/profiles/run.h"
-#elif GS_PROFILE_CONTROL
-#include "gyrospark/derivatives/control.h"
+#elif GS_SPLITTING && GS_PROFILE_CONTROL
+#include "gyrospark/splitting/control.h"
 #elif GS_SPLITTING
 #include "gyrospark/run/integrate.h"
+#elif GS_PROFILE_CONTROL
+#include "gyrospark/derivatives/control.h"
 #else
 #include "gyrospark/run/advance.h"
 #endif
@@ -339,11 +341,12 @@ static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const re
 static int linearise_single(const parameters_t *parameters, real dt, const real q[N],
     const real p[N], const real UNKNOWNS(x), int results, derivatives_t *d)
 {
+    const real start = start_time(parameters);
     prepare_derivatives(parameters, d);
-    d->work.t = start_time(parameters);
 #if GS_SPLITTING
     const int status = OK; /* the end is not needed */
 #else
+    d->work.t = start;
     IF_TIME(d->work.step = dt;)
     const int status = finish(&d->work, dt, q, p, x, d->q + N, d->p + N, d->multipliers);
 #endif
@@ -352,7 +355,7 @@ static int linearise_single(const parameters_t *parameters, real dt, const real 
         d->p[a] = p[a];
     }
     IF_INPUTS(const inputs_t none = { 0 };)
-    return status == OK ? linearise_steps(d, IF_INPUTS(&none,) 0, d->work.t, dt, 1, d->q, d->p, x,
+    return status == OK ? linearise_steps(d, IF_INPUTS(&none,) 0, start, dt, 1, d->q, d->p, x,
         results) : status;
 }
 
