@@ -36,7 +36,7 @@ def test_profiles_are_short_enough_to_be_read_whole(spec, profile, most):
 
 def test_the_engine_has_few_headers_none_of_them_long():
     """That each compiles alone is tested with the engine."""
-    assert 40 <= len(HEADERS) <= 100
+    assert 40 <= len(HEADERS) <= 105
     assert max(map(lines, HEADERS)) <= 600
 
 
