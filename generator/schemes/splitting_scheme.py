@@ -189,8 +189,10 @@ class SplittingScheme:
                                at | time,
                                {"power": self._hoisted([self._power()])[0]}))
         if work and self.has_drag:
-            made.append(Kernel("kinetic_energy", "H - V", at,
-                               {"T": self._hoisted([self._kinetic()])[0]}))
+            made.append(Kernel("drift_energy", "the part of H that free motions conserve", at,
+                               {"T": self._hoisted([self._kinetic(further=False)])[0]}))
+            made.append(Kernel("drag_power", "power of drags on the rest of T", at,
+                               {"power": self._hoisted([self._drag_power()])[0]}))
         return made
 
     def _point_velocity(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
@@ -210,14 +212,17 @@ class SplittingScheme:
         return [self.constants.hoist(e).xreplace({clock: _TIME})
                 for e in expressions] or [sp.S.Zero]
 
-    def _kinetic(self) -> sp.Expr:
-        """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p − ω·J, in q and y."""
+    def _kinetic(self, *, further: bool = True) -> sp.Expr:
+        """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p − ω·J, in q and y.
+
+        ``further`` says whether rotations that do not commute with free motions take part.
+        """
         splitting, system = self.splitting, self.splitting.system
         found: sp.Expr = sp.S.Zero
         for body in splitting.bodies:
             m = body_momentum([system.q[i] for i in body.q], body.l)
             found += body.a * sum(x**2 for x in m) / 2
-            for axis in (*body.axes, *body.further):
+            for axis in (*body.axes, *(body.further if further else ())):
                 along = sum(e * x for e, x in zip(axis.axis, m, strict=True))
                 found += axis.d * along**2 / 2 + axis.c * along
         if splitting.translation is not None:
@@ -232,6 +237,16 @@ class SplittingScheme:
                 r, y = (sp.Matrix([zero if i < 0 else x[i] for i in point])
                         for x in (system.q, system.p))
                 found -= omega.dot(r.cross(y))
+        return found
+
+    def _drag_power(self) -> sp.Expr:
+        """−Σ k l·∂/∂l of the terms ½ d (e·m)² + c e·m of ``further`` rotations."""
+        found: sp.Expr = sp.S.Zero
+        for body in self.splitting.bodies:
+            m = body_momentum([self.splitting.system.q[i] for i in body.q], body.l)
+            for axis in body.further:
+                along = sum(e * x for e, x in zip(axis.axis, m, strict=True))
+                found -= body.drag * (axis.d * along**2 + axis.c * along)
         return found
 
     def _power(self) -> sp.Expr:

@@ -120,7 +120,7 @@ def test_a_step_that_fails_keeps_what_was_before_it(waters):
 
 
 def test_order_4_with_dipoles_in_a_well():
-    """A symmetric molecule with a vector, a potential of its own, and 3 of them: one block."""
+    """One block of symmetric molecules with a vector and a potential of their own; rotating axes."""
     def dipoles(a, b, k):
         d = [x - y for x, y in zip(a.x, b.x, strict=True)]
         r2 = sum(x**2 for x in d) + 1
@@ -129,8 +129,12 @@ def test_order_4_with_dipoles_in_a_well():
                  for one, other in ((u, v), (u, d), (v, d))]
         return k * (inner[0] / sp.sqrt(r2)**3 - 3 * inner[1] * inner[2] / sp.sqrt(r2)**5)
 
-    model = box(3, dipoles, {"k": 20.0, "w": 0.3}, "dipoles", inertia=(1, 1, 0.6), mass=1.5,
-                potential=lambda a, w: w * sum(x**2 for x in a.point((0.3, 0, 0))) / 2)
+    def well(a, w, turn):
+        momentum = a.angular_momentum[2] + a.x[0] * a.p_x[1] - a.x[1] * a.p_x[0]
+        return w * sum(x**2 for x in a.point((0.3, 0, 0))) / 2 - turn * momentum
+
+    model = box(3, dipoles, {"k": 20.0, "w": 0.3, "turn": 0.0}, "dipoles", inertia=(1, 1, 0.6),
+                mass=1.5, potential=well)
     step = gs.stepper("splitting", order=4, system=model)
     ends = []
     for steps in (160, 320, 640):
@@ -140,6 +144,13 @@ def test_order_4_with_dipoles_in_a_well():
     errors = [np.abs(x - y).max() for x, y in pairwise(ends)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.1)
     assert np.abs(run.energy_error()).max() < 1e-6
+    turning = step.integrate(model.q0, model.p0, dt=4 / steps, steps=steps, every=steps,
+                             parameters=dict(model.parameters) | {"turn": 0.7})
+    R = rotation_matrix(np.array([np.cos(1.4), 0, 0, -np.sin(1.4)]))
+    for q, p, inertial in zip(turning.q[-1].reshape(3, 7), turning.p[-1].reshape(3, 7),
+                              ends[-1].reshape(2, 3, 7).swapaxes(0, 1), strict=True):
+        assert np.abs(q[4:] - R @ inertial[0, 4:]).max() < 1e-12
+        assert np.abs(p[4:] - R @ inertial[1, 4:]).max() < 1e-12
 
 
 def test_what_molecules_cannot_have_is_refused():

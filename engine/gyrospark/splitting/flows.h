@@ -56,8 +56,7 @@ INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, 
 
 #if GS_ROTATING_AXES
 /* v <- R(w) v for the unit quaternion w = (c, u), by an increment: its length has no bias. */
-INLINE void TYPED(turn_vector)(NUMBER c, const NUMBER u[3], NUMBER *const v[3],
-    NUMBER *const v_low[3])
+INLINE void TYPED(turn_vector)(NUMBER c, const NUMBER *u, NUMBER *const *v, NUMBER *const *v_low)
 {
     const NUMBER x = *v[0], y = *v[1], z = *v[2];
     const NUMBER a[3] = { u[1]*z - u[2]*y, u[2]*x - u[0]*z, u[0]*y - u[1]*x };
@@ -159,21 +158,36 @@ INLINE void TYPED(kick_and_rotate)(const TYPED(flow_constants) *c, TYPED(flows) 
 }
 
 #if !GS_ON_DUALS /* their steps are those of derivatives/splitting.h */
-/* One drift of the step that counts its work, where there is drag. */
-INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
+/* Free motion i, and rotating axes; with drag and forces, returns the work of the drag. */
+INLINE NUMBER TYPED(drift_and_turn)(const TYPED(flow_constants) *c, const TYPED(flows) *s, int i,
+    NUMBER q[COORDINATES], NUMBER q_low[COORDINATES], NUMBER y[Y], NUMBER y_low[Y])
 {
 #if GS_DRAG && GS_FORCES
-    const NUMBER before = TYPED(kinetic_energy)(c, s->now.q, s->now.y);
-    TYPED(drift)(c, s, i, s->now.q, s->now.q_low, s->now.y);
-#if GS_ROTATING_AXES
-    TYPED(rotate_axes)(s, i, s->now.q, s->now.q_low, s->now.y, s->now.y_low);
+    /* The gain of what the motion conserves, and on the rest of H by the trapezoidal rule. */
+    NUMBER work = (real)0.5*s->drift[i]*TYPED(drag_power)(c, q, y) - TYPED(drift_energy)(c, q, y);
 #endif
-    TYPED(accumulate)(&s->now.work, &s->now.work_low, TYPED(kinetic_energy)(c, s->now.q, s->now.y) - before);
+    (void)y_low; /* without rotating axes */
+    TYPED(drift)(c, s, i, q, q_low, y);
+#if GS_ROTATING_AXES
+    TYPED(rotate_axes)(s, i, q, q_low, y, y_low);
+#endif
+#if GS_DRAG && GS_FORCES
+    work += (real)0.5*s->drift[i]*TYPED(drag_power)(c, q, y);
+    return work + TYPED(drift_energy)(c, q, y);
 #else
-    TYPED(drift)(c, s, i, s->now.q, s->now.q_low, s->now.y);
-#if GS_ROTATING_AXES
-    TYPED(rotate_axes)(s, i, s->now.q, s->now.q_low, s->now.y, s->now.y_low);
+    return TYPED(broadcast)(0);
 #endif
+}
+
+/* The drift of a step that counts its work. */
+INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
+{
+    const NUMBER work = TYPED(drift_and_turn)(c, s, i, s->now.q, s->now.q_low, s->now.y,
+        s->now.y_low);
+#if GS_DRAG && GS_FORCES
+    TYPED(accumulate)(&s->now.work, &s->now.work_low, work);
+#else
+    (void)work;
 #endif
 }
 
@@ -199,36 +213,18 @@ INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, i
 INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows) *s,
     NUMBER q[COORDINATES], NUMBER p[COORDINATES], NUMBER *work)
 {
-    NUMBER y[Y], q_low[COORDINATES];
+    NUMBER y[Y], q_low[COORDINATES], y_low[Y];
     for (int a = 0; a < COORDINATES; ++a) {
         q[a] = s->now.q[a];
         q_low[a] = s->now.q_low[a];
     }
-#if GS_ROTATING_AXES
-    NUMBER y_low[Y];
-#endif
     for (int e = 0; e < Y; ++e) {
         y[e] = s->now.y[e];
-#if GS_ROTATING_AXES
         y_low[e] = s->now.y_low[e];
-#endif
     }
     *work = TYPED(broadcast)(0);
-    if (s->is_underway) {
-#if GS_DRAG && GS_FORCES
-        *work = -TYPED(kinetic_energy)(c, q, y);
-        TYPED(drift)(c, s, s->stages, q, q_low, y);
-#if GS_ROTATING_AXES
-        TYPED(rotate_axes)(s, s->stages, q, q_low, y, y_low);
-#endif
-        *work += TYPED(kinetic_energy)(c, q, y);
-#else
-        TYPED(drift)(c, s, s->stages, q, q_low, y);
-#if GS_ROTATING_AXES
-        TYPED(rotate_axes)(s, s->stages, q, q_low, y, y_low);
-#endif
-#endif
-    }
+    if (s->is_underway)
+        *work = TYPED(drift_and_turn)(c, s, s->stages, q, q_low, y, y_low);
     for (int b = 0; b < BODIES; ++b) {
         const int *at = body_q[b];
         const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };

@@ -181,10 +181,8 @@ static void step_molecules(molecules_t *s)
         const int drift = i > 0 ? i : s->is_underway ? s->one.stages + 1 : 0;
         for (int block = 0; block < BLOCKS; ++block) {
             lanes_flow_state *now = &s->now.block[block];
-            lanes_drift(&s->constants, &s->all, drift, now->q, now->q_low, now->y);
-#if GS_ROTATING_AXES
-            lanes_rotate_axes(&s->all, drift, now->q, now->q_low, now->y, now->y_low);
-#endif
+            (void)lanes_drift_and_turn(&s->constants, &s->all, drift, now->q, now->q_low, now->y,
+                now->y_low);
         }
         rotate_molecules(s, i, 0);
         kick_molecules(s, i);

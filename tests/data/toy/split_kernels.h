@@ -23,7 +23,14 @@ static inline NUMBER TYPED(force_power)(const TYPED(flow_constants) *c, const NU
     return c->u*y[3];
 }
 
-static inline NUMBER TYPED(kinetic_energy)(const TYPED(flow_constants) *c, const NUMBER *q,
+static inline NUMBER TYPED(drag_power)(const TYPED(flow_constants) *c, const NUMBER *q,
+    const NUMBER *y)
+{
+    (void)q;
+    return (1/c->I1 - 1/c->I2)*y[1]*y[1];
+}
+
+static inline NUMBER TYPED(drift_energy)(const TYPED(flow_constants) *c, const NUMBER *q,
     const NUMBER *y)
 {
     (void)q;
