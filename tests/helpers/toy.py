@@ -118,6 +118,7 @@ VARIANTS: dict[str, dict[str, object]] = {
        }.items()},
     "drag": {"GS_DRAG": 1},
     "drag, forces": {"GS_DRAG": 1, "GS_FORCES": 1},
+    "rotating axes": {"GS_ROTATING_AXES": 1},
     "forces of momenta": {"GS_MOMENTUM_FORCES": 1, "GS_FORCES": 1},
     "second derivatives": {"GS_SECOND_DERIVATIVES": 1},
     "derivatives in lanes": {"GS_DERIVATIVES_IN_LANES": 1},

@@ -56,6 +56,7 @@ typedef struct {
         number h, t, drift[STAGES + 2], kick[STAGES], gradient[STAGES], kick_time[STAGES]; \
         number sphere[1], axis_rate[1], axis_offset[1], further_rate[1], further_offset[1]; \
         number drag[2], axis[1][3], further_axis[1][3], cosine[1][STAGES + 2]; \
+        number space_cosine[1][STAGES + 2], space_vector[1][STAGES + 2][3]; \
         number sine[1][STAGES + 2], elapsed[2][STAGES + 2], decay[2][STAGES + 2]; \
         int stages, is_symmetric, is_underway; \
     } prefix##flows;
@@ -94,6 +95,11 @@ typedef struct {
 static const int body_q[1][4] = { { 0, 1, 2, 3 } }, body_axis[1] = { 0 }, axis_which[1] = { 2 };
 static const int axis_steady[1] = { 0 }, further_body[1] = { 0 }, further_which[1] = { 1 };
 static const int free_q[1] = { 4 }, kicked[3] = { 0, 1, 3 };
+#if GS_ROTATING_AXES
+enum { SPACES = 1, SPACE_POINTS = 1 };
+static const int body_space[1] = { 0 }, space_of_point[1] = { 0 };
+static const int space_point_q[1][3] = { { 4, 4, -1 } }, space_point_y[1][3] = { { 3, 3, -1 } };
+#endif
 static const real half_pi[2] = { 1.5707963267948966, 6.123233995736766e-17 };
 
 typedef struct {
@@ -140,6 +146,14 @@ static inline void flow_rates(const constants *c, real *sphere, real *axis_rate,
     further_rate[0] = 1/c->I2 - 1/c->I1;
     axis_offset[0] = further_offset[0] = drag[0] = drag[1] = 0;
 }
+
+#if GS_ROTATING_AXES
+static inline void space_rates(const constants *c, real omega[1][3])
+{
+    omega[0][0] = omega[0][1] = 0;
+    omega[0][2] = c->k;
+}
+#endif
 
 static inline void axis_directions(const constants *c, real axis[1][3], real further[1][3])
 {
