@@ -120,7 +120,7 @@ def test_a_step_that_fails_keeps_what_was_before_it(waters):
 
 
 def test_order_4_with_dipoles_in_a_well():
-    """One block of symmetric molecules with a vector and a potential of their own; rotating axes."""
+    """Symmetric molecules in one block with vectors and a well; then in rotating axes."""
     def dipoles(a, b, k):
         d = [x - y for x, y in zip(a.x, b.x, strict=True)]
         r2 = sum(x**2 for x in d) + 1
