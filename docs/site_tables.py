@@ -26,8 +26,7 @@ API = {
         "stepper", "Stepper", "Trajectory", "gyrospark.runtime.results.body_motion.BodyMotion",
         "gyrospark.runtime.results.joint_motion.JointMotion",
         "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "DeviceEnsemble",
-        "Event",
-        "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
+        "Event", "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],
     "systems": [

@@ -10,18 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from .._version import __version__
 from ..core.errors import GyrosparkError
 from ..runtime.devices.cuda_text import THREADS, cuda_text
 from ..runtime.devices.host_device import HostDevice
-from .artefact import Built, Option, Options, filled, parameter_fields
-from .native import refuse_difference, start_values
+from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, template_values
+from .native import refuse_difference
 from .tools import require, run_tool
+
+__all__ = ["OPTIONS", "check", "compile", "files"]
 
 OPTIONS: tuple[Option, ...] = ()
 
-#: Of the example, and of the check.
-_STEPS = 2000
 #: The architectures of A100 and H100, which the check compiles for.
 _ARCHITECTURES = ("sm_80", "sm_90")
 
@@ -31,12 +30,7 @@ def files(
 ) -> dict[str, str | bytes]:
     """Return the CUDA text, its header for programs on the host, an example and the manifest."""
     name = manifest["name"]
-    values = {
-        "name": name, "version": __version__, "n": len(options.q), "threads": THREADS,
-        "about": f"{manifest['scheme']['method']} for {manifest['system']['name']}",
-        "fields": parameter_fields(manifest), "real": manifest["real"], "dt": repr(options.dt),
-        "steps": _STEPS, "max_iterations": options.max_iterations,
-        **start_values(options, manifest)}
+    values = template_values(manifest, sources, options) | {"threads": THREADS}
     return {f"{name}.cu": cuda_text(name, sources) + filled("launch.cu", **values),
             f"{name}_cuda.h": filled("trajectories.h", **values),
             "main.cu": filled("main.cu", **values), f"{name}.json": sources[f"{name}.json"]}
@@ -51,7 +45,7 @@ def check(built: Built) -> str:
     """Compile the text as C, run it, compare its bits; compile it by nvcc, where that is."""
     require("cc", "Checking target cuda")
     name, here = built.stepper.name, built.path.resolve()
-    found = refuse_difference("CUDA text as C", _bits(built), built.stepper, built.options, _STEPS)
+    found = refuse_difference("CUDA text as C", _bits(built), built, EXAMPLE_STEPS)
     nvcc = shutil.which("nvcc")
     if nvcc is None:
         return f"{found}; nvcc, which compiles it for a card, was not found"
@@ -67,7 +61,7 @@ def _bits(built: Built) -> str:
     options, device, name = built.options, HostDevice(), built.stepper.name
     real = np.float32 if built.stepper.manifest["real"] == "float" else np.float64
     program = device.load(name, (built.path / f"{name}.cu").read_text(encoding="ascii"))
-    count, n = 3, len(options.q)
+    count, n, total = 3, len(options.q), EXAMPLE_STEPS
 
     def of_all(numbers: Any) -> Any:
         return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
@@ -82,9 +76,9 @@ def _bits(built: Built) -> str:
                   np.intc(options.max_iterations), state, words, status, steps, iterations)
     rows = [device.zeros((2, n, count), real) for _ in range(2)]
     most = device.zeros((2, count), np.intc)
-    for first, last in ((0, _STEPS // 3), (_STEPS // 3, _STEPS)):
+    for first, last in ((0, total // 3), (total // 3, total)):
         device.launch(program, "advance_trajectories", count, np.int64(count), *map(np.int64, (
-            first, last, _STEPS, _STEPS, 0)), state, words, status, steps, iterations, *rows, most)
+            first, last, total, total, 0)), state, words, status, steps, iterations, *rows, most)
     failed = device.get(status).any()
     if failed:
         raise GyrosparkError(f"A step of {name} with dt = {options.dt:.6g} failed: status "

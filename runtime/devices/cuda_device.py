@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError, MissingDependencyError
+from ...core.errors import GyrosparkError, InputError, MissingDependencyError
 from ...core.extras import install
 from .cuda_text import THREADS
 from .device import Memory, View
 
-try:
-    from cuda.bindings import driver
-    from cuda.core import Buffer, LaunchConfig, Program, ProgramOptions, launch
-    from cuda.core import Device as Card
-    from cuda.core.utils import StridedMemoryView
-except ImportError as error:
-    raise MissingDependencyError(
-        f"device = 'cuda' needs cuda-core; {install('cuda')} brings it.") from error
-
 __all__ = ["CudaDevice", "compile_cubin"]
 
 Array = NDArray[Any]
+
+
+def _cuda() -> Any:
+    """Return cuda-core and what it does not have, imported when a card is first asked for."""
+    try:
+        from cuda import core
+        from cuda.bindings import driver
+        from cuda.core.utils import StridedMemoryView
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"device = 'cuda' needs cuda-core; {install('cuda')} brings it.") from error
+    return SimpleNamespace(core=core, driver=driver, view=StridedMemoryView)
 
 
 def compile_cubin(name: str, text: str, architecture: str) -> Any:
@@ -32,8 +36,10 @@ def compile_cubin(name: str, text: str, architecture: str) -> Any:
 
     No product is contracted with a sum, so that the bits are those of the C on a CPU.
     """
-    options = ProgramOptions(name=f"{name}.cu", arch=architecture, std="c++17", fma=False)
-    return Program(text, "c++", options).compile("cubin")
+    core = _cuda().core
+    options = core.ProgramOptions(name=f"{name}.cu", arch=architecture, std="c++17", fma=False)
+    cuda_program = core.Program(text, "c++", options)
+    return cuda_program.compile("cubin")
 
 
 @lru_cache(maxsize=64)
@@ -46,8 +52,9 @@ class CudaDevice:
     """The current card, or the one with a number; all launches are on one stream of its own."""
 
     def __init__(self, number: int | None = None) -> None:
+        self._cuda = _cuda()
         try:
-            self._card = Card(number)
+            self._card = self._cuda.core.Device(number)
             self._card.set_current()
             self._stream = self._card.create_stream()
         except Exception as error:  # no driver, no card: each has an error of its own
@@ -71,25 +78,22 @@ class CudaDevice:
         """Return memory with the numbers of an array."""
         whole = np.ascontiguousarray(array)
         made = self._new(whole.shape, whole.dtype)
-        _checked(driver.cuMemcpyHtoDAsync(int(made.handle.handle), whole.ctypes.data, whole.nbytes,
-                                          int(self._stream.handle)))
-        self.wait()
+        self._copy("cuMemcpyHtoDAsync", int(made.handle.handle), whole.ctypes.data, whole.nbytes)
         return made
 
     def get(self, memory: Memory) -> Array:
         """Return the numbers."""
         found = np.empty(memory.shape, memory.dtype)
-        _checked(driver.cuMemcpyDtoHAsync(found.ctypes.data, int(memory.handle.handle),
-                                          found.nbytes, int(self._stream.handle)))
-        self.wait()
+        self._copy("cuMemcpyDtoHAsync", found.ctypes.data, int(memory.handle.handle), found.nbytes)
         return found
 
     def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
         """Begin so many threads, in blocks."""
         name, code = program
         passed = [int(one.handle.handle) if isinstance(one, Memory) else one for one in arguments]
-        config = LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
-        launch(self._stream, config, code.get_kernel(f"{name}_{kernel}"), *passed)
+        core = self._cuda.core
+        config = core.LaunchConfig(grid=-(-threads // THREADS), block=THREADS)
+        core.launch(self._stream, config, code.get_kernel(f"{name}_{kernel}"), *passed)
 
     def wait(self) -> None:
         """Return when all launches are done."""
@@ -97,16 +101,17 @@ class CudaDevice:
 
     def view(self, array: Any) -> View:
         """Return an array of another library; what it has begun there is waited for."""
-        found = StridedMemoryView.from_any_interface(array, stream_ptr=int(self._stream.handle))
+        found = self._cuda.view.from_any_interface(array, stream_ptr=int(self._stream.handle))
         strides = found.strides
         if strides is None:  # C order
             strides = tuple(int(np.prod(found.shape[k + 1:])) for k in range(len(found.shape)))
-        handle = Buffer.from_handle(found.ptr, found.size * found.dtype.itemsize, owner=found)
+        size = found.size * found.dtype.itemsize
+        handle = self._cuda.core.Buffer.from_handle(found.ptr, size, owner=found)
         return View(Memory(handle, tuple(found.shape), found.dtype), tuple(strides))
 
     def share(self, memory: Memory, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:
         """Return memory as an object with ``__dlpack__``."""
-        return StridedMemoryView.from_buffer(memory.handle, shape, strides, dtype=memory.dtype)
+        return self._cuda.view.from_buffer(memory.handle, shape, strides, dtype=memory.dtype)
 
     def _new(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Memory:
         size = int(np.prod(shape)) * dtype.itemsize
@@ -120,9 +125,10 @@ class CudaDevice:
                              "every.") from error
         return Memory(handle, shape, dtype)
 
-
-def _checked(result: tuple[Any, ...]) -> None:
-    """Raise if a call of the driver has failed."""
-    (status, *_) = result
-    if status != driver.CUresult.CUDA_SUCCESS:
-        raise RuntimeError(f"The CUDA driver says {status.name}.")
+    def _copy(self, function: str, to: int, of: int, size: int) -> None:
+        """Copy between host and card by a function of the driver, and wait."""
+        (status,) = getattr(self._cuda.driver, function)(to, of, size, int(self._stream.handle))
+        if status != self._cuda.driver.CUresult.CUDA_SUCCESS:
+            raise GyrosparkError(f"The CUDA driver refuses a copy of {size:,} bytes: "
+                                 f"{status.name}.")
+        self.wait()

@@ -78,9 +78,9 @@ class ChunkSize:
     """
 
     def __init__(
-        self, catch_signals: bool = False, clock: Callable[[], float] = time.thread_time
+        self, catch_signals: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
-        self._clock = clock
+        self._clock = clock or time.thread_time
         self._largest = _CHUNK_WITH_EVENTS if catch_signals else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
         self._began: float | None = None

@@ -53,7 +53,7 @@ def shown(gl3, tmp_path_factory):
     return [
         framed, frame, *framed.symmetries,
         gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, RunDefaults.of_problem(TOP), run, run.report,
-        many,
+        many, gs.DeviceEnsemble(many.t, many.q, many.p, many.iterations, many.t, {}, "top"),
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
         choice, *choice.pilots,
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
