@@ -290,12 +290,13 @@ def _derivative_files(
     spec: Spec, *, second: bool = False, control: bool = False
 ) -> dict[str, str]:
     """Return what ``_with_derivatives`` does for a named stepper, cached."""
-    kind = "control" if control else "second" if second else "derivatives"
+    if control:
+        return text_of(_profiled(spec, control))[0]
+    kind = "second" if second else "derivatives"
     key = f"{spec.name}-{_source_key(spec, kind)}.source.json"
     files: dict[str, str] | None = read_cache(key)
     if files is None:
-        files = _generate(_profiled(spec, control), None, None, False, derivatives=not control,
-                          second=second).source.files()
+        files = _generate(spec, None, None, False, derivatives=True, second=second).source.files()
         write_cache(key, files)
     return files
 
