@@ -49,8 +49,7 @@ def test_artefacts_have_the_bits_of_c(built, target):
     assert "2000 steps" in made.check()
 
 
-@pytest.mark.parametrize("model", [
-    SATELLITE, "satellite", "fast-top", gs.problems.fast_top(), gs.models.satellite()], ids=str)
+@pytest.mark.parametrize("model", [SATELLITE, "satellite", gs.problems.fast_top()], ids=str)
 def test_another_start_is_taken(built, model):
     """q and p of any model, where they are on the constraints."""
     made = built("cpp", system=model, dt=1e-3, parameters=None,
@@ -72,7 +71,6 @@ def test_native_bits_are_those_of_the_run_in_python(built):
 def test_a_bit_that_differs_is_found(built):
     made = built("cpp")
     right = native_bits(made.stepper, made.options, 3)
-    assert "3 steps" in refuse_difference("It", right, made, 3)
     wrong = ("1" if right[0] == "0" else "0") + right[1:]
     with pytest.raises(gs.GyrosparkError, match="other bits"):
         refuse_difference("It", wrong, made, 3)
