@@ -135,8 +135,9 @@ def test_octave_refuses_in_sentences(tmp_path):
     assert (size.split(), of_energy.split()) == (["4", "6"], ["1", "3"])
     step = gs.stepper("G-L", 1, system=SATELLITE)
     trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=4, every=2,
-                          parameters=dict(built.options.parameters))
-    np.testing.assert_allclose([float(x) for x in energies.split()], trajectory.energies, rtol=1e-13)
+                                parameters=dict(built.options.parameters))
+    np.testing.assert_allclose([float(x) for x in energies.split()], trajectory.energies,
+                               rtol=1e-13)
 
 
 def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):
