@@ -148,7 +148,7 @@ def stepper_of(
 
 def _derived(
     spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False,
-    second: bool = False,
+    second: bool = False, model: Model | None = None,
 ) -> tuple[str, dict[str, str]]:
     """Return name and files of a stepper of a given system or tableau, cached by their digest."""
     import sympy
@@ -158,12 +158,14 @@ def _derived(
     of_system = system_digest(system, own_tableau)
     key = "" if of_system is None else "system-" + _source_key(
         spec, of_system, "" if spec.tableau is None else _text_of(spec.tableau), allow_invalid,
-        derivatives, second, sympy.__version__) + ".source.json"
+        derivatives, second, sympy.__version__,
+        *([] if model is None else [RunDefaults.of(model).as_json(), dict(model.units)]),
+    ) + ".source.json"
     found = read_cache(key) if key else None
     if found is None:
         with capture_warnings() as captured:
             source = _generate(spec, system, own_tableau, allow_invalid, derivatives=derivatives,
-                               second=second).source
+                               second=second, model=model).source
         found = [source.name, source.files(), captured]
         if key:
             write_cache(key, found)
@@ -405,10 +407,11 @@ def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults
     if spec.system in MODELS and system is None:
         return _cached_files(("named", spec.system, False, []), spec,
                              partial(_named_model, spec, spec.system, {}))[2:]
-    start = RunDefaults.of(system) if hasattr(system, "system") else None
+    model = system if hasattr(system, "system") else None
+    start = None if model is None else RunDefaults.of(model)
     if system is not None or spec.tableau is not None:
         system = getattr(system, "system", system)
-        return _generate(spec, system, None, False).source.files(), start
+        return _derived(spec, system, None, False, model=model)[1], start
     files: dict[str, str] | None = read_cache(_cache_name(spec))
     if files is None:
         files = _generate(spec, None, None, False).source.files()
@@ -516,7 +519,7 @@ def _generator_fingerprint() -> str:
 
 def _generate(
     spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False,
-    second: bool = False,
+    second: bool = False, model: Model | None = None,
 ) -> Generated:
     from .generator.pipeline import generate
     from .generator.systems.system import System
@@ -532,4 +535,4 @@ def _generate(
     what = f"{kind} of {what}" if derivatives else what
     with log_task(f"deriving {what}", f"derived {what}"):
         return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid,
-                        derivatives=derivatives, second=second)
+                        derivatives=derivatives, second=second, model=model)

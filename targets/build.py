@@ -114,16 +114,17 @@ def build(
     for name in chosen.needs:
         require(name, f"Target {chosen.name}")
     type_ = choose("floating-point type", chosen.real if real is None else real, _REALS)
+    system = _resolved(system, rep)
     specs = [_spec(*one, rep, type_, system)
              for one in _schemes(chosen, scheme, stages, order, composition)]
     path = None if out is None else as_path("out", out, f"stepper{chosen.suffix}")
     if path is not None:
         check_out(path)
-    given = None if isinstance(system, (str, Path, Problem)) else system
+    given = None if isinstance(system, (str, Problem)) else system
     texts = [text_of(spec, given) for spec in specs]
     steppers = tuple(map(_written, (files for files, _ in texts)))
     first = steppers[0]
-    defaults = texts[0][1] or _problem_start(system)
+    defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else texts[0][1]
     numbers = _options(first, defaults, dt, start, parameters, own, steppers)
     if start is not None:
         _refuse_off_constraints(specs[0], given, numbers)
@@ -223,28 +224,25 @@ def _spec(
     """Return the checked spec of one stepper, of profile control."""
     if scheme is None and order is None and composition is None:
         scheme, stages = DEFAULT_SCHEME, DEFAULT_STAGES if stages is None else stages
-    named = None
-    if isinstance(system, Problem):
-        named = system.system
-    elif isinstance(system, (str, Path)):
-        named = str(system)
-        if not is_model_file(named):
-            entry = entry_named(named, "model")
-            named = entry.make().system if entry.kind == "problem" else entry.name
-    elif system is None:
-        raise InputError("system = None names nothing; give a problem such as 'fast-top', a model "
-                         "or a model file.")
-    elif rep is not None:
-        raise InputError("rep belongs to what is named; a System or Model brings its own H.")
+    named = system.system if isinstance(system, Problem) else (
+        system if isinstance(system, str) else None)
     return Spec.checked(scheme, stages, rep, named, real, None, order, composition
                         ).with_profile("control")
 
 
-def _problem_start(system: Any) -> RunDefaults | None:
-    """Return the numbers of a problem."""
-    if isinstance(system, (str, Path)) and not is_model_file(str(system)):
-        system = entry_named(str(system)).make()
-    return RunDefaults.of_problem(system) if isinstance(system, Problem) else None
+def _resolved(system: Any, rep: Any) -> Any:
+    """Return a Problem, the name of a model or its file, a Model or a System."""
+    if isinstance(system, (str, Path)):
+        if is_model_file(str(system)):
+            return str(system)
+        entry = entry_named(str(system), "model")
+        return entry.make() if entry.kind == "problem" else entry.name
+    if system is None:
+        raise InputError("system = None names nothing; give a problem such as 'fast-top', a model "
+                         "or a model file.")
+    if rep is not None and not isinstance(system, Problem):
+        raise InputError("rep belongs to what is named; a System or Model brings its own H.")
+    return system
 
 
 def _written(files: Mapping[str, str]) -> Written:
