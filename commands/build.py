@@ -19,6 +19,7 @@ from ..targets import TARGETS, Target
 from ..targets.artefact import Option
 from ..targets.build import build as build_artefact
 from ..targets.build import target_named
+from ..targets.native import DifferentBitsError
 from ..targets.tools import TOOLS
 from .options import DEFAULT, completing, real_number, whole_number
 from .run.starts import arguments_of, settings_of
@@ -99,8 +100,8 @@ def _command(target: Target) -> click.Command:
     parameters.append(click.Option(["--check"], is_flag=True,
                                    help="Load it again, and compare its bits with those of C."))
 
-    def write(**given: Any) -> None:
-        _write(target, **given)
+    def write(**given: Any) -> int:
+        return _write(target, **given)
 
     return click.Command(target.name, params=parameters, callback=write, no_args_is_help=True,
                          context_settings=_HELP, short_help=target.about,
@@ -126,8 +127,8 @@ def _own_option(option: Option) -> click.Option:
 def _write(
     target: Target, model: str, settings: tuple[str, ...], values: tuple[str, ...],
     stages: str | None, order: str | None, dt: str | None, check: bool, **given: Any,
-) -> None:
-    """Write the artefact, and say what it is."""
+) -> int:
+    """Write the artefact, and say what it is; 1 if its bits are not those of C."""
     options = {option.name: given.pop(option.name) for option in target.load().OPTIONS}
     for option in target.load().OPTIONS:
         text = options[option.name]
@@ -144,8 +145,13 @@ def _write(
     click.echo(f"{built.path}: {target.about}, of {built.stepper.name}")
     for name in built.files:
         click.echo(f"  {name}")
-    if check:
-        click.echo(f"  {built.check()}")
+    try:
+        if check:
+            click.echo(f"  {built.check()}")
+    except DifferentBitsError as error:
+        click.echo(f"gyrospark: {error}", err=True)
+        return 1
+    return 0
 
 
 def _model(name: str, settings: tuple[str, ...]) -> Any:

@@ -11,10 +11,14 @@ from ..core.errors import GyrosparkError
 from .artefact import Built, Options, Written, parameter_fields
 from .tools import require, run_tool
 
-__all__ = ["C_FLAGS", "native_bits", "refuse_difference"]
+__all__ = ["C_FLAGS", "DifferentBitsError", "native_bits", "refuse_difference"]
 
 #: For all C of artefacts: the same bits everywhere.
 C_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off")
+
+
+class DifferentBitsError(GyrosparkError):
+    """An artefact computes other numbers than the C in it."""
 
 
 def native_bits(stepper: Written, options: Options, steps: int) -> str:
@@ -74,13 +78,13 @@ def refuse_difference(
 
     Raises
     ------
-    GyrosparkError
-        Where they differ.
+    DifferentBitsError
+        Where they do.
     """
     stepper = built.stepper if stepper is None else stepper
     wanted = native_bits(stepper, built.options, steps)
     if found.strip() != wanted:
-        raise GyrosparkError(f"{what} of {stepper.name} has other bits than the C after "
-                             f"{steps} steps: {found.strip()[:200]!r} instead of "
-                             f"{wanted[:200]!r}.")
+        raise DifferentBitsError(f"{what} of {stepper.name} has other bits than the C after "
+                                 f"{steps} steps: {found.strip()[:200]!r} instead of "
+                                 f"{wanted[:200]!r}.")
     return f"{what}: the bits of C after {steps} steps"

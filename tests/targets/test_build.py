@@ -260,6 +260,15 @@ def test_the_command_writes_and_checks(gyrospark, tmp_path):
     assert marker["parameters"]["u1"] == 0.01
 
 
+def test_a_check_that_fails_ends_with_1(gyrospark, tmp_path, monkeypatch):
+    monkeypatch.setattr(TARGETS["cpp"].load(), "check",
+                        lambda built: refuse_difference("It", "00", built, 1))
+    done = gyrospark("build", "cpp", SATELLITE, "--scheme", "IMS", "--out", tmp_path / "made",
+                     "--check")
+    assert done.code == 1
+    assert "other bits" in done.stderr
+
+
 @pytest.mark.parametrize(("words", "said"), [
     (["fmu1", "fast-top"], "fmu1"), (["cpp", "slow-top"], "slow-top"),
     (["cpp", "fast-top"], "--dt"), (["cpp", "fast-top", "--dt", "1e-3", "--parameter", "x"], "x"),
