@@ -39,7 +39,7 @@ typedef struct {
     double begun, h;    /* of the run in progress: its start time, its step */
     int64_t steps;      /* taken in this run */
     double q[N], p[N], velocity[ROOM(V)], quantities[ROOM(OBSERVED)], energy;
-    STEPPER(parameters) parameters;
+    STEPPER(parameters) parameters, applied; /* as they were set; those of the run */
     STEPPER(work) work;
 } model_t;
 
@@ -91,6 +91,7 @@ static status_t begin_run(model_t *m, double t, double h, reason_t *why)
     m->h = h;
     m->steps = 0;
     SET_TIME(m);
+    m->applied = m->parameters;
     return STEPPER(begin)(&m->work, &m->parameters, &options, h, m->q, m->p) == STATUS(OK)
         ? CORE_OK : FAIL(CORE_ERROR, "no run can begin with these values: a step of %g s, a "
             "parameter or the attitude is outside of its domain", h);
@@ -129,9 +130,12 @@ static status_t core_step(model_t *m, double t, double H, reason_t *why)
     if (fabs(h - m->h)*count > 1e-12*H + ulp
         || fabs(t - (m->begun + (double)m->steps*m->h)) > 1e-9*H + 4*ulp)
         result = begin_run(m, t, h, why);
-    else if (STEPPER(set_parameters)(&m->work, &m->parameters) != STATUS(OK))
-        result = check_domains(m, why) != CORE_OK
-            ? CORE_ERROR : FAIL(CORE_ERROR, "an input is outside of its domain");
+    else if (memcmp(&m->applied, &m->parameters, sizeof m->applied) != 0) {
+        m->applied = m->parameters;
+        if (STEPPER(set_parameters)(&m->work, &m->parameters) != STATUS(OK))
+            result = check_domains(m, why) != CORE_OK
+                ? CORE_ERROR : FAIL(CORE_ERROR, "an input is outside of its domain");
+    }
     for (int64_t k = 0; k < (int64_t)count && result < CORE_DISCARD; ++k) {
         const int status = (int)STEPPER(advance)(&m->work, m->q, m->p);
         if (status == STATUS(NOT_CONVERGED))

@@ -46,8 +46,7 @@ def model_description(
     simulation = Sub(root, "CoSimulation", {
         "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
         f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
-        **({"canNotUseMemoryManagementFunctions": "true"} if two
-           else {"fixedInternalStepSize": repr(float(options.dt))})})
+        **({"canNotUseMemoryManagementFunctions": "true"} if two else {})})
     if two:
         sources = Sub(simulation, "SourceFiles")
         for file in ("fmi2.c", f"{name}.c"):

@@ -100,6 +100,8 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
     yield Variable("time", "time", "time", "independent", unit="s")
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
                    float(options.dt), "s", "positive")
+    about = _meanings(system)
+    first_of = {"q": "coordinate", "p": "momentum", "velocity": "rate of a coordinate"}
     counts = dict.fromkeys(("q", "p", "velocity", "quantity"), 0)
 
     def depends(text: str) -> tuple[str, ...]:
@@ -118,14 +120,31 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
                            value, unit, domain)
         elif role in ("q", first):
             value = float(starts[role][counts[role] - 1])
-            about = {"q": "coordinate", "p": "momentum", "velocity": "velocity"}[role]
-            yield Variable(name, about, place, "output", initial="exact", start=value,
+            yield Variable(name, about.get(name, first_of[role]), place, "output",
+                           initial="exact", start=value,
                            unit=unit, depends=() if role != "velocity" else depends(hamiltonian))
         elif role == "quantity":
             yield Variable(name, quantities[name], place, "output", initial="calculated", unit=unit,
                            depends=depends(quantities[name]))
     yield Variable("energy", "H(q, p)", "energy", "output", initial="calculated",
                    unit="J" if mechanical else None, depends=depends(hamiltonian))
+
+
+def _bodies(system: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the coordinates of each body by its name."""
+    one = {"body": {"q": system["coordinates"]}} if system["rigid_body"] else {}
+    return system.get("bodies") or one
+
+
+def _meanings(system: Mapping[str, Any]) -> dict[str, str]:
+    """Return what coordinates and velocities of bodies are."""
+    found = {}
+    for name, body in _bodies(system).items():
+        found |= dict.fromkeys(body["q"], f"attitude of {name}, a unit quaternion")
+        found |= dict.fromkeys(body.get("x", ()), f"position of {name} in space")
+        found |= {f"{name}_omega_{a}": f"angular velocity of {name} in its axes" for a in "xyz"}
+        found |= {f"{name}_v_{a}": f"velocity of {name} in space" for a in "xyz"}
+    return found
 
 
 def _velocities(system: Mapping[str, Any], options: Options) -> list[float]:
@@ -147,11 +166,9 @@ def _velocities(system: Mapping[str, Any], options: Options) -> list[float]:
               **dict(zip(system["momenta"], p, strict=True))}
     rates = evaluate([H], {names[name]: x for name, x in values.items()}).imag[0] / 1e-100
     at = {name: k for k, name in enumerate(system["coordinates"])}
-    bodies = system.get("bodies") or ({"body": {"q": system["coordinates"]}}
-                                      if system["rigid_body"] else {})
     found: list[float] = []
     seen: set[int] = set()
-    for body in bodies.values():
+    for body in _bodies(system).values():
         turning, moving = [at[x] for x in body["q"]], [at[x] for x in body.get("x", ())]
         if turning:
             found += (2 * left_matrix([options.q[k] for k in turning]) @ rates[turning]).tolist()

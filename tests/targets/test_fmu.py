@@ -426,6 +426,12 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
     assert found == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
 
 
+def test_a_composition_of_exact_flows_has_no_iteration_to_keep(tmp_path):
+    """Parameters that did not change are not set again, which would round its state."""
+    built = gs.build("fmu2", SATELLITE, order=2, out=tmp_path / "s.fmu")
+    assert "the bits of C" in built.check()
+
+
 def midpoint(q, p, t, h, steps):
     """Return the end of so many steps of H = sqrt(1 + p^2) + q^2, F = sin 3t."""
     for k in range(steps):
