@@ -70,8 +70,10 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
     constants = {"c": list(columns)}
     kernels = {k.name: k for k in (*scheme.kernels(), *scheme.flow_kernels(work=False))}
     return [
-        _transposed(kernels["kick_rate"], kernels["kick_rate"].inputs | constants, value=True),
-        _transposed(kernels["free_velocity"], kernels["free_velocity"].inputs | constants),
+        _transposed(kernels["kick_rate"], {**kernels["kick_rate"].inputs, **constants},
+                    value=True),
+        _transposed(kernels["free_velocity"],
+                    {**kernels["free_velocity"].inputs, **constants}),
         _transposed(kernels["flow_rates"], constants),
         _transposed(kernels["axis_directions"], constants),
     ]
