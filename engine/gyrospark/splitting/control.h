@@ -71,10 +71,18 @@ status_t NAME(advance)(state_t *w, real q[N], real p[N])
 #if GS_FORCED_BY_TIME
     w->flows.t = NAME(time)(w);
 #endif
-    for (int i = 0; i < w->flows.stages; ++i) {
-        take_stage(&w->constants, &w->flows, i);
+    if (!was_underway) {
+        drift_on(&w->constants, &w->flows, 0);
     }
+    for (int i = 0; i < w->flows.stages; ++i) {
+        if (i > 0) {
+            drift_on(&w->constants, &w->flows, i);
+        }
+        end_stage(&w->constants, &w->flows, i);
+    }
+    /* The drift up to the end of the step, and that into the next one: neither waits for the other. */
     end_of_step(&w->constants, &w->flows, q_end, p_end, &work);
+    drift_on(&w->constants, &w->flows, w->flows.stages + 1);
     if (!are_finite(N, q_end) || !are_finite(N, p_end)) {
         w->flows.now = before;
         w->flows.is_underway = was_underway;

@@ -191,10 +191,9 @@ INLINE void TYPED(drift_on)(const TYPED(flow_constants) *c, TYPED(flows) *s, int
 #endif
 }
 
-/* A drift and a kick of a step; the last stage ends the step up to its last drift. */
-INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
+/* What follows the drift of a stage; the last stage ends the step up to its last drift. */
+INLINE void TYPED(end_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
 {
-    TYPED(drift_on)(c, s, i > 0 ? i : s->is_underway ? s->stages + 1 : 0);
     TYPED(kick_and_rotate)(c, s, i);
     RELOAD_STATE;
     if (i < s->stages - 1)
@@ -207,6 +206,13 @@ INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, i
             s->now.q[at[e]] = r[e];
     }
     s->is_underway = 1;
+}
+
+/* A drift and a kick of a step. */
+INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
+{
+    TYPED(drift_on)(c, s, i > 0 ? i : s->is_underway ? s->stages + 1 : 0);
+    TYPED(end_stage)(c, s, i);
 }
 
 /* The state at the end of the step: the last drift on a copy. `work` is that of this drift. */

@@ -22,10 +22,10 @@ INLINE NUMBER TYPED(size_of)(const NUMBER l[3])
  */
 INLINE void TYPED(rotate_freely)(NUMBER q[4], const NUMBER l[3], NUMBER turn)
 {
-    const NUMBER size = TYPED(size_of)(l);
+    const NUMBER size = TYPED(size_of)(l), inverse = 1/size; /* beside the sine */
     NUMBER s, c;
     TYPED(sine_cosine)(turn*size, &s, &c);
-    const NUMBER k = s/size, x = k*l[0], y = k*l[1], z = k*l[2];
+    const NUMBER k = s*inverse, x = k*l[0], y = k*l[1], z = k*l[2];
     const NUMBER old[4] = { q[0], q[1], q[2], q[3] };
     q[0] = c*old[0] - x*old[1] - y*old[2] - z*old[3];
     q[1] = c*old[1] + x*old[0] + y*old[3] - z*old[2];
