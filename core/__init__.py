@@ -10,6 +10,7 @@
     registry       named systems, problems and models
     warnings       warnings about accepted but suspicious input
     projection     states projected onto the constraints
+    records        copies of frozen dataclasses, made without their checks
     html           tables and formulas as HTML for notebooks
     file_formats   the ending of a file's name
     interrupts     Ctrl-C and signals: finish the step, then stop

@@ -604,14 +604,29 @@ int heavy_top_gl1_alpha_integrate(const parameters_t *parameters, const options_
     return integrate(parameters, options, dt, steps, every, q, p, out, report, work);
 }
 
+static void integrate_batch(int count, const parameters_t *parameters, const options_t *options,
+    const real *dt, long steps, long every, long rows, real *q, real *p, rows_t out,
+    report_t *reports, int *status, batch_memory *batch, work_t *work)
+{
+    integrate_lanes(count, parameters, options, dt, steps, every, rows, q, p, out, reports,
+        status, batch, work);
+}
+
 void heavy_top_gl1_alpha_integrate_lanes(int count, const parameters_t *parameters,
     const options_t *options, const real *dt, long steps, long every, long rows, real *q, real *p,
     real *q_out, real *p_out, real *multipliers, int *iterations,
     report_t *reports, int *status, batch_memory *batch, work_t *work)
 {
-    const rows_t out = { q_out, p_out, multipliers, iterations, NULL };
-    integrate_lanes(count, parameters, options, dt, steps, every, rows, q, p, out, reports,
-        status, batch, work);
+    const int most = heavy_top_gl1_alpha_lanes();
+    for (int i = 0; i < count; i += most) {
+        const long row = i*rows;
+        const rows_t out = { q_out == NULL ? NULL : q_out + row*N,
+            p_out == NULL ? NULL : p_out + row*N,
+            multipliers == NULL ? NULL : multipliers + row*MULTIPLIERS,
+            iterations == NULL ? NULL : iterations + row, NULL };
+        integrate_batch(count - i < most ? count - i : most, parameters + i, options, dt + i,
+            steps, every, rows, q + i*N, p + i*N, out, reports + i, status + i, batch, work);
+    }
 }
 
 #include "gyrospark/run/crossings.h"

@@ -175,8 +175,9 @@ typedef struct {
 int heavy_top_liiiab3_alpha_lanes(void);
 
 /*
- * Integrates a batch of `count` trajectories, at most heavy_top_liiiab3_alpha_lanes(), like
- * heavy_top_liiiab3_alpha_integrate.
+ * Integrates `count` trajectories in batches of heavy_top_liiiab3_alpha_lanes(), like
+ * heavy_top_liiiab3_alpha_integrate. `batch` holds one batch: more are integrated in one call alone, from their
+ * start to their end.
  * Every input array has one entry or row per trajectory; trajectory i writes its output from row
  * i*rows on.
  * The caller sets all statuses to 0 before the first call. A trajectory that fails keeps its last

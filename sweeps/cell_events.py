@@ -68,9 +68,7 @@ def watched(study: Study, stepper: Stepper, steps: int, cells: Cells, group: Arr
 
 
 def _fill(computed: EnsembleStates) -> None:
-    memory = computed.memory()
-    for batch in range(len(computed.reports)):
-        computed.fill(batch, memory, lambda: False)
+    computed.fill(range(len(computed.reports)), lambda: False)
 
 
 def _runs(

@@ -17,5 +17,6 @@
     elimination_order      elimination orders with little fill-in
     run_functions          sums over the states of a run, and their derivatives
     units                  units of numbers, completed by each other
+    system_digest          a digest of a system, the name of its cached derivation
     smoothness             points where an expression is not smooth
 """

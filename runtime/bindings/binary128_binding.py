@@ -87,12 +87,9 @@ class QuadBinding(Binding):
         columns = {name: np.array([value], dtype=object) for name, value in values.items()}
         return self.parameter_sets(columns, np.array([t], dtype=object))
 
-    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
-        """Return an array of parameter structs, for runs that start at those times."""
-        block = _Block(self.ffi, f"{self.name}_parameters", len(times))
-        fields = [*(columns[name] for name in self.parameter_names),
-                  *([] if self.time is None else [times])]
-        rows = zip(*fields, strict=True)
+    def sets_of(self, rows: Array) -> Any:
+        """Return rows of ``parameter_rows`` as an array of parameter structs."""
+        block = _Block(self.ffi, f"{self.name}_parameters", len(rows))
         block.write(0, binary128.pack([number for row in rows for number in row]))
         return block
 

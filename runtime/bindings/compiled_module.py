@@ -6,6 +6,8 @@ contiguous, of the stepper's own type. cffi releases the GIL during every call.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -17,26 +19,50 @@ from .array_checks import as_array, as_numbers, converted_to
 from .inputs import Inputs
 from .real_numbers import aligned, rounding
 
-__all__ = ["SOLVERS", "Compiled", "SolverName"]
+__all__ = ["SOLVERS", "Compiled", "Pool", "SolverName"]
 
 Array = NDArray[Any]
 
 #: What ``solver`` may be; the keys of ``SOLVERS``, for editors and type checkers.
 SolverName = Literal["auto", "newton", "fixed-point", "python"]
+_CORES = os.cpu_count() or 1
 #: Solver → its number in the generated enum; "python" drives the compiled parts itself.
 SOLVERS: dict[SolverName, int] = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
+
+
+class Pool:
+    """Memory that compiled calls need while they run, kept for the next: it is not cleared.
+
+    Whoever takes some gives it back, unless a call was interrupted; threads may share a pool.
+    """
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._make, self._free = make, list[Any]()
+
+    def take(self) -> Any:
+        """Return memory that nobody else uses."""
+        try:
+            return self._free.pop()
+        except IndexError:
+            return self._make()
+
+    def give_back(self, memory: Any) -> None:
+        """Keep memory, of as many threads as there are cores."""
+        if len(self._free) < _CORES:
+            self._free.append(memory)
 
 
 class Compiled:
     """Calls into a compiled module; one instance may serve many threads.
 
-    Every call makes its own work memory, about 8 U² bytes for U unknowns.
+    Work memory has about 8 U² bytes for U unknowns, of which few are touched before Newton's method.
     """
 
     def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         real = REALS[manifest["real"]]
         self.c_type, self.dtype = real.c_type, real.dtype
+        self._reals = None if self.dtype is object else self.ffi.typeof(f"{self.c_type}[]")
         #: Distance from 1 to the next number of the stepper's type.
         self.epsilon = self._epsilon()
         #: Rounds a fraction to the stepper's own type; where that is float, to double.
@@ -70,6 +96,8 @@ class Compiled:
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
         self._report_type: np.dtype[Any] | None = None
+        #: Memory of ``integrate``, and of ``integrate_lanes``.
+        self.works, self.batches = Pool(self.work), Pool(self.batch_memory)
 
     def _epsilon(self) -> float:
         return float(np.finfo(self.dtype).eps)
@@ -98,12 +126,12 @@ class Compiled:
         """Return a pointer to a checked array, from an entry on; NULL for an empty one."""
         if array.size == 0:
             return self.ffi.NULL
-        found = self.ffi.from_buffer(f"{self.c_type}[]", array, require_writable=True)
+        found = self.ffi.from_buffer(self._reals, array, require_writable=True)
         return found + start if start else found
 
     def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
         """Return the parameter struct for a run, or a step, that starts at time t."""
-        fields = [values[name] for name in self.parameter_names]
+        fields = [*map(values.__getitem__, self.parameter_names)]
         if self.time is not None:
             fields.append(t)
         if self.dtype is np.longdouble:
@@ -240,8 +268,16 @@ class Compiled:
         """Return empty running records."""
         return self.ffi.new(f"{self.name}_report[]", count)
 
+    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
+        """Return an array of parameter structs, for runs that start at those times."""
+        return self.sets_of(self.parameter_rows(columns, times))
+
+    def sets_of(self, rows: Array) -> Any:
+        """Return rows of ``parameter_rows`` as an array of parameter structs."""
+        return self.ffi.from_buffer(f"{self.name}_parameters[]", rows)
+
     def parameter_rows(self, columns: dict[str, Array], times: Array) -> Array:
-        """Return the fields of a parameter struct in a row for each run, which starts at a time."""
+        """Return the numbers of ``parameter_sets``, a row for each struct."""
         fields = [*(columns[name] for name in self.parameter_names),
                   *([] if self.time is None else [times])]
         rows = self.new(len(times), max(len(fields), 1))  # one that has none has a field too
@@ -249,11 +285,6 @@ class Compiled:
             for place, column in enumerate(fields):
                 rows[:, place] = column
         return rows
-
-    def parameter_sets(self, columns: dict[str, Array], times: Array) -> Any:
-        """Return an array of parameter structs, for runs that start at those times."""
-        rows = self.parameter_rows(columns, times)
-        return self.ffi.from_buffer(f"{self.name}_parameters[]", rows)
 
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,

@@ -111,6 +111,8 @@ class Brackets:
     before: Array
     after: Array
     turning: Array
+    #: The values one and two steps before that, as doubles, shape (brackets, 2); NaN before the run.
+    past: Array
 
     def __len__(self) -> int:
         return len(self.event)
@@ -118,13 +120,14 @@ class Brackets:
     @classmethod
     def together(cls, parts: Sequence[Brackets]) -> Brackets:
         """Return all of them, in order."""
-        names = ("event", "step", "q", "p", "before", "after", "turning")
+        names = ("event", "step", "q", "p", "before", "after", "turning", "past")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def of(self, chosen: Array) -> Brackets:
         """Return some of them."""
         return Brackets(self.event[chosen], self.step[chosen], self.q[chosen], self.p[chosen],
-                        self.before[chosen], self.after[chosen], self.turning[chosen])
+                        self.before[chosen], self.after[chosen], self.turning[chosen],
+                        self.past[chosen])
 
 
 def _turning(
@@ -250,8 +253,10 @@ class EventDetector:
     def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, values: Array, *,
               turning: bool) -> None:
         if len(row):
+            earlier = row[:, None] - [1, 2]  # the tail has both, unless the run begins there
+            past = np.where(earlier < 0, np.nan, values[earlier, event[:, None]].astype(float))
             self._parts.append(Brackets(event, done + row, q[row], p[row], values[row, event],
-                                        values[row + 1, event], np.full(len(row), turning)))
+                                        values[row + 1, event], np.full(len(row), turning), past))
 
     def close(self, ahead: tuple[Array, Array] | None = None) -> None:
         """Look into the last step, though no neighbour is there behind it.

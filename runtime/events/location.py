@@ -44,33 +44,57 @@ _MOST = 240
 
 def zeros(
     evaluate: Callable[[Array, Array], Array], f0: Array, f1: Array, tolerance: Array,
+    start: Array | None = None,
 ) -> None:
     """Find a zero of each function in [0, 1], where it has the values f0 and f1 of two signs.
 
     ``evaluate(x, which)`` returns the values of the functions numbered ``which`` at x, and keeps
-    what it needs of them. The last bracket of a function is at most twice its tolerance wide, or
-    one of its values is 0.
+    what it needs of them. The search begins at ``start``, by default the secant's zero. It ends
+    where the last bracket of a function is at most twice its tolerance wide, or one of its values
+    is 0; and, at a simple zero, where the secant through the last two places has its own within
+    half of the tolerance: the secant before, a hundred times as long, had the same slope.
     """
     which = np.arange(len(f0))
     x1, x2 = 0 * tolerance, 0 * tolerance + 1
     y1, y2 = f0.copy(), f1.copy()
-    share = y1 / (y1 - y2)
     least = tolerance.copy()
-    share = _within(share, least)
+    share = _within(y1 / (y1 - y2) if start is None else x1 + start, least)
+    move, slope = x2, f1 - f0
     for _ in range(_MOST):
         if not len(which):
             break
         x = x1 + share * (x2 - x1)
         y = evaluate(x, which)
+        last, before = move, slope
+        move = x - x1
+        slope = (y - y1) / move
+        found = ((abs(y) <= least / 2 * abs(slope)) & (100 * abs(move) <= abs(last))
+                 & (10 * abs(slope - before) <= abs(before)))
         same = (y > 0) == (y1 > 0)
         x3, y3 = np.where(same, x1, x2), np.where(same, y1, y2)
         x2, y2 = np.where(same, x2, x1), np.where(same, y2, y1)
         x1, y1 = x, y
         width = abs(x2 - x1)
-        open_ = (width > 2 * least) & (y1 != 0) & (y2 != 0)
-        which, x1, x2, x3, y1, y2, y3, least, width = (
-            part[open_] for part in (which, x1, x2, x3, y1, y2, y3, least, width))
+        open_ = (width > 2 * least) & (y1 != 0) & (y2 != 0) & ~found
+        which, x1, x2, x3, y1, y2, y3, least, width, move, slope = (part[open_] for part in (
+            which, x1, x2, x3, y1, y2, y3, least, width, move, slope))
         share = _within(_share(x1, x2, x3, y1, y2, y3), least / width)
+
+
+def _cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
+    """Return a zero in (0, 1) of the cubic through f(−2), f(−1), f(0), f(1), else the secant's.
+
+    ``past`` has f(−1) and f(−2), NaN where they are unknown.
+    """
+    before, d, after = past[:, 0], f0.astype(float), f1.astype(float)
+    x = secant = d / (d - after)
+    with np.errstate(all="ignore"):  # what is no zero is left out
+        a = (after - past[:, 1]) / 6 - (d - before) / 2
+        b = (after + before) / 2 - d
+        c = after - d - a - b
+        for _ in range(3):  # Newton's method
+            x = x - (((a * x + b) * x + c) * x + d) / ((3 * a * x + 2 * b) * x + c)
+        return np.where((x > 0) & (x < 1), x, secant)
 
 
 def _share(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) -> Array:
@@ -119,7 +143,7 @@ def crossings_of(
         for i in range(0, len(every), _AT_ONCE):
             part = np.arange(i, min(i + _AT_ONCE, len(every)))
             work = _Work(stepper, levels, runs, every.of(part), owner[part], fill)
-            parts += [_single(work), _twofold(work)]
+            parts += [_single(work), *([_twofold(work)] if work.brackets.turning.any() else ())]
     return _by_run(stepper, levels, parts, len(runs))
 
 
@@ -335,11 +359,12 @@ def _single(work: _Work) -> _Roots:
     which = np.flatnonzero(~brackets.turning)
     best = _Best(work, which, *_whole(work, which))
     before, after = brackets.before[which], brackets.after[which]
-    ends = np.flatnonzero(after == 0)  # the step ends there: a whole step leads there again
-    best(work.tolerance(which)[ends] * 0 + 1, ends)
-    inside = np.flatnonzero(after != 0)
+    ends, inside = np.flatnonzero(after == 0), np.flatnonzero(after != 0)
+    if len(ends):  # the step ends there: a whole step leads there again
+        best(work.tolerance(which)[ends] * 0 + 1, ends)
+    start = _cubic_zero(brackets.past[which[inside]], before[inside], after[inside])
     zeros(lambda x, i: best(x, inside[i]), before[inside], after[inside],
-          work.tolerance(which)[inside])
+          work.tolerance(which)[inside], start)
     return best.roots(before < 0)
 
 

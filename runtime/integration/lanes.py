@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import Binding
-from .run_arguments import EnsembleArguments
-from .step_loop import ChunkSize, Rows, fill, next_chunk, thin
+from .run_arguments import EnsembleArguments, RunArguments
+from .step_loop import FIRST_STEPS, ChunkSize, Rows, fill, next_chunk, thin
 
 if TYPE_CHECKING:
     from ..events.detection import EventDetector
@@ -30,6 +30,11 @@ if TYPE_CHECKING:
 __all__ = ["EnsembleStates", "fill_ensemble", "threads_of"]
 
 Array = NDArray[Any]
+
+#: Coordinates in all steps up to which a run takes less time than the start of threads.
+_FEW_NUMBERS = 2**14
+#: Batches of short runs that are integrated in one call.
+_TOGETHER = 16
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,9 @@ class EnsembleStates:
     status: Array
     #: The running records of each batch.
     reports: list[Any]
+    #: The parameters of all and their time steps, as compiled code takes those of lanes.
+    parameters: Array
+    dt: Array
     #: What looks at every state for events, one for each trajectory; or none.
     detectors: tuple[EventDetector, ...] = ()
 
@@ -63,7 +71,8 @@ class EnsembleStates:
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
         if in_lanes:
             binding = stepper.binding_of_many
-        batch = binding.lanes if in_lanes else 1
+        batch = binding.lanes * (
+            1 if detectors else _batches_in_a_call(binding, runs.first)) if in_lanes else 1
         reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)
                    ] if in_lanes else [binding.report() for _ in range(count)]
         found = cls(
@@ -72,7 +81,8 @@ class EnsembleStates:
                  binding.new(count, rows, binding.multipliers),
                  np.zeros((count, rows), dtype=np.intc), binding.new(count, rows)),
             runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc),
-            reports, tuple(detectors))
+            reports, binding.parameter_rows(runs.parameters, runs.t0) if in_lanes else runs.dt,
+            runs.dt.astype(binding.dtype), tuple(detectors))
         found.rows.q[:, 0], found.rows.p[:, 0] = runs.q, runs.p
         return found
 
@@ -83,8 +93,9 @@ class EnsembleStates:
     @property
     def stored(self) -> list[int]:
         """The stored states of each trajectory, its start among them; once all are done."""
-        return [self.runs.first.stored(int(self.report(i).steps)) + 1
-                for i in range(len(self.runs))]
+        done = [int(self.report(i).steps) for i in range(len(self.runs))]
+        rows = {steps: self.runs.first.stored(steps) + 1 for steps in set(done)}
+        return [rows[steps] for steps in done]
 
     def rows_of(self, i: int) -> Rows:
         """Return the stored states of a trajectory."""
@@ -92,19 +103,19 @@ class EnsembleStates:
         return Rows(rows.q[i], rows.p[i], rows.multipliers[i, 1:], rows.iterations[i, 1:],
                     rows.work[i])
 
-    def memory(self) -> Any:
-        """Return what one thread needs to fill batches."""
-        return self.binding.batch_memory() if self.in_lanes else None
-
-    def fill(self, batch: int, memory: Any, stop: Callable[[], bool]) -> None:
-        """Integrate the trajectories of a batch, until they shall stop.
+    def fill(self, batches: Iterable[int], stop: Callable[[], bool]) -> None:
+        """Integrate the trajectories of some batches in this thread, until they shall stop.
 
         One that fails ends there; the others are not touched.
         """
+        memory = self.binding.batches.take() if self.in_lanes else None
+        for batch in batches:
+            if self.in_lanes:
+                self._fill_lanes(batch, memory, stop)
+            else:
+                self._fill_one(batch, stop)
         if self.in_lanes:
-            self._fill_lanes(batch, memory, stop)
-        else:
-            self._fill_one(batch, stop)
+            self.binding.batches.give_back(memory)
 
     def _fill_one(self, i: int, stop: Callable[[], bool]) -> None:
         detector = self.detectors[i] if self.detectors else None
@@ -118,8 +129,7 @@ class EnsembleStates:
         rows, status, q, p = self.rows, self.status[part], self.q[part], self.p[part]
         out = (rows.q[part], rows.p[part], rows.multipliers[part], rows.iterations[part],
                rows.work[part])
-        dt = self.runs.dt[part].astype(binding.dtype)
-        parameters = binding.parameter_sets(self.runs.columns(part), self.runs.t0[part])
+        dt, parameters = self.dt[part], binding.sets_of(self.parameters[part])
         inputs = None if self.runs.inputs is None else self.runs.inputs.between(part)
         options = binding.options(first.tolerance, first.max_iterations, first.solver)
         iterations, done, pace = rows.iterations[part], 0, ChunkSize()
@@ -159,6 +169,13 @@ class EnsembleStates:
             thin(own, steps, every, tuple(array[i, row:] for array in out))
 
 
+def _batches_in_a_call(binding: Binding, first: RunArguments) -> int:
+    """Return how many batches compiled code may integrate in one call, which takes all steps."""
+    short = first.steps <= FIRST_STEPS and (
+        first.every >= first.steps or first.steps % first.every == 0)
+    return _TOGETHER if short and binding.dtype is not object else 1
+
+
 def _lanes(
     binding: Binding, parameters: Any, options: Any, dt: Array, count: int, reports: Any,
     status: Array, memory: Any, inputs: Any, every: int, row: int, q: Array, p: Array,
@@ -176,16 +193,19 @@ def threads_of(workers: int | None) -> int:
 
 
 def fill_ensemble(computed: EnsembleStates, threads: int, stop: Callable[[], bool]) -> None:
-    """Integrate all batches: each thread takes the next one until there is none."""
+    """Integrate all batches: each thread takes the next one until there is none.
+
+    Where threads would cost more than they gain, the calling one takes all.
+    """
+    workers, first = min(threads, len(computed.reports)), computed.runs.first
+    if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:
+        return computed.fill(range(len(computed.reports)), stop)
     batches, broken = SimpleQueue[int | None](), threading.Event()
-    workers = min(threads, len(computed.reports))
     for batch in (*range(len(computed.reports)), *[None] * workers):
         batches.put(batch)
 
     def work() -> None:
-        memory = computed.memory()
-        for batch in iter(batches.get, None):
-            computed.fill(batch, memory, lambda: broken.is_set() or stop())
+        computed.fill(iter(batches.get, None), lambda: broken.is_set() or stop())
 
     with ThreadPoolExecutor(workers) as pool:
         futures = [pool.submit(work) for _ in range(workers)]

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -122,7 +123,8 @@ class RunArguments:
         stored = self.stored(done)
         if self.stored_steps is not None:
             return np.concatenate([[0], self.stored_steps[:stored]])
-        return np.minimum(np.arange(stored + 1) * self.every, done)
+        rows = np.arange(stored + 1)
+        return rows if self.every == 1 else np.minimum(rows * self.every, done)
 
     def most(self, done: int, most: int) -> int:
         """Return how many of so many steps may be done with the same parameters."""
@@ -378,13 +380,19 @@ def _as_plain_parameters(
     """
     if number is not as_double or given.keys() != domains.keys():
         return None
-    values = [given[name] for name in domains]
-    if not {*map(type, values)} <= {float, np.float64, Rounded} or not all(
-            map(math.isfinite, values)) or not all(
-            value > 0 if domain == "positive" else value != 0
-            for value, domain in zip(values, domains.values(), strict=True) if domain != "real"):
-        return None
-    return dict(zip(domains, map(float, values), strict=True))
+    values = [*map(given.__getitem__, domains)]
+    positive, nonzero = _constrained(tuple(domains.values()))
+    if ({*map(type, values)} <= {float, np.float64, Rounded} and all(map(math.isfinite, values))
+            and min(itertools.compress(values, positive), default=1.0) > 0
+            and all(itertools.compress(values, nonzero))):
+        return dict(zip(domains, map(float, values), strict=True))
+    return None
+
+
+@lru_cache(maxsize=16)
+def _constrained(domains: tuple[str, ...]) -> tuple[list[bool], list[bool]]:
+    """Return which parameters must be positive, and which must not be 0."""
+    return [x == "positive" for x in domains], [x == "nonzero" for x in domains]
 
 
 def refuse_choice(value: Any) -> None:
@@ -418,11 +426,16 @@ def _as_parameter(
     return made
 
 
+@lru_cache(maxsize=16)
+def _names_with_inertia(parameters: tuple[str, ...]) -> list[str]:
+    """Return the names of γ and α, of those of all parameters."""
+    return [name for name in parameters if has_inertia(name, dict.fromkeys(parameters))]
+
+
 def warn_of_negative(parameters: Mapping[str, Any]) -> None:
     """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
-    for name, values in parameters.items():
-        if not name.endswith(("gamma", "alpha")) or not has_inertia(name, parameters):
-            continue
+    for name in _names_with_inertia(tuple(parameters)):
+        values = parameters[name]
         least = values if type(values) is float else float(np.min(values))
         if least < 0:
             warn(f"Parameter {name} = {least:.6g} is below 0. The motion does not depend on it, "

@@ -158,7 +158,7 @@ def fill(
 
     Returns the status.
     """
-    parameters, work = binding.parameters(run.parameters, run.t0), binding.work()
+    parameters, work = binding.parameters(run.parameters, run.t0), binding.works.take()
     pace = ChunkSize(run.detector is not None)
     status = 0
     if not run.steps or run.detector is not None or stop():  # else the first steps start the record
@@ -179,6 +179,7 @@ def fill(
         pace.end(count)
         if progress is not None:
             progress(int(report.steps))
+    binding.works.give_back(work)
     return status
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ...core.records import changed
+
 __all__ = ["Report", "known_fields"]
 
 Array = NDArray[Any]
@@ -55,22 +57,23 @@ class Report:
     def read(cls, record: Any, q: Array, p: Array, *, forced: bool) -> Report:
         """Return the report of a compiled running record and the final state."""
         states = int(getattr(record, "recorded", record.steps + 1)) or 1
-        return cls(
-            int(record.steps),
-            int(record.iterations),
-            int(record.iterations_max),
-            int(record.newton_steps),
-            float(record.energy_start),
-            float(record.energy_error_max),
-            float(record.energy_error_sum) / states,
-            float(record.constraint_max),
-            float(record.constraint_sum) / states,
-            float(record.hidden_max),
-            float(record.hidden_sum) / states,
-            tuple(map(float, q.tolist())),
-            tuple(map(float, p.tolist())),
-            float(record.work) if forced else 0.0,
-            int(getattr(record, "energy_waits", 0)),
+        return changed(
+            object.__new__(cls),
+            steps=int(record.steps),
+            iterations=int(record.iterations),
+            iterations_max=int(record.iterations_max),
+            newton_steps=int(record.newton_steps),
+            energy_start=float(record.energy_start),
+            energy_error_max=float(record.energy_error_max),
+            energy_error_mean=float(record.energy_error_sum) / states,
+            constraint_max=float(record.constraint_max),
+            constraint_mean=float(record.constraint_sum) / states,
+            momentum_constraint_max=float(record.hidden_max),
+            momentum_constraint_mean=float(record.hidden_sum) / states,
+            q=tuple(map(float, q.tolist())),
+            p=tuple(map(float, p.tolist())),
+            work=float(record.work) if forced else 0.0,
+            energy_waits=int(getattr(record, "energy_waits", 0)),
         )
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.warnings import warn
-from ..compilation.body_columns import bodies_of
+from ..compilation.body_columns import BodyAt, bodies_of
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -35,6 +35,8 @@ _MOST_A_FLOW = 2.0
 #: Stored states of a run that are looked at for a warning: all of a long run would cost as much as
 #: the steps of a small system.
 _LOOKED_AT = 64
+#: Bodies of one state up to which floats are faster than arrays.
+_FEW = 8
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,13 @@ class Rotations:
                            _MOST)
         if "longest_flow" in manifest["scheme"]:
             self._limit = _MOST_A_FLOW / manifest["scheme"]["longest_flow"]
+        #: Bodies with moments, and those with tensors: names, columns, and inertia in a row.
+        self._groups = []
+        for entries in (3, 6):
+            some = {name: x for name, x in self._bodies.items() if len(x.inertia) == entries}
+            if some:
+                self._groups.append(([*some], np.array([x.q for x in some.values()]),
+                                     [key for x in some.values() for key in x.inertia]))
 
     def fastest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
@@ -93,11 +102,14 @@ class Rotations:
 
         ``dt`` and each parameter are one number, or one for each row.
         """
-        if not self._bodies:
+        bodies = self._bodies
+        if not bodies:
             return None
         if len(q) == 1:  # in Python's floats: a quarter of the time
             rows: Any = (q[0].astype(float).tolist(), p[0].astype(float).tolist())
             number: Any = _only
+            if len(bodies) > _FEW:
+                bodies = self._fastest_of_many(parameters, q[0].astype(float), p[0].astype(float))
         else:
             rows = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
             number = partial(np.asarray, dtype=float)
@@ -105,7 +117,7 @@ class Rotations:
         dt = number(dt)
         largest, fastest, step = -1.0, "", 0.0
         with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
-            for name, body in self._bodies.items():
+            for name, body in bodies.items():
                 inertia = [number(parameters[key]) for key in body.inertia]
                 radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in rows)) * dt)
                 if moves:
@@ -118,10 +130,23 @@ class Rotations:
                     found = float(radians[row])
                 if largest < found < math.inf:
                     largest, fastest = found, name
-                    step = float(np.broadcast_to(dt, len(q))[row]) if np.ndim(dt) else float(dt)
+                    step = dt if isinstance(dt, float) else float(np.broadcast_to(dt, len(q))[row])
         if not fastest:
             return None
         return FastestRotation(fastest, largest, self._limit, step, self._order)
+
+    def _fastest_of_many(
+        self, parameters: Mapping[str, Any], q: Array, p: Array
+    ) -> dict[str, BodyAt]:
+        """Return the fastest body in one state of those with moments, and of those with tensors."""
+        found = {}
+        for names, places, inertia in self._groups:
+            values = np.array([parameters[key] for key in inertia], float).reshape(len(names), -1)
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                speeds = _speed([*values.T], [*q[places].T], [*p[places].T])
+            name = names[int(np.argmax(np.where(np.isfinite(speeds), speeds, -1.0)))]
+            found[name] = self._bodies[name]
+        return found
 
     def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
         """Warn where a body turns by more than the method can bear, and return whether it does."""

@@ -425,6 +425,8 @@ class Stepper(Differentiation):
 
     def parameters_with_inputs(self, parameters: Any, inputs: Any) -> Any:
         """Return parameters with a number for each input, where those of the steps are given."""
+        if inputs is None and type(parameters) is dict:
+            return dict(parameters)
         some = inputs.first if isinstance(inputs, Inputs) else dict.fromkeys(
             self.binding.input_names if inputs is not None else (), 1.0)
         if isinstance(parameters, Mapping):
