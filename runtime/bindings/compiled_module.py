@@ -55,7 +55,7 @@ class Pool:
 class Compiled:
     """Calls into a compiled module; one instance may serve many threads.
 
-    Work memory has about 8 U² bytes for U unknowns, of which few are touched before Newton's method.
+    Work memory has about 8 U² bytes for U unknowns; most of them are Newton's method's.
     """
 
     def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:

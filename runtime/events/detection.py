@@ -111,7 +111,7 @@ class Brackets:
     before: Array
     after: Array
     turning: Array
-    #: The values one and two steps before that, as doubles, shape (brackets, 2); NaN before the run.
+    #: The values one and two steps before, in doubles, shape (brackets, 2); NaN before the run.
     past: Array
 
     def __len__(self) -> int:

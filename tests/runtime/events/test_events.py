@@ -17,6 +17,7 @@ import gyrospark as gs
 from event_runs import pendulum, period, start
 from gyrospark.commands import gyrospark
 from gyrospark.core.event import event_of_text
+from gyrospark.runtime.events import location
 from gyrospark.runtime.events.location import zeros
 
 EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
@@ -222,12 +223,14 @@ def test_events_in_words() -> None:
             event_of_text(text)
 
 
-@given(st.floats(0.01, 0.99), st.integers(1, 9), st.sampled_from(["power", "exp", "tan", "step"]))
+@given(st.floats(0.01, 0.99), st.integers(1, 9),
+       st.sampled_from(["power", "exp", "tan", "step", "mix"]))
 def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kind: str) -> None:
     """Within the tolerance, whatever the function is; powers of 9 are flat, steps jump."""
     function = {"power": lambda x: np.sign(x - root) * np.abs(x - root) ** power,
                 "exp": lambda x: np.expm1(power * (x - root)),
                 "tan": lambda x: np.tan(1.5 * (x - root)),
+                "mix": lambda x: (x - root) ** 3 + (x - root) / 10**power,
                 "step": lambda x: np.where(x < root, -1.0, 2.0)}[kind]
     last: list[float] = []
 
@@ -240,6 +243,24 @@ def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kin
     best = min(abs(x - root) for x in last)
     flat = 1e-300 ** (1 / power) if kind == "power" else 0.0  # the power is 0 in doubles
     assert best <= 2e-14 + flat
+
+
+def test_a_smooth_value_takes_three_steps_of_a_part(monkeypatch) -> None:
+    """The cubic through the states before starts it, and the secant of a simple zero ends it."""
+    shares = []
+    made = location.partial_steps
+
+    def counted(stepper, q, p, t0, dt, *rest):
+        shares.append(len(dt))
+        return made(stepper, q, p, t0, dt, *rest)
+
+    monkeypatch.setattr(location, "partial_steps", counted)
+    run = pendulum().integrate([1, 0], [0, 0], dt=0.05, steps=2000, parameters={"g": 1.0},
+                               events=gs.Event("side"))
+    count = len(run.events["side"])
+    assert count > 20
+    assert sum(shares) <= 3.5 * count
+    assert np.abs(run.events["side"].q[:, 0]).max() < 1e-14
 
 
 def test_a_section_of_many_starts(tmp_path) -> None:

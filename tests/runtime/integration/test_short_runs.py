@@ -1,0 +1,189 @@
+"""What surrounds the steps: memory that is used again, batches of one call, arrays made late."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+import input_systems
+from calls import PARAMETERS, RUN, TOP, equal
+from gyrospark.core.exact_numbers import as_double
+from gyrospark.runtime.compilation.body_columns import BodyAt
+from gyrospark.runtime.integration import lanes, run_arguments
+from gyrospark.runtime.results.rotation_rate import Rotations
+
+ARRAYS = ("q", "p", "multipliers", "iterations")
+RNG = np.random.default_rng(5)
+
+
+# ---------------------------------------------------------------- memory
+
+
+@pytest.mark.parametrize("solver", ["auto", "newton"])
+def test_memory_needs_no_initialisation(solver, step) -> None:
+    """Whatever is in it, one run and a batch of them have the same bits."""
+    def runs():
+        one = step.integrate(TOP.q0, TOP.p0, steps=20, solver=solver, **RUN)
+        many = step.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, steps=20, solver=solver, **RUN)
+        return one, many
+
+    whole = runs()
+    assert step.binding.works._free
+    assert solver == "newton" or step.binding_of_many.batches._free
+    for byte in (0x00, 0x7F, 0xFF):
+        for pool in (step.binding.works, step.binding.batches, step.binding_of_many.batches):
+            for memory in pool._free:
+                for struct in memory if isinstance(memory, tuple) else [memory]:
+                    step.binding.image(struct)[:] = byte
+        again = runs()
+        assert equal(again[0], whole[0])
+        assert again[0].report == whole[0].report
+        assert all(np.array_equal(getattr(again[1], x), getattr(whole[1], x)) for x in ARRAYS)
+
+
+def test_a_run_within_a_run_has_memory_of_its_own(gl3) -> None:
+    """A callback that integrates changes nothing of the run that calls it."""
+    inner = []
+
+    def progress(done: int) -> None:
+        inner.append(gl3.integrate(TOP.p0 / np.linalg.norm(TOP.p0), 0 * TOP.p0, steps=3, **RUN))
+
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=100, progress=progress, **RUN)
+    assert len(inner) > 2
+    assert equal(run, gl3.integrate(TOP.q0, TOP.p0, steps=100, **RUN))
+
+
+# ---------------------------------------------------------------- batches
+
+
+def of_tops(step):
+    """Tops of their own moments, γ and time steps, at places of one motion."""
+    run = step.integrate(TOP.q0, TOP.p0, steps=60, **RUN)
+    columns = {"mgl": RNG.uniform(0.3, 0.5, 61), "gamma": RNG.uniform(0.9, 1.1, 61)}
+    return {"q": run.q, "p": run.p, "dt": RNG.uniform(5e-4, 2e-3, 61),
+            "parameters": PARAMETERS | columns}
+
+
+def of_pushed(step):
+    """Pendulums, each pushed in its own way in each step."""
+    angles = RNG.uniform(-1, 1, 61)
+    q = np.column_stack([np.sin(angles), -np.cos(angles)])
+    return {"q": q, "p": 0 * q, "dt": 0.01, "parameters": {"k": 1.0},
+            "inputs": RNG.uniform(-1, 1, (61, 6, 2))}
+
+
+@pytest.mark.parametrize(("make", "arguments"), [
+    (lambda: gs.stepper("G-L", 3), of_tops),
+    (lambda: gs.stepper("G-L", 3, frame="symmetries"), of_tops),
+    (lambda: gs.stepper("splitting", order=4), of_tops),
+    (lambda: input_systems.stepper(input_systems.pendulum), of_pushed)],
+    ids=["tops", "frames", "flows", "inputs"])
+def test_many_batches_in_one_call_have_the_bits_of_single_ones(make, arguments, monkeypatch):
+    step = make()
+    given = arguments(step)
+    given["parameters"] = given["parameters"] | {
+        symmetry.name: RNG.uniform(1, 2, 61) for symmetry in step.symmetries
+        if not symmetry.condition}
+    binding = type(step.binding_of_many)
+    called = binding.integrate_lanes
+    for every in (1, 3, 4):
+        sizes, found = [], []
+
+        def counted(self, parameters, options, dt, *rest, sizes=sizes):
+            sizes.append(len(dt))
+            return called(self, parameters, options, dt, *rest)
+
+        monkeypatch.setattr(binding, "integrate_lanes", counted)
+        for together in (16, 1):
+            monkeypatch.setattr(lanes, "_TOGETHER", together)
+            found.append(step.integrate_ensemble(steps=6, every=every, **given))
+        size = step.binding.lanes
+        assert [max(sizes[:1]), sizes[-1]] == [size if every == 4 else 61, 61 % size]
+        for name in ARRAYS:
+            assert np.array_equal(getattr(found[0], name), getattr(found[1], name))
+        assert [x.report for x in found[0].members] == [x.report for x in found[1].members]
+
+
+def test_a_trajectory_that_fails_is_found_within_many_batches(gl3) -> None:
+    """One of them turns too far in its one step."""
+    dt = np.full(60, 1e-3)
+    dt[45] = 0.5
+    with pytest.warns(gs.InputWarning, match="rotation"):
+        found = gl3.integrate_ensemble([TOP.q0] * 60, [TOP.p0] * 60, dt=dt, steps=1,
+                                       parameters=PARAMETERS, max_iterations=10)
+    assert list(found.failures) == [45]
+    assert np.isnan(found.q[45, 1]).all()
+    assert np.isfinite(np.delete(found.q, 45, axis=0)).all()
+
+
+# ---------------------------------------------------------------- arrays made late
+
+
+def test_arrays_are_computed_when_asked_for_and_kept(gl3) -> None:
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
+    assert "energies" not in vars(run)
+    assert run.energies is run.energies
+    assert np.array_equal(run.energies, gl3.energy(run.q, run.p, parameters=PARAMETERS))
+    with pytest.raises(AttributeError, match="no attribute 'energys'"):
+        run.energys  # noqa: B018
+
+
+def test_a_pickle_has_all_arrays(gl3) -> None:
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
+    read = pickle.loads(pickle.dumps(run))
+    assert read._states is None
+    assert equal(read, run)
+
+
+def test_parameters_that_are_changed_afterwards_do_not_matter(gl3) -> None:
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
+    run.parameters["mgl"] = 1e3
+    assert np.array_equal(run.energies, gl3.energy(run.q, run.p, parameters=PARAMETERS))
+
+
+# ---------------------------------------------------------------- checks of many at once
+
+NUMBERS = st.one_of(
+    st.floats(), st.integers(-2, 2), st.booleans(), st.none(), st.text(max_size=2),
+    st.fractions(), st.floats().map(np.float64), st.floats(width=32).map(np.float32),
+    st.sampled_from([0.0, -0.0, 1.0, 5e-324, 1 + 0j, np.array(1.0), [1.0]]))
+DOMAINS = {"mass": "positive", "shift": "real", "ratio": "nonzero"}
+
+
+@settings(max_examples=60)
+@given(st.fixed_dictionaries(dict.fromkeys(DOMAINS, NUMBERS)))
+def test_parameters_that_pass_at_once_pass_one_by_one(given) -> None:
+    plain = run_arguments._as_plain_parameters(given, DOMAINS, as_double)
+    single = {name: run_arguments._as_parameter(name, domain, given, as_double)
+              for name, domain in DOMAINS.items()} if plain else None
+    assert repr(plain) == repr(single)
+    assert not plain or {*map(type, plain.values())} == {float}
+
+
+def test_the_fastest_of_many_bodies_is_the_fastest_of_each() -> None:
+    """Of bodies with moments and with tensors, some of them at rest or not finite."""
+    bodies, parameters = {}, {}
+    for i in range(40):
+        names = [f"b{i}_{k}" for k in (("I1", "I2", "I3") if i % 3 else (
+            "K11", "K12", "K13", "K22", "K23", "K33"))]
+        parameters |= dict(zip(names, RNG.uniform(0.5, 2, len(names)), strict=True))
+        bodies[f"b{i}"] = {"q": [f"q{k}" for k in range(4 * i, 4 * i + 4)],
+                           "inertia" if i % 3 else "inverse_inertia": names}
+    manifest = {"scheme": {"order": 6}, "system": {
+        "rigid_body": False, "bodies": bodies, "parameters": dict.fromkeys(parameters, "real"),
+        "coordinates": [f"q{k}" for k in range(160)]}}
+    rotations = Rotations(manifest)
+    assert all(isinstance(x, BodyAt) for x in rotations._bodies.values())
+    for factor in (1.0, 1e160, np.inf):
+        q, p = RNG.standard_normal((2, 1, 160))
+        p[0, 100:120] *= factor
+        with np.errstate(invalid="ignore"):
+            found = rotations.fastest(parameters, 0.1, q, p)
+            rows = rotations.fastest(parameters, 0.1, np.repeat(q, 2, 0), np.repeat(p, 2, 0))
+        assert (found.body, found.limit) == (rows.body, rows.limit)
+        assert found.radians == pytest.approx(rows.radians, rel=1e-14)
