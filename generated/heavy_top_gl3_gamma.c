@@ -106,7 +106,8 @@ static void constraint(const constants *c, const double q[4], double g[1])
 {
     (void)c;
     double sum[2];
-    sum[0] = sum[1] = 0;
+    sum[0] = 0;
+    sum[1] = 0;
     { const double factors[] = { -1.0 }; add_product(sum, 1, factors); }
     { const double factors[] = { q[0], q[0] }; add_product(sum, 2, factors); }
     { const double factors[] = { q[1], q[1] }; add_product(sum, 2, factors); }
@@ -439,7 +440,8 @@ INLINE void lanes_constraint(const lanes_constants *c, const lanes q[4], lanes g
 {
     (void)c;
     lanes sum[2];
-    sum[0] = sum[1] = splat(0);
+    sum[0] = splat(0);
+    sum[1] = splat(0);
     { const lanes factors[] = { splat(-1.0) }; lanes_add_product(sum, 1, factors); }
     { const lanes factors[] = { q[0], q[0] }; lanes_add_product(sum, 2, factors); }
     { const lanes factors[] = { q[1], q[1] }; lanes_add_product(sum, 2, factors); }
@@ -476,7 +478,8 @@ INLINE void lanes_hidden_constraint(const lanes_constants *c, const lanes q[4], 
 {
     (void)c;
     lanes sum[2];
-    sum[0] = sum[1] = splat(0);
+    sum[0] = splat(0);
+    sum[1] = splat(0);
     { const lanes factors[] = { p[0], q[0] }; lanes_add_product(sum, 2, factors); }
     { const lanes factors[] = { p[1], q[1] }; lanes_add_product(sum, 2, factors); }
     { const lanes factors[] = { p[2], q[2] }; lanes_add_product(sum, 2, factors); }

@@ -9,7 +9,6 @@
  *
  *   NAME(f)            public function f of this stepper: NAME(step) is heavy_top_gl3_gamma_step
  *   MATH(f), LIMIT(f)  f of <math.h> and <float.h> for the type real: MATH(sqrt) is sqrtf of float
- *   STATUS(s)          profile control: status s of this stepper
  *   IF_TIME(...)       the arguments if the feature is 1, else nothing: one feature often adds one
  *                      statement to a function, and #if would take three lines. So IF_FORCES,
  *                      IF_INPUTS, IF_FRAME, IF_FRAME_WORK
@@ -205,15 +204,9 @@ typedef NAME(batch) batch_memory;
 #endif
 #endif
 
-/* The status of a step and its solver, as in the public header. */
+/* The status of a step and its solver, as in the public header; profile control defines names. */
 #if GS_PROFILE_CONTROL
 typedef NAME(status) status_t;
-#define OK STATUS(OK)
-#define NOT_CONVERGED STATUS(NOT_CONVERGED)
-#define SINGULAR STATUS(SINGULAR)
-#define NOT_FINITE STATUS(NOT_FINITE)
-#define DIVERGED STATUS(DIVERGED)
-#define INVALID STATUS(INVALID)
 #else
 typedef int status_t;
 enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };

@@ -159,9 +159,10 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     known = [*kernels, *(plain.known if plain else []),
              *(lanes.kernels if lanes else []), *(parts.kernels if parts else [])]
     frame = _frame(derived)
-    quantities, of_state = quantity_kernel(system, real), state_functions(derived)
+    quantities, of_state = quantity_kernel(derived), state_functions(derived)
     of_state_kernels = of_state.kernels if of_state else []
-    printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters})
+    printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters},
+                       explicit=derived.profile == "control")
     used = frozenset[str]().union(*(kernel.constants for kernel in known),
                                   parts.used_constants if parts else ())
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}

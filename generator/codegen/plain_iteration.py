@@ -48,8 +48,9 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     names = {"velocity": "first_rates", "force": "second_rates"} if system.shared else {}
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
-    target = Target("real", "constants", "", folds)
-    values = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters})
+    explicit = derived.profile == "control"
+    target = Target("real", "constants", "", folds, explicit)
+    values = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters}, explicit=explicit)
     m, constant = scheme.system.m, system.schur_inverse is not None
     tables = FastTableau(scheme.tableau).tables(real) if scheme.tableau else {}
     if not m and tables:

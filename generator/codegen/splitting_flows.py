@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import accumulate
 
@@ -38,8 +39,9 @@ def flows_of(derived: Derived) -> Flows:
     spaces = scheme.splitting.space
     shapes = _members(size, drag=scheme.has_drag, spaces=len(spaces))
     numbers = sum(_length(shape) for _, shape in shapes)
+    target = replace(Target.scalar(real), explicit=derived.profile == "control")
     return Flows(
-        kernels=[emit_kernel(k, derived.constants, real)
+        kernels=[emit_kernel(k, derived.constants, real, target)
                  for k in [*scheme.kernels(),
                            *scheme.flow_kernels(work=derived.profile == "full")]],
         bodies=[list(body.q) for body in bodies],

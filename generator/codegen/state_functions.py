@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from ...core.real_types import Real
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel
 from ..kernels.statements import Kernel
 from ..schemes.start_kernels import StartKernels, energy_kernel
-from ..systems.system import System
 from .program import Derived, StateFunctions
 
 __all__ = ["quantity_kernel", "state_functions"]
@@ -20,23 +18,24 @@ def state_functions(derived: Derived) -> StateFunctions | None:
     own = start.kernels() if start.exists else []
     return StateFunctions(
         own=start,
-        kernels=[_emitted(kernel, derived.system, derived.real)
-                 for kernel in [energy_kernel(derived.system), *own]],
+        kernels=[_emitted(kernel, derived) for kernel in [energy_kernel(derived.system), *own]],
         velocities=start.names if start.exists else [],
         held=len(start.conditions) if start.exists else 0,
     )
 
 
-def quantity_kernel(system: System, real: Real) -> EmittedKernel | None:
+def quantity_kernel(derived: Derived) -> EmittedKernel | None:
     """Return the kernel of the user's quantities."""
+    system = derived.system
     if not system.quantities:
         return None
     time = {} if system.time is None else {"t": [system.time]}
     return _emitted(Kernel("quantities", "What the user asked for of a state",
                            {**time, "q": list(system.q), "p": list(system.p)},
-                           {"out": list(system.quantities.values())}), system, real)
+                           {"out": list(system.quantities.values())}), derived)
 
 
-def _emitted(kernel: Kernel, system: System, real: Real) -> EmittedKernel:
-    return emit_kernel(kernel, Constants(system.parameters), real,
-                       Target(real.c_type, "parameters_t", ""))
+def _emitted(kernel: Kernel, derived: Derived) -> EmittedKernel:
+    target = Target(derived.real.c_type, "parameters_t", "",
+                    explicit=derived.profile == "control")
+    return emit_kernel(kernel, Constants(derived.system.parameters), derived.real, target)

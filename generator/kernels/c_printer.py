@@ -39,12 +39,16 @@ class CPrinter:
         C text for each symbol; a symbol without an entry keeps its own name.
     prefix : str
         Of the functions that take and return lanes, or dual numbers; empty for plain numbers.
+    explicit : bool
+        Whether products in sums have parentheses.
     """
 
-    def __init__(self, real: Real, names: Mapping[sp.Symbol, str], prefix: str = "") -> None:
+    def __init__(self, real: Real, names: Mapping[sp.Symbol, str], prefix: str = "", *,
+                 explicit: bool = False) -> None:
         self.real = real
         self.names = dict(names)
         self.prefix = prefix
+        self.explicit = explicit
         self.operations: Counter[str] = Counter()
         #: Names of the functions of <math.h>, without suffix, and of our own ones called.
         self.functions: set[str] = set()
@@ -117,10 +121,16 @@ class CPrinter:
         self.operations["add"] += len(e.args) - 1
         positive = [a for a in e.args if not a.could_extract_minus_sign()]
         negative = [a for a in e.args if a.could_extract_minus_sign()]
-        text = " + ".join(self._within(a, _SUM) for a in positive)
+        text = " + ".join(self._term(a, _SUM) for a in positive)
         for a in negative:
-            text += (" - " if text else "-") + self._within(-a, _PRODUCT)
+            text += (" - " if text else "-") + self._term(-a, _PRODUCT)
         return text
+
+    def _term(self, e: sp.Expr, level: int) -> str:
+        """Return a term of a sum."""
+        text, precedence = self._text(e)
+        bare = precedence == _ATOM or (precedence >= level and not self.explicit)
+        return text if bare else f"({text})"
 
     def _product(self, e: sp.Mul) -> tuple[str, int]:
         if e.could_extract_minus_sign():

@@ -142,6 +142,8 @@ class Target:
     prefix: str
     #: Further symbols with their C text.
     names: Mapping[sp.Symbol, str] = field(default_factory=dict)
+    #: Whether products in sums have parentheses, as MISRA C asks for.
+    explicit: bool = False
 
     @classmethod
     def scalar(cls, real: Real) -> Target:
@@ -171,7 +173,7 @@ def emit_kernel(
         return _emit_compensated(kernel, entries(kernel), constants, real, names, target)
     made = kernel.statements
     names |= {t: t.name.lstrip("_") for t, _ in made.shared}
-    printer = CPrinter(real, names, target.prefix)
+    printer = CPrinter(real, names, target.prefix, explicit=target.explicit)
     lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};")
              for t, e in made.shared]
     lines += map(wrap, _assignments(made, printer))
@@ -220,7 +222,7 @@ def _emit_compensated(
     zero = "splat(0)" if target.prefix else "0"
     lines = [f"{target.value} sum[2];"]
     for entry, e in targets:
-        lines.append(f"sum[0] = sum[1] = {zero};")
+        lines += [f"sum[0] = {zero};", f"sum[1] = {zero};"]
         for term in sp.Add.make_args(sp.expand(e)):
             number, rest = term.as_coeff_Mul()
             factors = [] if number == 1 and rest != 1 else [printer.number(number)]

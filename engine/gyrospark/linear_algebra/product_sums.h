@@ -19,13 +19,15 @@ static real rounded(volatile real value)
 /* sum += prod_i factors[i] in twice the working precision, by two-product and two-sum. */
 static void add_product(real sum[2], int count, const real *factors)
 {
-    real high = factors[0], low = 0;
+    real high = factors[0];
+    real low = (real)0;
     for (int i = 1; i < count; ++i) {
         const real product = ROUNDED(high*factors[i]);
-        low = low*factors[i] + MATH(fma)(high, factors[i], -product);
+        low = (low*factors[i]) + MATH(fma)(high, factors[i], -product);
         high = product;
     }
-    const real total = sum[0] + high, part = total - sum[0];
+    const real total = sum[0] + high;
+    const real part = total - sum[0];
     sum[1] += low + ((sum[0] - (total - part)) + (high - part));
     sum[0] = total;
 }

@@ -7,14 +7,13 @@
 #include "gyrospark/linear_algebra/product_sums.h"
 #endif
 
-/* 0 times a number is 0, but for infinity and NaN. */
 static bool are_finite(int count, const real *x)
 {
-    real sum = 0;
+    bool finite = true;
     for (int a = 0; a < count; ++a) {
-        sum += 0*x[a];
+        finite = finite && (MATH(fabs)(x[a]) <= LIMIT(MAX));
     }
-    return sum == 0;
+    return finite;
 }
 
 /* Whether q is finite and its quaternions have a length. */
@@ -22,17 +21,17 @@ static bool is_position(const real q[N])
 {
     bool valid = are_finite(N, q);
     for (int b = 0; b < QUATERNIONS; ++b) {
-        real square = 0;
+        real square = (real)0;
         for (int e = 0; e < 4; ++e) {
             const real x = q[quaternion[b][e]];
             square += x*x;
         }
-        valid = valid && (square > 0) && isfinite(square);
+        valid = valid && (square > (real)0) && (square <= LIMIT(MAX));
     }
     return valid;
 }
 
-/* Whether a trajectory can start at (q, p). */
+/* Whether a trajectory can be at (q, p). */
 static bool is_state(const real q[N], const real p[N])
 {
     return is_position(q) && are_finite(N, p);
@@ -41,13 +40,13 @@ static bool is_state(const real q[N], const real p[N])
 /* Whether h and 1/h are finite numbers. */
 static bool is_step(real h)
 {
-    const real numbers[2] = { h, 1/h };
+    const real numbers[2] = { h, (real)1/h };
     return are_finite(2, numbers);
 }
 
 static bool is_option(const options_t *options)
 {
-    return (options->max_iterations > 0) && (options->tolerance >= 0);
+    return (options->max_iterations > 0) && (options->tolerance >= (real)0);
 }
 
 #if GS_SHORT_REAL
@@ -58,11 +57,14 @@ static bool is_option(const options_t *options)
 static real time_after(real start, int64_t n, real h)
 {
     const uint64_t count = (uint64_t)n;
-    real sum[2] = { start, 0 }, unit = (real)17592186044416; /* 2^44 */
+    /* 2^44 */
+    real sum[2] = { start, 0 };
+    real unit = (real)17592186044416;
     for (unsigned shift = 44U; shift <= 44U; shift -= 22U) {
-        const real factors[2] = { (real)(uint32_t)((count >> shift) & 0x3FFFFFU)*unit, h };
+        const uint32_t part = (uint32_t)(count >> shift) & 0x3FFFFFU;
+        const real factors[2] = { (real)part*unit, h };
         add_product(sum, 2, factors);
-        unit /= 4194304; /* 2^22 */
+        unit /= (real)4194304; /* 2^22 */
     }
     return sum[0] + sum[1];
 }
@@ -70,7 +72,7 @@ static real time_after(real start, int64_t n, real h)
 /* start + n h, as in profiles run and full */
 static real time_after(real start, int64_t n, real h)
 {
-    return start + (real)n*h;
+    return start + ((real)n*h);
 }
 #endif
 

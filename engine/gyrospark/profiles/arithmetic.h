@@ -9,8 +9,9 @@ static void total(int rows, const real *x, real sum[N])
 {
     for (int a = 0; a < N; ++a) {
         sum[a] = x[a];
-        for (int j = 1; j < rows; ++j)
-            sum[a] += x[j*N + a];
+        for (int j = 1; j < rows; ++j) {
+            sum[a] += x[(j*N) + a];
+        }
     }
 }
 
@@ -18,7 +19,8 @@ static void total(int rows, const real *x, real sum[N])
 static void add_compensated(const real old[N], const real change[N], real end[N], real low[N])
 {
     for (int a = 0; a < N; ++a) {
-        const real sum = old[a] + change[a], share = sum - old[a];
+        const real sum = old[a] + change[a];
+        const real share = sum - old[a];
         low[a] = (old[a] - (sum - share)) + (change[a] - share);
         end[a] = sum;
     }
@@ -30,11 +32,12 @@ static void add_compensated(const real old[N], const real change[N], real end[N]
 static void factorise(real W[M][M])
 {
     for (int k = 0; k < M; ++k) {
-        W[k][k] = 1/W[k][k];
+        W[k][k] = (real)1/W[k][k];
         for (int i = k + 1; i < M; ++i) {
             W[i][k] *= W[k][k];
-            for (int j = k + 1; j < M; ++j)
+            for (int j = k + 1; j < M; ++j) {
                 W[i][j] -= W[i][k]*W[k][j];
+            }
         }
     }
 }
@@ -42,12 +45,15 @@ static void factorise(real W[M][M])
 /* b <- W^-1 b from the factors */
 static void substitute(real W[M][M], real b[M])
 {
-    for (int i = 1; i < M; ++i)
-        for (int j = 0; j < i; ++j)
+    for (int i = 1; i < M; ++i) {
+        for (int j = 0; j < i; ++j) {
             b[i] -= W[i][j]*b[j];
+        }
+    }
     for (int i = M - 1; i >= 0; --i) {
-        for (int j = i + 1; j < M; ++j)
+        for (int j = i + 1; j < M; ++j) {
             b[i] -= W[i][j]*b[j];
+        }
         b[i] *= W[i][i];
     }
 }
@@ -55,7 +61,7 @@ static void substitute(real W[M][M], real b[M])
 /* W <- 1/W, one number */
 static void factorise(real W[M][M])
 {
-    W[0][0] = 1/W[0][0];
+    W[0][0] = (real)1/W[0][0];
 }
 
 static void substitute(real W[M][M], real b[M])

@@ -8,11 +8,39 @@
 /* The state of the caller; a component that did not change keeps its round-off. */
 static void set_state(real state[N], real low[N], const real given[N])
 {
-    for (int a = 0; a < N; ++a)
+    for (int a = 0; a < N; ++a) {
         if (!(state[a] == given[a])) {
             state[a] = given[a];
-            low[a] = 0;
+            low[a] = (real)0;
         }
+    }
+}
+
+/* Ends the step in (q, p); nothing changes if the result is not finite. */
+static bool complete_step(state_t *w, real q[N], real p[N])
+{
+    real q_end[N];
+    real p_end[N];
+    real q_low[N];
+    real p_low[N];
+    end_of_step(w, q_end, p_end, q_low, p_low);
+    const bool finite = are_finite(N, q_end) && are_finite(N, p_end);
+    if (finite) {
+        record_unknowns(w);
+        for (int a = 0; a < N; ++a) {
+            w->q[a] = q_end[a];
+            w->p[a] = p_end[a];
+            q[a] = q_end[a];
+            p[a] = p_end[a];
+            w->q_low[a] = q_low[a];
+            w->p_low[a] = p_low[a];
+        }
+        ++w->steps;
+#if GS_FORCED_BY_TIME
+        w->t = time_after(w->start_time, w->steps, w->h);
+#endif
+    }
+    return finite;
 }
 
 size_t NAME(work_size)(void)
@@ -38,62 +66,44 @@ status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N])
 {
+    status_t status = INVALID;
     w->steps = -1;
-    if (!is_step(dt) || !is_state(q, p) || !is_option(options)) {
-        return INVALID;
-    }
-    w->steps = 0;
-    w->tolerance = options->tolerance;
-    w->max_iterations = options->max_iterations;
-    w->h = dt;
-    w->h_inverse = 1/dt;
-    w->start_time = start_time(parameters);
-    w->t = w->start_time;
-    w->history_length = 0;
-    w->order = 0;
-    w->iterations = 0;
-    w->change = 0;
-    for (int a = 0; a < N; ++a) {
-        w->q[a] = q[a];
-        w->p[a] = p[a];
-        w->q_low[a] = 0;
-        w->p_low[a] = 0;
-    }
-    const status_t status = NAME(set_parameters)(w, parameters);
-    if (status != OK) {
-        w->steps = -1;
+    if (is_step(dt) && is_state(q, p) && is_option(options) && are_valid(parameters)) {
+        w->steps = 0;
+        w->tolerance = options->tolerance;
+        w->max_iterations = options->max_iterations;
+        w->h = dt;
+        w->h_inverse = (real)1/dt;
+        w->start_time = start_time(parameters);
+        w->t = w->start_time;
+        w->history_length = 0;
+        w->order = 0;
+        w->iterations = 0;
+        w->change = (real)0;
+        for (int a = 0; a < N; ++a) {
+            w->q[a] = q[a];
+            w->p[a] = p[a];
+            w->q_low[a] = (real)0;
+            w->p_low[a] = (real)0;
+        }
+        prepare(parameters, &w->constants);
+        status = OK;
     }
     return status;
 }
 
 status_t NAME(advance)(state_t *w, real q[N], real p[N])
 {
-    real q_end[N], p_end[N], q_low[N], p_low[N];
-    if (w->steps < 0) {
-        return INVALID;
+    status_t status = INVALID;
+    if (w->steps >= 0) {
+        set_state(w->q, w->q_low, q);
+        set_state(w->p, w->p_low, p);
+        evaluate_constraints(w);
+        status = solve_fixed_point(w);
+        if (((status == OK) || (status == NOT_CONVERGED)) && !complete_step(w, q, p)) {
+            status = NOT_FINITE;
+        }
     }
-    set_state(w->q, w->q_low, q);
-    set_state(w->p, w->p_low, p);
-    evaluate_constraints(w);
-    const status_t status = solve_fixed_point(w);
-    if ((status != OK) && (status != NOT_CONVERGED)) {
-        return status;
-    }
-    end_of_step(w, q_end, p_end, q_low, p_low);
-    if (!are_finite(N, q_end) || !are_finite(N, p_end)) {
-        return NOT_FINITE;
-    }
-    record_unknowns(w);
-    for (int a = 0; a < N; ++a) {
-        q[a] = w->q[a] = q_end[a];
-        p[a] = w->p[a] = p_end[a];
-        w->q_low[a] = q_low[a];
-        w->p_low[a] = p_low[a];
-    }
-    ++w->steps;
-#if GS_FORCED_BY_TIME
-    w->t = NAME(time)(w);
-#endif
     return status;
 }
 

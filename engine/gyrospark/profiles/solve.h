@@ -16,71 +16,86 @@ static void predict_unknowns(state_t *w)
 {
     for (int e = 0; e < X; ++e) {
         w->x[e] = 0;
-        for (int k = w->order - 1; k >= 0; --k)
+        for (int k = w->order - 1; k >= 0; --k) {
             w->x[e] += w->history[k][e];
+        }
     }
 }
 
 /* Updates the differences by a completed step; the order with the least error is selected. */
 static void record_unknowns(state_t *w)
 {
-    real *rest = w->x, best = (real)HUGE_VAL; /* the unknowns are overwritten */
+    real *rest = w->x; /* the unknowns are overwritten */
+    real best = (real)HUGE_VAL;
     w->order = 1;
-    for (int k = 0; k < ORDERS && k <= w->history_length; ++k) {
-        real missed = 0;
+    for (int k = 0; (k < ORDERS) && (k <= w->history_length); ++k) {
+        real missed = (real)0;
         for (int e = 0; e < X; ++e) {
             const real old = w->history[k][e];
             w->history[k][e] = rest[e];
             rest[e] -= old;
-            missed += e < HAT ? rest[e]*rest[e] : 0;
+            if (e < HAT) {
+                missed += rest[e]*rest[e];
+            }
         }
-        if (k < w->history_length && missed < best) {
+        if ((k < w->history_length) && (missed < best)) {
             best = missed;
             w->order = k + 1;
         }
     }
-    w->history_length += w->history_length < ORDERS;
+    if (w->history_length < ORDERS) {
+        ++w->history_length;
+    }
 }
 
 /* State of the convergence test: squared norms relative to the state. */
 typedef struct {
-    int iterations, stagnation; /* all, and the last ones without a decrease */
-    real remaining, previous;   /* increment and constraint error of the last two iterations */
-    real smallest;              /* of all */
+    int iterations;
+    int stagnation; /* the last iterations without a decrease */
+    real remaining; /* increment and constraint error of the last iteration, */
+    real previous;  /* of the one before, */
+    real smallest;  /* and of all */
 } progress_t;
-
-static const progress_t initial_progress = { 0, 0, (real)HUGE_VAL, (real)HUGE_VAL, (real)HUGE_VAL };
 
 /*
  * Whether the iteration has converged: the next increment, extrapolated by the rate of the last two
  * (modes may alternate), is below round-off, or two iterations near round-off brought no decrease.
  */
-static int test_convergence(progress_t *s, real change, real defect, real tolerance)
+static bool test_convergence(progress_t *s, real change, real defect, real tolerance)
 {
-    const real low = 4096*epsilon, beyond = epsilon/256, least_rate = (real)0.0001;
-    const real remaining = change + (defect > 4*epsilon*epsilon ? defect : 0);
-    const real of_two = s->iterations < 2 ? least_rate : MATH(sqrt)(remaining/s->previous);
-    const real next = remaining*MATH(fmax)(remaining/s->remaining, of_two);
-    s->stagnation = remaining < (real)0.8*s->smallest ? 0 : s->stagnation + 1;
+    const real low = (real)4096*epsilon;
+    const real beyond = epsilon/(real)256;
+    const real visible = (defect > ((real)4*epsilon*epsilon)) ? defect : (real)0;
+    const real remaining = change + visible;
+    real rate = (real)0.0001; /* at least, of two iterations */
+    if (s->iterations >= 2) {
+        rate = MATH(sqrt)(remaining/s->previous);
+    }
+    const real next = remaining*MATH(fmax)(remaining/s->remaining, rate);
+    s->stagnation = (remaining < ((real)0.8*s->smallest)) ? 0 : (s->stagnation + 1);
     s->previous = s->remaining;
     s->remaining = remaining;
-    s->smallest = remaining < s->smallest ? remaining : s->smallest;
-    return change <= tolerance*tolerance || (++s->iterations > 1 && next < beyond*beyond)
-        || (s->stagnation >= 2 && remaining < low*low);
+    s->smallest = (remaining < s->smallest) ? remaining : s->smallest;
+    ++s->iterations;
+    return (change <= (tolerance*tolerance)) || ((s->iterations > 1) && (next < (beyond*beyond)))
+        || ((s->stagnation >= 2) && (remaining < (low*low)));
 }
 
 /* Weights of the norms: the state and the increment of the step. */
 static void update_scales(state_t *w)
 {
-    real dq[N], dp[N], q_square = LIMIT(MIN), p_square = LIMIT(MIN);
+    real dq[N];
+    real dp[N];
+    real q_square = LIMIT(MIN);
+    real p_square = LIMIT(MIN);
     total(S, w->x, dq);
-    total(S, w->x + HAT, dp);
+    total(S, &w->x[HAT], dp);
     for (int a = 0; a < N; ++a) {
-        q_square += w->q[a]*w->q[a] + dq[a]*dq[a];
-        p_square += w->p[a]*w->p[a] + dp[a]*dp[a];
+        q_square += (w->q[a]*w->q[a]) + (dq[a]*dq[a]);
+        p_square += (w->p[a]*w->p[a]) + (dp[a]*dp[a]);
     }
-    w->q_weight = 1/q_square;
-    w->p_weight = 1/p_square;
+    w->q_weight = (real)1/q_square;
+    w->p_weight = (real)1/p_square;
 }
 
 /*
@@ -89,29 +104,48 @@ static void update_scales(state_t *w)
  */
 static status_t solve_fixed_point(state_t *w)
 {
-    int predicted = w->history_length > 0, restarts = 1;
-    progress_t progress;
-    for (w->iterations = 1;; ++w->iterations) {
+    const progress_t initial = { 0, 0, (real)HUGE_VAL, (real)HUGE_VAL, (real)HUGE_VAL };
+    progress_t progress = initial;
+    bool predicted = w->history_length > 0;
+    bool restarts = true;
+    bool close = false;
+    bool converged = false;
+    bool ended = false;
+    status_t status = DIVERGED;
+    w->iterations = 0;
+    while (!ended) {
+        ++w->iterations;
         if (restarts) {
-            if (predicted)
+            if (predicted) {
                 predict_unknowns(w);
-            else
+            } else {
                 initial_unknowns(w);
-            progress = initial_progress;
+            }
+            progress = initial;
         }
-        if (restarts || (!predicted && (progress.iterations == 1 || progress.iterations == 3))) {
+        if (restarts
+            || (!predicted && ((progress.iterations == 1) || (progress.iterations == 3)))) {
             update_scales(w); /* again: a body at rest has no scale before it moves */
             begin_iteration(w);
         }
         w->change = iterate_once(w);
-        const int close = w->change < (real)0.0004; /* 2 % */
-        if (test_convergence(&progress, w->change, w->defect, w->tolerance))
-            return OK;
-        restarts = predicted && progress.iterations == 1 && !close;
+        close = w->change < (real)0.0004; /* 2 % */
+        converged = test_convergence(&progress, w->change, w->defect, w->tolerance);
+        restarts = predicted && (progress.iterations == 1) && !close;
         predicted = predicted && !restarts;
-        if (w->iterations >= w->max_iterations || (!restarts && !(w->change < 9)))
-            return close ? NOT_CONVERGED : isnan(w->change) ? NOT_FINITE : DIVERGED;
+        ended = converged || (w->iterations >= w->max_iterations)
+            || (!restarts && !(w->change < (real)9));
     }
+    if (converged) {
+        status = OK;
+    } else if (close) {
+        status = NOT_CONVERGED;
+    } else if (isnan(w->change) != 0) {
+        status = NOT_FINITE;
+    } else {
+        status = DIVERGED;
+    }
+    return status;
 }
 
 #endif

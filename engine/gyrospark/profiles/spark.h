@@ -8,55 +8,63 @@
  * The scaled unknowns x: L = h b k and L^ = h b^ k^ of the stages, then the impulses h b~ Lambda.
  * Impulse l belongs to node l + 1, where g = 0 is imposed; the last one acts at node 0.
  */
-enum { HAT = S*N, IMPULSE = 2*S*N, X = 2*S*N + P*M };
+enum { HAT = S*N, IMPULSE = 2*S*N, X = (2*S*N) + (P*M) };
 
 /* y_i = base_i + sum_j table_ij x_j; rows have `width` numbers, rows of the base `stride`. */
 static void multiply_table(int rows, int columns, int width, const real *base, int stride,
     const real *table, const real *x, real *y)
 {
-    for (int i = 0; i < rows; ++i)
+    for (int i = 0; i < rows; ++i) {
         for (int a = 0; a < width; ++a) {
-            real sum = base == NULL ? 0 : base[i*stride + a];
-            for (int j = 0; j < columns; ++j)
-                sum += table[i*columns + j]*x[j*width + a];
-            y[i*width + a] = sum;
+            real sum = (base == NULL) ? (real)0 : base[(i*stride) + a];
+            for (int j = 0; j < columns; ++j) {
+                sum += table[(i*columns) + j]*x[(j*width) + a];
+            }
+            y[(i*width) + a] = sum;
         }
+    }
 }
 
 /* Starting values without history: the rates at the start of the step, zero impulses. */
 static void initial_unknowns(state_t *w)
 {
-    real H_q[N], H_p[N], shared[SHARED];
+    real H_q[N];
+    real H_p[N];
+    real shared[SHARED];
     first_rates(&w->constants, w->q, w->p, H_p, shared);
     second_rates(&w->constants, w->q, w->p, &w->t, shared, H_q);
-    for (int e = 0; e < S*N; ++e) {
+    for (int e = 0; e < (S*N); ++e) {
         w->x[e] = w->h*weights[e/N]*H_p[e % N];
         w->x[HAT + e] = -(w->h*weights_hat[e/N])*H_q[e % N];
     }
-    for (int e = IMPULSE; e < X; ++e)
+    for (int e = IMPULSE; e < X; ++e) {
         w->x[e] = 0;
+    }
 }
 
 #if GS_CONSTRAINED
 /* The position of the node where impulse l acts; the last one acts at q. */
 static void node_position(const state_t *w, int l, real place[N])
 {
-    for (int a = 0; a < N; ++a)
-        place[a] = w->q[a] + (l < P - 1 ? w->D[l*N + a] : 0);
+    for (int a = 0; a < N; ++a) {
+        place[a] = w->q[a] + ((l < (P - 1)) ? w->D[(l*N) + a] : (real)0);
+    }
 }
 
 /* C_i = p + sum_j nu~_ij Y_j with Y_j = -G(Q~_j)^T (impulse j) */
 static void constraint_forces(state_t *w, real C[S*N])
 {
     for (int j = 0; j < P; ++j) {
-        const real *impulse = w->x + IMPULSE + j*M;
-        real place[N], G[M][N];
+        const real *impulse = &w->x[IMPULSE + (j*M)];
+        real place[N];
+        real G[M][N];
         node_position(w, j, place);
         KERNEL(constraint_jacobian)(&w->constants, place, G);
         for (int a = 0; a < N; ++a) {
-            w->Y[j*N + a] = 0;
-            for (int mu = 0; mu < M; ++mu)
-                w->Y[j*N + a] -= G[mu][a]*impulse[mu];
+            w->Y[(j*N) + a] = 0;
+            for (int mu = 0; mu < M; ++mu) {
+                w->Y[(j*N) + a] -= G[mu][a]*impulse[mu];
+            }
         }
     }
     multiply_table(S, P, N, w->p, 0, &table_nu_tilde[0][0], w->Y, C);
@@ -74,9 +82,11 @@ static void begin_iteration(state_t *w)
 static void apply_schur_inverse(const state_t *w, int j, const real defect[M], real impulse[M])
 {
     (void)j;
-    for (int mu = 0; mu < M; ++mu)
-        for (int nu = 0; nu < M; ++nu)
+    for (int mu = 0; mu < M; ++mu) {
+        for (int nu = 0; nu < M; ++nu) {
             impulse[mu] += w->h_inverse*w->constants.W_inverse[mu][nu]*defect[nu];
+        }
+    }
 }
 #else
 /*
@@ -99,8 +109,9 @@ static void begin_iteration(state_t *w)
 static void apply_schur_inverse(state_t *w, int j, real defect[M], real impulse[M])
 {
     substitute(w->factors[j], defect);
-    for (int mu = 0; mu < M; ++mu)
+    for (int mu = 0; mu < M; ++mu) {
         impulse[mu] += w->h_inverse*defect[mu];
+    }
 }
 #endif
 
@@ -110,19 +121,22 @@ static void apply_schur_inverse(state_t *w, int j, real defect[M], real impulse[
  */
 static void correct_multipliers(state_t *w, const real L[S*N], real C[S*N])
 {
-    real g[P*M], defect[P*M];
+    real g[P*M];
+    real defect[P*M];
     multiply_table(P, S, N, NULL, 0, &table_nu[0][0], L, w->D);
     w->defect = 0;
     for (int l = 0; l < P; ++l) {
-        KERNEL(constraint_increment)(&w->constants, w->q, w->D + l*N, g + l*M);
+        KERNEL(constraint_increment)(&w->constants, w->q, &w->D[l*N], &g[l*M]);
         for (int mu = 0; mu < M; ++mu) {
-            const real rest = g[l*M + mu] += w->g[mu];
+            const real rest = g[(l*M) + mu] + w->g[mu];
+            g[(l*M) + mu] = rest;
             w->defect += rest*rest*w->row_weight[mu]*w->q_weight;
         }
     }
     multiply_table(P, P, M, NULL, 0, &table_inverse[0][0], g, defect);
-    for (int j = 0; j < P; ++j)
-        apply_schur_inverse(w, j, defect + j*M, w->x + IMPULSE + j*M);
+    for (int j = 0; j < P; ++j) {
+        apply_schur_inverse(w, j, &defect[j*M], &w->x[IMPULSE + (j*M)]);
+    }
     constraint_forces(w, C);
 }
 
@@ -138,29 +152,36 @@ static void evaluate_constraints(state_t *w)
             w->g[mu] += G[mu][a]*w->q_low[a];
             square += G[mu][a]*G[mu][a];
         }
-        w->row_weight[mu] = 1/square;
+        w->row_weight[mu] = (real)1/square;
     }
 }
 
 /* T2: adds the impulses to dp and projects p + dp onto f(q, p) = 0. */
 static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
 {
-    real G[M][N], impulses[N];
+    real G[M][N];
+    real impulses[N];
     KERNEL(constraint_jacobian)(&w->constants, q, G);
     total(P, w->Y, impulses);
-    for (int a = 0; a < N; ++a)
+    for (int a = 0; a < N; ++a) {
         dp[a] += impulses[a] + w->p_low[a];
+    }
     for (int round = 0; round < ROUNDS; ++round) {
-        real f[M], p[N], W[M][M];
-        for (int a = 0; a < N; ++a)
+        real f[M];
+        real p[N];
+        real W[M][M];
+        for (int a = 0; a < N; ++a) {
             p[a] = w->p[a] + dp[a];
+        }
         KERNEL(hidden_constraint)(&w->constants, q, p, f);
         KERNEL(hidden_matrix)(&w->constants, q, p, W);
         factorise(W);
         substitute(W, f);
-        for (int mu = 0; mu < M; ++mu)
-            for (int a = 0; a < N; ++a)
+        for (int mu = 0; mu < M; ++mu) {
+            for (int a = 0; a < N; ++a) {
                 dp[a] -= G[mu][a]*f[mu];
+            }
+        }
     }
 }
 
@@ -171,7 +192,7 @@ static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], re
     real C[S*N];
     (void)Q;
     correct_multipliers(w, L, C);
-    for (int e = 0; e < S*N; ++e) {
+    for (int e = 0; e < (S*N); ++e) {
         const real force_change = C[e] - w->C[e];
         momentum[e] += force_change;
         w->C[e] = C[e];
@@ -182,16 +203,19 @@ static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], re
 /* Corrects P_i by the new impulses and evaluates H_p again. */
 static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
-    real C[S*N], H_p[N], shared[SHARED];
+    real C[S*N];
+    real H_p[N];
+    real shared[SHARED];
     correct_multipliers(w, L, C);
-    for (int e = 0; e < S*N; ++e) {
+    for (int e = 0; e < (S*N); ++e) {
         momentum[e] += C[e] - w->C[e];
         w->C[e] = C[e];
     }
     for (int i = 0; i < S; ++i) {
-        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared);
-        for (int a = 0; a < N; ++a)
-            L[i*N + a] = w->h*weights[i]*H_p[a];
+        first_rates(&w->constants, &Q[i*N], &momentum[i*N], H_p, shared);
+        for (int a = 0; a < N; ++a) {
+            L[(i*N) + a] = w->h*weights[i]*H_p[a];
+        }
     }
 }
 #endif
@@ -204,20 +228,25 @@ static void evaluate_constraints(state_t *w)
 /* C_i = p without impulses */
 static void begin_iteration(state_t *w)
 {
-    for (int e = 0; e < S*N; ++e)
+    for (int e = 0; e < (S*N); ++e) {
         w->C[e] = w->p[e % N];
+    }
 }
 
 static void correct_stages(state_t *w, const real Q[S*N], real momentum[S*N], real L[S*N])
 {
-    (void)w, (void)Q, (void)momentum, (void)L;
+    (void)w;
+    (void)Q;
+    (void)momentum;
+    (void)L;
 }
 
 static void project_momentum_increment(const state_t *w, const real q[N], real dp[N])
 {
     (void)q;
-    for (int a = 0; a < N; ++a)
+    for (int a = 0; a < N; ++a) {
         dp[a] += w->p_low[a];
+    }
 }
 #endif
 
@@ -231,7 +260,9 @@ static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 /* Jacobi ordering: H_q at the positions of H_p. */
 static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
 {
-    (void)w, (void)L, (void)Q;
+    (void)w;
+    (void)L;
+    (void)Q;
 }
 #endif
 
@@ -241,23 +272,33 @@ static void update_positions(const state_t *w, const real L[S*N], real Q[S*N])
  */
 static real iterate_once(state_t *w)
 {
-    real Q[S*N], momentum[S*N], L[S*N], shared[S][SHARED], q_change = 0, p_change = 0;
+    real Q[S*N];
+    real momentum[S*N];
+    real L[S*N];
+    real shared[S][SHARED];
+    real q_change = (real)0;
+    real p_change = (real)0;
     multiply_table(S, S, N, w->q, 0, &table_mu[0][0], w->x, Q);
-    multiply_table(S, S, N, w->C, N, &table_mu_hat[0][0], w->x + HAT, momentum);
+    multiply_table(S, S, N, w->C, N, &table_mu_hat[0][0], &w->x[HAT], momentum);
     for (int i = 0; i < S; ++i) {
         real H_p[N];
-        first_rates(&w->constants, Q + i*N, momentum + i*N, H_p, shared[i]);
-        for (int a = 0; a < N; ++a)
-            L[i*N + a] = w->h*weights[i]*H_p[a];
+        first_rates(&w->constants, &Q[i*N], &momentum[i*N], H_p, shared[i]);
+        for (int a = 0; a < N; ++a) {
+            L[(i*N) + a] = w->h*weights[i]*H_p[a];
+        }
     }
     correct_stages(w, Q, momentum, L);
     update_positions(w, L, Q);
     for (int i = 0; i < S; ++i) {
-        const real t = w->t + w->h*nodes[i];
+#if GS_FORCED_BY_TIME
+        const real t = w->t + (w->h*nodes[i]);
+#else
+        const real t = w->t;
+#endif
         real H_q[N];
-        second_rates(&w->constants, Q + i*N, momentum + i*N, &t, shared[i], H_q);
+        second_rates(&w->constants, &Q[i*N], &momentum[i*N], &t, shared[i], H_q);
         for (int a = 0; a < N; ++a) {
-            const int e = i*N + a;
+            const int e = (i*N) + a;
             const real force = -(w->h*weights_hat[i])*H_q[a];
             q_change += (L[e] - w->x[e])*(L[e] - w->x[e]);
             p_change += (force - w->x[HAT + e])*(force - w->x[HAT + e]);
@@ -265,17 +306,19 @@ static real iterate_once(state_t *w)
             w->x[HAT + e] = force;
         }
     }
-    return q_change*w->q_weight + p_change*w->p_weight;
+    return (q_change*w->q_weight) + (p_change*w->p_weight);
 }
 
 /* T2: the end of the step by compensated sums; `low` is their round-off. */
 static void end_of_step(const state_t *w, real q[N], real p[N], real q_low[N], real p_low[N])
 {
-    real dq[N], dp[N];
+    real dq[N];
+    real dp[N];
     total(S, w->x, dq);
-    total(S, w->x + HAT, dp);
-    for (int a = 0; a < N; ++a)
+    total(S, &w->x[HAT], dp);
+    for (int a = 0; a < N; ++a) {
         dq[a] += w->q_low[a];
+    }
     add_compensated(w->q, dq, q, q_low);
     project_momentum_increment(w, q, dp);
     add_compensated(w->p, dp, p, p_low);

@@ -8,12 +8,12 @@
 static void normalise_quaternions(real q[N])
 {
     for (int b = 0; b < QUATERNIONS; ++b) {
-        real square = 0;
+        real square = (real)0;
         for (int e = 0; e < 4; ++e) {
             const real x = q[quaternion[b][e]];
             square += x*x;
         }
-        if (MATH(fabs)(square - 1) > 4*epsilon) {
+        if (MATH(fabs)(square - (real)1) > ((real)4*epsilon)) {
             for (int e = 0; e < 4; ++e) {
                 q[quaternion[b][e]] /= MATH(sqrt)(square);
             }
@@ -28,8 +28,13 @@ static void normalise_quaternions(real q[N])
  */
 static bool is_consistent(const parameters_t *parameters, const real q[N], const real v[V])
 {
-    const real allowed = 16*epsilon;
-    real g[HELD], f[HELD], square[HELD], rate[N], q_square = 0, rate_square = 0;
+    const real allowed = (real)16*epsilon;
+    real g[HELD];
+    real f[HELD];
+    real square[HELD];
+    real rate[N];
+    real q_square = (real)0;
+    real rate_square = (real)0;
     bool consistent = true;
     start_defects(parameters, q, v, rate, g, f, square);
     for (int a = 0; a < N; ++a) {
@@ -37,8 +42,8 @@ static bool is_consistent(const parameters_t *parameters, const real q[N], const
         rate_square += rate[a]*rate[a];
     }
     for (int mu = 0; mu < HELD; ++mu) {
-        consistent = consistent && (g[mu]*g[mu] <= allowed*square[mu]*q_square)
-            && (f[mu]*f[mu] <= allowed*square[mu]*rate_square);
+        consistent = consistent && ((g[mu]*g[mu]) <= (allowed*square[mu]*q_square))
+            && ((f[mu]*f[mu]) <= (allowed*square[mu]*rate_square));
     }
     return consistent;
 }
@@ -56,7 +61,8 @@ static bool is_consistent(const parameters_t *parameters, const real q[N], const
 status_t NAME(start)(const parameters_t *parameters, real q[N], const real velocity[V], real p[N])
 {
     status_t status = INVALID;
-    real q_start[N], p_start[N];
+    real q_start[N];
+    real p_start[N];
     if (are_valid(parameters) && is_position(q) && are_finite(V, velocity)) {
         for (int a = 0; a < N; ++a) {
             q_start[a] = q[a];

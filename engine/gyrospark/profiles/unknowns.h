@@ -14,7 +14,8 @@ static real scale_of(const state_t *w, int e, int *place)
     *place = e;
 #if GS_CONSTRAINED
     if (e >= LAMBDA) {
-        const int l = (e - LAMBDA)/M, node = l == 0 ? P - 1 : l - 1;
+        const int l = (e - LAMBDA)/M;
+        const int node = l == 0 ? P - 1 : l - 1;
         *place = IMPULSE + node*M + (e - LAMBDA) % M;
         return w->h*tableau.b_tilde[l];
     }

@@ -11,10 +11,14 @@
  * both. A product that an optimiser moves out of a loop is not contracted any more: the state is
  * loaded again in each turn of a loop.
  */
-#if defined(__GNUC__) && !GS_PROFILE_CONTROL
+#if GS_PROFILE_CONTROL
+#define RELOAD_STATE ((void)0)
+#else
+#if defined(__GNUC__)
 #define RELOAD_STATE __asm__ volatile("" ::: "memory")
 #else
 #define RELOAD_STATE ((void)0)
+#endif
 #endif
 
 #if !GS_WIDE_REAL
@@ -24,15 +28,17 @@
 /* n is a whole number; n + 3/(2 epsilon) is `shifted`, whose last bits are those of n. */
 INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, real *cosine)
 {
-    if (!(n > -MOST_TURNS && n < MOST_TURNS)) {
-        *sine = *cosine = (real)NAN;
-        return;
-    }
-    const int turns = (int)n;
-    const real first = turns & 1 ? c : s, second = turns & 1 ? s : c;
     (void)shifted;
-    *sine = turns & 2 ? -first : first;
-    *cosine = (turns + 1) & 2 ? -second : second;
+    if ((n > -MOST_TURNS) && (n < MOST_TURNS)) {
+        const unsigned turns = (unsigned)(int)n;
+        const real first = ((turns & 1U) != 0U) ? c : s;
+        const real second = ((turns & 1U) != 0U) ? s : c;
+        *sine = ((turns & 2U) != 0U) ? -first : first;
+        *cosine = (((turns + 1U) & 2U) != 0U) ? -second : second;
+    } else {
+        *sine = (real)NAN;
+        *cosine = (real)NAN;
+    }
 }
 
 #if !GS_PROFILE_CONTROL

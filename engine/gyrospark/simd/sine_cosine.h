@@ -7,16 +7,19 @@
 #if !GS_WIDE_REAL
 INLINE void TYPED(sine_cosine)(NUMBER x, NUMBER *sine, NUMBER *cosine)
 {
-    const real shift = (real)3/(2*epsilon); /* adding it rounds to an integer */
-    const NUMBER shifted = x*(real)0.63661977236758134308 + shift, turns = shifted - shift;
-    const NUMBER y = (x - turns*half_pi[0]) - turns*half_pi[1], z = y*y;
-    const NUMBER z2 = z*z, z4 = z2*z2;
-    const NUMBER s = y + y*z*((((real)(-1./6) + z*(real)(1./120)) + z2*((real)(-1./5040)
-        + z*(real)(1./362880))) + z4*(((real)(-1./39916800) + z*(real)(1./6227020800.))
-        + z2*((real)(-1./1307674368000.) + z*(real)(1./355687428096000.))));
-    const NUMBER c = 1 - z*(real)0.5 + z2*((((real)(1./24) + z*(real)(-1./720))
-        + z2*((real)(1./40320) + z*(real)(-1./3628800))) + z4*(((real)(1./479001600)
-        + z*(real)(-1./87178291200.)) + z2*(real)(1./20922789888000.)));
+    const real shift = (real)3/((real)2*epsilon); /* adding it rounds to an integer */
+    const NUMBER shifted = (x*(real)0.63661977236758134308) + shift;
+    const NUMBER turns = shifted - shift;
+    const NUMBER y = (x - (turns*half_pi[0])) - (turns*half_pi[1]);
+    const NUMBER z = y*y;
+    const NUMBER z2 = z*z;
+    const NUMBER z4 = z2*z2;
+    const NUMBER s = y + (y*z*((((real)(-1./6) + (z*(real)(1./120))) + (z2*((real)(-1./5040)
+        + (z*(real)(1./362880))))) + (z4*(((real)(-1./39916800) + (z*(real)(1./6227020800.)))
+        + (z2*((real)(-1./1307674368000.) + (z*(real)(1./355687428096000.))))))));
+    const NUMBER c = (real)1 - (z*(real)0.5) + (z2*((((real)(1./24) + (z*(real)(-1./720)))
+        + (z2*((real)(1./40320) + (z*(real)(-1./3628800))))) + (z4*(((real)(1./479001600)
+        + (z*(real)(-1./87178291200.))) + (z2*(real)(1./20922789888000.))))));
     TYPED(select_quadrant)(turns, shifted, s, c, sine, cosine);
 }
 #else

@@ -40,38 +40,35 @@ status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t *options, real dt,
     const real q[N], const real p[N])
 {
+    status_t status = INVALID;
     w->steps = -1;
-    if (!is_step(dt) || !is_state(q, p) || !is_option(options) || !are_valid(parameters)) {
-        return INVALID;
+    if (is_step(dt) && is_state(q, p) && is_option(options) && are_valid(parameters)) {
+        w->steps = 0;
+        w->start_time = start_time(parameters);
+        w->flows.h = dt;
+        w->flows.t = w->start_time;
+        w->flows.now.work = (real)0;
+        w->flows.now.work_low = (real)0;
+        prepare(parameters, &w->constants);
+        restart(w, q, p);
+        status = OK;
     }
-    w->steps = 0;
-    w->flows.h = dt;
-    w->flows.t = w->start_time = start_time(parameters);
-    w->flows.now.work = w->flows.now.work_low = 0;
-    prepare(parameters, &w->constants);
-    restart(w, q, p);
-    return OK;
+    return status;
 }
 
-status_t NAME(advance)(state_t *w, real q[N], real p[N])
+/* One step of the flows; they stay as they were if its end is not finite. */
+static bool complete_step(state_t *w, real q[N], real p[N])
 {
-    real q_end[N], p_end[N], work;
-    bool differs = false;
-    if (w->steps < 0) {
-        return INVALID;
-    }
-    for (int a = 0; a < N; ++a) {
-        differs = differs || !(q[a] == w->q[a]) || !(p[a] == w->p[a]);
-    }
-    if (differs) {
-        restart(w, q, p);
-    }
-    const flow_state before = w->flows.now;
+    real q_end[N];
+    real p_end[N];
+    real work;
+    flow_state before;
+    before = w->flows.now;
     const int was_underway = w->flows.is_underway;
 #if GS_FORCED_BY_TIME
-    w->flows.t = NAME(time)(w);
+    w->flows.t = time_after(w->start_time, w->steps, w->flows.h);
 #endif
-    if (!was_underway) {
+    if (was_underway == 0) {
         drift_on(&w->constants, &w->flows, 0);
     }
     for (int i = 0; i < w->flows.stages; ++i) {
@@ -83,17 +80,36 @@ status_t NAME(advance)(state_t *w, real q[N], real p[N])
     /* The drift up to the end of the step, and that into the next one: neither waits for the other. */
     end_of_step(&w->constants, &w->flows, q_end, p_end, &work);
     drift_on(&w->constants, &w->flows, w->flows.stages + 1);
-    if (!are_finite(N, q_end) || !are_finite(N, p_end)) {
+    const bool finite = are_finite(N, q_end) && are_finite(N, p_end);
+    if (finite) {
+        for (int a = 0; a < N; ++a) {
+            w->q[a] = q_end[a];
+            w->p[a] = p_end[a];
+            q[a] = q_end[a];
+            p[a] = p_end[a];
+        }
+        ++w->steps;
+    } else {
         w->flows.now = before;
         w->flows.is_underway = was_underway;
-        return NOT_FINITE;
     }
-    for (int a = 0; a < N; ++a) {
-        q[a] = w->q[a] = q_end[a];
-        p[a] = w->p[a] = p_end[a];
+    return finite;
+}
+
+status_t NAME(advance)(state_t *w, real q[N], real p[N])
+{
+    status_t status = INVALID;
+    if (w->steps >= 0) {
+        bool same = true;
+        for (int a = 0; a < N; ++a) {
+            same = same && (q[a] == w->q[a]) && (p[a] == w->p[a]);
+        }
+        if (!same) {
+            restart(w, q, p);
+        }
+        status = complete_step(w, q, p) ? OK : NOT_FINITE;
     }
-    ++w->steps;
-    return OK;
+    return status;
 }
 
 /* Nothing is iterated. */
@@ -106,7 +122,7 @@ int NAME(iterations)(const state_t *w)
 real NAME(change)(const state_t *w)
 {
     (void)w;
-    return 0;
+    return (real)0;
 }
 
 #endif

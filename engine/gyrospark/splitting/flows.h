@@ -15,37 +15,44 @@ INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, 
 {
     const NUMBER duration = s->drift[i];
     for (int b = 0; b < BODIES; ++b) {
-        const int *at = body_q[b], k = body_axis[b];
-        NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] }, *l = y + 3*b;
+        const int *at = body_q[b];
+        const int k = body_axis[b];
+        NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
+        NUMBER *l = &y[3*b];
 #if GS_DRAG
         const NUMBER elapsed = s->elapsed[b][i];
 #else
         const NUMBER elapsed = duration;
 #endif
         if (k >= 0) {
-            NUMBER cosine = s->cosine[k][i], sine = s->sine[k][i];
-            if (!(axis_steady[k] && s->is_symmetric))
-                TYPED(sine_cosine)((real)0.5*(s->axis_rate[k]*elapsed
-                    *TYPED(axis_momentum)(r, l, axis_which[k], s->axis[k])
-                    + s->axis_offset[k]*duration), &sine, &cosine);
+            NUMBER cosine = s->cosine[k][i];
+            NUMBER sine = s->sine[k][i];
+            if ((axis_steady[k] == 0) || (s->is_symmetric == 0)) {
+                TYPED(sine_cosine)((real)0.5*((s->axis_rate[k]*elapsed
+                    *TYPED(axis_momentum)(r, l, axis_which[k], s->axis[k]))
+                    + (s->axis_offset[k]*duration)), &sine, &cosine);
+            }
             TYPED(rotate_about_axis)(r, axis_which[k], s->axis[k], cosine, sine);
         }
         TYPED(rotate_freely)(r, l, (real)0.5*s->sphere[b]*elapsed);
-        for (int e = 0; e < 4; ++e)
+        for (int e = 0; e < 4; ++e) {
             q[at[e]] = r[e];
+        }
 #if GS_DRAG
-        for (int e = 0; e < 3; ++e)
+        for (int e = 0; e < 3; ++e) {
             l[e] *= s->decay[b][i];
+        }
 #endif
     }
     if (FREE > 0) {
-        NUMBER velocity[FREE + 1], offset[FREE + 1];
+        NUMBER velocity[FREE + 1];
+        NUMBER offset[FREE + 1];
         TYPED(free_velocity)(c, y, velocity, offset);
         for (int e = 0; e < FREE; ++e) {
 #if GS_DRAG
             TYPED(accumulate)(&q[free_q[e]], &q_low[free_q[e]],
-                s->elapsed[BODIES + e][i]*velocity[e] + duration*offset[e]);
-            y[3*BODIES + e] *= s->decay[BODIES + e][i];
+                (s->elapsed[BODIES + e][i]*velocity[e]) + (duration*offset[e]));
+            y[(3*BODIES) + e] *= s->decay[BODIES + e][i];
 #else
             TYPED(accumulate)(&q[free_q[e]], &q_low[free_q[e]],
                 duration*(velocity[e] + offset[e]));
@@ -58,10 +65,13 @@ INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, 
 /* v <- R(w) v for the unit quaternion w = (c, u), by an increment: its length has no bias. */
 INLINE void TYPED(turn_vector)(NUMBER c, const NUMBER *u, NUMBER *const *v, NUMBER *const *v_low)
 {
-    const NUMBER x = *v[0], y = *v[1], z = *v[2];
+    const NUMBER x = *v[0];
+    const NUMBER y = *v[1];
+    const NUMBER z = *v[2];
     const NUMBER a[3] = { u[1]*z - u[2]*y, u[2]*x - u[0]*z, u[0]*y - u[1]*x };
     for (int i = 0; i < 3; ++i) {
-        const int j = (i + 1)%3, k = (i + 2)%3;
+        const int j = (i + 1)%3;
+        const int k = (i + 2)%3;
         TYPED(accumulate)(v[i], v_low[i], 2*(c*a[i] + (u[j]*a[k] - u[k]*a[j])));
     }
 }
@@ -71,10 +81,13 @@ INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[COORDINATE
     NUMBER q_low[COORDINATES], NUMBER y[Y], NUMBER y_low[Y])
 {
     for (int b = 0; b < BODIES; ++b) {
-        const int k = body_space[b], *at = body_q[b];
-        if (k < 0)
+        const int k = body_space[b];
+        const int *at = body_q[b];
+        if (k < 0) {
             continue;
-        const NUMBER c = s->space_cosine[k][i], *u = s->space_vector[k][i];
+        }
+        const NUMBER c = s->space_cosine[k][i];
+        const NUMBER *u = s->space_vector[k][i];
         NUMBER *const l[3] = { y + 3*b, y + 3*b + 1, y + 3*b + 2 };
         NUMBER *const l_low[3] = { y_low + 3*b, y_low + 3*b + 1, y_low + 3*b + 2 };
         const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
@@ -85,7 +98,9 @@ INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[COORDINATE
         TYPED(turn_vector)(c, u, l, l_low);
     }
     for (int e = 0; e < SPACE_POINTS; ++e) {
-        const int *in_q = space_point_q[e], *in_y = space_point_y[e], k = space_of_point[e];
+        const int *in_q = space_point_q[e];
+        const int *in_y = space_point_y[e];
+        const int k = space_of_point[e];
         NUMBER none[2] = { TYPED(broadcast)(0), TYPED(broadcast)(0) }; /* z of a point in a plane */
         const int flat = in_q[2] < 0;
         NUMBER *const r[3] = { q + in_q[0], q + in_q[1], flat ? none : q + in_q[2] };
@@ -101,60 +116,72 @@ INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[COORDINATE
 /* Kick i for the duration: momenta change, positions stay. */
 INLINE void TYPED(kick)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i, NUMBER duration)
 {
-    const NUMBER t[1] = { s->t + s->kick_time[i] }, gradient[1] = { s->gradient[i] };
+    const NUMBER t[1] = { s->t + s->kick_time[i] };
+    const NUMBER gradient[1] = { s->gradient[i] };
     NUMBER rate[KICKED + 1];
 #if GS_MOMENTUM_FORCES
     NUMBER middle[Y]; /* explicit midpoint rule: order 2 */
     TYPED(kick_rate)(c, s->now.q, s->now.y, t, gradient, rate);
-    for (int e = 0; e < Y; ++e)
+    for (int e = 0; e < Y; ++e) {
         middle[e] = s->now.y[e];
-    for (int k = 0; k < KICKED; ++k)
+    }
+    for (int k = 0; k < KICKED; ++k) {
         middle[kicked[k]] += (real)0.5*duration*rate[k];
+    }
     TYPED(kick_rate)(c, s->now.q, middle, t, gradient, rate);
 #else
     TYPED(kick_rate)(c, s->now.q, s->now.y, t, gradient, rate);
 #endif
 #if GS_FORCES && !GS_ON_DUALS
     NUMBER mean[Y];
-    for (int e = 0; e < Y; ++e)
+    for (int e = 0; e < Y; ++e) {
         mean[e] = s->now.y[e];
-    for (int k = 0; k < KICKED; ++k)
+    }
+    for (int k = 0; k < KICKED; ++k) {
         mean[kicked[k]] += (real)0.5*duration*rate[k];
+    }
     TYPED(accumulate)(&s->now.work, &s->now.work_low, duration*TYPED(force_power)(c, s->now.q, mean, t));
 #endif
-    for (int k = 0; k < KICKED; ++k)
+    for (int k = 0; k < KICKED; ++k) {
         TYPED(accumulate)(&s->now.y[kicked[k]], &s->now.y_low[kicked[k]], duration*rate[k]);
+    }
 }
 
 /* The rotation k of an asymmetric body for a duration. */
 INLINE void TYPED(rotate_further)(TYPED(flows) *s, int k, NUMBER duration)
 {
     const int *at = body_q[further_body[k]];
-    NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] }, sine, cosine;
-    TYPED(sine_cosine)((real)0.5*duration*(s->further_rate[k]
-        *TYPED(axis_momentum)(r, s->now.y + 3*further_body[k], further_which[k], s->further_axis[k])
-        + s->further_offset[k]), &sine, &cosine);
+    NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };
+    NUMBER sine;
+    NUMBER cosine;
+    TYPED(sine_cosine)((real)0.5*duration*((s->further_rate[k]
+        *TYPED(axis_momentum)(r, &s->now.y[3*further_body[k]], further_which[k],
+        s->further_axis[k])) + s->further_offset[k]), &sine, &cosine);
     TYPED(rotate_about_axis)(r, further_which[k], s->further_axis[k], cosine, sine);
-    for (int e = 0; e < 4; ++e)
+    for (int e = 0; e < 4; ++e) {
         s->now.q[at[e]] = r[e];
+    }
 }
 
 /* What is between two drifts: a kick, and rotations that do not commute with the drift. */
 INLINE void TYPED(kick_and_rotate)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
 {
     const NUMBER duration = s->kick[i];
-    if (FURTHER == 0 || s->is_symmetric) {
+    if ((FURTHER == 0) || (s->is_symmetric != 0)) {
         TYPED(kick)(c, s, i, duration);
-        return;
+    } else {
+        TYPED(kick)(c, s, i, (real)0.5*duration);
+        for (int k = 0; k < (FURTHER - 1); ++k) {
+            TYPED(rotate_further)(s, k, (real)0.5*duration);
+        }
+        if (FURTHER > 0) {
+            TYPED(rotate_further)(s, FURTHER - 1, duration);
+        }
+        for (int k = FURTHER - 2; k >= 0; --k) {
+            TYPED(rotate_further)(s, k, (real)0.5*duration);
+        }
+        TYPED(kick)(c, s, i, (real)0.5*duration);
     }
-    TYPED(kick)(c, s, i, (real)0.5*duration);
-    for (int k = 0; k < FURTHER - 1; ++k)
-        TYPED(rotate_further)(s, k, (real)0.5*duration);
-    if (FURTHER > 0)
-        TYPED(rotate_further)(s, FURTHER - 1, duration);
-    for (int k = FURTHER - 2; k >= 0; --k)
-        TYPED(rotate_further)(s, k, (real)0.5*duration);
-    TYPED(kick)(c, s, i, (real)0.5*duration);
 }
 
 #if !GS_ON_DUALS /* their steps are those of derivatives/splitting.h */
@@ -196,22 +223,24 @@ INLINE void TYPED(end_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, in
 {
     TYPED(kick_and_rotate)(c, s, i);
     RELOAD_STATE;
-    if (i < s->stages - 1)
-        return;
-    for (int b = 0; b < BODIES; ++b) {
-        const int *at = body_q[b];
-        NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };
-        TYPED(normalise)(r);
-        for (int e = 0; e < 4; ++e)
-            s->now.q[at[e]] = r[e];
+    if (i >= (s->stages - 1)) {
+        for (int b = 0; b < BODIES; ++b) {
+            const int *at = body_q[b];
+            NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };
+            TYPED(normalise)(r);
+            for (int e = 0; e < 4; ++e) {
+                s->now.q[at[e]] = r[e];
+            }
+        }
+        s->is_underway = 1;
     }
-    s->is_underway = 1;
 }
 
 /* A drift and a kick of a step. */
 INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, int i)
 {
-    TYPED(drift_on)(c, s, i > 0 ? i : s->is_underway ? s->stages + 1 : 0);
+    const int first = (s->is_underway != 0) ? (s->stages + 1) : 0;
+    TYPED(drift_on)(c, s, (i > 0) ? i : first);
     TYPED(end_stage)(c, s, i);
 }
 
@@ -219,7 +248,9 @@ INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, i
 INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows) *s,
     NUMBER q[COORDINATES], NUMBER p[COORDINATES], NUMBER *work)
 {
-    NUMBER y[Y], q_low[COORDINATES], y_low[Y];
+    NUMBER y[Y];
+    NUMBER q_low[COORDINATES];
+    NUMBER y_low[Y];
     for (int a = 0; a < COORDINATES; ++a) {
         q[a] = s->now.q[a];
         q_low[a] = s->now.q_low[a];
@@ -229,17 +260,20 @@ INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows
         y_low[e] = s->now.y_low[e];
     }
     *work = TYPED(broadcast)(0);
-    if (s->is_underway)
+    if (s->is_underway != 0) {
         *work = TYPED(drift_and_turn)(c, s, s->stages, q, q_low, y, y_low);
+    }
     for (int b = 0; b < BODIES; ++b) {
         const int *at = body_q[b];
         const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
         NUMBER momentum[4];
-        TYPED(momentum_of)(r, y + 3*b, momentum);
-        for (int e = 0; e < 4; ++e)
+        TYPED(momentum_of)(r, &y[3*b], momentum);
+        for (int e = 0; e < 4; ++e) {
             p[at[e]] = momentum[e];
+        }
     }
-    for (int e = 0; e < FREE; ++e)
-        p[free_q[e]] = y[3*BODIES + e];
+    for (int e = 0; e < FREE; ++e) {
+        p[free_q[e]] = y[(3*BODIES) + e];
+    }
 }
 #endif

@@ -7,7 +7,7 @@
 /* h w for a weight in two words */
 static real duration_of(real h, const real w[2])
 {
-    return h*w[0] + h*w[1];
+    return (h*w[0]) + (h*w[1]);
 }
 
 /*
@@ -16,10 +16,12 @@ static real duration_of(real h, const real w[2])
  */
 static void set_durations(real h, int count, const real w[][2], real duration[])
 {
-    real rest = h, low = 0;
-    for (int i = 0; i < count - 1; ++i) {
+    real rest = h;
+    real low = (real)0;
+    for (int i = 0; i < (count - 1); ++i) {
         duration[i] = duration_of(h, w[i]);
-        const real next = rest - duration[i], share = rest - next;
+        const real next = rest - duration[i];
+        const real share = rest - next;
         low += (rest - (next + share)) + (share - duration[i]);
         rest = next;
     }
@@ -30,10 +32,10 @@ static void set_durations(real h, int count, const real w[][2], real duration[])
 /* Decay of the momentum in a drift, and (1 - exp(-k t))/k, the time that a free motion sees. */
 static void set_drag(flows *s, int which, real k)
 {
-    for (int i = 0; i < s->stages + 2; ++i) {
+    for (int i = 0; i < (s->stages + 2); ++i) {
         const real x = k*s->drift[i];
         s->decay[which][i] = MATH(exp)(-x);
-        s->elapsed[which][i] = k == 0 ? s->drift[i] : -MATH(expm1)(-x)/k;
+        s->elapsed[which][i] = (k == (real)0) ? s->drift[i] : (-MATH(expm1)(-x)/k);
     }
 }
 #endif
@@ -46,12 +48,13 @@ static void set_rotating_axes(flows *s, const constants *c)
     space_rates(c, omega);
     for (int k = 0; k < SPACES; ++k) {
         const real *w = omega[k];
-        const real size = square_root(w[0]*w[0] + w[1]*w[1] + w[2]*w[2] + LIMIT(MIN));
+        const real size = square_root((w[0]*w[0]) + (w[1]*w[1]) + (w[2]*w[2]) + LIMIT(MIN));
         for (int i = 0; i < s->stages + 2; ++i) {
             real sine;
             sine_cosine((real)0.5*size*s->drift[i], &sine, &s->space_cosine[k][i]);
-            for (int e = 0; e < 3; ++e)
+            for (int e = 0; e < 3; ++e) {
                 s->space_vector[k][i][e] = -sine/size*w[e];
+            }
         }
     }
 }
@@ -60,10 +63,11 @@ static void set_rotating_axes(flows *s, const constants *c)
 /* An axis that the parameters leave undetermined, where nothing rotates about it. */
 static void complete_axis(real axis[3], real rate, real offset)
 {
-    if (isfinite(axis[0] + axis[1] + axis[2]) || rate != 0 || offset != 0)
-        return;
-    axis[0] = axis[1] = 0;
-    axis[2] = 1;
+    if ((isfinite(axis[0] + axis[1] + axis[2]) == 0) && (rate == (real)0) && (offset == (real)0)) {
+        axis[0] = (real)0;
+        axis[1] = (real)0;
+        axis[2] = (real)1;
+    }
 }
 
 /*
@@ -75,20 +79,30 @@ static void prepare_flows(flows *s, const constants *c, real h)
     flow_rates(c, s->sphere, s->axis_rate, s->axis_offset, s->further_rate, s->further_offset,
         s->drag);
     axis_directions(c, s->axis, s->further_axis);
-    for (int k = 0; k < AXES; ++k)
+    for (int k = 0; k < AXES; ++k) {
         complete_axis(s->axis[k], s->axis_rate[k], s->axis_offset[k]);
-    for (int k = 0; k < FURTHER; ++k)
+    }
+    for (int k = 0; k < FURTHER; ++k) {
         complete_axis(s->further_axis[k], s->further_rate[k], s->further_offset[k]);
+    }
     s->is_symmetric = 1;
-    for (int k = 0; k < FURTHER; ++k)
-        s->is_symmetric &= s->further_rate[k] == 0 && s->further_offset[k] == 0;
-    const composition_t *used = &compositions[s->is_symmetric && COMPOSITIONS > 1];
-    const int stages = s->stages = used->stages;
+    for (int k = 0; k < FURTHER; ++k) {
+        if ((s->further_rate[k] != (real)0) || (s->further_offset[k] != (real)0)) {
+            s->is_symmetric = 0;
+        }
+    }
+    const composition_t *used = &compositions[0];
+    if ((s->is_symmetric != 0) && (COMPOSITIONS > 1)) {
+        used = &compositions[COMPOSITIONS - 1];
+    }
+    const int stages = used->stages;
+    s->stages = stages;
     real between[STAGES + 1];
-    set_durations(h, stages, used->drift + 1, between); /* interior drifts, then first and last */
+    set_durations(h, stages, &used->drift[1], between); /* interior drifts, then first and last */
     s->drift[0] = duration_of(h, used->drift[0]);
-    for (int i = 1; i < stages; ++i)
+    for (int i = 1; i < stages; ++i) {
         s->drift[i] = between[i - 1];
+    }
     s->drift[stages + 1] = between[stages - 1];
     s->drift[stages] = s->drift[stages + 1] - s->drift[0];
     set_durations(h, stages, used->kick, s->kick);
@@ -97,8 +111,9 @@ static void prepare_flows(flows *s, const constants *c, real h)
         s->kick_time[i] = duration_of(h, used->time[i]);
     }
 #if GS_DRAG
-    for (int e = 0; e < BODIES + FREE; ++e)
+    for (int e = 0; e < (BODIES + FREE); ++e) {
         set_drag(s, e, s->drag[e]);
+    }
 #endif
 #if GS_ROTATING_AXES
     set_rotating_axes(s, c);
@@ -111,25 +126,29 @@ static void start_flows(flows *s, const real q[COORDINATES],
 {
     for (int a = 0; a < COORDINATES; ++a) {
         s->now.q[a] = q[a];
-        s->now.q_low[a] = 0;
+        s->now.q_low[a] = (real)0;
     }
     for (int b = 0; b < BODIES; ++b) {
-        const int *at = body_q[b], k = body_axis[b];
+        const int *at = body_q[b];
+        const int k = body_axis[b];
         const real r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
         const real momentum[4] = { p[at[0]], p[at[1]], p[at[2]], p[at[3]] };
-        real *l = s->now.y + 3*b;
+        real *l = &s->now.y[3*b];
         angular_momentum_of(r, momentum, l);
-        if (k >= 0 && axis_steady[k] && s->is_symmetric) {
+        if ((k >= 0) && (axis_steady[k] != 0) && (s->is_symmetric != 0)) {
             const real rate = (real)0.5*(s->axis_offset[k]
-                + s->axis_rate[k]*axis_momentum(r, l, axis_which[k], s->axis[k]));
-            for (int i = 0; i < s->stages + 2; ++i)
+                + (s->axis_rate[k]*axis_momentum(r, l, axis_which[k], s->axis[k])));
+            for (int i = 0; i < (s->stages + 2); ++i) {
                 sine_cosine(rate*s->drift[i], &s->sine[k][i], &s->cosine[k][i]);
+            }
         }
     }
-    for (int e = 0; e < FREE; ++e)
-        s->now.y[3*BODIES + e] = p[free_q[e]];
-    for (int e = 0; e < Y; ++e)
-        s->now.y_low[e] = 0;
+    for (int e = 0; e < FREE; ++e) {
+        s->now.y[(3*BODIES) + e] = p[free_q[e]];
+    }
+    for (int e = 0; e < Y; ++e) {
+        s->now.y_low[e] = (real)0;
+    }
     s->is_underway = 0;
 }
 

@@ -29,6 +29,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stddef.h>
 
 #ifndef TOY_SPLITTING

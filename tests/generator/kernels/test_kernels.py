@@ -97,7 +97,7 @@ class Interpreter:
         """Run a statement of a compensated sum; return whether it is one."""
         if re.fullmatch(r"(float|double|long double|_Float128) sum\[2\];", text):
             return True
-        if text == "sum[0] = sum[1] = 0;":
+        if text in ("sum[0] = 0;", "sum[1] = 0;"):
             self.total = self.number(0)
             return True
         counted = self.operations.copy()
