@@ -35,8 +35,7 @@ def files(
     refuse_names(manifest, KEYWORDS | _MACROS, "Arduino")
     values = template_values(manifest, sources, options)
     name = manifest["name"]
-    values |= {"suffix": "f" if values["real"] == "float" else "",
-               "given": dict(values["parameters"])}
+    values["given"] = dict(values["parameters"])
     about = {"name": name, "version": "0.1.0", "description": f"{values['about']}, one step at a "
              "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},
              "frameworks": "*", "platforms": "*", "headers": f"{name}.h",

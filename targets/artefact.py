@@ -200,7 +200,9 @@ def template_values(
         "name": name, "NAME": name.upper(), "version": __version__,
         "about": f"{manifest['scheme']['method']} for {system['name'].replace('_', ' ')}",
         "description": " ".join(options.description.split()) or "A mechanical system.",
-        "n": len(options.q), "real": manifest["real"], "dt": literal(options.dt, manifest["real"]),
+        "n": len(options.q), "real": manifest["real"],
+        "suffix": "f" if manifest["real"] == "float" else "",  # of literals in C
+        "dt": literal(options.dt, manifest["real"]),
         "q": q, "p": p, "parameters": [*zip(options.parameters, values, strict=True)],
         "units": {name: f", {known[name]}" if name in known else "" for name in options.parameters},
         "inputs": system.get("inputs", []),
