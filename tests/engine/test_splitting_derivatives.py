@@ -229,3 +229,18 @@ def test_analyses_of_runs():
     chaos = gs.lyapunov(STEP, TOP.q0, TOP.p0 / 20, dt=2e-3, steps=1000, parameters=ASYMMETRIC)
     assert chaos.exponents + chaos.exponents[::-1] == pytest.approx(0, abs=1e-2 * max(
         chaos.exponents))
+
+
+def test_points_without_bodies():
+    """A linear step is its own tangent, and its adjoint is the transposed matrix."""
+    x, p, k, m = sp.symbols("x p k m", real=True)
+    step = gs.stepper("splitting", order=4, system=gs.System(
+        (x,), (p,), (k, m), p**2 / (2 * m) + k * x**2 / 2, [], name="oscillator"))
+    given = {"dt": 0.3, "parameters": {"k": 1.2, "m": 0.7}}
+    columns = np.column_stack([np.concatenate(step.step(*e, **given)[:2])
+                               for e in ([[1], [0]], [[0], [1]])])
+    assert columns == pytest.approx(np.concatenate(step.jvp(
+        [0.4], [0.1], [[1, 0]], [[0, 1]], **given)[2:]), abs=1e-15)
+    assert np.linalg.det(columns) == pytest.approx(1, abs=1e-15)
+    back = step.vjp([0.4], [0.1], **given)[2]([0.6], [-0.8])
+    assert [*back.q, *back.p] == pytest.approx([0.6, -0.8] @ columns, abs=1e-15)

@@ -31,7 +31,7 @@ INLINE void TYPED(start_of_step)(TYPED(flows) *s, const NUMBER q[N], const NUMBE
         s->now.q[a] = q[a];
         s->now.q_low[a] = TYPED(broadcast)(0);
     }
-    for (int b = 0; b < BODIES; ++b) {
+    for (int b = 0; BODIES > 0 && b < BODIES; ++b) {
         NUMBER r[4], momentum[4];
         TYPED(get_quaternion)(q, body_q[b], r);
         TYPED(get_quaternion)(p, body_q[b], momentum);
@@ -51,7 +51,7 @@ INLINE void TYPED(take_map)(const TYPED(flow_constants) *c, TYPED(flows) *s, int
         TYPED(drift)(c, s, map.stage, s->now.q, s->now.q_low, s->now.y);
     else if (map.kind == KICK)
         TYPED(kick)(c, s, map.stage, map.share*s->kick[map.stage]);
-    else
+    else if (FURTHER > 0)
         TYPED(rotate_further)(s, map.rotation, map.share*s->kick[map.stage]);
 }
 
@@ -60,7 +60,7 @@ INLINE void TYPED(end_of_maps)(const TYPED(flows) *s, NUMBER q[N], NUMBER p[N])
 {
     for (int a = 0; a < N; ++a)
         q[a] = s->now.q[a];
-    for (int b = 0; b < BODIES; ++b) {
+    for (int b = 0; BODIES > 0 && b < BODIES; ++b) {
         NUMBER r[4], momentum[4];
         TYPED(get_quaternion)(q, body_q[b], r);
         TYPED(momentum_of)(r, s->now.y + 3*b, momentum);
@@ -209,7 +209,7 @@ INLINE void TYPED(drift_transposed)(TYPED(linearisation_t) *l, int i, const TYPE
     NUMBER *c_bar)
 {
     TYPED(flows) *s = &l->s, *bar = &l->bar;
-    for (int b = 0; b < BODIES; ++b) {
+    for (int b = 0; BODIES > 0 && b < BODIES; ++b) {
         const int k = body_axis[b];
         const NUMBER *momentum = at->y + 3*b;
         NUMBER *l_bar = bar->now.y + 3*b, q[4], first[4], q_bar[4];
@@ -411,7 +411,7 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
         bar->now.q[a] = w[a];
     for (int e = 0; e < FREE; ++e)
         bar->now.y[3*BODIES + e] = w[N + free_q[e]];
-    for (int b = 0; b < BODIES; ++b) { /* p = 2 l q */
+    for (int b = 0; BODIES > 0 && b < BODIES; ++b) { /* p = 2 l q */
         NUMBER q[4], p_bar[4], product[4];
         TYPED(get_quaternion)(end->q, body_q[b], q);
         TYPED(get_quaternion)(w + N, body_q[b], p_bar);
@@ -428,14 +428,14 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
             TYPED(drift_transposed)(l, map.stage, &l->start[m], z + 2*N);
         else if (map.kind == KICK)
             TYPED(kick_transposed)(l, map.stage, map.share, &l->start[m], z + 2*N);
-        else
+        else if (FURTHER > 0)
             TYPED(rotate_further_transposed)(l, &map, &l->start[m]);
     }
     for (int a = 0; a < N; ++a)
         z[a] = bar->now.q[a];
     for (int e = 0; e < FREE; ++e)
         z[N + free_q[e]] = bar->now.y[3*BODIES + e];
-    for (int b = 0; b < BODIES; ++b) { /* 2 l = p times the conjugate of q */
+    for (int b = 0; BODIES > 0 && b < BODIES; ++b) { /* 2 l = p times the conjugate of q */
         NUMBER r[4], p[4], by_q[4], by_p[4];
         TYPED(get_quaternion)(l->start[0].q, body_q[b], r);
         TYPED(get_quaternion)(l->p, body_q[b], p);

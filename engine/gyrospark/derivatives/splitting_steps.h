@@ -55,11 +55,11 @@ static void prepare_dual_flows(dual_flows *s, const flows *of, const dual_consta
     dual_flow_rates(c, s->sphere, s->axis_rate, s->axis_offset, s->further_rate, s->further_offset,
         s->drag);
     dual_axis_directions(c, s->axis, s->further_axis);
-    for (int k = 0; k < AXES; ++k) /* those that complete_axis has set */
+    for (int k = 0; AXES > 0 && k < AXES; ++k) /* those that complete_axis has set */
         for (int e = 0; e < 3; ++e)
             if (!isfinite(value_of(s->axis[k][e])))
                 s->axis[k][e] = dual_broadcast(of->axis[k][e]);
-    for (int k = 0; k < FURTHER; ++k)
+    for (int k = 0; FURTHER > 0 && k < FURTHER; ++k)
         for (int e = 0; e < 3; ++e)
             if (!isfinite(value_of(s->further_axis[k][e])))
                 s->further_axis[k][e] = dual_broadcast(of->further_axis[k][e]);

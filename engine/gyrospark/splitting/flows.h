@@ -14,7 +14,7 @@ INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, 
     NUMBER q[COORDINATES], NUMBER q_low[COORDINATES], NUMBER y[Y])
 {
     const NUMBER duration = s->drift[i];
-    for (int b = 0; b < BODIES; ++b) {
+    for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
         const int *at = body_q[b];
         const int k = body_axis[b];
         NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
@@ -80,7 +80,7 @@ INLINE void TYPED(turn_vector)(NUMBER c, const NUMBER *u, NUMBER *const *v, NUMB
 INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[COORDINATES],
     NUMBER q_low[COORDINATES], NUMBER y[Y], NUMBER y_low[Y])
 {
-    for (int b = 0; b < BODIES; ++b) {
+    for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
         const int k = body_space[b];
         const int *at = body_q[b];
         if (k < 0) {
@@ -224,7 +224,7 @@ INLINE void TYPED(end_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, in
     TYPED(kick_and_rotate)(c, s, i);
     RELOAD_STATE;
     if (i >= (s->stages - 1)) {
-        for (int b = 0; b < BODIES; ++b) {
+        for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
             const int *at = body_q[b];
             NUMBER r[4] = { s->now.q[at[0]], s->now.q[at[1]], s->now.q[at[2]], s->now.q[at[3]] };
             TYPED(normalise)(r);
@@ -263,7 +263,7 @@ INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows
     if (s->is_underway != 0) {
         *work = TYPED(drift_and_turn)(c, s, s->stages, q, q_low, y, y_low);
     }
-    for (int b = 0; b < BODIES; ++b) {
+    for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
         const int *at = body_q[b];
         const NUMBER r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
         NUMBER momentum[4];

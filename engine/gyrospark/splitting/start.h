@@ -79,14 +79,14 @@ static void prepare_flows(flows *s, const constants *c, real h)
     flow_rates(c, s->sphere, s->axis_rate, s->axis_offset, s->further_rate, s->further_offset,
         s->drag);
     axis_directions(c, s->axis, s->further_axis);
-    for (int k = 0; k < AXES; ++k) {
+    for (int k = 0; (AXES > 0) && (k < AXES); ++k) {
         complete_axis(s->axis[k], s->axis_rate[k], s->axis_offset[k]);
     }
-    for (int k = 0; k < FURTHER; ++k) {
+    for (int k = 0; (FURTHER > 0) && (k < FURTHER); ++k) {
         complete_axis(s->further_axis[k], s->further_rate[k], s->further_offset[k]);
     }
     s->is_symmetric = 1;
-    for (int k = 0; k < FURTHER; ++k) {
+    for (int k = 0; (FURTHER > 0) && (k < FURTHER); ++k) {
         if ((s->further_rate[k] != (real)0) || (s->further_offset[k] != (real)0)) {
             s->is_symmetric = 0;
         }
@@ -128,7 +128,7 @@ static void start_flows(flows *s, const real q[COORDINATES],
         s->now.q[a] = q[a];
         s->now.q_low[a] = (real)0;
     }
-    for (int b = 0; b < BODIES; ++b) {
+    for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
         const int *at = body_q[b];
         const int k = body_axis[b];
         const real r[4] = { q[at[0]], q[at[1]], q[at[2]], q[at[3]] };
