@@ -144,9 +144,9 @@ def _refuse_beyond_splitting(spec: Spec, model: Model | None, *, derivatives: bo
     if spec.frame or (model is not None and model.frame):
         raise InputError("Scheme splitting has no co-moving frame: each of its flows commutes with "
                          "the symmetries, so that the motion would be the same; leave out frame.")
-    if spec.profile == "run":
-        raise InputError("Scheme splitting has the profiles 'full' and 'control', not 'run'; its "
-                         "steps of profile 'control' solve nothing and need no fallback.")
+    if derivatives and spec.profile == "run":
+        raise InputError("Profile 'run' of scheme splitting has no tangents and adjoints; take "
+                         "profile 'full'.")
 
 
 def _refuse_beyond_molecules(spec: Spec, system: System, *, derivatives: bool) -> None:

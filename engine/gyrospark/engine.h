@@ -197,9 +197,9 @@ typedef state_t work_t;
 #else
 typedef NAME(report) report_t;
 typedef NAME(work) work_t;
-#if GS_PROFILE_RUN
+#if GS_PROFILE_RUN && !GS_SPLITTING
 typedef NAME(state) state_t;
-#elif GS_FIXED_POINT || GS_SPLITTING
+#elif !GS_PROFILE_RUN && (GS_FIXED_POINT || GS_SPLITTING)
 typedef NAME(batch) batch_memory;
 #endif
 #endif
@@ -213,7 +213,7 @@ enum { OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, STAGNATED, DIVERGED };
 enum { NEWTON = 1, FIXED_POINT };
 #endif
 
-#if GS_SPLITTING && !GS_PROFILE_CONTROL
+#if GS_SPLITTING && !GS_PROFILE_CONTROL && !GS_PROFILE_RUN
 #if defined(__GNUC__) && !defined(__clang__)
 /* See RELOAD_STATE: hoisting moves products out of the branches whose sums they are contracted in. */
 #pragma GCC optimize("no-code-hoisting")

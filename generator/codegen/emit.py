@@ -144,7 +144,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     own, renamed = (plain.kernels if plain else []), dict[str, str]()
     kernels: list[EmittedKernel] = []
     if isinstance(scheme, SplittingScheme):
-        states = [k for k in scheme.state_kernels() if derived.profile == "full" or (
+        states = [k for k in scheme.state_kernels() if derived.profile != "control" or (
             derived.derivatives and k.name in LINEARISATION)]
         if scheme.molecules is not None:  # H of all is evaluated on lanes alone
             states = [k for k in states if k.name != "molecule_hamiltonian"]

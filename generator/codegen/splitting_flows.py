@@ -43,7 +43,7 @@ def flows_of(derived: Derived) -> Flows:
     return Flows(
         kernels=[emit_kernel(k, derived.constants, real, target)
                  for k in [*scheme.kernels(),
-                           *scheme.flow_kernels(work=derived.profile == "full")]],
+                           *scheme.flow_kernels(work=derived.profile != "control")]],
         bodies=[list(body.q) for body in bodies],
         body_axis=[axis_of.get(i, -1) for i in range(len(bodies))],
         axis_which=[_which(axis) for _, axis in scheme.axes],

@@ -301,3 +301,48 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, tmp_pat
                                                      parameters=parameters)
     assert np.abs(np.array(q) - run.q[-1]).max() < 1e-14
     assert np.abs(np.array(p) - run.p[-1]).max() < 1e-14
+
+
+def test_profile_run_takes_the_steps_of_the_full_profile(tmp_path):
+    """Whole runs and pieces; asymmetric, with drag and its work."""
+    model = gs.Multibody("dragged")
+    top = model.top("t", mass=1, inertia=(1, 1.2, 0.7), centre=(0, 0, 0.3),
+                    quaternion=(0.9, np.sqrt(0.19), 0, 0), angular_velocity=(0.5, 0.2, 9))
+    c = model.parameter("c", 0.2)
+    model.torque(top, [-c * sp.Symbol(f"t_I{i}", positive=True) * w
+                       for i, w in zip((1, 2, 3), top.angular_velocity, strict=True)])
+    made = model.model()
+    source = generate(Spec.checked("splitting", order=4).with_profile("run"),
+                      system=made.system).source
+    library, name = shared_library(source, tmp_path), source.name
+    wanted = gs.stepper("splitting", order=4, system=made).integrate(
+        made.q0, made.p0, dt=5e-3, steps=40, parameters=made.parameters)
+
+    def numbers(values):
+        return (ctypes.c_double * len(values))(*map(float, values))
+
+    def of(function):
+        found = getattr(library, f"{name}_{function}")
+        found.restype = ctypes.c_size_t if function == "work_size" else ctypes.c_int
+        return found
+
+    parameters = numbers([made.parameters[str(x)] for x in made.system.parameters])
+    options = (ctypes.c_double * 2)()  # tolerance 0, solver AUTO
+    ends, dt = [], ctypes.c_double(5e-3)
+    for pieces in ((40,), (1, 20, 19)):
+        work = ctypes.create_string_buffer(of("work_size")())
+        q, p = numbers(made.q0), numbers(made.p0)
+        of("begin")(work, parameters, options, dt, q, p)
+        for steps in pieces:
+            assert of("advance")(work, ctypes.c_long(steps), q, p) == 0
+        ends.append([*q, *p])
+        assert np.abs(np.array(q) - wanted.q[-1]).max() < 1e-14
+        assert np.abs(np.array(p) - wanted.p[-1]).max() < 1e-13
+    assert ends[0] == ends[1]
+    q, p, report = numbers(made.q0), numbers(made.p0), ctypes.create_string_buffer(512)
+    rows, done = (ctypes.c_double * 16)(), (ctypes.c_double * 4)()
+    assert of("integrate")(parameters, options, dt, ctypes.c_long(40), ctypes.c_long(10), q, p,
+                           rows, None, None, done, report, work) == 0
+    assert [*q, *p] == ends[0]
+    assert np.abs(np.array(rows).reshape(4, 4) - wanted.q[10::10]).max() < 1e-14
+    assert np.abs(np.array(done) - wanted.work[10::10]).max() < 1e-13

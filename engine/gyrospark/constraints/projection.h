@@ -48,6 +48,7 @@ static void constraint_force(const constants *c, const real q[N], const real lam
     }
 }
 
+#if !(GS_SPLITTING && GS_PROFILE_RUN)
 /* reach[mu] = max_a |G[mu][a]|: largest change of g_mu per unit displacement of one coordinate */
 static void constraint_reach(const constants *c, const real q[N], real reach[M])
 {
@@ -56,6 +57,7 @@ static void constraint_reach(const constants *c, const real q[N], real reach[M])
     for (int mu = 0; mu < M; ++mu)
         reach[mu] = norm(N, G[mu]);
 }
+#endif
 
 #if !GS_VELOCITY_CONSTRAINTS
 /* f <- W^-1 f with W = (df/dp) G^T */

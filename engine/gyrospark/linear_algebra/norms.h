@@ -25,7 +25,7 @@ static real norm(int n, const real *x)
     return size;
 }
 
-#if !GS_PROFILE_CONTROL
+#if !GS_PROFILE_CONTROL && !(GS_SPLITTING && GS_PROFILE_RUN)
 /* A relative perturbation of +-2 ulp, with pseudo-random sign, to estimate round-off errors. */
 static real perturbation(unsigned *seed)
 {

@@ -2,7 +2,7 @@
 #ifndef GS_SIMD_QUADRANTS_H
 #define GS_SIMD_QUADRANTS_H
 
-#if !GS_PROFILE_CONTROL
+#if !GS_PROFILE_CONTROL && !GS_PROFILE_RUN
 #include "gyrospark/simd/vector.h"
 #endif
 
@@ -11,7 +11,7 @@
  * both. A product that an optimiser moves out of a loop is not contracted any more: the state is
  * loaded again in each turn of a loop.
  */
-#if GS_PROFILE_CONTROL
+#if GS_PROFILE_CONTROL || GS_PROFILE_RUN
 #define RELOAD_STATE ((void)0)
 #else
 #if defined(__GNUC__)
@@ -41,7 +41,7 @@ INLINE void select_quadrant(real n, real shifted, real s, real c, real *sine, re
     }
 }
 
-#if !GS_PROFILE_CONTROL
+#if !GS_PROFILE_CONTROL && !GS_PROFILE_RUN
 #if defined(LANE_BYTES)
 /* By bits. */
 INLINE void lanes_select_quadrant(lanes n, lanes shifted, lanes s, lanes c, lanes *sine,

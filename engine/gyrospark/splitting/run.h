@@ -89,6 +89,7 @@ static int is_observed(long n)
     return n <= OBSERVED_STEPS || n % OBSERVED_EVERY == 0;
 }
 
+#if !GS_PROFILE_RUN
 static void multipliers_of_run(work_t *w, const options_t *options, real multipliers[ROOM])
 {
     (void)w, (void)options, (void)multipliers; /* no constraint forces are computed */
@@ -123,4 +124,6 @@ void NAME(hamiltonian)(const parameters_t *parameters, long count, IF_TIME(
     for (long i = 0; i < count; ++i)
         H[i] = hamiltonian(AT(&c, time_of(parameters, t, i)), q + i*N, p + i*N);
 }
+#endif
+
 #endif
