@@ -164,7 +164,7 @@ static inline void axis_directions(const constants *c, real axis[1][3], real fur
     }
 }
 
-#if GS_PROFILE_CONTROL
+#if GS_PROFILE_CONTROL || GS_PROFILE_RUN
 #define INLINE static inline
 INLINE real square_root(real x)
 {
@@ -215,7 +215,7 @@ enum { E = 7, DT0 = 2*N + E - TIMES, DH, Z };
 #include "gyrospark/simd/quadrants.h"
 #include "gyrospark/simd/numbers.h"
 #include "split_kernels.h"
-#if !GS_PROFILE_CONTROL
+#if !GS_PROFILE_CONTROL && !GS_PROFILE_RUN
 #include "gyrospark/simd/lanes.h"
 #include "split_kernels.h"
 #endif
