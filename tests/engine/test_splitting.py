@@ -80,11 +80,11 @@ def test_bodies_in_space_forces_and_drag_against_gauss_lobatto(pair):
 def test_order_of_a_satellite_in_axes_of_its_orbit():
     model = gs.models.satellite()
     start, values = (model.q0, model.p0), model.parameters
-    exact, _ = end(gs.stepper("G-L", stages=5, system=model), start, values, 6000, 200)
     step = gs.stepper("splitting", order=4, system=model)
+    exact, _ = end(step, start, values, 6000, 1600)
     errors = [distance(step, start, values, 6000, n, exact) for n in (50, 100)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.1)
-    run = step.integrate(*start, dt=6, steps=20_000, every=20_000, parameters=values)
+    run = step.integrate(*start, dt=6, steps=5000, every=5000, parameters=values)
     assert run.report.energy_error_max < 1e-9 * abs(run.energy()[0])
 
 
@@ -125,7 +125,7 @@ def test_motion_in_rotating_axes_is_the_rotated_motion(turntable):
     assert np.abs(turning.body("a").angular_momentum()[-1]
                   - R @ still.body("a").angular_momentum()[-1]).max() < 1e-13
     dragged = values | {"c": 0.3}
-    exact, run = end(gs.stepper("G-L", stages=4, system=turntable), start, dragged, 1.0, 200)
+    exact, run = end(gs.stepper("G-L", stages=3, system=turntable), start, dragged, 1.0, 200)
     found, own = end(step, start, dragged, 1.0, 200)
     assert np.abs(found - exact).max() < 1e-8
     assert own.report.work == pytest.approx(run.report.work, abs=1e-8)
