@@ -128,7 +128,7 @@ class Trajectories:
         return DeviceStates(
             binding, runs, False, 1, Rows(q, p, multipliers, iterations, work),
             np.ascontiguousarray(state[:n].T), np.ascontiguousarray(state[n:].T),
-            self.device.get(self.status), [], steps=self.done,
+            self.device.get(self.status), [], runs.dt, runs.dt, steps=self.done,
             iterations=self.device.get(self.iterations))
 
     def _window(self, first: int, rows: int) -> Window:
