@@ -24,7 +24,6 @@ INLINE NUMBER TYPED(size_of)(const NUMBER l[3])
  */
 INLINE void TYPED(rotate_freely)(NUMBER q[4], const NUMBER l[3], NUMBER turn)
 {
-    /* beside the sine */
     const NUMBER size = TYPED(size_of)(l);
     const NUMBER inverse = (real)1/size; /* beside the sine */
     NUMBER s;
