@@ -5,6 +5,9 @@
  * CONSTRAINTS is their number; SPARK and SPLITTING say which scheme it is: neither of IMS and EMS.
  */
 #include STEPPER
+#if SPLITTING /* which iterates nothing: its steps converge or fail */
+#define NOT_CONVERGED OK
+#endif
 
 /* Steps until one fails; returns the last status. done: completed steps, their iterations. */
 int NAME(repeat)(state_t *w, real q[N], real p[N], int steps, real done[2])
