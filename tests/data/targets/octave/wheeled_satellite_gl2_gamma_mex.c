@@ -113,9 +113,9 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
             "masses and moments of inertia are above 0.");
 
     const size_t rows = steps/every + 1;
-    result[0] = mxCreateDoubleMatrix(N, rows, mxREAL);
-    mxArray *momenta = mxCreateDoubleMatrix(N, rows, mxREAL);
-    mxArray *energies = mxCreateDoubleMatrix(1, rows, mxREAL);
+    result[0] = mxCreateDoubleMatrix(N, (mwSize)rows, mxREAL);
+    mxArray *momenta = mxCreateDoubleMatrix(N, (mwSize)rows, mxREAL);
+    mxArray *energies = mxCreateDoubleMatrix(1, (mwSize)rows, mxREAL);
     double iterations = 0;
     for (size_t k = 0;; ++k) {
         if (k % every == 0) {
