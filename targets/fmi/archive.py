@@ -17,8 +17,9 @@ __all__ = ["OWN", "PLATFORMS", "Platform", "compile_fmu", "library_of", "own_pla
 
 #: The platform of this machine, by its own compiler.
 OWN = "own"
-#: One set for all: ziglang compiles a C library for each set of flags.
-_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-Wall", "-Wextra")
+#: One set for all: ziglang compiles a C library for each set of flags. With -O2 the library of the
+#: double pendulum has 161 kB instead of 76, and a step of it takes 5.3 µs instead of 6.2.
+_FLAGS = ("-std=c11", "-Os", "-ffp-contract=off", "-fvisibility=hidden", "-Wall", "-Wextra")
 #: The start of the calendar of zip files.
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 

@@ -35,7 +35,7 @@ _MACROS = frozenset([
     "SEEK_CUR", "SEEK_END", "SEEK_SET", "stdin", "stdout", "stderr", "RAND_MAX", "EXIT_FAILURE",
     "EXIT_SUCCESS", "MB_CUR_MAX", "SIZE_MAX"])
 #: Of a check.
-_STEPS = 200
+_STEPS = 2000
 
 
 class Fmu:
