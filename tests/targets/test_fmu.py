@@ -314,7 +314,7 @@ def test_other_misuse_is_an_error(satellite):
         content = slave.write(state)
         slave.free(state)
         for spoilt in (content[:-1], b"x" + content[1:], content + b"x"):
-            with pytest.raises(gs.GyrosparkError, match="no state of this FMU"):
+            with pytest.raises(gs.GyrosparkError, match=f"{len(spoilt)} bytes"):
                 slave.read(spoilt)
         with pytest.raises(gs.GyrosparkError, match="no state"):
             slave.restore(ctypes.c_void_p())
@@ -389,7 +389,7 @@ def test_the_same_model_is_the_same_file(satellite, tmp_path):
     other = texts(replace(built.options, dt=0.05))["modelDescription.xml"]
     assert satellite.token not in other
     assert 'start="0.05"' in other
-    assert "the bits of C" in built.check()
+    assert "2000 steps" in built.check()
 
 
 def test_sources_compile_without_a_warning(satellite, tmp_path):
@@ -414,7 +414,7 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
                        quantities={"speed": p / sp.sqrt(1 + p**2), "phase": sp.sin(3 * t)})
     built = gs.build("fmu3", system, scheme="IMS", dt=0.01, start=([0.5], [0.25]),
                      parameters={"k": 2.0}, out=tmp_path / "r.fmu")
-    assert "the bits of C" in built.check()
+    assert "2000 steps" in built.check()
     fmu = Fmu(built, 3, tmp_path)
     with fmu.instance() as slave:
         slave.start({"p": 0.75}, time=2.0)
@@ -429,7 +429,7 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
 def test_a_composition_of_exact_flows_has_no_iteration_to_keep(tmp_path):
     """Parameters that did not change are not set again, which would round its state."""
     built = gs.build("fmu2", SATELLITE, order=2, out=tmp_path / "s.fmu")
-    assert "the bits of C" in built.check()
+    assert "2000 steps" in built.check()
 
 
 def midpoint(q, p, t, h, steps):
@@ -504,7 +504,7 @@ def test_libraries_for_every_platform(version, tmp_path):
     built = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "all.fmu")
     fmu = Fmu(built, version, tmp_path)
     assert built.path.stat().st_size <= 150_000
-    assert "the bits of C" in built.check()
+    assert "2000 steps" in built.check()
     again = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "again.fmu")
     assert again.path.read_bytes() == built.path.read_bytes()
     found = {name: text[:4] for name, text in fmu.texts.items() if name.startswith("binaries/")}
@@ -541,7 +541,7 @@ def test_other_models(model, tmp_path):
         built = gs.build(f"fmu{version}", system, scheme="G-L", stages=2, **chosen,
                          out=tmp_path / f"{version}.fmu")
         assert validate_fmu(str(built.path)) == []
-        assert "the bits of C" in built.check()
+        assert "2000 steps" in built.check()
         with Fmu(built, version, tmp_path).started() as slave:
             before = slave.get(["energy"])[0]
             for step in range(300):
@@ -617,4 +617,4 @@ def test_a_source_code_fmu_is_compiled_by_others(satellite, tmp_path):
     with zipfile.ZipFile(path, "a") as archive:
         for library in (tmp_path / "open" / "binaries").rglob("*.so"):
             archive.write(library, library.relative_to(folder))
-    assert "the bits of C" in replace(satellite.built, path=path).check()
+    assert "2000 steps" in replace(satellite.built, path=path).check()
