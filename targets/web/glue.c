@@ -4,6 +4,35 @@
  *     cc -std=c11 -DSTEPPER='"heavy_top_gl3_gamma.c"' -DSPARK=1 -DCONSTRAINTS=1 -c glue.c
  * CONSTRAINTS is their number; SPARK and SPLITTING say which scheme it is: neither of IMS and EMS.
  */
+#include <math.h>
+
+#ifdef __wasm__
+/*
+ * WebAssembly has no fused multiply-add, and that of libc takes 40 ns. Where c is -a b, rounded, the
+ * result is the error of a product, which Dekker's products of halves give exactly: the same bits.
+ */
+static inline double fused(double a, double b, double c)
+{
+    const double product = a*b, size = fabs(product);
+    if (size == 0)
+        return a == 0 || b == 0 ? product + c : fma(a, b, c);
+    if (c != -product || !(size > 0x1p-900 && size < 0x1p900 && fabs(a) < 0x1p900
+                           && fabs(b) < 0x1p900))
+        return fma(a, b, c);
+    const double split = 0x1p27 + 1, a_high = split*a - (split*a - a), a_low = a - a_high;
+    const double b_high = split*b - (split*b - b), b_low = b - b_high;
+    return ((a_high*b_high - product) + a_high*b_low + a_low*b_high) + a_low*b_low;
+}
+
+static inline float fused_float(float a, float b, float c)
+{
+    return (double)c == -(double)(a*b) ? (float)((double)a*b + c) : fmaf(a, b, c);
+}
+#define fma(a, b, c) fused(a, b, c)
+#define fmaf(a, b, c) fused_float(a, b, c)
+#define ROUNDED(value) (value) /* nothing is contracted */
+#endif
+
 #include STEPPER
 #if SPLITTING /* which iterates nothing: its steps converge or fail */
 #define NOT_CONVERGED OK
@@ -26,7 +55,7 @@ int NAME(repeat)(state_t *w, real q[N], real p[N], int steps, real done[2])
     return status;
 }
 
-static real largest_of(int count, const real *values, real largest)
+static inline real largest_of(int count, const real *values, real largest)
 {
     for (int i = 0; i < count; ++i)
         largest = MATH(fmax)(largest, MATH(fabs)(values[i]));

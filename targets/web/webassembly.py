@@ -100,7 +100,7 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:  # noqa: A001 (th
 
 def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
     """Compile all steppers of a folder, each with glue.c, as one module that imports nothing."""
-    command = [*require("zig", "WebAssembly"), "cc", *_LINK[:2], *C_FLAGS, level]
+    command = [*require("zig", "WebAssembly"), "cc", *_LINK[:2], "-msimd128", *C_FLAGS, level]
     manifests = [json.loads(path.read_text(encoding="utf-8"))
                  for path in sorted(folder.glob("*.json"))]
     for manifest in manifests:

@@ -176,6 +176,49 @@ def test_functions_of_the_header_are_exported(glued):
         assert all(hasattr(library, name) for name in names)
 
 
+#: What glue.c includes in place of a stepper: fused multiply-adds with and without its own.
+STUB = """
+#define NAME(function) stub_##function
+#define MATH(function) function
+#define KERNEL(function) function
+#include <string.h>
+typedef double real;
+typedef int state_t;
+enum { N = 1, OK = 0, NOT_CONVERGED = 1 };
+static int stub_advance(state_t *w, real *q, real *p) { return !w || !q || !p; }
+static int stub_iterations(state_t *w) { return !w; }
+int differs(double a, double b, double c)
+{
+    const double own = fma(a, b, c), that = (fma)(a, b, c);
+    const float x = (float)a, y = (float)b, z = (float)c;
+    const float mine = fmaf(x, y, z), other = (fmaf)(x, y, z);
+    const int real_differs = !(isnan(own) && isnan(that)) && memcmp(&own, &that, sizeof own);
+    return real_differs || (!(isnan(mine) && isnan(other)) && memcmp(&mine, &other, sizeof mine));
+}
+"""
+
+
+def test_fused_products_without_a_fused_product_have_its_bits(tmp_path):
+    (tmp_path / "stub.c").write_text(STUB)
+    target = tmp_path / "stub.so"
+    subprocess.run([*TOOLS["cc"].find(), *C_FLAGS, "-Wall", "-Wextra", "-Werror", "-D__wasm__",
+                    '-DSTEPPER="stub.c"', "-DSPARK=0", "-DSPLITTING=0", "-DCONSTRAINTS=0",
+                    "-I", tmp_path, "-shared", "-fPIC", ROOT / "targets" / "web" / "glue.c",
+                    "-o", target, "-lm"], check=True)
+    differs = ctypes.CDLL(str(target)).differs
+    differs.argtypes = [ctypes.c_double]*3
+    some = np.random.default_rng(0)
+    numbers = [0.0, -0.0, 5e-324, -1e-310, 1e-154, -1e200, 1.7e308, 3e38, 1e-45, np.inf, np.nan]
+    numbers += list(np.ldexp(some.uniform(-2, 2, 40), some.integers(-1070, 1020, 40)))
+    numbers += list(some.uniform(-2, 2, 60))
+    with np.errstate(all="ignore"):
+        for a in numbers:
+            for b in numbers:
+                assert not differs(a, b, -(a*b)), (a, b)
+                assert not differs(a, b, float(-(np.float32(a)*np.float32(b)))), (a, b)
+        assert not any(differs(*some.choice(numbers, 3)) for _ in range(2000))
+
+
 # ---------------------------------------------------------------- modules and pages
 
 
