@@ -41,11 +41,11 @@ static inline float fused_float(float a, float b, float c)
 /* Steps until one fails; returns the last status. done: completed steps, their iterations. */
 int NAME(repeat)(state_t *w, real q[N], real p[N], int steps, real done[2])
 {
-    int status = OK;
+    int status = 0;
     done[0] = done[1] = 0;
     while (done[0] < steps) {
         status = (int)NAME(advance)(w, q, p);
-        if (status != OK && status != NOT_CONVERGED)
+        if (status > 1) /* neither OK nor NOT_CONVERGED, which splittings do not know */
             break;
         done[0] += 1;
 #if !SPLITTING

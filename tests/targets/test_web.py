@@ -184,7 +184,7 @@ STUB = """
 #include <string.h>
 typedef double real;
 typedef int state_t;
-enum { N = 1, OK = 0, NOT_CONVERGED = 1 };
+enum { N = 1 };
 static int stub_advance(state_t *w, real *q, real *p) { return !w || !q || !p; }
 static int stub_iterations(state_t *w) { return !w; }
 int differs(double a, double b, double c)
@@ -289,9 +289,9 @@ def test_a_page_has_the_bits_of_the_run_in_c(tmp_path, text_alone):
 
 @needs_node
 def test_settings_of_a_page_are_those_of_its_address(text_alone):
-    said = in_node("heavy_top", "#I1=0.003&body.nutation=60&omega_z=90&t=0&foo=1")
+    said = in_node("heavy_top", "#I1=0.003&body.nutation=60&body_omega_z=90&t=0&foo=1")
     assert "foo" in said["notice"]
-    assert said["hash"] == "#body.nutation=60&omega_z=90&I1=0.003"
+    assert said["hash"] == "#body.nutation=60&body_omega_z=90&I1=0.003"
     top = gs.problems.fast_top()
     q = [np.cos(np.pi/6), np.sin(np.pi/6), 0, 0]
     np.testing.assert_allclose(said["q"], q, rtol=0, atol=1e-15)
