@@ -120,10 +120,6 @@ def generate(
     if spec.order is not None:
         scheme = splitting_scheme(system, reduced, constants, spec.order, spec.composition)
         method, method_name = spec.title, spec.method
-        if (derivatives or second) and scheme.splitting.space:
-            raise InputError(f"H of system {system.name!r} has rotating axes, −ω·J with ω = "
-                             f"{scheme.splitting.space[0].omega}, for which scheme splitting has "
-                             "no tangents and adjoints; write it in axes at rest, or take G-L.")
     elif coefficients is None:
         scheme = mean_scheme(reduced, discrete=scheme_named(spec.scheme).discrete)
         method, method_name = spec.scheme, spec.method

@@ -50,6 +50,8 @@ def derivatives_of(
         of_linearisation = flow_transposes(scheme, columns)
         own += of_linearisation
         on_duals = [*scheme.kernels(), *scheme.flow_kernels(work=False)]
+        of_linearisation = [*of_linearisation,
+                            *(k for k in scheme.kernels() if k.name == "space_rates")]
         if derived.second:
             on_duals += [*own, *(k for k in scheme.state_kernels() if k.name in LINEARISATION)]
     else:

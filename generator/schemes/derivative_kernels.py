@@ -75,7 +75,8 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
         _transposed(kernels["free_velocity"],
                     {**kernels["free_velocity"].inputs, **constants}),
         _transposed(kernels["flow_rates"], constants),
-        _transposed(kernels["axis_directions"], constants),
+        *(_transposed(kernels[name], constants) for name in ("axis_directions", "space_rates")
+          if name in kernels),
     ]
 
 

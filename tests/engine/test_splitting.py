@@ -232,8 +232,6 @@ def test_what_a_splitting_does_not_have_is_refused():
         lambda: gs.stepper("splitting", order=4, frame="symmetries"),
         lambda: gs.stepper("splitting", order=4, system="double_pendulum"),
         lambda: gs.stepper("splitting", order=4, system="chain"),
-        lambda: gs.stepper("splitting", order=4, system="satellite").jvp(
-            *[TOP.q0] * 4, dt=1e-3, parameters=dict(gs.models.satellite().parameters)),
         lambda: step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
         lambda: step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC,
                                solver="newton"),

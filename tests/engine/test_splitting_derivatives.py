@@ -138,7 +138,7 @@ def test_symmetric_bodies_have_the_derivative_by_what_breaks_the_symmetry():
 
 @cache
 def everything(torque: float = 0.0) -> gs.Model:
-    """An asymmetric body with drag in a field that changes, on a spring to a driven point.
+    """An asymmetric body with drag on a spring that changes to a driven point, in axes that turn.
 
     ``torque`` adds one that is no drag, so that kicks depend on momenta.
     """
@@ -152,6 +152,9 @@ def everything(torque: float = 0.0) -> gs.Model:
     model.torque(a, [-c * (1 + torque * i) * sp.Symbol(f"a_I{i}", positive=True) * w
                      for i, w in zip((1, 2, 3), a.angular_velocity, strict=True)])
     model.force(b, [u, 0, 0])
+    momentum = sum((sp.Matrix(one.x).cross(sp.Matrix(one.p_x)) for one in (a, b)),
+                   sp.Matrix(a.angular_momentum))
+    model.potential(-model.parameter("w", 0.3) * (momentum[0] + momentum[2] / 2))
     return model.model()
 
 

@@ -49,6 +49,10 @@ INLINE void TYPED(take_map)(const TYPED(flow_constants) *c, TYPED(flows) *s, int
     const step_map map = map_of(m);
     if (map.kind == DRIFT)
         TYPED(drift)(c, s, map.stage, s->now.q, s->now.q_low, s->now.y);
+#if GS_ROTATING_AXES
+    else if (map.kind == AXES_TURN)
+        TYPED(rotate_axes)(s, map.stage, s->now.q, s->now.q_low, s->now.y, s->now.y_low);
+#endif
     else if (map.kind == KICK)
         TYPED(kick)(c, s, map.stage, map.share*s->kick[map.stage]);
     else if (FURTHER > 0)
@@ -181,28 +185,127 @@ INLINE NUMBER TYPED(turn_slope)(NUMBER turn, NUMBER size, NUMBER cosine, NUMBER 
     return (turn*cosine - k)/(size*size);
 }
 
-/* The same of q <- exp(turn l) q; returns the cotangent of turn. */
+/*
+ * From the cotangent u of exp(turn l), a quaternion, to that of turn, which is returned, and l. `size`
+ * is |l|, s and c are sine and cosine of turn |l|. Where l = 0 the dual s/size would underflow.
+ */
+INLINE NUMBER TYPED(exponential_transposed)(const NUMBER l[3], NUMBER turn, NUMBER size, NUMBER s,
+    NUMBER c, const NUMBER u[4], NUMBER l_bar[3])
+{
+    const NUMBER k = s*(1/size), along = u[1]*l[0] + u[2]*l[1] + u[3]*l[2];
+    const NUMBER across = TYPED(turn_slope)(turn, size, c, k)*along - turn*k*u[0];
+    for (int i = 0; i < 3; ++i)
+        l_bar[i] += k*u[1 + i] + across*l[i];
+    return c*along - s*size*u[0];
+}
+
+/* The same of q <- exp(turn l) q. */
 INLINE NUMBER TYPED(rotate_freely_transposed)(const NUMBER q[4], const NUMBER l[3], NUMBER turn,
     NUMBER q_bar[4], NUMBER l_bar[3])
 {
     const NUMBER size = TYPED(size_of)(l);
     NUMBER s, c, back[4], conjugate[4], u[4], old[4];
     TYPED(sine_cosine)(turn*size, &s, &c);
-    const NUMBER k = s/size;
     back[0] = c;
     for (int i = 0; i < 3; ++i)
-        back[1 + i] = -k*l[i];
+        back[1 + i] = -s*(1/size)*l[i];
     TYPED(conjugate_of)(q, conjugate);
     TYPED(quaternion_product)(q_bar, conjugate, u);
     for (int e = 0; e < 4; ++e)
         old[e] = q_bar[e];
     TYPED(quaternion_product)(back, old, q_bar);
-    const NUMBER along = u[1]*l[0] + u[2]*l[1] + u[3]*l[2];
-    const NUMBER across = TYPED(turn_slope)(turn, size, c, k)*along - turn*k*u[0];
-    for (int i = 0; i < 3; ++i)
-        l_bar[i] += k*u[1 + i] + across*l[i];
-    return c*along - s*size*u[0];
+    return TYPED(exponential_transposed)(l, turn, size, s, c, u, l_bar);
 }
+
+#if GS_ROTATING_AXES
+/* From the cotangent of R(w) v, w = (c, u), to those of v and w. */
+INLINE void TYPED(turn_vector_transposed)(NUMBER c, const NUMBER u[3], const NUMBER v[3],
+    NUMBER *const v_bar[3], NUMBER *c_bar, NUMBER u_bar[3])
+{
+    const NUMBER w[3] = { *v_bar[0], *v_bar[1], *v_bar[2] };
+    NUMBER a[3], b[3];
+    for (int i = 0; i < 3; ++i) {
+        const int j = (i + 1)%3, k = (i + 2)%3;
+        a[i] = u[j]*v[k] - u[k]*v[j];
+        b[i] = w[j]*u[k] - w[k]*u[j];
+    }
+    for (int i = 0; i < 3; ++i) {
+        const int j = (i + 1)%3, k = (i + 2)%3;
+        *c_bar += 2*w[i]*a[i];
+        u_bar[i] += 2*(c*(v[j]*w[k] - v[k]*w[j]) + (a[j]*w[k] - a[k]*w[j])
+            + (v[j]*b[k] - v[k]*b[j]));
+        *v_bar[i] += 2*(c*b[i] + (b[j]*u[k] - b[k]*u[j]));
+    }
+}
+
+/* Of the flow of -omega.J during drift i. */
+INLINE void TYPED(rotate_axes_transposed)(TYPED(linearisation_t) *l, int i,
+    const TYPED(flow_point) *at)
+{
+    const TYPED(flows) *s = &l->s;
+    TYPED(flows) *bar = &l->bar;
+    for (int b = 0; BODIES > 0 && b < BODIES; ++b) {
+        const int k = body_space[b];
+        if (k < 0)
+            continue;
+        const NUMBER c = s->space_cosine[k][i], *u = s->space_vector[k][i];
+        const NUMBER back[4] = { c, -u[0], -u[1], -u[2] };
+        NUMBER *const l_bar[3] = { bar->now.y + 3*b, bar->now.y + 3*b + 1, bar->now.y + 3*b + 2 };
+        NUMBER q[4], conjugate[4], q_bar[4], w_bar[4];
+        TYPED(get_quaternion)(at->q, body_q[b], q);
+        TYPED(get_quaternion)(bar->now.q, body_q[b], q_bar);
+        TYPED(conjugate_of)(q, conjugate);
+        TYPED(quaternion_product)(q_bar, conjugate, w_bar);
+        TYPED(quaternion_product)(back, q_bar, q);
+        for (int e = 0; e < 4; ++e)
+            bar->now.q[body_q[b][e]] = q[e];
+        bar->space_cosine[k][i] += w_bar[0];
+        for (int e = 0; e < 3; ++e)
+            bar->space_vector[k][i][e] += w_bar[1 + e];
+        TYPED(turn_vector_transposed)(c, u, at->y + 3*b, l_bar, &bar->space_cosine[k][i],
+            bar->space_vector[k][i]);
+    }
+    for (int e = 0; e < SPACE_POINTS; ++e) {
+        const int *in_q = space_point_q[e], *in_y = space_point_y[e], k = space_of_point[e];
+        const int flat = in_q[2] < 0;
+        NUMBER none = TYPED(broadcast)(0); /* z of a point in a plane */
+        const NUMBER r[3] = { at->q[in_q[0]], at->q[in_q[1]], flat ? none : at->q[in_q[2]] };
+        const NUMBER p[3] = { at->y[in_y[0]], at->y[in_y[1]], flat ? none : at->y[in_y[2]] };
+        NUMBER *const r_bar[3] = { bar->now.q + in_q[0], bar->now.q + in_q[1],
+            flat ? &none : bar->now.q + in_q[2] };
+        TYPED(turn_vector_transposed)(s->space_cosine[k][i], s->space_vector[k][i], r, r_bar,
+            &bar->space_cosine[k][i], bar->space_vector[k][i]);
+        none = TYPED(broadcast)(0);
+        NUMBER *const p_bar[3] = { bar->now.y + in_y[0], bar->now.y + in_y[1],
+            flat ? &none : bar->now.y + in_y[2] };
+        TYPED(turn_vector_transposed)(s->space_cosine[k][i], s->space_vector[k][i], p, p_bar,
+            &bar->space_cosine[k][i], bar->space_vector[k][i]);
+    }
+}
+
+/* Cotangents of the rotations exp(-t omega/2) become those of omega, then of constants, and t. */
+static void TYPED(space_transposed)(TYPED(linearisation_t) *l, NUMBER c_bar[E])
+{
+    NUMBER omega[SPACES][3], omega_bar[SPACES][3], own[E];
+    TYPED(space_rates)(l->c, omega);
+    for (int k = 0; k < SPACES; ++k) {
+        for (int e = 0; e < 3; ++e)
+            omega_bar[k][e] = TYPED(broadcast)(0);
+        const NUMBER size = TYPED(size_of)(omega[k]);
+        for (int i = 0; i <= l->s.stages; ++i) {
+            const NUMBER *v = l->bar.space_vector[k][i], turn = (real)-0.5*l->s.drift[i];
+            const NUMBER u[4] = { l->bar.space_cosine[k][i], v[0], v[1], v[2] };
+            NUMBER sine, cosine;
+            TYPED(sine_cosine)(turn*size, &sine, &cosine);
+            l->bar.drift[i] -= (real)0.5*TYPED(exponential_transposed)(omega[k], turn, size, sine,
+                cosine, u, omega_bar[k]);
+        }
+    }
+    TYPED(space_rates_transposed)(l->c, (const NUMBER *)omega_bar, own);
+    for (int e = 0; e < E; ++e)
+        c_bar[e] += own[e];
+}
+#endif
 
 /* Of the free motion i, from (q, y); the state's cotangent is bar->now. */
 INLINE void TYPED(drift_transposed)(TYPED(linearisation_t) *l, int i, const TYPED(flow_point) *at,
@@ -426,6 +529,10 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
         const step_map map = map_of(m);
         if (map.kind == DRIFT)
             TYPED(drift_transposed)(l, map.stage, &l->start[m], z + 2*N);
+#if GS_ROTATING_AXES
+        else if (map.kind == AXES_TURN)
+            TYPED(rotate_axes_transposed)(l, map.stage, &l->start[m]);
+#endif
         else if (map.kind == KICK)
             TYPED(kick_transposed)(l, map.stage, map.share, &l->start[m], z + 2*N);
         else if (FURTHER > 0)
@@ -448,6 +555,9 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
     }
 #if GS_DRAG
     TYPED(drag_transposed)(&l->s, bar);
+#endif
+#if GS_ROTATING_AXES
+    TYPED(space_transposed)(l, z + 2*N);
 #endif
     TYPED(flow_rates_transposed)(l->c, bar->sphere, bar->axis_rate, bar->axis_offset,
         bar->further_rate, bar->further_offset, bar->drag, own);

@@ -84,6 +84,19 @@ static void prepare_dual_flows(dual_flows *s, const flows *of, const dual_consta
                 decay*da + elapsed_slope(k, a, elapsed, decay)*dk);
         }
 #endif
+#if GS_ROTATING_AXES
+    dual omega[SPACES][3];
+    dual_space_rates(c, omega);
+    for (int k = 0; k < SPACES; ++k) {
+        const dual size = dual_size_of(omega[k]);
+        for (int i = 0; i <= s->stages; ++i) {
+            dual sine;
+            dual_sine_cosine((real)0.5*size*s->drift[i], &sine, &s->space_cosine[k][i]);
+            for (int e = 0; e < 3; ++e)
+                s->space_vector[k][i][e] = -sine*(1/size)*omega[k][e];
+        }
+    }
+#endif
 }
 
 /* The step that `l` is of, along z: derivatives of its end. */

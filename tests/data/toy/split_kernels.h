@@ -124,6 +124,8 @@ void TYPED(flow_rates_transposed)(const TYPED(flow_constants) *c, const NUMBER *
     const NUMBER *further_offset_bar, const NUMBER *drag_bar, NUMBER *c_bar);
 void TYPED(axis_directions_transposed)(const TYPED(flow_constants) *c, const NUMBER *axis_bar,
     const NUMBER *further_axis_bar, NUMBER *c_bar);
+void TYPED(space_rates_transposed)(const TYPED(flow_constants) *c, const NUMBER *omega_bar,
+    NUMBER *c_bar);
 #include "gyrospark/derivatives/step_maps.h"
 #endif
 #if TOY_SPLITTING > 6

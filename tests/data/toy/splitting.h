@@ -195,6 +195,8 @@ static inline void set_constants(lanes_constants *to, int i, const constants *fr
     lane_set(&to->mgl, i, from->mgl);
 }
 
+void lanes_space_rates(const lanes_constants *c, lanes (*omega)[3]);
+
 static inline void get_constants(const lanes_constants *from, int i, constants *to)
 {
     to->mgl = lane_get(&from->mgl, i);
@@ -232,6 +234,7 @@ void set_dual_constants(dual_constants *to, const constants *from, real unit, co
 void dual_flow_rates(const dual_constants *c, dual *sphere, dual *axis_rate, dual *axis_offset,
     dual *further_rate, dual *further_offset, dual *drag);
 void dual_axis_directions(const dual_constants *c, dual (*axis)[3], dual (*further)[3]);
+void dual_space_rates(const dual_constants *c, dual (*omega)[3]);
 #include "gyrospark/simd/duals.h"
 #include "split_kernels.h"
 #endif
