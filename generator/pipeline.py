@@ -87,7 +87,7 @@ def generate(
     if system is None and spec.model is not None:
         model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
     if spec.order is not None:
-        _refuse_beyond_splitting(spec, model, derivatives=derivatives or second)
+        _refuse_beyond_splitting(spec, model)
     framed = spec.frame or ("" if system is not None or model is None else model.frame)
     if framed and spec.profile != "full":
         raise InputError(f"Profile {spec.profile!r} has no co-moving frame; leave out frame, or "
@@ -135,14 +135,11 @@ def generate(
     return Generated(source, scheme, system, coefficients)
 
 
-def _refuse_beyond_splitting(spec: Spec, model: Model | None, *, derivatives: bool) -> None:
+def _refuse_beyond_splitting(spec: Spec, model: Model | None) -> None:
     """Refuse what compositions of flows do not have, or do not need."""
     if spec.frame or (model is not None and model.frame):
         raise InputError("Scheme splitting has no co-moving frame: each of its flows commutes with "
                          "the symmetries, so that the motion would be the same; leave out frame.")
-    if derivatives and spec.profile == "run":
-        raise InputError("Profile 'run' of scheme splitting has no tangents and adjoints; take "
-                         "profile 'full'.")
 
 
 def _refuse_beyond_molecules(spec: Spec, system: System, *, derivatives: bool) -> None:

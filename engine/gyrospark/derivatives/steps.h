@@ -2,12 +2,12 @@
 #ifndef GS_DERIVATIVES_STEPS_H
 #define GS_DERIVATIVES_STEPS_H
 
-#if GS_PROFILE_RUN
-#include "gyrospark/profiles/run.h"
-#elif GS_SPLITTING && GS_PROFILE_CONTROL
+#if GS_SPLITTING && GS_PROFILE_CONTROL
 #include "gyrospark/splitting/control.h"
 #elif GS_SPLITTING
 #include "gyrospark/run/integrate.h"
+#elif GS_PROFILE_RUN
+#include "gyrospark/profiles/run.h"
 #elif GS_PROFILE_CONTROL
 #include "gyrospark/derivatives/control.h"
 #else

@@ -47,15 +47,16 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize(("scheme", "stages", "solver"),
-                         [("G-L", 3, 0), ("G-L", 2, 1), ("EMS", None, 0)])
-def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, stages, solver):
-    made = generate(Spec.checked(scheme, stages).with_profile("run"), derivatives=True)
+@pytest.mark.parametrize(("scheme", "how", "solver"), [
+    ("G-L", {"stages": 3}, 0), ("G-L", {"stages": 2}, 1), ("EMS", {}, 0),
+    ("splitting", {"order": 4}, 0)])
+def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, how, solver):
+    made = generate(Spec.checked(scheme, **how).with_profile("run"), derivatives=True)
     name, problem, steps = made.source.name, gs.problems.fast_top(), 40
     for file, text in made.source.files().items():
         (tmp_path / file).write_text(text)
     (tmp_path / "main.c").write_text(PROGRAM.format(
-        NAME=name.upper(), name=name, steps=steps, solver=solver, unknowns=made.scheme.size,
+        NAME=name.upper(), name=name, steps=steps, solver=solver, unknowns=max(made.scheme.size, 1),
         q=", ".join(map(repr, map(float, problem.q0))),
         p=", ".join(map(repr, map(float, problem.p0)))))
     warnings = [flag for flag in FLAGS if flag.startswith(("-std", "-W")) and "unused" not in flag]
@@ -63,7 +64,7 @@ def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, stages, sol
                 cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = np.array(call([tmp_path / "program"]).stdout.split(), float)
-    step = gs.stepper(scheme, stages=stages)
+    step = gs.stepper(scheme, **how)
     run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=steps,
                          parameters=problem.parameters | {"gamma": 0.0016})
     gradient = run.gradient({"q": [1.0, 2.0, 3.0, 4.0]})
