@@ -159,6 +159,7 @@ def test_what_molecules_cannot_have_is_refused():
         lambda: gs.stepper("G-L", stages=2, system=model),
         lambda: gs.stepper("splitting", composition="G4", system=model),
         lambda: gs.consistent(model.system, model.q0[:7], model.p0[:7], model.parameters),
+        lambda: gs.certify(model, "splitting", order=2, dt=1e-3),
         lambda: box(1),
         lambda: box(2, inertia=np.eye(3) + 0.1),
         lambda: box(2, lambda a, b, k, A, B: a.x[0] - b.x[0] + k + A + B),
