@@ -26,6 +26,8 @@ Array = NDArray[Any]
 #: What ``solver`` may be; the keys of ``SOLVERS``, for editors and type checkers.
 SolverName = Literal["auto", "newton", "fixed-point", "python"]
 _CORES = os.cpu_count() or 1
+#: Bytes of a kind of memory that are kept for the next call, if not that of one thread.
+_KEPT = 2**28
 #: Solver → its number in the generated enum; "python" drives the compiled parts itself.
 SOLVERS: dict[SolverName, int] = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
 
@@ -36,8 +38,9 @@ class Pool:
     Whoever takes some gives it back, unless a call was interrupted; threads may share a pool.
     """
 
-    def __init__(self, make: Callable[[], Any]) -> None:
+    def __init__(self, make: Callable[[], Any], size: int) -> None:
         self._make, self._free = make, list[Any]()
+        self._most = max(1, min(_CORES, _KEPT // size))
 
     def take(self) -> Any:
         """Return memory that nobody else uses."""
@@ -47,8 +50,8 @@ class Pool:
             return self._make()
 
     def give_back(self, memory: Any) -> None:
-        """Keep memory, of as many threads as there are cores."""
-        if len(self._free) < _CORES:
+        """Keep memory, of as many threads as there are cores, but not much of it."""
+        if len(self._free) < self._most:
             self._free.append(memory)
 
 
@@ -97,7 +100,8 @@ class Compiled:
         self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
         self._report_type: np.dtype[Any] | None = None
         #: Memory of ``integrate``, and of ``integrate_lanes``.
-        self.works, self.batches = Pool(self.work), Pool(self.batch_memory)
+        size = self.ffi.sizeof(f"{self.name}_work")
+        self.works, self.batches = Pool(self.work, size), Pool(self.batch_memory, size)
 
     def _epsilon(self) -> float:
         return float(np.finfo(self.dtype).eps)

@@ -94,7 +94,8 @@ def _cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
         c = after - d - a - b
         for _ in range(3):  # Newton's method
             x = x - (((a * x + b) * x + c) * x + d) / ((3 * a * x + 2 * b) * x + c)
-        return np.where((x > 0) & (x < 1), x, secant)
+        inside: Array = np.where((x > 0) & (x < 1), x, secant)
+    return inside
 
 
 def _share(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) -> Array:

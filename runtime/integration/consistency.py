@@ -143,7 +143,8 @@ def _added(values: Array) -> Array:
 
 def _forth_and_back(values: Array) -> Array:
     forth, back = values[:, 1 : _DRAWS + 1], values[:, _DRAWS + 1 :]
-    return np.abs(forth - back).reshape(len(values), -1) / 2
+    found: Array = np.abs(forth - back).reshape(len(values), -1) / 2
+    return found
 
 
 @lru_cache(maxsize=8)
@@ -164,7 +165,8 @@ def _draws(n: int) -> _Moves:
     rng = np.random.default_rng(0)
     drawn = rng.choice([-1.0, 1.0], (2, _DRAWS, n)) * rng.uniform(0.5, 0.99, (2, _DRAWS, n))
     # An Euler step is no small move: half of it leaves room for terms of third order.
-    return _Moves(*(np.vstack([np.zeros((1, n)), w, -w]) for w in drawn), _forth_and_back, 0.5)
+    q_moves, p_moves = (np.vstack([np.zeros((1, n)), w, -w]) for w in drawn)
+    return _Moves(q_moves, p_moves, _forth_and_back, 0.5)
 
 
 def _is_plainly_consistent(binding: Binding, parameters: Any, q: Array, p: Array) -> bool:
@@ -193,17 +195,18 @@ def _judged(
 ) -> Defects:
     """Return |g| and |f| of each row, and their bounds by these moves."""
     nudge, epsilons = _scales(binding)
-    sizes = [nudge * np.sqrt(np.einsum("ij,ij->i", x, x))
-             for x in (x.astype(float, copy=False) for x in (q, p))]
-    g, f, *changes = _sizes(binding, parameters, q, p, *sizes, moves)
+    dq, dp = (nudge * np.sqrt(np.einsum("ij,ij->i", x, x))
+              for x in (x.astype(float, copy=False) for x in (q, p)))
+    g, f, *changes = _sizes(binding, parameters, q, p, dq, dp, moves)
     g_bound, f_bound = (epsilons * change for change in changes)
     for i in np.flatnonzero(f > f_bound) if not keeps_f else ():
         row = slice(i, i + 1)
         own = parameters + i if binding.sets(parameters) > 1 else parameters
         x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
         n = binding.n
-        euler = [moves.euler * np.array([float(np.abs(d).max())]) for d in (x[:n], x[n : 2 * n])]
-        f_bound[row] += _sizes(binding, own, q[row], p[row], *euler, moves)[3]
+        dq, dp = (moves.euler * np.array([float(np.abs(d).max())])
+                  for d in (x[:n], x[n : 2 * n]))
+        f_bound[row] += _sizes(binding, own, q[row], p[row], dq, dp, moves)[3]
     return Defects(g, f, g_bound, f_bound)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -162,7 +163,19 @@ def gamma_by_rule(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
     if rule not in MEANS:
         raise InputError(f"Parameter {name} = {shown(rule)} is neither a number nor one of the "
                          f"rules {listed(RULES)}.")
+    for entries in reversed(inertia_names(name)):
+        values = tuple(map(parameters.get, entries))
+        if {*map(type, values)} == {float}:
+            return _mean_of_floats(rule, name, (*entries,), values)
     return MEANS[rule](known_inertia(name, parameters))
+
+
+@lru_cache(maxsize=256)
+def _mean_of_floats(
+    rule: str, name: str, entries: tuple[str, ...], values: tuple[float, ...]
+) -> float:
+    """Return γ or α by an inertia in plain floats: most calls give the one of the call before."""
+    return MEANS[rule](known_inertia(name, dict(zip(entries, values, strict=True))))
 
 
 def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:

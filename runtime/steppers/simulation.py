@@ -46,10 +46,10 @@ Array = NDArray[Any]
 class AdvancingRun:
     """A run with its own solver memory; compiled code advances ``steps``, ``q`` and ``p``."""
 
-    def __init__(self, binding: Binding, run: RunArguments) -> None:
+    def __init__(self, binding: Binding, run: RunArguments, work: Any = None) -> None:
         self.run, self.binding = run, binding
         self.q, self.p = run.q.copy(), run.p.copy()
-        self.work = binding.work()
+        self.work = binding.work() if work is None else work
         self._advance = binding.function("advance")
         self._state = binding.pointer(self.q), binding.pointer(self.p)
         options = binding.options(run.tolerance, run.max_iterations, run.solver)
@@ -112,8 +112,10 @@ class AdvancingRun:
 class ContinuedStep(AdvancingRun):
     """A trajectory of ``Stepper.step``: the caller passes all arguments again at each step."""
 
-    def __init__(self, binding: Binding, run: RunArguments, given: tuple[Any, ...]) -> None:
-        super().__init__(binding, run)
+    def __init__(
+        self, binding: Binding, run: RunArguments, given: tuple[Any, ...], work: Any = None
+    ) -> None:
+        super().__init__(binding, run, work)
         #: What the caller gave beside the state, as given: a call that gives the same goes on.
         *self._given, self._given_parameters = *given[:-1], dict(given[-1])
 

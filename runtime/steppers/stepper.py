@@ -164,7 +164,8 @@ class Stepper(Differentiation):
                 q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver,
                 tolerance=tolerance, max_iterations=max_iterations))
             self.warned(run)
-            held = ContinuedStep(self.binding, run, given) if solver != "python" else None
+            work = None if held is None else held.work  # it needs no initialisation
+            held = ContinuedStep(self.binding, run, given, work) if solver != "python" else None
         if held is not None and fed is not None:
             held.feed(fed.at(0))
         if held is None or held.advance(1):
