@@ -25,10 +25,13 @@ int main(void)
     static SATELLITE(work) work;
     SATELLITE(parameters) satellite = { .I1 = 12, .I2 = 10, .I3 = 3, .gamma = 25.0f/3 };
     const SATELLITE(options) options = { .tolerance = 0, .max_iterations = 12 };
-    float q[4] = { 0.5f, 0.5f, -0.5f, 0.5f }, p[4] = { 0.2f, 0.1f, 0.1f, -0.2f };
-    SATELLITE(status) status = SATELLITE(begin)(&work, &satellite, &options, 0.1f, q, p);
+    const float spin[3] = { -0.004f, 0, -0.05f }; /* rad/s, body axes */
+    float q[4] = { 0.5f, 0.5f, -0.5f, 0.5f }, p[4];
+    SATELLITE(status) status = SATELLITE(start)(&satellite, q, spin, p);
     int most = 0;
 
+    if (status == 0)
+        status = SATELLITE(begin)(&work, &satellite, &options, 0.1f, q, p);
     for (int k = 0; k <= 6000 && status == 0; ++k) {
         const float t = 0;
         float omega[3]; /* gyroscope output */

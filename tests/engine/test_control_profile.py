@@ -14,6 +14,7 @@ from functools import cache
 import cffi
 import numpy as np
 import pytest
+import sympy as sp
 
 import gyrospark as gs
 from compilers import MAIN, compiler
@@ -26,7 +27,7 @@ from processes import DATA, ROOT, call
 
 STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
 FLAGS = ["-ffp-contract=off", "-O2"]
-OK, NOT_CONVERGED, NOT_FINITE, DIVERGED, INVALID = 0, 1, 3, 5, 6
+OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, DIVERGED, INVALID = 0, 1, 2, 3, 5, 6
 TOP = gs.problems.fast_top()
 PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
 SMALL = Spec("G-L", 2, real="float")
@@ -286,6 +287,17 @@ def test_starts_from_an_attitude_and_an_angular_velocity(small):
         assert status == INVALID
         assert np.array_equal(q, np.float32(given["q"]), equal_nan=True)
         assert not p.any()
+
+
+def test_a_start_without_momenta_is_singular(tmp_path):
+    """H = (x y)^2/2: the velocity is x^2 y, and none at x = 0 but by chance."""
+    x, y = sp.symbols("x y", real=True)
+    system = gs.System((x,), (y,), (), (x * y) ** 2 / 2, name="needle")
+    own = Control(generate(Spec("IMS").with_profile("control"), system=system).source, tmp_path)
+    status, _, p = own.started({}, [0.5], [2.0])
+    assert (status, *p) == (OK, 8.0)
+    assert own.velocities({}, [0.5], [8.0]) == [2.0]
+    assert own.started({}, [0.0], [2.0])[0] == SINGULAR
 
 
 def test_parameters_outside_of_their_domains_change_nothing(small):
