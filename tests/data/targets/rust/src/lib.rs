@@ -206,6 +206,7 @@ impl Stepper {
 
 #[cfg(test)]
 mod tests {
+    extern crate std; // abs, of older compilers
     use super::*;
 
     #[test]
@@ -227,5 +228,17 @@ mod tests {
         }
         assert_eq!(stepper.q.map(f64::to_bits), other.q.map(f64::to_bits));
         assert_eq!(stepper.p.map(f64::to_bits), other.p.map(f64::to_bits));
+    }
+
+    #[test]
+    fn velocities_have_their_momenta() {
+        let stepper = Stepper::of_model().unwrap();
+        let other = Stepper::from_velocity(
+            *stepper.parameters(), Options::default(), MODEL_DT, stepper.q, stepper.velocity(),
+        ).unwrap();
+        let size: f64 = stepper.p.iter().map(|x| x.abs()).sum();
+        for (a, b) in stepper.p.iter().zip(&other.p) {
+            assert!((a - b).abs() <= 4096.0 * f64::EPSILON * size);
+        }
     }
 }
