@@ -5,6 +5,7 @@ The C is compiled as its users compile it, and called through cffi.
 
 from __future__ import annotations
 
+import ctypes
 import json
 import re
 import shutil
@@ -17,6 +18,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from c_programs import shared_library
 from compilers import MAIN, compiler
 from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
@@ -373,6 +375,26 @@ def test_tableaux_without_sweeps_are_refused(monkeypatch):
 def test_manifests_name_their_profile():
     assert json.loads(made(SMALL).manifest)["profile"] == "control"
     assert json.loads(generate(SMALL).source.manifest)["profile"] == "full"
+
+
+@pytest.mark.parametrize("spec", [Spec("G-L", 2), Spec("IMS"), Spec("EMS")],
+                         ids=lambda spec: spec.method)
+def test_a_point_at_rest_at_the_origin_starts(spec, tmp_path):
+    """x'' = u from x = x' = 0, where neither position nor velocity has a scale."""
+    x, y, u = sp.symbols("x y u", real=True)
+    cart = gs.System((x,), (y,), (u,), y**2 / 2, name="cart", forces=(u,), inputs=(u,))
+    source = generate(spec.with_profile("control"), system=cart).source
+    library = shared_library(source, tmp_path)
+    double = ctypes.c_double
+    work = (double * (library[f"{source.name}_work_size"]() // 8 + 1))()
+    options = (double * 2)()  # {tolerance, max_iterations}
+    ctypes.cast(ctypes.byref(options, 8), ctypes.POINTER(ctypes.c_int))[0] = 20
+    q, p = (double * 1)(0), (double * 1)(0)
+    assert library[f"{source.name}_begin"](work, (double * 1)(3), options, double(0.1), q, p) == 0
+    for step in range(1, 4):
+        assert library[f"{source.name}_advance"](work, q, p) == 0
+        assert q[0] == pytest.approx(3 * (0.1 * step)**2 / 2, rel=1e-14)
+        assert p[0] == pytest.approx(3 * 0.1 * step, rel=1e-14)
 
 
 # ---------------------------------------------------------------- programs

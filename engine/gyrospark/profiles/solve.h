@@ -110,6 +110,7 @@ static status_t solve_fixed_point(state_t *w)
     bool restarts = true;
     bool close = false;
     bool converged = false;
+    bool scaled = true;
     bool ended = false;
     status_t status = DIVERGED;
     w->iterations = 0;
@@ -132,9 +133,12 @@ static status_t solve_fixed_point(state_t *w)
         close = w->change < (real)0.0004; /* 2 % */
         converged = test_convergence(&progress, w->change, w->defect, w->tolerance);
         restarts = predicted && (progress.iterations == 1) && !close;
+        /* Coordinates or momenta of 0 with rates of 0 have no scale at first. */
+        scaled = (progress.iterations > 1)
+            || (((w->q_weight*LIMIT(MIN)) < (real)0.5) && ((w->p_weight*LIMIT(MIN)) < (real)0.5));
         predicted = predicted && !restarts;
         ended = converged || (w->iterations >= w->max_iterations)
-            || (!restarts && !(w->change < (real)9));
+            || (!restarts && scaled && !(w->change < (real)9));
     }
     if (converged) {
         status = OK;
