@@ -110,8 +110,9 @@ class Native:
 
 
 @pytest.fixture(scope="module")
-def native(satellite, tmp_path_factory):
-    return Native(satellite.built, tmp_path_factory.mktemp("native"))
+def native(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("native")
+    return Native(gs.build("cpp", SATELLITE, scheme="G-L", stages=2, out=folder / "cpp"), folder)
 
 
 ATTITUDE = ["q0", "q1", "q2", "q3"]
@@ -389,7 +390,6 @@ def test_the_same_model_is_the_same_file(satellite, tmp_path):
     other = texts(replace(built.options, dt=0.05))["modelDescription.xml"]
     assert satellite.token not in other
     assert 'start="0.05"' in other
-    assert "2000 steps" in built.check()
 
 
 def test_sources_compile_without_a_warning(satellite, tmp_path):
