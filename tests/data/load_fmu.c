@@ -4,18 +4,22 @@
  *
  *     load_fmu LIBRARY TOKEN STEPS DT FIRST COUNT
  *
- * FIRST is a value reference, COUNT how many are printed. -DVERSION=2 or 3 says which FMI it is.
+ * FIRST is a value reference, COUNT how many are printed. -DVERSION=2 or 3 says which FMI it is. With
+ * -DLINKED the functions are linked to it, and LIBRARY is not read.
  */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #if VERSION == 2
-#include "fmi2FunctionTypes.h"
+#include "fmi2Functions.h"
 #else
-#include "fmi3FunctionTypes.h"
+#include "fmi3Functions.h"
 #endif
-#ifdef _WIN32
+#ifdef LINKED
+#define LOAD(file) ((void *)(file))
+#define GET(prefix, name) prefix##name##TYPE *name = prefix##name;
+#elif defined _WIN32
 #include <windows.h>
 #define LOAD(file) LoadLibraryA(file)
 #define FIND(library, name) (void *)GetProcAddress(library, name)
@@ -25,17 +29,19 @@
 #define FIND(library, name) dlsym(library, name)
 #endif
 
+#ifndef LINKED
 #define GET(prefix, name) \
     prefix##name##TYPE *name = FIND(library, #prefix #name); \
     if (name == NULL) { \
         puts("no " #prefix #name); \
         return 1; \
     }
+#endif
 
 int main(int count, char **a)
 {
     void *library = count == 7 ? LOAD(a[1]) : NULL;
-    double x[32];
+    double x[32] = { 0 };
     unsigned r[32];
     if (library == NULL) {
         puts("no library");
