@@ -133,12 +133,12 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
 def _bodies(system: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return the coordinates of each body by its name."""
     one = {"body": {"q": system["coordinates"]}} if system["rigid_body"] else {}
-    return system.get("bodies") or one
+    return dict(system.get("bodies") or one)
 
 
 def _meanings(system: Mapping[str, Any]) -> dict[str, str]:
     """Return what coordinates and velocities of bodies are."""
-    found = {}
+    found: dict[str, str] = {}
     for name, body in _bodies(system).items():
         found |= dict.fromkeys(body["q"], f"attitude of {name}, a unit quaternion")
         found |= dict.fromkeys(body.get("x", ()), f"position of {name} in space")

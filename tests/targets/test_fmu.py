@@ -519,7 +519,7 @@ def test_libraries_for_every_platform(version, tmp_path):
     with zipfile.ZipFile(built.path) as archive:
         archive.extractall(tmp_path)
     sources = [f"sources/fmi{version}.c", f"sources/{built.stepper.name}.c"]
-    windows = next((name for name in found if name.endswith(".dll")))
+    windows = next(name for name in found if name.endswith(".dll"))
     runs = {"wine": ("x86_64-windows-gnu", windows, []),
             "qemu-aarch64": ("aarch64-linux-musl", "-", ["-static", "-DLINKED", *sources])}
     for program, (target, library, more) in runs.items():
