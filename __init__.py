@@ -205,6 +205,7 @@ __all__ = [
     "open_recording",
     "open_sweep",
     "periodic_orbit",
+    "playground",
     "problems",
     "read_urdf",
     "record",

@@ -41,7 +41,7 @@ API = {
         "Tangents", "gyrospark.runtime.results.tangent_rows.TangentRows", "Gradient", "lyapunov",
         "Lyapunov", "periodic_orbit", "PeriodicOrbit", "fit", "Fit"],
     "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
-    "artefacts": ["build", "Built"],
+    "artefacts": ["build", "Built", "playground"],
 }
 
 

@@ -74,7 +74,7 @@ TOOLS = {tool.name: tool for tool in (
     Tool("mkoctfile", ("mkoctfile",), cure="install Octave's headers, octave-dev in Debian"),
     Tool("zig", ("zig",), package="ziglang", module_command=("ziglang",),
          cure="`pip install ziglang`"),
-    Tool("wasmtime", package="wasmtime", cure="`pip install wasmtime`"),
+    Tool("wasmtime", package="wasmtime", cure="`pip install wasmtime`, or Node.js"),
     Tool("node", ("node",), cure="install Node.js"),
 )}
 

@@ -204,7 +204,7 @@ def drawn_joints(manifest: Mapping[str, Any]) -> dict[str, tuple[str, JointAt]]:
         if not joint.on_b:  # an axis alone: where b is held, or where its origin is
             if not joint.b:
                 continue
-            joint = replace(joint, on_a=[0.0]*3, on_b=[0.0]*3)  # noqa: PLW2901
+            joint = replace(joint, on_a=[0.0]*3, on_b=[0.0]*3)
         distance = joint.pulls is not None and any(p.kind == "distance" for p in joint.pulls)
         kind = ("spring" if not joint.constraints else "rod" if distance else
                 "hinge" if joint.axis_b else "ball")

@@ -122,7 +122,7 @@ def _unit(number: Mapping[str, Any]) -> str:
     return re.sub(r"(?<=[a-zA-Z⁻])\d", lambda found: found[0].translate(digits), text)
 
 
-def compile(folder: Path, platforms: tuple[str, ...]) -> Path:  # noqa: A001 (the protocol's name)
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
     """Compile the module, and put it into the page; return the page."""
     module, page = folder / "stepper.wasm", folder / _PAGE
     compile_module(folder / SOURCES, module, "-Oz")

@@ -41,7 +41,8 @@ def files(
              "velocities": [x["name"] for x in velocities_of(manifest)]}
     values = "".join(f"export const {what} = {json.dumps(value)};\n"
                      for what, value in facts.items())
-    return {**c_files(options), f"{name}.mjs": f"{read('stepper.js')}\n{values}export {{ Stepper }};\n"}
+    script = f"{read('stepper.js')}\n{values}export {{ Stepper }};\n"
+    return {**c_files(options), f"{name}.mjs": script}
 
 
 def c_files(options: Options) -> dict[str, str | bytes]:
@@ -91,7 +92,7 @@ def read(name: str) -> str:
     return (_HERE / name).read_text(encoding="utf-8")
 
 
-def compile(folder: Path, platforms: tuple[str, ...]) -> Path:  # noqa: A001 (the protocol's name)
+def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
     """Compile the module; return the folder."""
     module = next(folder.glob("*.mjs")).with_suffix(".wasm")
     compile_module(folder / SOURCES, module)
@@ -179,13 +180,13 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
     instance = wasmtime.Instance(store, wasmtime.Module(store.engine, module), [])
     exports = instance.exports(store)
     memory: Any = exports["memory"]
-    base = exports["__heap_base"].value(store)  # type: ignore[union-attr]
+    base = exports["__heap_base"].value(store)
     found = []
     for stepper in options.steppers:
         real = "f" if stepper.manifest["real"] == "float" else "d"
 
         def call(what: str, *arguments: float, name: str = stepper.name) -> Any:
-            return exports[f"{name}_{what}"](store, *arguments)  # type: ignore[operator]
+            return exports[f"{name}_{what}"](store, *arguments)
 
         arrays = [struct.pack(f"<{len(values)}{real}", *values) for values in (
             list(options.parameters.values()), options.q, options.p)]

@@ -199,6 +199,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("build", gs.build, target="cpp", system="fast-top", scheme="EMS", stages=None,
               rep="gamma", order=None, composition=None, real="double", dt=1e-3, start=(q, p),
               parameters=PARAMETERS, out=tmp_path / "built", platforms=None),
+        plain("playground", gs.playground, system="fast-top", scheme="IMS"),
         plain("load_urdf", gs.load_urdf, path=str(tmp_path / "none.urdf"), base="fixed",
               angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
               position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
