@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 
@@ -219,7 +219,7 @@ def test_command_without_a_file_reports_what_it_has(tmp_path):
 @pytest.mark.parametrize("out", [(), ("--out", "x.npz"), ("--out", "x.csv"), ("--out", "x.zarr")])
 def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):
     """The run is complete, and is told so, with its report."""
-    run = sys.modules["gyrospark.commands.run.command"]
+    run = importlib.import_module("gyrospark.commands.run.command")
     report = run.result_of
     monkeypatch.setattr(run, "result_of", lambda *given: (interrupt(), report(*given))[1])
     answer = gyrospark(*COMMAND, *out)
