@@ -160,7 +160,8 @@ def _velocities(system: Mapping[str, Any], options: Options) -> list[float]:
 
     names = {name: sp.Symbol(name) for name in (
         *system["coordinates"], *system["momenta"], *options.parameters)}
-    H = parse_formula(system["hamiltonian"], names, frozenset(names.values()))
+    text = system["hamiltonian"].replace("Abs(", "abs(")  # SymPy's name, and that of formulas
+    H = parse_formula(text, names, frozenset(names.values()))
     p = np.array(options.p)[:, None] + 1e-100j * np.eye(len(options.p))
     values = {**options.parameters, **dict(zip(system["coordinates"], options.q, strict=True)),
               **dict(zip(system["momenta"], p, strict=True))}

@@ -20,9 +20,10 @@ import sympy as sp
 import gyrospark as gs
 from c_programs import STRICT, run
 from compilers import MAIN, compiler
-from gyrospark.targets.artefact import MARKER
+from gyrospark.targets.artefact import MARKER, Options
 from gyrospark.targets.fmi.archive import library_of, own_platform
 from gyrospark.targets.fmi.slave import Slave
+from gyrospark.targets.fmi.variables import variables_of
 from gyrospark.targets.native import native_bits
 from gyrospark.targets.tools import TOOLS
 from processes import DATA, ROOT, call
@@ -424,6 +425,20 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
             assert slave.step(2 + step * 0.01, 0.01) == "OK"
         found = slave.get(["q", "p"])
     assert found == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
+
+
+def test_velocities_of_a_start_are_derived_from_h():
+    """q' = H_p at any p, with all that a formula may contain."""
+    numbers = [{"name": name, "role": role, "domain": "real", "unit": None, "start": None}
+               for name, role in (("m", "parameter"), ("q", "q"), ("p", "p"), ("q_dot", "velocity"))]
+    system = {"hamiltonian": "(p - sin(q))**2/(2*m) + q**2*Abs(q)", "coordinates": ["q"],
+              "momenta": ["p"], "rigid_body": False, "numbers": numbers}
+    found = {v.name: v for v in variables_of({"name": "one", "system": system}, Options(
+        0.1, (0.5,), (2.0,), {"m": 4.0}))}
+    assert found["q_dot"].start == pytest.approx((2 - math.sin(0.5)) / 4, rel=1e-15)
+    assert found["q_dot"].depends == found["energy"].depends == ("m",)
+    assert found["q"].depends == ()
+    assert "p" not in found
 
 
 def test_a_composition_of_exact_flows_has_no_iteration_to_keep(tmp_path):
