@@ -429,8 +429,9 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
 
 def test_velocities_of_a_start_are_derived_from_h():
     """q' = H_p at any p, with all that a formula may contain."""
+    roles = {"m": "parameter", "q": "q", "p": "p", "q_dot": "velocity"}
     numbers = [{"name": name, "role": role, "domain": "real", "unit": None, "start": None}
-               for name, role in (("m", "parameter"), ("q", "q"), ("p", "p"), ("q_dot", "velocity"))]
+               for name, role in roles.items()]
     system = {"hamiltonian": "(p - sin(q))**2/(2*m) + q**2*Abs(q)", "coordinates": ["q"],
               "momenta": ["p"], "rigid_body": False, "numbers": numbers}
     found = {v.name: v for v in variables_of({"name": "one", "system": system}, Options(
