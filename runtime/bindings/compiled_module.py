@@ -19,13 +19,14 @@ from .array_checks import as_array, as_numbers, converted_to
 from .inputs import Inputs
 from .real_numbers import aligned, rounding
 
-__all__ = ["SOLVERS", "Compiled", "Pool", "SolverName"]
+__all__ = ["CORES", "SOLVERS", "Compiled", "Pool", "SolverName"]
 
 Array = NDArray[Any]
 
 #: What ``solver`` may be; the keys of ``SOLVERS``, for editors and type checkers.
 SolverName = Literal["auto", "newton", "fixed-point", "python"]
-_CORES = os.cpu_count() or 1
+#: Of this machine: a call that asks for them costs as much as some steps.
+CORES = os.cpu_count() or 1
 #: Bytes of a kind of memory that are kept for the next call, if not that of one thread.
 _KEPT = 2**28
 #: Solver → its number in the generated enum; "python" drives the compiled parts itself.
@@ -40,7 +41,7 @@ class Pool:
 
     def __init__(self, make: Callable[[], Any], size: int) -> None:
         self._make, self._free = make, list[Any]()
-        self._most = max(1, min(_CORES, _KEPT // size))
+        self._most = max(1, min(CORES, _KEPT // size))
 
     def take(self) -> Any:
         """Return memory that nobody else uses."""

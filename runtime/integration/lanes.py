@@ -6,7 +6,6 @@ registers; else each is integrated by itself.
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import Binding
+from ..bindings.compiled_module import CORES
 from .run_arguments import EnsembleArguments, RunArguments
 from .step_loop import FIRST_STEPS, ChunkSize, Rows, fill, next_chunk, thin
 
@@ -188,8 +188,7 @@ def _lanes(
 
 def threads_of(workers: int | None) -> int:
     """Return on how many threads to run: all cores, where a caller does not say."""
-    return os.cpu_count() or 1 if workers is None else as_positive_count("workers", workers,
-                                                                         least=1)
+    return CORES if workers is None else as_positive_count("workers", workers, least=1)
 
 
 def fill_ensemble(computed: EnsembleStates, threads: int, stop: Callable[[], bool]) -> None:
