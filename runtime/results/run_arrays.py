@@ -55,6 +55,11 @@ class States:
     iterations: Array
     work: Array
 
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """The arrays that are stored."""
+        return self.t, self.q, self.p, self.multipliers, self.iterations, self.work
+
     @property  # nothing cached: its lock would be held for ever in a forked child
     def energies(self) -> Array:
         """H of each state."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_path, choose, shown
@@ -126,11 +127,14 @@ class Trajectory(Shown):
     if not TYPE_CHECKING:  # names that are no field stay errors to a type checker
 
         def __getattr__(self, name: str) -> Array:
-            """Compute an output, and keep it."""
+            """Compute an output, and keep it: who changes it changes no other one."""
             states = self.__dict__.get("_states")
             if states is None or name not in _OUTPUTS:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            return self.__dict__.setdefault(name, value_of(_OUTPUTS[name], states))
+            found = value_of(_OUTPUTS[name], states)
+            if any(np.may_share_memory(found, stored) for stored in states.arrays):
+                found = found.copy()
+            return self.__dict__.setdefault(name, found)
 
     def __len__(self) -> int:
         return len(self.t)

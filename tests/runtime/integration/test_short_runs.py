@@ -133,6 +133,14 @@ def test_arrays_are_computed_when_asked_for_and_kept(gl3) -> None:
         run.energys  # noqa: B018
 
 
+def test_arrays_that_are_changed_change_no_other_one(gl3) -> None:
+    run, same = (gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN) for _ in range(2))
+    for array in (run.t, run.q, run.p, run.multipliers, run.iterations, run.work):
+        array[...] = 3
+    assert np.array_equal(run.energies, same.energies)
+    assert np.array_equal(run.g_errors, same.g_errors)
+
+
 def test_a_pickle_has_all_arrays(gl3) -> None:
     run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
     read = pickle.loads(pickle.dumps(run))
