@@ -126,11 +126,16 @@ static status_t core_step(model_t *m, double t, double H, reason_t *why)
         return FAIL(CORE_ERROR, "the step begins at t = %.17g, but the model is at %.17g", t, m->time);
     if (!(count < 1e9))
         return FAIL(CORE_ERROR, "%g is %g steps of dt, more than 1e9", H, count);
+    /* Sums of steps are rounded in a master, by far less than a millionth of a step. */
+    if (fabs(t - m->time) > 1e-6*H + 8*ulp)
+        result = FAIL(CORE_WARNING, "the step begins at t = %.17g and the model is at %.17g: what is "
+            "between them is not integrated", t, m->time);
     /* The run goes on, with its rounding and start values, unless step or time differ. */
     if (fabs(h - m->h)*count > 1e-12*H + ulp
-        || fabs(t - (m->begun + (double)m->steps*m->h)) > 1e-9*H + 4*ulp)
-        result = begin_run(m, t, h, why);
-    else if (memcmp(&m->applied, &m->parameters, sizeof m->applied) != 0) {
+        || fabs(t - (m->begun + (double)m->steps*m->h)) > 1e-9*H + 4*ulp) {
+        if (begin_run(m, t, h, why) != CORE_OK)
+            result = CORE_ERROR;
+    } else if (memcmp(&m->applied, &m->parameters, sizeof m->applied) != 0) {
         m->applied = m->parameters;
         if (STEPPER(set_parameters)(&m->work, &m->parameters) != STATUS(OK))
             result = check_domains(m, why) != CORE_OK
@@ -154,13 +159,21 @@ static status_t core_step(model_t *m, double t, double H, reason_t *why)
     return result;
 }
 
-static status_t core_enter(model_t *m, double start, reason_t *why)
+/* The time at which the initialisation is to begin. */
+static status_t core_set_up(model_t *m, double start, reason_t *why)
 {
     if (m->phase != CREATED || !isfinite(start))
         return FAIL(CORE_ERROR, "the initialisation begins once, at a finite time, not at %g", start);
     m->time = start;
-    m->phase = INITIALISING;
     return CORE_OK;
+}
+
+static status_t core_enter(model_t *m, double start, reason_t *why)
+{
+    const status_t status = core_set_up(m, start, why);
+    if (status == CORE_OK)
+        m->phase = INITIALISING;
+    return status;
 }
 
 static status_t core_exit(model_t *m, reason_t *why)

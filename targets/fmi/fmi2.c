@@ -76,8 +76,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2R
     fmi2Real start, fmi2Boolean has_stop, fmi2Real stop)
 {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    MODEL(c)->time = start;
-    return fmi2OK;
+    REPORT(c, core_set_up(MODEL(c), start, why));
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)

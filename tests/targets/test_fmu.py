@@ -320,8 +320,12 @@ def test_other_misuse_is_an_error(satellite):
                 slave.read(spoilt)
         with pytest.raises(gs.GyrosparkError, match="no state"):
             slave.restore(ctypes.c_void_p())
-        with pytest.raises(gs.GyrosparkError, match="EnterInitializationMode"):
+        with pytest.raises(gs.GyrosparkError, match="EnterInitializationMode|SetupExperiment"):
             slave.start()
+        assert slave.step(0.0, 0.1) == "OK"
+        assert slave.step(0.1 + 1e-9, 0.1) == "OK"
+        assert slave.step(0.20005, 0.1) == "Warning"
+        assert "0.20005" in slave.messages[-1]
     with pytest.raises(gs.GyrosparkError, match="no instance"):
         satellite.instance(token="another")
 
