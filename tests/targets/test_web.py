@@ -287,6 +287,34 @@ def test_a_page_has_the_bits_of_the_run_in_c(tmp_path, text_alone):
     assert said["clock"].startswith("0.500")
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_a_page_has_the_bits_of_the_run_in_a_browser(tmp_path, text_alone):
+    made = build("web", **PAGES["heavy_top"], out=tmp_path / "text.html")
+    page = tmp_path / "page.html"
+    page.write_text((SITE / "heavy_top.html").read_text(encoding="utf-8") + """<script>
+(function wait() {
+  if (!window.simulation) { setTimeout(wait, 20); return; }
+  const { content, stepperOf } = window.simulation;
+  document.title = content.schemes.map((_, i) => {
+    const stepper = stepperOf(i);
+    stepper.q.set(content.start.q);
+    stepper.p.set(content.start.p);
+    stepper.begin(content.start.dt);
+    stepper.advance(2000);
+    return [stepper.q, stepper.p].flatMap((x) => [...new Uint8Array(x.slice().buffer)])
+      .map((byte) => byte.toString(16).padStart(2, "0")).join("");
+  }).join(" ");
+})();
+</script>""", encoding="utf-8")
+    done = subprocess.run(
+        ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu",
+         "--virtual-time-budget=5000", "--dump-dom", page.as_uri() + "#t=0"],
+        check=True, capture_output=True, text=True, timeout=120)
+    found = re.search(r"<title>([^<]*)</title>", done.stdout)[1].split()
+    assert found == [native_bits(x, made.options, 2000) for x in made.options.steppers]
+
+
 @needs_node
 def test_settings_of_a_page_are_those_of_its_address(text_alone):
     said = in_node("heavy_top", "#I1=0.003&body.nutation=60&body_omega_z=90&t=0&foo=1")
