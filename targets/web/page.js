@@ -74,7 +74,8 @@
   if (hasVelocity && free) {
     const fastest = Math.max(...velocity0.map(Math.abs)) || 1;
     content.velocities.forEach((about, i) => {
-      const { body, text, unit } = about, start = velocity0[i];
+      const { body, text, unit } = about, computed = velocity0[i];
+      const start = Math.abs(computed) < 1e-12 * fastest ? 0 : computed;  // 0 but for round-off
       const title = content.bodies.length > 1 && body ? `Start: ${body}` : "Start";
       setting(title, about.name, { text, unit, start,
         reach: Math.max(1.5 * Math.abs(start), 0.3 * fastest) });
