@@ -51,7 +51,7 @@ static int second_of_step(second_t *d, real t, real h, const real *q, const real
     set_duals(N, p, z + N, p0);
 #if GS_SPLITTING
     (void)x;
-    const int status = dual_linearise(&d->c, start, step, q0, p0, &d->first.l.s, &d->l);
+    const int status = dual_linearise(&d->c, start, step, q0, p0, &d->first.l, &d->l);
 #else
     real dx[U], dz1[2*N];
     dual q1[N], p1[N], unknowns[U];

@@ -10,12 +10,16 @@ typedef struct {
     NUMBER q[N], y[Y];
 } TYPED(flow_point);
 
-/* A step: constants of the run, flows, cotangents of their members, the start of each map, p. */
+/*
+ * A step: constants of the run, flows, cotangents of their members, the start of each map, p, whether
+ * the run is symmetric. That of the flows is 0: nothing is known of the rate of any axis.
+ */
 typedef struct {
     const TYPED(flow_constants) *c;
     TYPED(flows) s, bar;
     TYPED(flow_point) start[STEP_MAPS + 1];
     NUMBER p[N];
+    int is_symmetric;
 } TYPED(linearisation_t);
 
 INLINE void TYPED(get_quaternion)(const NUMBER *q, const int at[4], NUMBER r[4])
@@ -43,10 +47,9 @@ INLINE void TYPED(start_of_step)(TYPED(flows) *s, const NUMBER q[N], const NUMBE
         s->now.y_low[e] = TYPED(broadcast)(0);
 }
 
-/* Map m of a step, forwards. */
-INLINE void TYPED(take_map)(const TYPED(flow_constants) *c, TYPED(flows) *s, int m)
+/* A map of a step, forwards. */
+INLINE void TYPED(take_map)(const TYPED(flow_constants) *c, TYPED(flows) *s, step_map map)
 {
-    const step_map map = map_of(m);
     if (map.kind == DRIFT)
         TYPED(drift)(c, s, map.stage, s->now.q, s->now.q_low, s->now.y);
 #if GS_ROTATING_AXES
@@ -86,7 +89,7 @@ static void TYPED(take_step)(TYPED(linearisation_t) *l, const NUMBER p[N])
         for (int e = 0; e < Y; ++e)
             l->start[m].y[e] = l->s.now.y[e];
         if (m < maps)
-            TYPED(take_map)(l->c, &l->s, m);
+            TYPED(take_map)(l->c, &l->s, map_of(l->is_symmetric, m));
     }
     for (int a = 0; a < N; ++a)
         l->p[a] = p[a];
@@ -526,7 +529,7 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
             bar->now.y[3*b + e] *= 4;
     }
     for (int m = maps - 1; m >= 0; --m) {
-        const step_map map = map_of(m);
+        const step_map map = map_of(l->is_symmetric, m);
         if (map.kind == DRIFT)
             TYPED(drift_transposed)(l, map.stage, &l->start[m], z + 2*N);
 #if GS_ROTATING_AXES

@@ -21,6 +21,7 @@ static int lanes_linearise(const lanes_constants *c, lanes t, lanes h, const lan
         in_lanes[e] = splat(numbers[e]);
     l->c = c;
     l->s.stages = own.stages;
+    l->is_symmetric = own.is_symmetric;
     l->s.is_symmetric = 0;
     l->s.t = t;
     lanes_start_of_step(&l->s, q, p);
@@ -37,6 +38,7 @@ static int linearise(const constants *c, real t, real h, const real *q, const re
     l->s.h = h;
     l->s.t = t;
     prepare_flows(&l->s, c, h);
+    l->is_symmetric = l->s.is_symmetric;
     l->s.is_symmetric = 0;
     start_of_step(&l->s, q, p);
     take_step(l, p);
@@ -117,7 +119,7 @@ static void step_tangent(const linearisation_t *l, const real z[Z], real *dx, re
     }
     dual_start_of_step(&s, q, p);
     for (int m = 0; m < maps_of(s.stages); ++m)
-        dual_take_map(&c, &s, m);
+        dual_take_map(&c, &s, map_of(l->is_symmetric, m));
     dual_end_of_maps(&s, q, p);
     for (int a = 0; a < N; ++a) {
         dz1[a] = scaled_slope_of(q[a])/unit;
@@ -126,11 +128,12 @@ static void step_tangent(const linearisation_t *l, const real z[Z], real *dx, re
 }
 
 #if GS_SECOND_DERIVATIVES
-/* A step on dual numbers, with the flows `of` its values. */
+/* A step on dual numbers, with `of` that of its values. */
 static int dual_linearise(const dual_constants *c, dual t, dual h, const dual q[N],
-    const dual p[N], const flows *of, dual_linearisation_t *l)
+    const dual p[N], const linearisation_t *of, dual_linearisation_t *l)
 {
-    prepare_dual_flows(&l->s, of, c, h);
+    prepare_dual_flows(&l->s, &of->s, c, h);
+    l->is_symmetric = of->is_symmetric;
     l->c = c;
     l->s.t = t;
     dual_start_of_step(&l->s, q, p);

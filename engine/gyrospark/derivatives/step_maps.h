@@ -12,10 +12,13 @@ enum { DRIFT_MAPS = 2 };
 enum { DRIFT_MAPS = 1 };
 #endif
 
-/* Of a stage: a drift with the turn of axes of space, then a kick, or between two halves of it the rotations of kick_and_rotate. */
+/*
+ * Of a stage: a drift with the turn of axes of space, then the palindrome of kick_and_rotate. Where
+ * the run is symmetric it takes one kick, which may depend on momenta: this is in the middle then,
+ * between rotations that turn nothing, so that their derivatives have order 2.
+ */
 enum {
-    ROTATIONS = FURTHER > 0 ? 2*FURTHER - 1 : 0,
-    STAGE_MAPS = DRIFT_MAPS + (FURTHER > 0 ? 2 + ROTATIONS : 1),
+    STAGE_MAPS = DRIFT_MAPS + 2*FURTHER + 1,
     STEP_MAPS = STAGES*STAGE_MAPS + DRIFT_MAPS
 };
 
@@ -30,24 +33,22 @@ static inline int maps_of(int stages)
     return stages*STAGE_MAPS + DRIFT_MAPS;
 }
 
-static inline step_map map_of(int m)
+static inline step_map map_of(int is_symmetric, int m)
 {
-    const int own = m % STAGE_MAPS, place = own - DRIFT_MAPS - 1;
-    const real whole = 1, half = (real)0.5;
+    const int own = m % STAGE_MAPS, place = own - DRIFT_MAPS;
+    const int depth = place < FURTHER ? place : 2*FURTHER - place;
     step_map map = { DRIFT, m/STAGE_MAPS, 0, 0 };
     if (own < DRIFT_MAPS) {
         map.kind = own == 0 ? DRIFT : AXES_TURN;
         return map;
     }
-    map.share = FURTHER > 0 ? half : whole;
-    if (place < 0 || place == ROTATIONS) {
+    map.share = depth == FURTHER ? (real)1 : (real)0.5;
+    if (depth == (is_symmetric ? FURTHER : 0)) {
         map.kind = KICK;
         return map;
     }
     map.kind = ROTATION;
-    map.rotation = place < FURTHER ? place : 2*(FURTHER - 1) - place;
-    if (map.rotation == FURTHER - 1)
-        map.share = whole;
+    map.rotation = is_symmetric ? depth : depth - 1;
     return map;
 }
 
