@@ -271,6 +271,35 @@ def test_arguments_outside_of_their_domains_begin_nothing(wrong, small):
     assert small.step() == OK
 
 
+@pytest.mark.parametrize("spec", [SMALL, Spec("IMS"), Spec("splitting", order=4)],
+                         ids=lambda spec: spec.name)
+def test_memory_of_zeros_is_no_trajectory(spec, tmp_path):
+    """As of `static NAME_work work;`: refused until it begins, and again once a begin is refused."""
+    own = Control(made(spec), tmp_path)
+    parameters = TOP.parameters | ({spec.rep: PARAMETERS["gamma"]} if spec.rep else {})
+    given = parameters, TOP.q0, TOP.p0
+
+    def refuses():
+        q, p, memory = own.q.copy(), own.p.copy(), own.ffi.buffer(own.work)[:]
+        assert own.set_parameters(own.w, own.parameters(parameters)) == INVALID
+        assert own.step() == INVALID
+        assert own.ffi.buffer(own.work)[:] == memory
+        assert np.array_equal([own.q, own.p], [q, p])
+
+    own.begin(*given, 0.0, status=INVALID)  # sets q and p
+    own.ffi.memmove(own.work, bytes(own.work_size()), own.work_size())
+    refuses()
+    assert (own.time(own.w), own.iterations(own.w), own.change(own.w)) == (0, 0, 0)
+    q, _ = own.begin(*given, 1e-3).run(3)
+    assert abs(q[3] - q[0]).max() > 1e-4
+    assert own.time(own.w) == pytest.approx(3e-3)
+    options = own.ffi.new(f"{own.name}_options *", [0.0, 50])
+    assert getattr(own.library, f"{own.name}_begin")(
+        own.w, own.parameters(parameters), options, 0.0, own.pointer(own.q),
+        own.pointer(own.p)) == INVALID
+    refuses()
+
+
 def test_starts_from_an_attitude_and_an_angular_velocity(small):
     """p = 2 L(q)^T J Omega of the axis e3, and of any quaternion that is no unit one."""
     omega = [0.1, -0.2, 30.0]

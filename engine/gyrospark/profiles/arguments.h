@@ -7,6 +7,9 @@
 #include "gyrospark/linear_algebra/product_sums.h"
 #endif
 
+/* In the memory of a trajectory that was begun, in place of the 0 of memory of zeros. */
+#define GS_BEGUN 0x6E756762U
+
 static bool are_finite(int count, const real *x)
 {
     bool finite = true;

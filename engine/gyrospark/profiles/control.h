@@ -56,7 +56,7 @@ real NAME(time)(const state_t *w)
 status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 {
     status_t status = INVALID;
-    if ((w->steps >= 0) && are_valid(parameters)) {
+    if ((w->begun == GS_BEGUN) && are_valid(parameters)) {
         prepare(parameters, &w->constants);
         status = OK;
     }
@@ -67,8 +67,9 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
     const real q[N], const real p[N])
 {
     status_t status = INVALID;
-    w->steps = -1;
+    w->begun = 0U;
     if (is_step(dt) && is_state(q, p) && is_option(options) && are_valid(parameters)) {
+        w->begun = GS_BEGUN;
         w->steps = 0;
         w->tolerance = options->tolerance;
         w->max_iterations = options->max_iterations;
@@ -95,7 +96,7 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
 status_t NAME(advance)(state_t *w, real q[N], real p[N])
 {
     status_t status = INVALID;
-    if (w->steps >= 0) {
+    if (w->begun == GS_BEGUN) {
         set_state(w->q, w->q_low, q);
         set_state(w->p, w->p_low, p);
         evaluate_constraints(w);

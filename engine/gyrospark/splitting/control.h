@@ -29,7 +29,7 @@ real NAME(time)(const state_t *w)
 status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 {
     status_t status = INVALID;
-    if ((w->steps >= 0) && are_valid(parameters)) {
+    if ((w->begun == GS_BEGUN) && are_valid(parameters)) {
         prepare(parameters, &w->constants);
         restart(w, w->q, w->p);
         status = OK;
@@ -41,8 +41,9 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
     const real q[N], const real p[N])
 {
     status_t status = INVALID;
-    w->steps = -1;
+    w->begun = 0U;
     if (is_step(dt) && is_state(q, p) && is_option(options) && are_valid(parameters)) {
+        w->begun = GS_BEGUN;
         w->steps = 0;
         w->start_time = start_time(parameters);
         w->flows.h = dt;
@@ -99,7 +100,7 @@ static bool complete_step(state_t *w, real q[N], real p[N])
 status_t NAME(advance)(state_t *w, real q[N], real p[N])
 {
     status_t status = INVALID;
-    if (w->steps >= 0) {
+    if (w->begun == GS_BEGUN) {
         bool same = true;
         for (int a = 0; a < N; ++a) {
             same = same && (q[a] == w->q[a]) && (p[a] == w->p[a]);
