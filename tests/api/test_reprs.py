@@ -65,6 +65,7 @@ def shown(gl3, tmp_path_factory):
         gs.periodic_orbit(pendulum, [0.3], [0.0], dt=2.05 / 40, steps=40, parameters={"m": 1.0}),
         dip, section, swung.events["q1"], gs.cite(gl3),
         gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
+        gs.build("cpp", "fast-top", scheme="EMS", dt=1e-3, out=out.parent / "cpp"),
     ]
 
 
