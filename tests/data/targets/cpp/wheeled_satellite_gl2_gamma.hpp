@@ -125,6 +125,6 @@ static_assert(sizeof(WheeledSatellite::Parameters) == 7*sizeof(WheeledSatellite:
     "parameters are numbers side by side");
 static_assert(sizeof(WheeledSatellite::State) == 4*sizeof(WheeledSatellite::real),
     "a state is numbers side by side");
-static_assert(sizeof(wheeled_satellite_gl2_gamma_work) <= 1840, "the header belongs to another stepper");
+static_assert(sizeof(wheeled_satellite_gl2_gamma_work) <= 1848, "the header belongs to another stepper");
 
 #endif
