@@ -5,6 +5,7 @@
  * CONSTRAINTS is their number; SPARK and SPLITTING say which scheme it is: neither of IMS and EMS.
  */
 #include <math.h>
+#include <stdint.h>
 
 #ifdef __wasm__
 /*
@@ -41,17 +42,19 @@ static inline float fused_float(float a, float b, float c)
 /* Steps until one fails; returns the last status. done: completed steps, their iterations. */
 int NAME(repeat)(state_t *w, real q[N], real p[N], int steps, real done[2])
 {
-    int status = 0;
-    done[0] = done[1] = 0;
-    while (done[0] < steps) {
+    int status = 0, completed = 0;
+    int64_t iterations = 0;
+    while (completed < steps) {
         status = (int)NAME(advance)(w, q, p);
         if (status > 1) /* neither OK nor NOT_CONVERGED, which splittings do not know */
             break;
-        done[0] += 1;
+        ++completed;
 #if !SPLITTING
-        done[1] += (real)NAME(iterations)(w);
+        iterations += NAME(iterations)(w);
 #endif
     }
+    done[0] = (real)completed;
+    done[1] = (real)iterations;
     return status;
 }
 

@@ -198,14 +198,33 @@ int differs(double a, double b, double c)
 """
 
 
-def test_fused_products_without_a_fused_product_have_its_bits(tmp_path):
-    (tmp_path / "stub.c").write_text(STUB)
-    target = tmp_path / "stub.so"
-    subprocess.run([*TOOLS["cc"].find(), *C_FLAGS, "-Wall", "-Wextra", "-Werror", "-D__wasm__",
+def around(stub, folder, *flags):
+    """glue.c around a stub, as a library."""
+    (folder / "stub.c").write_text(stub)
+    target = folder / "stub.so"
+    subprocess.run([*TOOLS["cc"].find(), *C_FLAGS, "-Wall", "-Wextra", "-Werror", *flags,
                     '-DSTEPPER="stub.c"', "-DSPARK=0", "-DSPLITTING=0", "-DCONSTRAINTS=0",
-                    "-I", tmp_path, "-shared", "-fPIC", ROOT / "targets" / "web" / "glue.c",
+                    "-I", folder, "-shared", "-fPIC", ROOT / "targets" / "web" / "glue.c",
                     "-o", target, "-lm"], check=True)
-    differs = ctypes.CDLL(str(target)).differs
+    return ctypes.CDLL(str(target))
+
+
+def test_more_steps_a_call_than_a_float_counts(tmp_path):
+    """2^24 + 2, of a stub that refuses any more and says one iteration of every second step."""
+    most = 2**24 + 2
+    stub = STUB.replace("typedef double", "typedef float").replace(
+        "return !w || !q || !p;", f"return ++*w > {most} || !q || !p ? 3 : 0;").replace(
+        "return !w;", "return *w % 2;")
+    work, done = ctypes.c_int(0), (ctypes.c_float*2)()
+    q, p = ctypes.c_float(0), ctypes.c_float(0)
+    repeat = around(stub, tmp_path).stub_repeat
+    assert repeat(*map(ctypes.byref, (work, q, p)), most, done) == 0
+    assert work.value == most
+    assert [*done] == [most, most / 2]
+
+
+def test_fused_products_without_a_fused_product_have_its_bits(tmp_path):
+    differs = around(STUB, tmp_path, "-D__wasm__").differs
     differs.argtypes = [ctypes.c_double]*3
     some = np.random.default_rng(0)
     numbers = [0.0, -0.0, 5e-324, -1e-310, 1e-154, -1e200, 1.7e308, 3e38, 1e-45, np.inf, np.nan]
