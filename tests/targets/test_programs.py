@@ -116,7 +116,7 @@ def test_octave_refuses_in_sentences(tmp_path):
     built = gs.build("octave", SATELLITE, scheme="G-L", stages=1, out=tmp_path / "made")
     calls = ("1, 10.5", "0.1, 10, [], [1 2]", '0.1, 10, [], [], [], struct("I4", 2)', "0, 10",
              "0.1, 10, 1, [], [], 3", "0.1, 10, 1, [], [], [], ones(3, 9)",
-             "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10")
+             "0.1, 3, 1, [], [], [], [0 0 0; 0 NaN 0; 0 0 0]", "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10")
     lines = [f"try, {NAME}({given}); disp('taken'), catch e, disp(e.message), end\n"
              for given in calls]
     inputs = (f"a = {NAME}(0.1, 5, 1, [], [], struct('u2', 0.3));\n"
@@ -127,8 +127,8 @@ def test_octave_refuses_in_sentences(tmp_path):
     (built.path / "user.m").write_text("".join(lines) + inputs, encoding="utf-8")
     said = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
     *refusals, same, size, of_energy, energies = said.stdout.splitlines()
-    for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs", "8 arg",
-                               "dt"), refusals, strict=True):
+    for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs",
+                               "step 2", "8 arg", "dt"), refusals, strict=True):
         assert re.search(words, refusal), refusal
         assert refusal.endswith(".")
     assert same.strip() == "1"

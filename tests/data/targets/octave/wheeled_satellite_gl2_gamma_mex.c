@@ -132,7 +132,9 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
             for (int i = 0; i < INPUTS; ++i)
                 values[input[i]] = (real)inputs[k*INPUTS + i];
             memcpy(&parameters, values, sizeof parameters);
-            wheeled_satellite_gl2_gamma_set_parameters(&work, &parameters);
+            if (wheeled_satellite_gl2_gamma_set_parameters(&work, &parameters) != WHEELED_SATELLITE_GL2_GAMMA_OK)
+                mexErrMsgIdAndTxt("gyrospark:input",
+                    "inputs of step %u are not finite, or outside of their domains.", (unsigned)k + 1);
         }
         const int status = (int)wheeled_satellite_gl2_gamma_advance(&work, q, p);
         if (status > 1)

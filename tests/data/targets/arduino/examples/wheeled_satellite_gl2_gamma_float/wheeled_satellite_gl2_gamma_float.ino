@@ -31,7 +31,10 @@ void loop() {
   parameters.u1 = 0.01f;
   parameters.u2 = 0.0f;
   parameters.u3 = -0.02f;
-  wheeled_satellite_gl2_gamma_float_set_parameters(&work, &parameters);
+  if (wheeled_satellite_gl2_gamma_float_set_parameters(&work, &parameters) != WHEELED_SATELLITE_GL2_GAMMA_FLOAT_OK) {
+    Serial.println("an input is not usable: there is no step");
+    return;
+  }
   const unsigned long start = micros();
   const int status = (int)wheeled_satellite_gl2_gamma_float_advance(&work, q, p);
   const unsigned long taken = micros() - start;
