@@ -438,8 +438,12 @@
     link();
     if (!live) restart();
     else if (!failed) {
+      const former = { ...stepper.parameters };
       for (const one of settings.values()) if (one.live) stepper.parameters[one.name] = one.value;
-      stepper.setParameters();
+      const status = stepper.setParameters();
+      if (status !== OK) stepper.parameters = former;
+      notice(status === OK ? "" : `The run keeps its former settings: ${FAILED[status]}. `
+        + "Move a slider back, or press Defaults.");
     }
   }
 
