@@ -46,8 +46,9 @@ int main(void)
         satellite.u1 = torque(turn*q[1], omega[0]);
         satellite.u2 = torque(turn*q[2], omega[1]);
         satellite.u3 = torque(turn*q[3], omega[2]);
-        SATELLITE(set_parameters)(&work, &satellite);
-        status = SATELLITE(advance)(&work, q, p);
+        status = SATELLITE(set_parameters)(&work, &satellite);
+        if (status == 0)
+            status = SATELLITE(advance)(&work, q, p);
         if (status != 0) {
             printf("step %d: status %d, an iteration still changes %.1e\n", k, (int)status,
                 (double)SATELLITE(change)(&work));
