@@ -9,6 +9,7 @@ its quaternion and its position, one after another.
 
 from __future__ import annotations
 
+import random
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ import sympy as sp
 from ...core.errors import InputError
 from ..symbolic.derivatives import slopes
 from ..symbolic.shared_subexpressions import Shared, parts_of, share
+from ..symbolic.switching_functions import Max, Min, sides
 from .body_layout import BodyLayout
 from .system import System
 
@@ -26,6 +28,8 @@ __all__ = ["MolecularSystem", "PairPotential", "SpaceVector"]
 
 #: Digits of the test that V(v_i, v_j) = V(v_j, v_i).
 _DIGITS = 40
+#: Sizes of the vectors in it.
+_SCALES = (sp.Rational(1, 16), sp.Integer(1), sp.Integer(16))
 
 
 @dataclass(frozen=True)
@@ -81,15 +85,28 @@ class PairPotential:
         return _one_root([-e for e in found])
 
     def refuse_asymmetric(self, name: str) -> None:
-        """Refuse a V that depends on which of two molecules is the first."""
-        swapped = self.V.xreplace(dict(zip([*self.first, *self.second],
-                                           [*self.second, *self.first], strict=True)))
-        values = {x: sp.Float(sp.Rational(101 * n * n % 89, 7), _DIGITS) for n, x in enumerate(
-            sorted(self.V.free_symbols | swapped.free_symbols, key=str), 1)}
-        one, other = (sp.N(e.xreplace(values), _DIGITS) for e in (self.V, swapped))
-        if abs(one - other) > abs(one) * sp.Float(10) ** (-_DIGITS // 2):
-            raise InputError(f"The pair potential of {name!r} changes when its two molecules are "
-                             "swapped; write it so that it treats both alike.")
+        """Refuse a V that depends on which of two molecules is the first.
+
+        It is compared in points at several distances, relative to the size of its terms; on both
+        sides of each switch, so that a cut-off hides nothing.
+        """
+        swap = dict(zip([*self.first, *self.second], [*self.second, *self.first], strict=True))
+        if self.V.xreplace(swap) == self.V:
+            return
+        V, rng = _smooth(self.V), random.Random(1)
+        symbols = sorted(self.V.free_symbols | {*self.first, *self.second}, key=str)
+        for scale in _SCALES:
+            numbers = rng.sample(range(1, 10**6), len(symbols))  # no two alike
+            values = {x: sp.Float(sp.Rational(n, 10**6), _DIGITS) for x, n in
+                      zip(symbols, numbers, strict=True)}
+            values |= {x: rng.choice((-scale, scale)) * values[x] for x in swap}
+            swapped = values | {x: values[y] for x, y in swap.items()}
+            one, other = ([sp.N(e.xreplace(at), _DIGITS) for e in sp.Add.make_args(V)]
+                          for at in (values, swapped))
+            size = sum(abs(e) for e in one)
+            if abs(sp.N(sum(one) - sum(other))) > size * sp.Float(10) ** (-_DIGITS // 2):
+                raise InputError(f"The pair potential of {name!r} changes when its two molecules "
+                                 "are swapped; write it so that it treats both alike.")
 
 
 @dataclass(frozen=True, repr=False)
@@ -125,6 +142,26 @@ class MolecularSystem(System):
         names = "|".join(map(str, (*self.q, *self.p, self.layout.name)))
         own = [re.sub(rf"\b({names})\b", r"\1_#", text) for text in texts]
         return [text.replace("#", str(i)) for i in range(self.copies) for text in own]
+
+
+def _smooth(e: sp.Expr) -> sp.Expr:
+    """Return an expression without switches, in which both sides of each of them count.
+
+    θ(w) = 1/2 + w/(1 + w²) is the weight of the side w > 0, a + b + ab in place of max(a, b). As
+    θ(−w) = 1 − θ(w), and both orders of three arguments agree, a symmetric e remains symmetric.
+    """
+    known: dict[sp.Basic, sp.Basic] = {}
+    for part in parts_of([e]):
+        made = part.func(*(known[a] for a in part.args)) if part.args else part
+        if isinstance(made, (Max, Min)):
+            a, b = made.args
+            made = a + b + (a * b if isinstance(made, Max) else -a * b)
+        elif told := sides(made):
+            w, below, above = told
+            weight = sp.S.Half + w / (1 + w**2)
+            made = weight * above + (1 - weight) * below
+        known[part] = made
+    return known[e]
 
 
 def _shared_bases(e: sp.Expr) -> sp.Expr:

@@ -176,6 +176,42 @@ def test_what_molecules_cannot_have_is_refused():
             pytest.fail(f"call {number} returned {call()}")
 
 
+def test_asymmetry_is_found_on_both_sides_of_each_switch():
+    def up(a):
+        return a.direction((0, 0, 1))[2]
+
+    def within(value, r2, R, beyond=0):
+        return sp.Piecewise((value, r2 < R**2), (beyond, True))
+
+    asymmetric = [
+        lambda a, b, r2: within((2 - sp.sqrt(r2))**3 * up(a), r2, 2),
+        lambda a, b, r2: within(up(a), r2, sp.Rational(1, 10**6), r2),
+        lambda a, b, r2: within(within(0, r2, 3, up(b)), r2, sp.Rational(301, 100)),
+        lambda a, b, r2: sp.Max(0, 1 - r2)**2 * up(a),
+        lambda a, b, r2: (abs(1 - r2) + 1 - r2) * up(b),
+        lambda a, b, r2: sp.Piecewise((1, up(a) < 0), (r2, True)),
+        lambda a, b, r2: sp.Piecewise((1, sp.And(up(a) < 0, r2 < 1)), (r2, True)),
+        lambda a, b, r2: sp.exp(-r2) * (2 + up(a)),
+        lambda a, b, r2: r2**-6 + sp.exp(-r2) * up(a),
+    ]
+    symmetric = [
+        lambda a, b, r2: within((2 - sp.sqrt(r2))**3 * up(a) * up(b), r2, 2),
+        lambda a, b, r2: sp.Piecewise((a.x[0]**2 * b.x[1], a.x[0] < b.x[0]),
+                                      (b.x[0]**2 * a.x[1], True)),
+        lambda a, b, r2: sp.Max(up(a), up(b), 0) + sp.Min(up(b), r2, up(a)),
+        lambda a, b, r2: sp.Piecewise((r2, sp.Or(up(a) < 0, up(b) < 0)), (sp.log(1 - r2), True)),
+    ]
+    for number, V in enumerate([*asymmetric, *symmetric]):
+        def pair(a, b, k, V=V):
+            return k * V(a, b, square(a, b, (0, 0, 0), (0, 0, 0)))
+
+        if number >= len(asymmetric):
+            assert box(2, pair, {"k": 1.0}).system.copies == 2
+            continue
+        with pytest.raises(InputError, match="swapped"):
+            pytest.fail(f"potential {number} gave {box(2, pair, {'k': 1.0})}")
+
+
 @pytest.mark.slow
 def test_a_thousand_waters():
     """Energy of order 2, and momenta."""
