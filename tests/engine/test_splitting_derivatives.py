@@ -11,6 +11,7 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.generator.tableaux.compositions import COMPOSITIONS
+from splitting_systems import SYSTEMS, start
 
 TOP = gs.problems.fast_top()
 SYMMETRIC = TOP.parameters | {"gamma": 1.0}
@@ -136,6 +137,37 @@ def test_symmetric_bodies_have_the_derivative_by_what_breaks_the_symmetry():
     assert errors[0] / errors[1] > 3.5
 
 
+def on_constraints(z):
+    """Return q and p of a state z near |q| = 1 and q.p = 0, moved onto both."""
+    q, p = z.reshape(2, -1).copy()
+    q[:4] /= np.sqrt(q[:4] @ q[:4])
+    p[:4] -= q[:4] * (q[:4] @ p[:4])
+    return q, p
+
+
+def test_kicks_of_symmetric_bodies_that_depend_on_momenta_are_whole():
+    """Tangents by differences of the step, adjoints by tangents: forces are no potential's."""
+    system, values, _ = SYSTEMS["driven"]
+    values = {str(x): values[str(x)] for x in system.parameters}
+    step, free, h = gs.stepper("splitting", order=2, system=system), ["I3", "mgl", "k"], 0.1
+    at = np.concatenate(start((0.3, -0.2, 1), values))
+    run = step.integrate(at[:4], at[4:], dt=h, steps=1, parameters=values,
+                         tangents=gs.Tangents(parameters=free, dt=True, t0=True))
+    first, found = np.concatenate([run.tangents.q, run.tangents.p], axis=1)
+    for k, name in enumerate(run.tangents.names):
+        def end(by, name=name, way=first[:, k]):
+            return np.concatenate(step.step(
+                *on_constraints(at + by * way), dt=h + by * (name == "dt"),
+                t0=by * (name == "t0"),
+                parameters={m: x + by * (m == name) for m, x in values.items()})[:2])
+
+        exact = (end(1e-5) - end(-1e-5)) / 2e-5
+        assert np.abs(found[:, k] - exact).max() < 1e-9 * np.abs(exact).max()
+    w = np.random.default_rng(1).normal(size=8)
+    back = step.gradient(run, {"q": w[:4], "p": w[4:]}, wrt=["start", *free, "dt", "t0"]).vector()
+    assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
+
+
 @cache
 def everything(torque: float = 0.0) -> gs.Model:
     """An asymmetric body with drag on a spring that changes to a driven point, in axes that turn.
@@ -174,16 +206,13 @@ def test_forces_points_inputs_and_time(torque):
         return {"dt": h + s * d["dt"], "t0": 0.1 + s * d["t0"],
                 "parameters": {k: v + s * d[k] for k, v in one.parameters.items()}}
 
-    def start(way, s):
-        z = np.concatenate([one.q0, one.p0]) + s * way
-        z[:4] /= np.sqrt(z[:4] @ z[:4])
-        z[n : n + 4] -= z[:4] * (z[:4] @ z[n : n + 4])
-        return z[:n], z[n:]
+    def at(way, s):
+        return on_constraints(np.concatenate([one.q0, one.p0]) + s * way)
 
     def differences(f, d, way, s):
         def slope(s):
-            return (f(*start(way, s), **arguments(d, s)) - f(*start(way, -s),
-                                                             **arguments(d, -s))) / (2 * s)
+            return (f(*at(way, s), **arguments(d, s))
+                    - f(*at(way, -s), **arguments(d, -s))) / (2 * s)
         return (slope(2 * s) - 20 * slope(s) + 64 * slope(s / 2)) / 45
 
     def end(q, p, **given):
