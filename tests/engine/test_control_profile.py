@@ -320,6 +320,22 @@ def test_starts_from_an_attitude_and_an_angular_velocity(small):
         assert not p.any()
 
 
+def test_quaternions_of_any_accepted_length_are_normalised(small, tmp_path):
+    """From a length whose square keeps its digits up to one whose square does not overflow."""
+    omega, unit = [0.1, -0.2, 30.0], np.array([0.6, 0.5, -0.4, 0.3])
+    unit /= np.linalg.norm(unit)
+    for own in (small, Control(made(Spec("IMS")), tmp_path)):
+        kind = np.finfo(own.type)
+        least, most = (float(x) ** 0.5 for x in (kind.tiny / kind.eps, kind.max))
+        for length in (1.01 * least, 1, 0.99 * most):
+            status, q, _ = own.started(PARAMETERS, unit * length, omega)
+            assert status == OK
+            assert np.abs(q - unit).max() <= 2 * kind.eps
+        for length in (0.99 * least, kind.eps * least, 1.01 * most):
+            assert own.started(PARAMETERS, unit * length, omega)[0] == INVALID
+            own.begin(PARAMETERS, unit * length, TOP.p0, 1e-3, status=INVALID)
+
+
 def test_a_start_without_momenta_is_singular(tmp_path):
     """H = (x y)^2/2: the velocity is x^2 y, and none at x = 0 but by chance."""
     x, y = sp.symbols("x y", real=True)

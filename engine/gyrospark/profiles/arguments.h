@@ -19,7 +19,10 @@ static bool are_finite(int count, const real *x)
     return finite;
 }
 
-/* Whether q is finite and its quaternions have a length. */
+/*
+ * Whether q is finite and its quaternions have a length: |q|^2 is below the largest number, and so far
+ * above the smallest that squares that underflow are lost beside it.
+ */
 static bool is_position(const real q[N])
 {
     bool valid = are_finite(N, q);
@@ -29,7 +32,7 @@ static bool is_position(const real q[N])
             const real x = q[quaternion[b][e]];
             square += x*x;
         }
-        valid = valid && (square > (real)0) && (square <= LIMIT(MAX));
+        valid = valid && (square >= (LIMIT(MIN)/epsilon)) && (square <= LIMIT(MAX));
     }
     return valid;
 }
