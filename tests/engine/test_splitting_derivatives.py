@@ -170,7 +170,8 @@ def test_kicks_of_symmetric_bodies_that_depend_on_momenta_are_whole():
 
 @cache
 def everything(torque: float = 0.0) -> gs.Model:
-    """An asymmetric body with drag on a spring that changes to a driven point, in axes that turn.
+    """An asymmetric body with drag on a spring along x that changes to a driven point, in axes
+    that turn.
 
     ``torque`` adds one that is no drag, so that kicks depend on momenta.
     """
@@ -179,8 +180,8 @@ def everything(torque: float = 0.0) -> gs.Model:
     b = model.point_mass("b", mass=2, position=(1.5, 0.2, 0.1), velocity=(0, 0.3, 0))
     k, c, u = (model.parameter("k", 2.0, positive=True), model.parameter("c", 0.2),
                model.input("u", 0.3))
-    reach = [x - y for x, y in zip(a.point((0.2, 0, 0)), b.point((0, 0, 0)), strict=True)]
-    model.potential(k * sum(x**2 for x in reach) / 2 * (1 + sp.cos(2 * model.time) / 3))
+    reach = a.point((0.2, 0, 0))[0] - b.point((0, 0, 0))[0]
+    model.potential(k * reach**2 / 2 * (1 + sp.cos(2 * model.time) / 3))
     model.torque(a, [-c * (1 + torque * i) * sp.Symbol(f"a_I{i}", positive=True) * w
                      for i, w in zip((1, 2, 3), a.angular_velocity, strict=True)])
     model.force(b, [u, 0, 0])
@@ -190,8 +191,9 @@ def everything(torque: float = 0.0) -> gs.Model:
     return model.model()
 
 
-@pytest.mark.parametrize("torque", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
-def test_forces_points_inputs_and_time(torque):
+@pytest.mark.parametrize(("torque", "even"), [
+    (0.0, False), *(pytest.param(0.3, even, marks=pytest.mark.slow) for even in (False, True))])
+def test_forces_points_inputs_and_time(torque, even):
     """Tangents by differences; adjoints and Hessians by tangents and each other."""
     one, h, rng = everything(torque), 0.05, np.random.default_rng(3)
     step = gs.stepper("splitting", order=2 if torque else 4, system=one.system)
@@ -199,12 +201,15 @@ def test_forces_points_inputs_and_time(torque):
     names = [*own, "dt", "t0"]
     by = [dict(zip([*names, "u"], rng.normal(size=len(names) + 1), strict=True))
           for _ in range(2)]
+    values = one.parameters | ({"a_I2": one.parameters["a_I1"]} if even else {})
+    for d in by if even else ():
+        d["a_I2"] = d["a_I1"]
     ways = rng.normal(size=(2, 2 * n))
     w = rng.normal(size=2 * n)
 
     def arguments(d, s):
         return {"dt": h + s * d["dt"], "t0": 0.1 + s * d["t0"],
-                "parameters": {k: v + s * d[k] for k, v in one.parameters.items()}}
+                "parameters": {k: v + s * d[k] for k, v in values.items()}}
 
     def at(way, s):
         return on_constraints(np.concatenate([one.q0, one.p0]) + s * way)

@@ -11,8 +11,8 @@ typedef struct {
 } TYPED(flow_point);
 
 /*
- * A step: constants of the run, flows, cotangents of their members, the start of each map, p, whether
- * the run is symmetric. That of the flows is 0: nothing is known of the rate of any axis.
+ * A step: constants of the run, flows, cotangents of their members, the start of each map, p, and
+ * whether the run is symmetric; the flows say no, so that no rate of an axis is taken as steady.
  */
 typedef struct {
     const TYPED(flow_constants) *c;

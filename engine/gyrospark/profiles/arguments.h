@@ -20,8 +20,8 @@ static bool are_finite(int count, const real *x)
 }
 
 /*
- * Whether q is finite and its quaternions have a length: |q|^2 is below the largest number, and so far
- * above the smallest that squares that underflow are lost beside it.
+ * Whether q is finite and its quaternions have a length: |q|^2 is below the largest number, and so
+ * far above the smallest that squares that underflow are lost beside it.
  */
 static bool is_position(const real q[N])
 {
