@@ -274,7 +274,7 @@ def test_arguments_outside_of_their_domains_begin_nothing(wrong, small):
 @pytest.mark.parametrize("spec", [SMALL, Spec("IMS"), Spec("splitting", order=4)],
                          ids=lambda spec: spec.name)
 def test_memory_of_zeros_is_no_trajectory(spec, tmp_path):
-    """As of `static NAME_work work;`: refused until it begins, and again once a begin is refused."""
+    """As of `static NAME_work work;`: refused until it begins, and after a refused begin."""
     own = Control(made(spec), tmp_path)
     parameters = TOP.parameters | ({spec.rep: PARAMETERS["gamma"]} if spec.rep else {})
     given = parameters, TOP.q0, TOP.p0
