@@ -320,7 +320,7 @@ def test_other_misuse_is_an_error(satellite):
                 slave.read(spoilt)
         with pytest.raises(gs.GyrosparkError, match="no state"):
             slave.restore(ctypes.c_void_p())
-        with pytest.raises(gs.GyrosparkError, match="EnterInitializationMode|SetupExperiment"):
+        with pytest.raises(gs.GyrosparkError, match=r"EnterInitializationMode|SetupExperiment"):
             slave.start()
         assert slave.step(0.0, 0.1) == "OK"
         assert slave.step(0.1 + 1e-9, 0.1) == "OK"
