@@ -104,7 +104,7 @@ def _memory(derived: Derived, scheme: SplittingScheme, numbers: int, moving: int
         return numbers * real.bytes + 256
     wide = real.bytes if real.wide else _LANE_BYTES
     lanes = wide // real.bytes
-    each = moving + 2 * len(molecules.pair.first)
+    each = 2 * moving + 2 * len(molecules.pair.first)
     common = 2 * (numbers + 16) + len(derived.constants.definitions) + 8
     return (molecules.copies + lanes) * each * real.bytes + common * wide + 4096
 

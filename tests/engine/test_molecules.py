@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from itertools import pairwise
 
 import numpy as np
@@ -174,6 +175,41 @@ def test_what_molecules_cannot_have_is_refused():
     for number, call in enumerate(calls):
         with pytest.raises(InputError):
             pytest.fail(f"call {number} returned {call()}")
+
+
+@pytest.fixture(scope="module")
+def springs():
+    """Many molecules, with a spring between every two; the last block has one molecule."""
+    def pair(a, b, k):
+        return k * square(a, b, (0, 0, 0), (0, 0, 0)) / 2
+
+    def cubic(a, c):
+        return c * a.x[0]**3
+
+    model = box(1001, pair, {"k": 1.0, "c": 30.0}, "springs", potential=cubic, mass=1)
+    return model, gs.stepper("splitting", order=2, system=model)
+
+
+def test_stacks_do_not_grow_with_the_number_of_molecules(springs):
+    """A thread of 192 KB, in which their state has no room."""
+    model, step = springs
+    values, found = model.parameters, []
+
+    def work():
+        run = step.integrate(model.q0, model.p0, dt=1e-6, steps=1, parameters=values)
+        q1, p1, *_ = step.step(model.q0, model.p0, dt=1e-6, parameters=values)
+        found.extend([run, q1, step.project(q1, p1, parameters=values)[0]])
+
+    usual = threading.stack_size(192 * 1024)
+    try:
+        thread = threading.Thread(target=work)
+        thread.start()
+    finally:
+        threading.stack_size(usual)
+    thread.join()
+    run, q1, projected = found
+    assert np.array_equal(run.q[-1], q1)
+    assert np.abs(projected - q1).max() < 1e-14
 
 
 def test_asymmetry_is_found_on_both_sides_of_each_switch():

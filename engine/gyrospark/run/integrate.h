@@ -116,25 +116,22 @@ static long take_steps(IF_INPUTS(inputs_t inputs,) real start, real dt, long fir
     work_t *w)
 {
     run_flows *s = run_flows_of(w);
-    const run_state before = s->now;
-    const int was_underway = s->is_underway;
+    kept_state kept;
+    keep_state(s, &kept);
     for (long n = first; n < last; ++n) {
         IF_INPUTS(set_step_inputs(&w->constants, &inputs, 0, n);)
         step_on(w, start + (real)n*dt);
     }
     if (are_finite(&s->now))
         return last - first;
-    s->now = before; /* once more, up to the step that fails */
-    s->is_underway = was_underway;
+    restore_state(s, &kept); /* once more, up to the step that fails */
     for (long n = first;; ++n) {
-        const run_state previous = s->now;
-        const int is_underway = s->is_underway;
+        keep_state(s, &kept);
         IF_INPUTS(set_step_inputs(&w->constants, &inputs, 0, n);)
         step_on(w, start + (real)n*dt);
         if (are_finite(&s->now))
             continue;
-        s->now = previous;
-        s->is_underway = is_underway;
+        restore_state(s, &kept);
         return n - first;
     }
 }

@@ -30,7 +30,7 @@ typedef struct {
     lanes_flows all; /* the same in each lane; its state is that of one block at a time */
     lanes_constants constants;
     int is_underway;
-    molecules_state now;
+    molecules_state now, before;
     carried vectors[BLOCKS], force[BLOCKS];
 } molecules_t;
 
@@ -210,31 +210,44 @@ static void molecules_at_end(const molecules_t *s, real q[N], real p[N])
     }
 }
 
-/* H: the sum over molecules, and that over pairs. */
+/* The molecules of a block, from a state. */
+static void load_block(const real q[N], int block, lanes of_block[COORDINATES])
+{
+    for (int a = 0; a < COORDINATES; ++a)
+        for (int lane = 0; lane < LANES; ++lane)
+            lane_set(&of_block[a], lane, q[COORDINATES*molecule_in(block, lane) + a]);
+}
+
+/* H: the sum over molecules, and that over pairs. Nothing is kept of a block: stacks are small. */
 static real hamiltonian(const constants *c, const real q[N], const real p[N])
 {
     lanes_constants all;
-    carried vectors[BLOCKS];
-    lanes sum = splat(0), low = splat(0);
+    lanes sum = splat(0), low = splat(0), own_q[COORDINATES], own_p[COORDINATES];
     set_all_constants(&all, c);
     for (int block = 0; block < BLOCKS; ++block) {
-        lanes own_q[COORDINATES], own_p[COORDINATES];
-        for (int a = 0; a < COORDINATES; ++a)
-            for (int lane = 0; lane < LANES; ++lane) {
-                lane_set(&own_q[a], lane, q[COORDINATES*molecule_in(block, lane) + a]);
-                lane_set(&own_p[a], lane, p[COORDINATES*molecule_in(block, lane) + a]);
-            }
-        lanes_molecule_vectors(&all, own_q, vectors[block].of);
+        load_block(q, block, own_q);
+        load_block(p, block, own_p);
         lanes_accumulate(&sum, &low, lanes_select_value(partners_of(-1, block),
             lanes_molecule_hamiltonian(&all, own_q, own_p), splat(0)));
     }
-    for (int i = 0; i < MOLECULES; ++i) {
-        lanes a[VECTORS], row = splat(0);
-        broadcast_vectors(vectors, i, a);
-        for (int block = i/LANES; block < BLOCKS; ++block)
-            row += lanes_select_value(partners_of(i, block),
-                lanes_pair_energy(&all, a, vectors[block].of), splat(0));
-        lanes_accumulate(&sum, &low, row);
+    for (int own = 0; own < BLOCKS; ++own) {
+        carried vectors, others;
+        lanes a[VECTORS], row[LANES];
+        load_block(q, own, own_q);
+        lanes_molecule_vectors(&all, own_q, vectors.of);
+        for (int lane = 0; lane < LANES; ++lane)
+            row[lane] = splat(0);
+        for (int block = own; block < BLOCKS; ++block) {
+            load_block(q, block, own_q);
+            lanes_molecule_vectors(&all, own_q, others.of);
+            for (int lane = 0; lane < LANES; ++lane) {
+                broadcast_vectors(&vectors, lane, a);
+                row[lane] += lanes_select_value(partners_of(own*LANES + lane, block),
+                    lanes_pair_energy(&all, a, others.of), splat(0));
+            }
+        }
+        for (int lane = 0; lane < LANES && own*LANES + lane < MOLECULES; ++lane)
+            lanes_accumulate(&sum, &low, row[lane]);
     }
     real total = 0;
     for (int lane = 0; lane < LANES; ++lane)

@@ -5,7 +5,9 @@
 #include "gyrospark/splitting/molecules.h"
 
 typedef molecules_t run_flows;
-typedef molecules_state run_state;
+
+/* Whether a step was under way before some steps; the rest is kept in the work memory. */
+typedef int kept_state;
 
 _Static_assert(sizeof(molecules_t) + 64 <= sizeof(((work_t *)0)->memory),
     "work memory is too small");
@@ -28,6 +30,18 @@ static void set_state(work_t *w, const real q[N], const real p[N])
     molecules_t *s = run_flows_of(w);
     prepare_molecules(s, &w->constants);
     start_molecules(s, q, p);
+}
+
+static void keep_state(molecules_t *s, kept_state *was_underway)
+{
+    s->before = s->now;
+    *was_underway = s->is_underway;
+}
+
+static void restore_state(molecules_t *s, const kept_state *was_underway)
+{
+    s->now = s->before;
+    s->is_underway = *was_underway;
 }
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],

@@ -14,7 +14,12 @@
 #include "gyrospark/splitting/molecules_run.h"
 #else
 typedef flows run_flows;
-typedef flow_state run_state;
+
+/* The state before some steps. */
+typedef struct {
+    flow_state now;
+    int is_underway;
+} kept_state;
 
 _Static_assert(sizeof(flows) + 64 <= sizeof(((work_t *)0)->memory), "work memory is too small");
 
@@ -32,6 +37,18 @@ static void set_state(work_t *w, const real q[N], const real p[N])
     s->now.work_low = 0;
     prepare_flows(s, &w->constants, s->h);
     start_flows(s, q, p);
+}
+
+static void keep_state(const flows *s, kept_state *kept)
+{
+    kept->now = s->now;
+    kept->is_underway = s->is_underway;
+}
+
+static void restore_state(flows *s, const kept_state *kept)
+{
+    s->now = kept->now;
+    s->is_underway = kept->is_underway;
 }
 
 static void begin_run(work_t *w, const options_t *options, real dt, const real q[N],
@@ -99,7 +116,6 @@ static void multipliers_of_run(work_t *w, const options_t *options, real multipl
 static int single_step(work_t *w, const options_t *options, real dt, const real q[N],
     const real p[N], real q1[N], real p1[N], real multipliers[ROOM], int *iterations)
 {
-    real q_end[N], p_end[N];
     report_t report = { 0 };
     (void)multipliers;
     *iterations = 0;
@@ -107,11 +123,7 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     step_on(w, w->t);
     if (!are_finite(&run_flows_of(w)->now))
         return NOT_FINITE;
-    get_state(w, q_end, p_end, &report);
-    for (int a = 0; a < N; ++a) {
-        q1[a] = q_end[a];
-        p1[a] = p_end[a];
-    }
+    get_state(w, q1, p1, &report);
     return OK;
 }
 
