@@ -212,6 +212,20 @@ def test_stacks_do_not_grow_with_the_number_of_molecules(springs):
     assert np.abs(projected - q1).max() < 1e-14
 
 
+def test_lanes_without_molecules_end_no_run(springs):
+    """Alone, the first of them falls to −∞ in a cubic potential; springs hold it."""
+    model, step = springs
+    q0 = np.tile([1.0, 0, 0, 0, 0, 0, 0], 1001)
+    q0[4] = -1
+    run = step.integrate(q0, 0 * q0, dt=1e-2, steps=50, every=10, parameters=model.parameters)
+    assert np.abs(run.q).max() < 1.5
+    x, v = -1.0, 0.0
+    for _ in range(50):
+        v -= 1e-2 * 3 * model.parameters["c"] * x * x
+        x += 1e-2 * v
+    assert x == -math.inf
+
+
 def test_asymmetry_is_found_on_both_sides_of_each_switch():
     def up(a):
         return a.direction((0, 0, 1))[2]
