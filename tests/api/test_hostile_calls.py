@@ -66,8 +66,9 @@ def test_every_argument_is_spoilt(tmp_path):
         function, arguments = call.make()
         known = {name for name, of in inspect.signature(function).parameters.items()
                  if of.kind is not of.VAR_POSITIONAL}
-        if call.name in ("Trajectory.gradient", "Trajectory.hessian", "build"):
-            known -= {"options"}  # those of the stepper's, and of targets
+        if call.name in ("Trajectory.gradient", "Trajectory.hessian", "build",
+                         "playground"):
+            known -= {"options"}  # those of the stepper's, of targets and of build
         assert set(arguments) <= known, call.name
         if call.name.startswith("Multibody."):  # several calls share a method's arguments
             known -= {"rotation"} if "quaternion" in arguments else {

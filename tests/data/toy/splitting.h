@@ -68,6 +68,7 @@ enum { FLOW_NUMBERS = (sizeof(flows) - 3*sizeof(int))/sizeof(real) };
 #include "control.h"
 typedef struct {
     int64_t steps;
+    uint32_t begun;
     real start_time, q[N], p[N];
     toy_constants constants;
     flows flows;

@@ -165,6 +165,7 @@ typedef struct {
 #if defined(GS_PROFILE_CONTROL)
     real start_time;
     int64_t steps;
+    uint32_t begun;
 } toy_work;
 #else
 } toy_state;
