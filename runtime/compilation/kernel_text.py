@@ -39,9 +39,11 @@ _STATEMENT = re.compile(
     r"(?:const [\w ]+ (?P<local>\w+)|(?P<place>[\w>-]+(?:\[\d+\])*)) = (?P<value>.*)")
 _RETURN = re.compile(r"return (?P<value>.*)")
 _SUM = re.compile(r"[\w ]+ sum\[2\]")
-_NO_SUM = re.compile(r"sum\[0\] = sum\[1\] = (?:0|splat\(0\))")
+_NO_SUM = re.compile(r"sum\[[01]\] = (?:0|splat\(0\))")
+#: A product in twice the working precision, and it as one statement.
 _PRODUCT = re.compile(
-    r"(?:lanes_)?add_product\(sum, \d+, \(const [\w ]+\[\]\){ (?P<factors>.*) }\)")
+    r"{ const [\w ]+ factors\[\] = { (?P<factors>[^{}]*) }; (?:lanes_)?add_product\([^{}]*\); }")
+_FACTORS = re.compile(r"product (?P<factors>.*)")
 _UNUSED = re.compile(r"\(void\)\w+(?:->\w+)?")
 #: Operator → how tightly it binds, and what it computes.
 _OPERATORS: dict[str, tuple[int, Callable[..., Any]]] = {
@@ -136,6 +138,7 @@ def _statements(body: str) -> list[tuple[str, str, list[Expression]]]:
 def _lines(body: str) -> Iterator[str]:
     """Yield the statements of a body, each in one line without its semicolon."""
     text = re.sub(r"\s+", " ", _COMMENT.sub("", body)).strip()
+    text = _PRODUCT.sub(r"product \g<factors>;", text)
     if text and not text.endswith(";"):
         raise UnreadableError(text[-40:])
     yield from (line.strip() for line in text.split(";")[:-1])
@@ -146,7 +149,7 @@ def _parse(line: str) -> tuple[str, str, list[Expression]] | None:
         return None
     if _NO_SUM.fullmatch(line):
         return "clear", "", []
-    if product := _PRODUCT.fullmatch(line):
+    if product := _FACTORS.fullmatch(line):
         return "product", "", [_expression(f"({product['factors']})".replace(", ", ")*("))]
     if result := _RETURN.fullmatch(line):
         return "return", "", [_expression(result["value"])]

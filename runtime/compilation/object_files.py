@@ -139,9 +139,10 @@ def _declaration(name: str, rest: str = "") -> re.Pattern[str]:
 
 #: Flags to compile with instead, until no instruction is left: without joining elements to
 #: permutations, which costs next to nothing; without vectorising, of which nothing is left to join.
-#: Less is then known of variables, and gcc takes some for uninitialised that it did not before.
+#: Less is then known of variables, and gcc takes some for uninitialised that it did not before; and
+#: of vectors that it does not join gcc 12 drops stores as dead that are read later.
 WITHOUT_PERMUTATIONS = (
-    ["-fno-tree-forwprop", "-Wno-error"],
+    ["-fno-tree-forwprop", "-fno-tree-dse", "-Wno-error"],
     ["-fno-tree-forwprop", "-Wno-error", "-fno-tree-vectorize", "-fno-tree-slp-vectorize"],
 )
 
