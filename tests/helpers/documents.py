@@ -30,6 +30,12 @@ SHORTER = [
      "a million runs; the study of docs/sweeps.md is few.toml, with four of them"),
     (r"^taskset -c 0 ", "", "taskset is a thing of Linux"),
     (r' --base "heyoka default"', "", "heyoka is one of the programs of the extra bench"),
+    (r"^(gyrospark run waters) --set count=1000 (.*) --steps 1000$",
+     r"\1 --set count=8 \2 --steps 50", "without optimisation a minute"),
+    (r"^(gyrospark run \S*crane.urdf .*)--steps 2000", r"\1--steps 20",
+     "without optimisation twelve seconds"),
+    (r"^(gyrospark verify --model double_pendulum .*)", r"\1 --steps 20",
+     "without optimisation orders are measured for six seconds"),
     (r"^gyrospark verify$", "gyrospark verify --scheme G-L --stages 1",
      "all steppers of the paper, which a slow test of test_cli.py verifies"),
     (r"--t-end 20 (.*--animate)", r"--t-end 0.2 \1", "a film of twenty pictures, not 120"),
@@ -51,6 +57,8 @@ NOT_RUN = [
     (r"^pytest ", "it writes to the repository"),
     (r"^gyrospark bench bodies", "even quick it derives and compiles chains for a quarter of a "
                                  "minute, as test_benchmarks.py does"),
+    (r"^gyrospark bench (events|gradients)\b", "even quick each is six seconds; "
+                                              "test_benchmarks.py compares events and gradients"),
     (r"^gyrospark (run|build)$", "the name of a command without what it takes"),
     (r"^gyrospark build (web|wasm|fmu)", "ziglang is half a minute of compiling; tests/targets "
                                          "builds them where it is installed"),
