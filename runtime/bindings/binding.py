@@ -183,11 +183,11 @@ class Binding(Compiled):
         if not self.conditions:
             return g, f
         function, sets = self.function("defects"), self.sets(parameters)
-        arrays, rows = [self.pointer(array) for array in (q, p, g, f)], len(q) // sets
-        widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
+        arrays, rows = [*map(self.pointer, (q, p, g, f))], len(q) // sets
         if sets == 1:
             function(parameters, rows, *self._times(t), *arrays)
             return g, f
+        widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         for i in range(sets):
             own = [array + i * width for array, width in zip(arrays, widths, strict=True)]
             function(parameters + i, rows, *self._times(None), *own)

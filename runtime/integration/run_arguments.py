@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -39,13 +40,16 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
     from .frame_following import Follow
 
-__all__ = ["EnsembleArguments", "Origin", "RawArguments", "RunArguments", "as_parameters",
-           "checked_runs", "refuse_auto", "refuse_choice", "step_count", "warn_of_negative"]
+__all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
+           "as_parameters", "checked_runs", "refuse_auto", "refuse_choice", "step_count",
+           "warn_of_negative"]
 
 Array = NDArray[Any]
 
 #: Numbers of moved states that are judged at a time: what a cache holds.
 _JUDGED = 2**16
+#: Types of parameters that are the same as long as they are the same object.
+_IMMUTABLE = {float, np.float64, int, str, Rounded}
 
 
 @dataclass(frozen=True)
@@ -369,6 +373,25 @@ def as_parameters(
     made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
     refuse_broken(symmetries, made)
     return made
+
+
+class ParameterCheck:
+    """``as_parameters`` of one stepper; it recalls the last parameters: loops give the same."""
+
+    def __init__(self, *common: Any) -> None:
+        self._common = common
+        self._last: tuple[list[str], list[Any], dict[str, Any]] = [], [], {}
+
+    def __call__(self, given: Any) -> dict[str, Any]:
+        """Return checked parameters, or raise InputError, as ``as_parameters`` does."""
+        names, values, made = self._last
+        if (type(given) is dict and made and len(given) == len(names)
+                and all(map(operator.is_, given.values(), values)) and [*given] == names):
+            return made.copy()
+        made = as_parameters(given, *self._common)
+        if type(given) is dict and {*map(type, given.values())} <= _IMMUTABLE:
+            self._last = [*given], [*given.values()], made.copy()  # at once, for other threads
+        return made
 
 
 def _as_plain_parameters(

@@ -328,20 +328,24 @@ def trajectory_of(
     binding: Binding, manifest: dict[str, Any], run: RunArguments, rows: Rows, report: Any,
     q: Array, p: Array,
 ) -> Trajectory:
-    """Return the rows that were filled."""
-    done = int(report.steps)
-    stored = run.stored(done)
-    parameters = binding.parameters(run.parameters, run.t0)
-    q_kept, p_kept = rows.q[: stored + 1], rows.p[: stored + 1]
-    t = binding.times(run.t0, run.dt, run.steps_of_rows(done))
-    states = States(binding, manifest, parameters, t, q_kept, p_kept, rows.multipliers[:stored],
-                    rows.iterations[:stored], rows.work[: stored + 1])
+    """Return the rows that were filled; they, the report, q and p are read when asked for."""
+    given = run.parameters.copy()  # those of the trajectory are its owner's
+
+    def states() -> States:
+        done = int(report.steps)
+        stored = run.stored(done)
+        return States(
+            binding, manifest, binding.parameters(given, run.t0),
+            binding.times(run.t0, run.dt, run.steps_of_rows(done)), rows.q[: stored + 1],
+            rows.p[: stored + 1], rows.multipliers[:stored], rows.iterations[:stored],
+            rows.work[: stored + 1])
+
     return Trajectory.of(
         states,
+        lambda: Report.read(report, q, p, forced=binding.has_forces),
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,
-        report=Report.read(report, q, p, forced=binding.has_forces),
         manifest=manifest,
         _inputs=run.inputs,
     )

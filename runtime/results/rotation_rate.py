@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -105,24 +106,27 @@ class Rotations:
         bodies = self._bodies
         if not bodies:
             return None
-        if len(q) == 1:  # in Python's floats: a quarter of the time
-            rows: Any = (q[0].astype(float).tolist(), p[0].astype(float).tolist())
+        single = len(q) == 1  # in Python's floats: a quarter of the time
+        if single:
+            state = [x[0].astype(float, copy=False) for x in (q, p)]
+            rows: Any = [x.tolist() for x in state]
             number: Any = _only
             if len(bodies) > _FEW:
-                bodies = self._fastest_of_many(parameters, q[0].astype(float), p[0].astype(float))
+                bodies = self._fastest_of_many(parameters, *state)
         else:
             rows = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
             number = partial(np.asarray, dtype=float)
         moves = [number(parameters[name]) != 0 for name in self._rates if name in parameters]
         dt = number(dt)
         largest, fastest, step = -1.0, "", 0.0
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
+        # What is not finite is left out.
+        with nullcontext() if single else np.errstate(over="ignore", invalid="ignore"):
             for name, body in bodies.items():
                 inertia = [number(parameters[key]) for key in body.inertia]
                 radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in rows)) * dt)
                 if moves:
                     radians = np.where(np.any(np.broadcast_arrays(*moves), axis=0), -1.0, radians)
-                if len(q) == 1:
+                if single:
                     row, found = 0, float(radians)
                 else:
                     radians = np.where(np.isfinite(radians), radians, -1.0)

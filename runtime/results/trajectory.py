@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -111,26 +111,38 @@ class Trajectory(Shown):
     _origin: Any = field(default=None, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
     _stepper: Any = field(default=None, repr=False)
-    #: What the arrays that are not there yet are computed from.
-    _states: States | None = field(default=None, repr=False)
+    #: What the arrays that are not there yet are computed from, or a function that returns it.
+    _states: Any = field(default=None, repr=False)
+    #: A function that returns the report, until it is there.
+    _read: Callable[[], Report] | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, states: States, **others: Any) -> Self:
-        """Return the trajectory of stored states; ``others`` are the fields beside its arrays."""
-        return changed(object.__new__(cls), **{"events": {}, **others, "_states": states})
+    def of(
+        cls, states: Callable[[], States], report: Callable[[], Report], **others: Any
+    ) -> Self:
+        """Return the trajectory of states and a report; both are made when they are asked for.
+
+        ``others`` are the other fields beside its arrays.
+        """
+        return changed(object.__new__(cls), events={}, **others, _states=states, _read=report)
 
     def of_states(self, states: States, **changes: Any) -> Self:
         """Return a trajectory with other states, and other values of some fields."""
         kept = {name: x for name, x in self.__dict__.items() if name not in _OUTPUTS}
-        return self.of(states, **kept | changes)
+        return changed(object.__new__(type(self)), **kept | changes | {"_states": states})
 
     if not TYPE_CHECKING:  # names that are no field stay errors to a type checker
 
         def __getattr__(self, name: str) -> Array:
             """Compute an output, and keep it: who changes it changes no other one."""
-            states = self.__dict__.get("_states")
+            known = self.__dict__
+            if name == "report" and known.get("_read"):
+                return known.setdefault(name, known["_read"]())
+            states = known.get("_states")
             if states is None or name not in _OUTPUTS:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            if callable(states):
+                states = known["_states"] = states()
             found = value_of(_OUTPUTS[name], states)
             if any(np.may_share_memory(found, stored) for stored in states.arrays):
                 found = found.copy()
@@ -410,8 +422,9 @@ class Trajectory(Shown):
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the states alone: the code that made them is not theirs."""
         following = self._origin is not None and self._origin.run.follow is not None
-        return {**self.__dict__, **{name: getattr(self, name) for name in _OUTPUTS},
-                "_stepper": None, "_states": None, **({"_origin": None} if following else {})}
+        made = {name: getattr(self, name) for name in (*_OUTPUTS, "report")}
+        return {**self.__dict__, **made, "_stepper": None, "_states": None, "_read": None,
+                **({"_origin": None} if following else {})}
 
     # ------------------------------------------------------------ file
 

@@ -19,7 +19,7 @@ from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
-from ..integration.run_arguments import as_parameters, warn_of_negative
+from ..integration.run_arguments import ParameterCheck, warn_of_negative
 from ..tuning.manifest_symmetries import symmetries_of
 
 __all__ = ["Evaluation"]
@@ -40,6 +40,9 @@ class Evaluation:
         self.unknowns = self.binding.unknowns
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
         self.symmetries = symmetries_of(self.manifest)
+        #: Returns parameters as numbers, or raises InputError.
+        self.check_parameters = ParameterCheck(self.parameter_domains, self.binding.number,
+                                               self.symmetries)
 
     @property
     def binding_of_many(self) -> Binding:
@@ -275,7 +278,7 @@ class Evaluation:
 
     def _parameters(self, given: Mapping[str, Number], t: Number = 0.0) -> Any:
         number = self.binding.number
-        values = as_parameters(given, self.parameter_domains, number, self.symmetries)
+        values = self.check_parameters(given)
         warn_of_negative(values)
         return self.binding.parameters(values, as_real("t", t, number))
 

@@ -29,7 +29,7 @@ from ..bindings.binding import Binding
 from ..bindings.inputs import Inputs
 from ..integration.consistency import refuse_inconsistent
 from ..integration.failure import diagnose
-from ..integration.run_arguments import RunArguments, as_parameters, warn_of_negative
+from ..integration.run_arguments import RunArguments, warn_of_negative
 from ..integration.step_loop import FIRST_STEPS, ChunkSize, Rows, advance, ended_at, trajectory_of
 from ..results.diagnostics import Report
 from ..results.run_arrays import place_of_quantity
@@ -105,8 +105,8 @@ class AdvancingRun:
                       every=self.steps + 2)
         rows = Rows.allocate(self.binding, 0)
         rows.q[0], rows.p[0] = self.q, self.p
-        return changed(trajectory_of(self.binding, manifest, run, rows, self.record, self.q,
-                                     self.p), every=1)
+        return changed(trajectory_of(self.binding, manifest, run, rows, self.record,
+                                     self.q.copy(), self.p.copy()), every=1)
 
 
 class ContinuedStep(AdvancingRun):
@@ -220,7 +220,10 @@ class RecordingRun(AdvancingRun):
                        for name, array in vars(self._rows).items()})
         inputs = Inputs(self.binding.input_names, self._inputs[None, :done].copy(), 1)
         run = replace(self.run, steps=done).with_inputs(inputs if self._fed else None)
-        return trajectory_of(self.binding, manifest, run, rows, self._report, self.q, self.p)
+        report = self.binding.report()
+        self.binding.image(report)[:] = self.binding.image(self._report)
+        return trajectory_of(self.binding, manifest, run, rows, report, self.q.copy(),
+                             self.p.copy())
 
 
 class Simulation:
@@ -393,8 +396,7 @@ class Simulation:
     @parameters.setter
     def parameters(self, parameters: Mapping[str, Number]) -> None:
         held, stepper = self._held, self._stepper
-        made = as_parameters(parameters, stepper.parameter_domains, held.binding.number,
-                             stepper.symmetries)
+        made = stepper.check_parameters(parameters)
         warn_of_negative(made)
         deciding = stepper.manifest["system"]["start_parameters"]
         if any(made[name] != held.run.parameters[name] for name in deciding):

@@ -34,7 +34,6 @@ from ..integration.frame_following import follow_frame
 from ..integration.run_arguments import (
     Origin,
     RunArguments,
-    as_parameters,
     step_count,
     warn_of_negative,
 )
@@ -320,7 +319,7 @@ class Stepper(Differentiation):
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
         # Pilots have measured the error of a step that they have found.
-        warned = not run.steps or choice is not None or self.warned(run)
+        warned = not run.steps or choice is not None or self.warned(run) or run.rows < 2
         asked = as_events(events, self.manifest["system"])
         found = observed(self, run, asked, as_callback("progress", progress)).made_by(
             self, Origin(run, asked))
@@ -465,11 +464,13 @@ class Stepper(Differentiation):
             raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
         count = as_positive_count("steps", steps)
         fed = as_inputs(inputs, self.binding, count, hold)
-        return RunArguments(
-            *self._state(q, p), self._step(dt), count, as_positive_count("every", every, least=1),
-            self.parameters_with_inputs(parameters, fed), solver, bound,
-            as_positive_count("max_iterations", max_iterations, least=1),
-            as_real("t0", t0, number), fed)
+        q_start, p_start = self._state(q, p)
+        return changed(  # the constructor of a frozen dataclass takes longer
+            object.__new__(RunArguments), q=q_start, p=p_start, dt=self._step(dt), steps=count,
+            every=as_positive_count("every", every, least=1),
+            parameters=self.parameters_with_inputs(parameters, fed), solver=solver, tolerance=bound,
+            max_iterations=as_positive_count("max_iterations", max_iterations, least=1),
+            t0=as_real("t0", t0, number), inputs=fed)
 
     def resolved(self, run: RunArguments, *, quiet: bool = False) -> RunArguments:
         """Return a run with numbers for all parameters that it leaves to be chosen, checked.
@@ -480,9 +481,7 @@ class Stepper(Differentiation):
 
     def checked_run(self, run: RunArguments) -> RunArguments:
         """Return a run with its parameters as numbers, or raise InputError; it is consistent."""
-        parameters = as_parameters(run.parameters, self.parameter_domains, self.binding.number,
-                                   self.symmetries)
-        run = changed(run, parameters=parameters)
+        run = changed(run, parameters=self.check_parameters(run.parameters))
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
             refuse_singular_mass(self.binding, self.manifest, run)
             refuse_inconsistent(self.binding, self.manifest, run)

@@ -21,6 +21,39 @@ ARRAYS = ("q", "p", "multipliers", "iterations")
 RNG = np.random.default_rng(5)
 
 
+# ---------------------------------------------------------------- repeated calls
+
+
+def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
+    """A dict that is changed, and numbers that only compare equal, are checked again."""
+    def start(parameters: object) -> dict[str, float]:
+        return gl3.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=parameters).parameters
+
+    given = {**PARAMETERS, "gamma": "m"}
+    first = start(given)
+    first["gamma"] = -1.0  # the caller's own
+    assert start(given)["gamma"] == start(dict(reversed(given.items())))["gamma"] > 0
+    given["gamma"] = 2.0
+    assert start(given)["gamma"] == 2.0
+    for wrong in (True, np.array([2.0]), "x"):
+        with pytest.raises(gs.InputError, match="gamma"):
+            start({**given, "gamma": wrong})
+    with pytest.raises(gs.InputError, match="delta"):
+        start({**given, "delta": 1.0})
+
+
+def test_a_late_report_is_of_its_own_run(gl3) -> None:
+    """What is read of a trajectory later is as it was when the call returned."""
+    runs = [gl3.integrate(TOP.q0, TOP.p0, steps=k, **RUN) for k in (1, 3)]
+    sim = gl3.start(TOP.q0, TOP.p0, record=True, **RUN)
+    sim.advance(3)
+    kept = sim.trajectory
+    sim.advance(5)
+    assert [run.report.steps for run in runs] == [1, 3]
+    assert kept.report == runs[1].report == pickle.loads(pickle.dumps(runs[1])).report
+    assert equal(kept, runs[1])
+
+
 # ---------------------------------------------------------------- memory
 
 
