@@ -67,6 +67,6 @@ setup(
     distclass=WithModules,
     cmdclass={"build_py": BuildWithModules, "bdist_wheel": WheelOfAPlatform},
     # What the package imports while it compiles, in the build's own environment.
-    setup_requires=["numpy>=1.26", "cffi>=1.17", "platformdirs>=4", "click", "rich"]
-    if PREBUILT else [],
+    setup_requires=["numpy>=1.26", "cffi>=1.17", "platformdirs>=4", "click", "rich",
+                    "ziglang>=0.13; platform_system == 'Windows'"] if PREBUILT else [],
 )

@@ -80,6 +80,37 @@ def test_citation_is_of_this_version():
     assert found["license"] == PROJECT["license"]
     assert found["title"] == PROJECT["name"]
     assert {"cff-version", "message", "authors"} <= found.keys()
+    assert found["keywords"] == PROJECT["keywords"]
+
+
+def test_the_archive_with_a_doi_has_the_same_description():
+    citation, found = read("CITATION.cff"), read(".zenodo.json")
+    for one, other in (("title", "title"), ("abstract", "description"), ("license", "license"),
+                       ("keywords", "keywords")):
+        assert citation[one].strip() == found[other].strip() if one == "abstract" else (
+            citation[one] == found[other])
+    assert found["upload_type"] == "software"
+    assert [one["name"] for one in citation["authors"]] == [
+        one["name"] for one in found["creators"]] == [one["name"] for one in PROJECT["authors"]]
+
+
+def test_classifiers_are_the_pythons_of_ci(jobs):
+    pythons = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if ":: 3." in line]
+    assert pythons == jobs["unix"]["strategy"]["matrix"]["python"]
+
+
+def test_a_release_is_published_without_a_password_and_after_all_was_built():
+    jobs = read(".github/workflows/release.yml")["jobs"]
+    assert jobs["pypi"]["permissions"] == {"id-token": "write"}
+    assert {*jobs["pypi"]["needs"]} == {*jobs} - {"pypi", "pages"}
+    assert "secrets" not in str(jobs)
+    systems = {name.partition("-")[0] for name in jobs["wheels"]["strategy"]["matrix"]["os"]}
+    assert systems == {"ubuntu", "macos", "windows"}
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["cibuildwheel"]
+    steppers = settings["environment"]["GYROSPARK_PREBUILT"].split()
+    assert all((ROOT / "generated" / f"{name}.c").is_file() for name in steppers)
+    assert steppers == re.search(r'GYROSPARK_PREBUILT="([^"]*)"', (ROOT / "RELEASE.md").read_text(
+        encoding="utf-8"))[1].split()
 
 
 def test_the_conda_recipe_is_that_of_the_project():

@@ -1,0 +1,125 @@
+"""The public names and signatures, which a change touches on purpose.
+
+``pytest tests/project/test_public_api.py --update`` writes tests/data/public_api.txt again; its
+diff shows what was added or removed (docs/stability.md says what each means).
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+from collections.abc import Iterator
+
+import click
+import pytest
+
+import gyrospark as gs
+from gyrospark.commands import gyrospark as command_line
+from gyrospark.commands.generate import generate
+from processes import ROOT
+
+STORED = ROOT / "tests" / "data" / "public_api.txt"
+#: Classes that methods of public ones return; the reference has them, too.
+RETURNED = ("gyrospark.runtime.results.body_motion.BodyMotion",
+            "gyrospark.runtime.results.joint_motion.JointMotion",
+            "gyrospark.runtime.results.diagnostics.Report",
+            "gyrospark.runtime.results.tangent_rows.TangentRows")
+
+
+def signature(thing: object) -> str:
+    """Return the public parameters with their kinds and defaults; types are mypy's."""
+    given = inspect.signature(thing)
+    bare = []
+    for one in given.parameters.values():
+        default = ... if inspect.isfunction(one.default) else one.default
+        if not one.name.startswith("_"):
+            bare.append(one.replace(annotation=one.empty, default=default))
+    return str(given.replace(parameters=bare, return_annotation=given.empty))
+
+
+def members(thing: type) -> Iterator[tuple[str, str]]:
+    """Yield each public member of a class, its own or of another class of ours: name, parameters."""
+    owners = {name: owner for owner in reversed(thing.__mro__) for name in vars(owner)
+              if owner.__module__.startswith("gyrospark")}
+    for name, owner in sorted(owners.items()):
+        member = vars(owner)[name]
+        if name.startswith("_"):
+            continue
+        bound = member.__func__ if isinstance(member, classmethod | staticmethod) else member
+        yield name, signature(bound) if inspect.isfunction(bound) else ""
+
+
+def listed(name: str, thing: object) -> Iterator[str]:
+    """Yield the lines of a public name."""
+    if inspect.ismodule(thing):
+        yield name
+        for inner in sorted(thing.__all__):
+            yield from listed(f"{name}.{inner}", getattr(thing, inner))
+    elif isinstance(thing, type):
+        bases = ", ".join(base.__name__ for base in thing.__bases__ if base is not object)
+        own = "__init__" in vars(thing) and not issubclass(thing, Exception)
+        yield f"class {name}{f' of {bases}' if bases else ''}{signature(thing) if own else ''}"
+        yield from (f"{name}.{inner}{given}" for inner, given in members(thing))
+    else:
+        yield f"{name}{signature(thing)}" if callable(thing) else name
+
+
+def options(words: str, command: click.Command) -> Iterator[str]:
+    """Yield the lines of a command: arguments, options, choices."""
+    yield words
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in sorted(command.list_commands(context)):
+            yield from options(f"{words} {name}", command.get_command(context, name))
+    for one in command.params:
+        choices = one.type.choices if isinstance(one.type, click.Choice) else ()
+        yield " ".join([words, *(one.opts if isinstance(one, click.Option) else
+                                 [(one.name or "").upper()]), *map(str, choices)])
+
+
+def public() -> list[str]:
+    """Return one line for each public name, sorted by Python and command line."""
+    def found(whole: str) -> object:
+        module, _, name = whole.rpartition(".")
+        return getattr(importlib.import_module(module), name)
+
+    python = [line for name in sorted(gs.__all__) for line in listed(name, getattr(gs, name))]
+    python += [line for whole in RETURNED
+               for line in listed(whole.rpartition(".")[2], found(whole))]
+    return [*python, *options("generate", generate), *options("gyrospark", command_line)]
+
+
+def test_public_names_and_signatures_are_those_that_were_looked_at(request):
+    text = "\n".join(public()) + "\n"
+    if request.config.getoption("--update"):
+        STORED.write_text(text, encoding="utf-8")
+    diff = list(difflib.unified_diff(
+        STORED.read_text(encoding="utf-8").splitlines(), text.splitlines(), STORED.name,
+        f"{STORED.name} (of the package)", lineterm="", n=0))
+    if diff:
+        pytest.fail("\n".join([*diff, "", "If this is meant: pytest --update, and CHANGELOG.md"]),
+                    pytrace=False)
+
+
+def test_what_is_stored_depends_on_no_machine():
+    text = STORED.read_text(encoding="utf-8")
+    assert " at 0x" not in text
+    assert str(ROOT) not in text
+
+
+class Changed:
+    """A class whose members change."""
+
+    def method(self, a: int, *, b: float = 0.5) -> None: ...
+
+
+@pytest.mark.parametrize("change", [
+    lambda self, a, *, b=0.25: None, lambda self, a, b=0.5: None, lambda self, *, b=0.5: None,
+    lambda self, a, *, b=0.5, c: None, property(lambda self: None)])
+def test_a_change_of_a_signature_is_seen(monkeypatch, change):
+    monkeypatch.setattr(Changed, "__module__", "gyrospark.changed")
+    before = list(listed("Changed", Changed))
+    assert before == ["class Changed", "Changed.method(self, a, *, b=0.5)"]
+    monkeypatch.setattr(Changed, "method", change)
+    assert list(listed("Changed", Changed)) != before
