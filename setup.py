@@ -38,8 +38,9 @@ class BuildWithModules(build_py):
         super().run()
         if PREBUILT and not self.editable_mode:
             built = Path(self.build_lib).resolve()
+            packages = os.pathsep.join([str(built), *filter(None, sys.path)])  # of pip wheel, too
             subprocess.run([sys.executable, "-c", PREBUILD, *PREBUILT], check=True,
-                           env=os.environ | {"PYTHONPATH": str(built)}, cwd=built)
+                           env=os.environ | {"PYTHONPATH": packages}, cwd=built)
 
 
 class WithModules(Distribution):

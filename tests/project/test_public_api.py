@@ -39,7 +39,7 @@ def signature(thing: object) -> str:
 
 
 def members(thing: type) -> Iterator[tuple[str, str]]:
-    """Yield each public member of a class, its own or of another class of ours: name, parameters."""
+    """Yield each public member of a class, with its parameters."""
     owners = {name: owner for owner in reversed(thing.__mro__) for name in vars(owner)
               if owner.__module__.startswith("gyrospark")}
     for name, owner in sorted(owners.items()):
