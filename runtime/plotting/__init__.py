@@ -6,5 +6,6 @@
     motion_plots      figures of a body, a joint, phase portraits
     scene             bodies and joints in space
     animation         a film
-    html_view         a page that moves: view.html, view.css, view.js, and scene.js, which draws
+    html_view         a page that moves: view.html, view.css, view.js; solids.js has the shapes of
+                      bodies, webgl.js draws triangles, scene.js a scene, also without WebGL
 """

@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from ...core.arguments import as_path, choose
 from ...core.file_formats import format_of, result_file
-from .scene import SHAPES, Scene, ShapeName, scene_of
+from .scene import DRAWN, DrawnName, Scene, scene_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -68,7 +69,7 @@ class View:
 
 
 def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
-         shape: ShapeName = "box") -> View:
+         shape: DrawnName = "auto") -> View:
     """Return the trajectory as a page that moves, and write it where a path is given.
 
     Bodies are boxes or ellipsoids of their inertia, joints, rods and springs stand between them,
@@ -81,8 +82,9 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
         Of at least one rigid body. Of more states than a page needs, as many as it needs are shown.
     path : path, optional
         A name that ends in .html.
-    shape : {"box", "ellipsoid"}
-        Of the bodies to begin with; the page changes it.
+    shape : {"auto", "box", "ellipsoid"}
+        Of the bodies to begin with, which the page changes: as they are best told apart, or the
+        uniform box or ellipsoid of the inertia of each.
 
     Raises
     ------
@@ -91,7 +93,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     GyrosparkError
         If the file cannot be written.
     """
-    choose("shape", shape, SHAPES)
+    choose("shape", shape, DRAWN)
     target = None if path is None else check_page(path)
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     scene = scene_of(trajectory, count)
@@ -114,23 +116,35 @@ def check_page(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def _page(scene: Scene, shape: ShapeName) -> str:
+def _page(scene: Scene, shape: DrawnName) -> str:
     """Return the document: styles, script and scene in one."""
     content = json.dumps(_content(scene, shape), allow_nan=False).replace("<", "\\u003c")
     page = page_file("view.html")
-    for name, text in (("STYLE", page_file("view.css")), ("DRAWING", page_file("scene.js")),
-                       ("SCRIPT", page_file("view.js")),
+    for name, text in (("STYLE", page_file("view.css")), ("DRAWING", compact(drawing())),
+                       ("SCRIPT", compact(page_file("view.js"))),
                        ("TITLE", html.escape(scene.title)), ("SCENE", content)):  # the longest last
         page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
     return page
 
 
 def page_file(name: str) -> str:
-    """Return a part of a page: ``"scene.js"``, which draws bodies, or ``"view.css"``."""
+    """Return a part of a page: ``"view.js"`` or ``"view.css"``."""
     return (_HERE / name).read_text(encoding="utf-8")
 
 
-def _content(scene: Scene, shape: ShapeName) -> dict[str, Any]:
+def drawing() -> str:
+    """Return the script that draws bodies in space, for all pages that show some."""
+    return "".join(map(page_file, ("solids.js", "webgl.js", "scene.js")))
+
+
+def compact(script: str) -> str:
+    """Return a script without its indentation, empty lines, and lines that are comments."""
+    text = re.sub(r"^\s*/\*\*.*?\*/\n", "", script, flags=re.DOTALL | re.MULTILINE)
+    lines = (line.strip() for line in text.splitlines())
+    return "".join(f"{line}\n" for line in lines if line and not line.startswith("//"))
+
+
+def _content(scene: Scene, shape: DrawnName) -> dict[str, Any]:
     """Return the scene as JSON has it, long arrays as base64 of 32-bit floats."""
     return {
         "title": scene.title, "shape": shape, "remarks": scene.remarks, "up": scene.up.tolist(),
@@ -141,6 +155,10 @@ def _content(scene: Scene, shape: ShapeName) -> dict[str, Any]:
             "x": _bytes(part.x if np.ptp(part.x, axis=0).any() else part.x[:1]),
             "axes": part.axes.T.tolist(), "tip": part.tip.tolist(),
             "sizes": {kind: size.tolist() for kind, size in part.sizes.items()},
+            "scaled": part.to_scale, "shapes": [{
+                "kind": shape.kind, "size": shape.size.tolist(), "centre": shape.centre.tolist(),
+                "axes": shape.axes.T.tolist(), "colour": shape.colour,
+            } for shape in part.shapes],
         } for part in scene.parts],
         "ties": [{
             "name": tie.name, "kind": tie.kind, "a": tie.a, "b": tie.b, "onA": tie.on_a.tolist(),

@@ -1,20 +1,15 @@
-// Draws bodies and joints on a canvas: every face, line and dot, far ones first. The pages of runs
-// and the pages that integrate share it.
+// Draws bodies and joints in space, by WebGL below a canvas that has the labels; where there is no
+// WebGL all on that canvas: every face, line and dot, far ones first. The pages of runs and the
+// pages that integrate share it.
 "use strict";
 const drawing = (() => {
   const COLOURS = ["#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c9a227",
     "#9d755d", "#7f7f8f", "#e377a2"];
   const TRACE_PARTS = 300;  // segments of a body's trace
+  const { add, minus, times, dot, cross, unit, combine, rgb } = solids;
 
   // ------------------------------------------------------------ numbers
 
-  const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-  const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-  const times = (s, a) => [s * a[0], s * a[1], s * a[2]];
-  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-    a[0] * b[1] - a[1] * b[0]];
-  const unit = (a) => times(1 / (Math.hypot(...a) || 1), a);
   const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
   /** The number 1, 2 or 5 times a power of ten that is nearest below. */
@@ -45,7 +40,7 @@ const drawing = (() => {
     ({ q: slerp(from.q, to.q, s), x: add(from.x, times(s, minus(to.x, from.x))) });
 
   const pointOf = (pose, r) => add(pose.x, turn(pose.q, r));
-  const colour = (i) => COLOURS[i % COLOURS.length].match(/\w\w/g).map((two) => parseInt(two, 16));
+  const colour = (i) => rgb(COLOURS[i % COLOURS.length]);
 
   // ------------------------------------------------------------ styles and canvases
 
@@ -90,48 +85,78 @@ const drawing = (() => {
 
   // ------------------------------------------------------------ shapes
 
-  const CORNERS = [[-1, -1], [1, -1], [1, 1], [-1, 1]];
+  /** The shapes of a body: as it is to be drawn, or by its inertia. */
+  function shapesOf(body, kind) {
+    if (kind === "auto" && body.shapes?.length) return body.shapes;
+    return [{ kind: kind === "ellipsoid" ? "sphere" : "box", centre: body.centre, axes: body.axes,
+      size: body.sizes[kind === "auto" ? "box" : kind] }];
+  }
 
-  /** The faces of a box in units of its half edges: [corners, normal, lighter]. */
-  const BOX = [0, 1, 2].flatMap((k) => [-1, 1].map((side) => {
-    const at = (u, v) => {
-      const p = [0, 0, 0];
-      p[k] = side; p[(k + 1) % 3] = side * u; p[(k + 2) % 3] = v;
-      return p;
-    };
-    const normal = [0, 0, 0];
-    normal[k] = side;
-    return [CORNERS.map(([u, v]) => at(u, v)), normal, k === 0 && side > 0];
-  }));
-
-  /** The faces of a sphere, in quarters that differ, so that turning is seen. */
-  const SPHERE = (() => {
-    const faces = [], rings = 10, around = 20;
-    const at = (i, j) => {
-      const theta = Math.PI * i / rings, phi = 2 * Math.PI * j / around;
-      return [Math.sin(theta) * Math.cos(phi), Math.sin(theta) * Math.sin(phi), Math.cos(theta)];
-    };
-    for (let i = 0; i < rings; i++) for (let j = 0; j < around; j++) {
-      const corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-      const middle = at(i + 0.5, j + 0.5);
-      faces.push([corners, middle, Math.floor(4 * j / around) % 2 === 0]);
-    }
-    return faces;
-  })();
-
-  /** How far a body's box reaches from its middle along the axes of space. */
-  const reachOf = (body, pose) => body.axes.map((e) => turn(pose.q, e)).reduce(
-    (sum, e, k) => sum.map((x, j) => x + body.sizes.box[k] * Math.abs(e[j])), [0, 0, 0]);
+  /** Units in which a length has few digits. */
+  function lengthText(x) {
+    const [factor, name] = x < 1e-6 ? [1e9, "nm"] : x < 1e-3 ? [1e6, "µm"] : x < 0.01 ? [1e3, "mm"]
+      : x < 1 ? [100, "cm"] : x < 1e3 ? [1, "m"] : [1e-3, "km"];
+    return `${Number((factor * x).toPrecision(2))} ${name}`;
+  }
 
   /**
-   * The drawing of `bodies`, each with name, colour, axes, centre, sizes of its shapes, tip and
-   * shown, and of `ties` between them, on a canvas whose view a pointer and keys turn.
+   * The drawing of `bodies`, each with name, colour, axes, centre, sizes of its inertia, shapes, tip
+   * and shown, and of `ties` between them, on a canvas whose view a pointer and keys turn.
    *
-   * Returns `show(samples)`, which comes first, and `draw(...)`; `changed` is called where there is
-   * something to draw again.
+   * `meshes` are those that shapes name. Returns `show(samples)`, which comes first, `build()` after
+   * a change of shapes, and `draw(...)`; `changed` is called where there is something to draw again.
    */
-  function sceneOn(canvas, bodies, ties, up, changed) {
-    const pen = canvas.getContext("2d");
+  function sceneOn(canvas, bodies, ties, up, changed, meshes = []) {
+    const pen = canvas.getContext("2d"), below = document.createElement("canvas");
+    const painter = webgl.rendererOn(below);
+    if (painter) {
+      below.className = "below";
+      canvas.before(below);
+    }
+    const isFlat = () => !painter || painter.lost;
+
+    // ---------------------------------------------------------- shapes
+
+    let built = null, solid = [], joints = [];
+
+    /** Makes the faces and meshes of all bodies and joints. */
+    function build(kind = built ?? "auto") {
+      for (const one of [...solid, ...joints]) if (one.mesh) painter.free(one.mesh);
+      built = kind;
+      const meshOf = (shapes, own) => {
+        const triangles = solids.trianglesOf(shapes, own, meshes);
+        return { triangles, mesh: painter && triangles.index.length ? painter.mesh(triangles) : null };
+      };
+      solid = bodies.map((body) => {
+        const shapes = shapesOf(body, kind), made = meshOf(shapes, body.colour);
+        const faces = solids.facesOf(shapes, body.colour);
+        return { mesh: made.mesh, bounds: solids.boundsOf(made.triangles.points),
+          count: made.triangles.index.length,
+          edges: shapes.flatMap((shape) => (shape.kind === "box" ? edgesOf(shape) : [])),
+          faces: faces.length ? faces : solids.facesOf(shapesOf(body, "box"), body.colour) };
+      });
+      const ink = [88, 98, 110];
+      joints = ties.map((tie) => {
+        if (tie.kind === "spring" || !radius) return {};
+        const thick = 0.022 * radius, [from, to] = tie.kind === "rod" ? [tie.onA, tie.onB] : [0, 0];
+        if (tie.kind === "ball")
+          return meshOf([{ kind: "sphere", size: [1.4, 1.4, 1.4].map((x) => x * thick), colour: "",
+            centre: tie.onB, axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }], ink);
+        const half = tie.kind === "rod" ? tie.reach / 2 : 0.09 * radius;
+        const size = tie.kind === "rod" ? [thick / 2, thick / 2, half] : [thick, thick, half];
+        const third = tie.kind === "rod" ? [0, 0, 1] : unit(tie.axis);
+        const other = unit(cross(Math.abs(third[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], third));
+        return meshOf([{ kind: "bar", size, colour: "", axes: [other, cross(third, other), third],
+          centre: tie.kind === "rod" ? [0, 0, 0] : tie.onB }], ink);
+      });
+    }
+
+    /** The edges of a box, as pairs of points. */
+    function edgesOf({ size, centre, axes }) {
+      const at = (k) => add(centre, combine(size.map((s, j) => (k >> j & 1 ? s : -s)), axes));
+      return [...Array(8).keys()].flatMap((k) => [1, 2, 4].filter((bit) => !(k & bit)).map(
+        (bit) => [at(k), at(k | bit)]));
+    }
 
     // ---------------------------------------------------------- the view
 
@@ -139,6 +164,7 @@ const drawing = (() => {
     const second = cross(up, first);
     const eye = { azimuth: null, elevation: 0.3, nearness: 1 };
     let target, radius, floor, frame;
+    const poseOf = (poses, i) => (i < 0 ? { q: [1, 0, 0, 0], x: [0, 0, 0] } : poses[i]);
 
     /** Sets a view of all `samples`, lists of poses with one for each body. */
     function show(samples) {
@@ -153,21 +179,32 @@ const drawing = (() => {
       for (const body of bodies)
         body.inside = bodies.some((other) => holds(other, body))
           && !bodies.some((other) => holds(body, other));
+      if (!built) build();
 
       const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+      const reach = (point) => {
+        for (let j = 0; j < 3; j++) {
+          low[j] = Math.min(low[j], point[j]);
+          high[j] = Math.max(high[j], point[j]);
+        }
+      };
       const wander = [[Infinity, -Infinity], [Infinity, -Infinity]];
       for (const poses of samples) bodies.forEach((body, i) => {
-        const middle = pointOf(poses[i], body.centre), reach = reachOf(body, poses[i]);
-        const tip = pointOf(poses[i], body.tip);
-        for (let j = 0; j < 3; j++) {
-          low[j] = Math.min(low[j], middle[j] - reach[j], tip[j]);
-          high[j] = Math.max(high[j], middle[j] + reach[j], tip[j]);
-        }
+        const { bounds } = solid[i], tip = pointOf(poses[i], body.tip);
+        for (let corner = 0; corner < 8; corner++)
+          reach(pointOf(poses[i], bounds.map((pair, k) => pair[corner >> k & 1])));
+        reach(tip);
         [first, second].forEach((e, j) => {
           wander[j][0] = Math.min(wander[j][0], dot(e, tip));
           wander[j][1] = Math.max(wander[j][1], dot(e, tip));
         });
       });
+      for (const tie of ties) {
+        const [from, to] = [pointOf(poseOf(samples[0], tie.a), tie.onA),
+          pointOf(poseOf(samples[0], tie.b), tie.onB)];
+        reach(from);
+        tie.reach = Math.hypot(...minus(to, from));
+      }
       target = times(0.5, add(low, high));
       radius = 0.5 * Math.hypot(...minus(high, low)) || 1;
       floor = dot(up, target) - Math.abs(dot(up, times(0.5, minus(high, low))));
@@ -188,6 +225,7 @@ const drawing = (() => {
         frame[0] = Math.max(frame[0], nearer * Math.abs(dot(r, right)));
         frame[1] = Math.max(frame[1], nearer * Math.abs(dot(r, over)));
       }
+      build();  // joints, whose size is that of the scene
     }
 
     /** What projects a point of space to the canvas: [across, down, depth]. */
@@ -197,9 +235,14 @@ const drawing = (() => {
       const back = add(times(Math.cos(elevation), flatly), times(Math.sin(elevation), up));
       const right = unit(cross(up, back)), over = cross(back, right), away = 3.6 * radius;
       const zoom = away * nearness * Math.min(0.44 * width / frame[0], 0.44 * height / frame[1]);
-      const light = unit(add(add(times(0.35, right), times(0.75, over)), times(0.6, back)));
+      const light = unit(add(add(times(0.3, right), times(0.55, over)), times(0.8, back)));
+      const [near, far] = [0.2 * radius, 12 * radius], depth = (far + near) / (far - near);
+      const columns = [0, 1, 2].map((k) => [2 * zoom / width * right[k],
+        2 * zoom / height * over[k], -depth * back[k], -back[k]]);
       return {
-        light, back, eyeAt: add(target, times(away, back)),
+        light, back, zoom, eyeAt: add(target, times(away, back)), eye: times(away, back),
+        view: [...columns.flat(), 0, 0, depth * away - 2 * far * near / (far - near), away],
+        plane: [...up, floor - dot(up, target)], sky: rgb(style.sky),
         project(point) {
           const r = minus(point, target), depth = Math.max(away - dot(r, back), 0.02 * radius);
           const scale = zoom / depth;
@@ -208,21 +251,157 @@ const drawing = (() => {
       };
     }
 
-    function drawBody(body, pose, view, items, kind, seeThrough) {
-      const glass = seeThrough && !body.inside, half = body.sizes[kind];
-      const axes = body.axes.map((e) => turn(pose.q, e)), middle = pointOf(pose, body.centre);
-      const place = (p) => add(middle, add(add(times(p[0] * half[0], axes[0]),
-        times(p[1] * half[1], axes[1])), times(p[2] * half[2], axes[2])));
-      for (const [corners, n, lighter] of kind === "box" ? BOX : SPHERE) {
-        const normal = unit(add(add(times(n[0] / half[0], axes[0]),
-          times(n[1] / half[1], axes[1])), times(n[2] / half[2], axes[2])));
-        const points = corners.map(place);
-        const centre = times(0.25, add(add(points[0], points[1]), add(points[2], points[3])));
+    // ---------------------------------------------------------- lines
+
+    const mixed = (a, b, s) => a.map((x, i) => x + s * (b[i] - x));
+
+    /** The segments of a spring: [from, to]. */
+    function springOf(from, to, view, coil) {
+      const along = minus(to, from), side = unit(cross(along, view.back));
+      const other = unit(cross(along, side)), found = [];
+      let before = from;
+      for (let k = 1; k <= (coil ? 96 : 16); k++) {
+        const s = k / (coil ? 96 : 16), [c, d] = coil ? [Math.cos(k * Math.PI / 6),
+          Math.sin(k * Math.PI / 6)] : [k % 2 ? 1 : -1, 0];
+        const sway = add(times(0.03 * radius * c, side), times(0.03 * radius * d, other));
+        const next = s === 1 ? to : add(add(from, times(s, along)), sway);
+        found.push([before, next]);
+        before = next;
+      }
+      return found;
+    }
+
+    /** The segments of the way of a body's tip, from its pose back: [from, to, strength]. */
+    function traceOf(body, pose, { count, at }) {
+      const begin = Math.max(0, count - 2000), found = [];
+      const stride = Math.max(1, Math.ceil((count - begin) / TRACE_PARTS));
+      let before = pointOf(pose, body.tip);
+      for (let i = count - 1; i >= begin; i -= stride) {
+        found.push([before, at(i), 0.25 + 0.75 * (i - begin) / (count - 1 - begin || 1)]);
+        before = at(i);
+      }
+      return found;
+    }
+
+    /** The lines of the floor, which end in the sky: [from, to, strength, strength]; their cell. */
+    function floorLines() {
+      const cell = round125(0.3 * radius), count = Math.ceil(2.2 * radius / cell), lines = [];
+      const flatTarget = minus(target, times(dot(up, target) - floor, up));
+      const snapped = [first, second].map((e) => Math.round(dot(e, flatTarget) / cell) * cell);
+      const base = add(add(times(snapped[0], first), times(snapped[1], second)), times(floor, up));
+      const strength = (point) => clamp(
+        1.25 - Math.hypot(...minus(point, flatTarget)) / (1.7 * radius), 0, 1);
+      for (let i = -count; i <= count; i++) for (const [e, f] of [[first, second], [second, first]])
+        for (let j = -count; j < count; j += 2) {
+          const middle = add(base, times(i * cell, e));
+          const [a, b] = [j, j + 2].map((k) => add(middle, times(Math.min(k, count) * cell, f)));
+          if (strength(a) || strength(b)) lines.push([a, b, strength(a), strength(b)]);
+        }
+      return [lines, cell];
+    }
+
+    /** The text of the floor, and arrows of the axes of space. */
+    function drawLabels(view, cell, height) {
+      pen.fillStyle = style.faint;
+      pen.font = "12px system-ui, sans-serif";
+      pen.textAlign = "left";
+      if (bodies.some((body) => body.scaled !== false))
+        pen.fillText(`floor: ${lengthText(cell)} a line`, 10, height - 10);
+      pen.textAlign = "center";
+      [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((e, k) => {
+        const [x, y] = view.project(times(0.45 * radius, e));
+        pen.fillText("xyz"[k], x, y + 4);
+      });
+    }
+
+    // ---------------------------------------------------------- WebGL
+
+    /** The attitude that turns the third axis along a vector. */
+    function towards(v) {
+      const [x, y, z] = unit(v);
+      if (z < -0.999999) return [0, 1, 0, 0];
+      const size = Math.hypot(1 + z, x, y);
+      return [(1 + z) / size, -y / size, x / size, 0];
+    }
+
+    function paint(poses, traces, seeThrough, view, size) {
+      const density = window.devicePixelRatio || 1;
+      painter.begin(view, ...size.map((x) => Math.round(x * density)));
+      const points = [], colours = [], local = (x) => minus(x, target);
+      const line = (from, to, width, tint, end = tint) => {
+        const [a, b] = [local(from), local(to)], along = minus(b, a);
+        const sides = [a, b].map((x) => {
+          const ray = minus(view.eye, x);
+          return times(0.5 * width * Math.hypot(...ray) / view.zoom, unit(cross(along, ray)));
+        });
+        const corners = [add(a, sides[0]), minus(a, sides[0]), add(b, sides[1]), minus(b, sides[1])];
+        for (const k of [0, 1, 2, 2, 1, 3]) {
+          points.push(...corners[k]);
+          colours.push(...(k < 2 ? tint : end));
+        }
+      };
+      const flush = () => {
+        painter.flat(points, colours);
+        points.length = colours.length = 0;
+      };
+
+      const [lines, cell] = floorLines(), paper = view.sky, grid = rgb(style.grid);
+      painter.opacity(0.999);  // what lies on the floor hides nothing
+      for (const [a, b, s, e] of lines)
+        line(a, b, 1.2, mixed(paper, grid, s), mixed(paper, grid, e));
+      flush();
+      const placed = (one, pose) => one.mesh && painter.draw(one.mesh, pose.q, local(pose.x));
+      const seen = bodies.map((body, i) => i).filter((i) => bodies[i].shown);
+      const sun = unit(add(up, times(0.35, add(first, second))));
+      if (dot(up, view.eye) > view.plane[3]) {
+        painter.cover(mixed(paper, [0, 0, 0], 0.13), 1, times(1 / dot(sun, up), sun));
+        for (const i of seen) if (solid[i].count < 3e5) placed(solid[i], poses[i]);
+        painter.cover([0, 0, 0], 0);
+      }
+      painter.opacity(1);
+      const glass = seen.filter((i) => seeThrough && !bodies[i].inside);
+      for (const i of seen) if (!glass.includes(i)) placed(solid[i], poses[i]);
+      painter.opacity(1, -1);
+      for (const i of glass) placed(solid[i], poses[i]);
+      painter.opacity(1);
+
+      const [ink, faint] = [rgb(style.ink), rgb(style.faint)];
+      for (const e of [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        line([0, 0, 0], times(0.4 * radius, e), 1.3, faint);
+      ties.forEach((tie, i) => {
+        const a = poseOf(poses, tie.a), b = poseOf(poses, tie.b);
+        const [from, to] = [pointOf(a, tie.onA), pointOf(b, tie.onB)];
+        if (tie.kind === "spring") {
+          for (const [u, v] of springOf(from, to, view, true)) line(u, v, 2, faint);
+        } else if (tie.kind === "rod") {
+          placed(joints[i], { q: towards(minus(to, from)), x: times(0.5, add(from, to)) });
+        } else {  // nearer to the eye by a little: it sits in a body
+          placed(joints[i], { q: b.q, x: add(b.x, times(0.05 * radius, unit(minus(view.eyeAt, to)))) });
+        }
+      });
+      if (traces) for (const i of seen)
+        for (const [a, b, s] of traceOf(bodies[i], poses[i], traces[i]))
+          line(a, b, 2, mixed(paper, bodies[i].colour, s));
+      for (const i of glass) for (const [a, b] of solid[i].edges)
+        line(pointOf(poses[i], a), pointOf(poses[i], b), 1.5, mixed(bodies[i].colour, ink, 0.3));
+      flush();
+      painter.opacity(0.22, 1);
+      for (const i of glass) placed(solid[i], poses[i]);
+      return cell;
+    }
+
+    // ---------------------------------------------------------- without WebGL
+
+    function drawBody(faces, pose, view, items, glass) {
+      for (const { corners, colour } of faces) {
+        const points = corners.map((p) => pointOf(pose, p));
+        const normal = cross(minus(points[1], points[0]), minus(points[2], points[1]));
+        const size = Math.hypot(...normal);
+        const centre = times(1 / points.length, points.reduce(add));
         if (dot(normal, minus(view.eyeAt, centre)) <= 0) continue;
-        const bright = 0.5 + 0.5 * Math.max(0, dot(normal, view.light));
-        const rgb = body.colour.map(
-          (x) => Math.round((lighter ? x + 0.42 * (255 - x) : x) * bright));
-        const fill = `rgb(${rgb})`, flat = points.map(view.project);
+        const bright = 0.5 + 0.5 * Math.max(0, dot(normal, view.light) / size);
+        const fill = `rgb(${colour.map((x) => Math.round(x * bright))})`;
+        const flat = points.map(view.project);
         items.push([view.project(centre)[2], () => {
           pen.beginPath();
           flat.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
@@ -262,71 +441,46 @@ const drawing = (() => {
     }
 
     function drawTie(tie, poses, view, items) {
-      const pose = (i) => (i < 0 ? { q: [1, 0, 0, 0], x: [0, 0, 0] } : poses[i]);
-      const from = pointOf(pose(tie.a), tie.onA), to = pointOf(pose(tie.b), tie.onB);
+      const a = poseOf(poses, tie.a), b = poseOf(poses, tie.b);
+      const from = pointOf(a, tie.onA), to = pointOf(b, tie.onB);
       if (tie.kind === "rod") line(from, to, view, items, style.ink, 2.5);
-      if (tie.kind === "spring") {
-        const along = minus(to, from), side = times(0.03 * radius, unit(cross(along, view.back)));
-        let before = from;
-        for (let k = 1; k <= 16; k++) {
-          const sway = k === 16 ? 0 : k % 2 ? 1 : -1;
-          const next = add(add(from, times(k / 16, along)), times(sway, side));
-          line(before, next, view, items, style.faint, 1.5);
-          before = next;
-        }
-      }
+      if (tie.kind === "spring")
+        for (const [u, v] of springOf(from, to, view, false))
+          line(u, v, view, items, style.faint, 1.5);
       if (tie.kind === "hinge") {
-        const axis = times(0.13 * radius, turn(pose(tie.b).q, tie.axis));
+        const axis = times(0.13 * radius, turn(b.q, tie.axis));
         line(minus(to, axis), add(to, axis), view, items, style.ink, 2.5);
       }
       dotAt(to, view, items, style.ink, tie.kind === "spring" ? 2.5 : 4);
       if (tie.kind === "rod" || tie.kind === "spring") dotAt(from, view, items, style.ink, 2.5);
     }
 
-    /** The way of a body's tip: point k of `trace` of `count`, the last one before its pose. */
-    function drawTrace(body, pose, { count, at }, view, items) {
-      const begin = Math.max(0, count - 2000);
-      const stride = Math.max(1, Math.ceil((count - begin) / TRACE_PARTS));
-      const colour = `rgb(${body.colour})`;
-      let before = pointOf(pose, body.tip);
-      for (let i = count - 1; i >= begin; i -= stride) {
-        const alpha = 0.25 + 0.75 * (i - begin) / (count - 1 - begin || 1);
-        line(before, at(i), view, items, colour, 1.6, alpha);
-        before = at(i);
-      }
-    }
-
-    /** Lines of the floor, and the axes of space. */
-    function drawSpace(view, items, width, height) {
-      const cell = round125(0.5 * radius), count = Math.ceil(1.6 * radius / cell);
-      const flatTarget = minus(target, times(dot(up, target) - floor, up));
-      const snapped = [first, second].map((e) => Math.round(dot(e, flatTarget) / cell) * cell);
-      const base = add(add(times(snapped[0], first), times(snapped[1], second)), times(floor, up));
+    function sketch(poses, traces, seeThrough, view) {
+      const items = [], [lines, cell] = floorLines();
+      pen.lineJoin = pen.lineCap = "round";
       pen.strokeStyle = style.grid;
       pen.lineWidth = 1;
-      pen.beginPath();
-      for (let i = -count; i <= count; i++) {
-        for (const [e, f] of [[first, second], [second, first]]) {
-          const middle = add(base, times(i * cell, e)), whole = times(count * cell, f);
-          const [a, b] = [view.project(minus(middle, whole)), view.project(add(middle, whole))];
-          pen.moveTo(a[0], a[1]);
-          pen.lineTo(b[0], b[1]);
-        }
+      for (const [from, to, strength] of lines) {
+        const [a, b] = [view.project(from), view.project(to)];
+        pen.globalAlpha = strength;
+        pen.beginPath();
+        pen.moveTo(a[0], a[1]);
+        pen.lineTo(b[0], b[1]);
+        pen.stroke();
       }
-      pen.stroke();
-      pen.fillStyle = style.faint;
-      pen.font = "12px system-ui, sans-serif";
-      pen.textAlign = "left";
-      pen.fillText(`floor: ${Number(cell.toPrecision(2))} m a line`, 10, height - 10);
-      [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((e, k) => {
-        const tip = times(0.4 * radius, e), [x, y] = view.project(times(1.12, tip));
-        line([0, 0, 0], tip, view, items, style.faint, 1.2);
-        items.push([0, () => {
-          pen.fillStyle = style.faint;
-          pen.textAlign = "center";
-          pen.fillText("xyz"[k], x, y + 4);
-        }]);
+      pen.globalAlpha = 1;
+      for (const e of [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        line([0, 0, 0], times(0.4 * radius, e), view, items, style.faint, 1.2);
+      bodies.forEach((body, i) => {
+        if (!body.shown) return;
+        drawBody(solid[i].faces, poses[i], view, items, seeThrough && !body.inside);
+        if (traces) for (const [from, to, s] of traceOf(body, poses[i], traces[i]))
+          line(from, to, view, items, `rgb(${body.colour})`, 1.6, s);
       });
+      for (const tie of ties) drawTie(tie, poses, view, items);
+      items.sort((a, b) => b[0] - a[0]);
+      for (const [, draw] of items) draw();
+      return cell;
     }
 
     // ---------------------------------------------------------- pointer and keys
@@ -377,20 +531,15 @@ const drawing = (() => {
 
     /** Draws poses, one for each body, in a shape; `traces` too unless they are null. */
     function draw(poses, traces, kind, seeThrough) {
-      const [width, height] = fit(canvas, pen), view = camera(width, height), items = [];
-      pen.lineJoin = pen.lineCap = "round";
-      drawSpace(view, items, width, height);
-      bodies.forEach((body, i) => {
-        if (!body.shown) return;
-        drawBody(body, poses[i], view, items, kind, seeThrough);
-        if (traces) drawTrace(body, poses[i], traces[i], view, items);
-      });
-      for (const tie of ties) drawTie(tie, poses, view, items);
-      items.sort((a, b) => b[0] - a[0]);
-      for (const [, draw] of items) draw();
+      if (kind !== built) build(kind);
+      const size = fit(canvas, pen), view = camera(...size);
+      below.hidden = isFlat();
+      const cell = isFlat() ? sketch(poses, traces, seeThrough, view)
+        : paint(poses, traces, seeThrough, view, size);
+      drawLabels(view, cell, size[1]);
     }
 
-    return { draw, show };
+    return { build, draw, show };
   }
 
   return { between, clamp, colour, fit, listBodies, pointOf, round125, sceneOn, style, watch };

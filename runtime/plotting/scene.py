@@ -8,25 +8,29 @@ body is shown as large as it is; one of which the mass is not known in its propo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.shapes import Shape
 from ..compilation.body_columns import JointAt, bodies_of, joints_of, numbers, placed_of
 from ..rigid_body.quaternion import rotation_matrix
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["SHAPES", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies",
+__all__ = ["DRAWN", "SHAPES", "DrawnName", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies",
            "drawn_joints", "scene_of"]
 
 Array = NDArray[np.float64]
 ShapeName = Literal["box", "ellipsoid"]
 SHAPES: tuple[ShapeName, ...] = get_args(ShapeName)
+#: Of pages: also as the shapes of the scene.
+DrawnName = Literal["auto", "box", "ellipsoid"]
+DRAWN: tuple[DrawnName, ...] = get_args(DrawnName)
 
 #: S_i = I_j + I_k − I_i is so many times m a_i².
 _FACTORS = {"box": 2 / 3, "ellipsoid": 2 / 5}
@@ -53,6 +57,8 @@ class ScenePart:
         The point in body axes that leaves a trace.
     to_scale : bool
         Whether the sizes are the body's own.
+    shapes : list of Shape
+        What the body is drawn with, in body axes; none for the box of its inertia.
     """
 
     name: str
@@ -63,6 +69,7 @@ class ScenePart:
     sizes: dict[str, Array]
     tip: Array
     to_scale: bool
+    shapes: list[Shape] = field(default_factory=list)
 
     def at(self, points: Array) -> Array:
         """Return where points of the body are, shape (frames, number of points, 3)."""

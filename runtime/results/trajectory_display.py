@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.html import card, curve, table
 from ..plotting.html_view import View, view
-from ..plotting.scene import ShapeName
+from ..plotting.scene import DrawnName, ShapeName
 from . import trajectory_tables
 from .body_motion import FrameName
 from .run_arrays import OUTPUTS, parts
@@ -111,7 +111,7 @@ class Shown:
         return draw_phase(self._run, coordinates, path)
 
     def view(self, path: str | os.PathLike[str] | None = None, *,
-             shape: ShapeName = "box") -> View:
+             shape: DrawnName = "auto") -> View:
         """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
 
         One HTML file without network: bodies as boxes, or ellipsoids, of their inertia, joints,

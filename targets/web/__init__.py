@@ -4,5 +4,5 @@
     page            the target web, ``gs.playground``
 
 ``glue.c`` is compiled with each stepper, ``stepper.js`` calls it; ``page.html``, ``page.css`` and
-``page.js`` are the page, which ``runtime/plotting/scene.js`` draws.
+``page.js`` are the page, which ``scene.js`` of ``runtime/plotting/`` draws.
 """

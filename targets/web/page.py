@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ..._version import __version__
 from ...core.errors import InputError
 from ...runtime.compilation.body_columns import bodies_of
-from ...runtime.plotting.html_view import View, page_file
+from ...runtime.plotting.html_view import View, compact, drawing, page_file
 from ...runtime.plotting.scene import check_bodies, drawn_joints
 from ..artefact import MARKER, Built, Option, Options
 from ..build import build
@@ -61,8 +61,10 @@ def files(
     content = json.dumps(_content(manifest, options), allow_nan=False, ensure_ascii=False)
     page = read("page.html")
     for name, text in (("STYLE", page_file("view.css")), ("OWN_STYLE", read("page.css")),
-                       ("DRAWING", page_file("scene.js")), ("STEPPER", read("stepper.js")),
-                       ("SCRIPT", read("page.js")), ("TITLE", html.escape(_title(manifest))),
+                       ("DRAWING", compact(drawing())),
+                       ("STEPPER", compact(read("stepper.js"))),
+                       ("SCRIPT", compact(read("page.js"))),
+                       ("TITLE", html.escape(_title(manifest))),
                        ("CONTENT", content.replace("<", "\\u003c"))):
         page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
     return {**c_files(options), _PAGE: page}

@@ -24,7 +24,7 @@ class Element {
   }
   set value(x) { this.box = String(x); }
   get selectedOptions() { return [this.options[this.selectedIndex]]; }
-  getContext() { return pen; }
+  getContext(kind) { return kind === "2d" ? pen : null; }
   getBoundingClientRect() { return { left: 0, width: 800, height: 500 }; }
   addEventListener(name, act) { this.listeners[name] = act; }
   add(option) { this.options.push(option); }

@@ -17,9 +17,9 @@ const pen = new Proxy({}, {
 const made = {};
 function element(id) {
   made[id] ??= {
-    id, value: id === "shape" ? "box" : "0", checked: id === "traces", textContent: id === "scene" ? scene : "",
+    id, value: id === "shape" ? "auto" : "0", checked: id === "traces", textContent: id === "scene" ? scene : "",
     style: {}, options: [], width: 0, height: 0,
-    getContext: () => pen, getBoundingClientRect: () => ({ left: 0, width: 800, height: 500 }),
+    getContext: (kind) => (kind === "2d" ? pen : null), getBoundingClientRect: () => ({ left: 0, width: 800, height: 500 }),
     addEventListener: (name, act) => { listeners[`${id}.${name}`] = act; },
     add(option) { this.options.push(option); }, append() {}, setPointerCapture() {},
   };
