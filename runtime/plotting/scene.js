@@ -85,7 +85,7 @@ const drawing = (() => {
 
   // ------------------------------------------------------------ shapes
 
-  /** The shapes of a body: as it is to be drawn, or by its inertia. */
+  /** The shapes of a body: as it is to be drawn, or the box or ellipsoid of its inertia. */
   function shapesOf(body, kind) {
     if (kind === "auto" && body.shapes?.length) return body.shapes;
     return [{ kind: kind === "ellipsoid" ? "sphere" : "box", centre: body.centre, axes: body.axes,
@@ -115,47 +115,38 @@ const drawing = (() => {
     }
     const isFlat = () => !painter || painter.lost;
 
-    // ---------------------------------------------------------- shapes
+    // ---------------------------------------------------------- solids
 
-    let built = null, solid = [], joints = [];
+    const SPACE = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], INK = [88, 98, 110];
+    let built = null, drawn = [], joints = [];
+
+    const meshOf = (shapes, own) => {
+      const triangles = solids.trianglesOf(shapes, own, meshes);
+      return { triangles, mesh: painter && triangles.index.length ? painter.mesh(triangles) : null };
+    };
 
     /** Makes the faces and meshes of all bodies and joints. */
     function build(kind = built ?? "auto") {
-      for (const one of [...solid, ...joints]) if (one.mesh) painter.free(one.mesh);
+      for (const one of [...drawn, ...drawn.map(({ glass }) => glass), ...joints])
+        if (one?.mesh) painter.free(one.mesh);
       built = kind;
-      const meshOf = (shapes, own) => {
-        const triangles = solids.trianglesOf(shapes, own, meshes);
-        return { triangles, mesh: painter && triangles.index.length ? painter.mesh(triangles) : null };
-      };
-      solid = bodies.map((body) => {
-        const shapes = shapesOf(body, kind), made = meshOf(shapes, body.colour);
-        const faces = solids.facesOf(shapes, body.colour);
-        return { mesh: made.mesh, bounds: solids.boundsOf(made.triangles.points),
-          count: made.triangles.index.length,
-          edges: shapes.flatMap((shape) => (shape.kind === "box" ? edgesOf(shape) : [])),
+      drawn = bodies.map((body) => {
+        const shapes = shapesOf(body, kind), faces = solids.facesOf(shapes, body.colour);
+        const { triangles, mesh } = meshOf(shapes, body.colour);
+        const sides = kind === "auto" && body.glass ? shapesOf(body, "box") : [];
+        return { mesh, glass: meshOf(sides, body.colour), count: triangles.index.length,
+          bounds: solids.boundsOf(triangles.points),
           faces: faces.length ? faces : solids.facesOf(shapesOf(body, "box"), body.colour) };
       });
-      const ink = [88, 98, 110];
       joints = ties.map((tie) => {
         if (tie.kind === "spring" || !radius) return {};
-        const thick = 0.022 * radius, [from, to] = tie.kind === "rod" ? [tie.onA, tie.onB] : [0, 0];
-        if (tie.kind === "ball")
-          return meshOf([{ kind: "sphere", size: [1.4, 1.4, 1.4].map((x) => x * thick), colour: "",
-            centre: tie.onB, axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }], ink);
-        const half = tie.kind === "rod" ? tie.reach / 2 : 0.09 * radius;
-        const size = tie.kind === "rod" ? [thick / 2, thick / 2, half] : [thick, thick, half];
-        const third = tie.kind === "rod" ? [0, 0, 1] : unit(tie.axis);
-        const other = unit(cross(Math.abs(third[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], third));
-        return meshOf([{ kind: "bar", size, colour: "", axes: [other, cross(third, other), third],
-          centre: tie.kind === "rod" ? [0, 0, 0] : tie.onB }], ink);
+        const isRod = tie.kind === "rod", third = isRod || !tie.axis ? [0, 0, 1] : unit(tie.axis);
+        const first = unit(cross(Math.abs(third[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], third));
+        const r = (tie.kind === "ball" ? 0.032 : isRod ? 0.011 : 0.022) * radius;
+        const half = tie.kind === "ball" ? 0 : isRod ? tie.reach / 2 : 0.08 * radius;
+        return meshOf([{ kind: "bar", size: [r, r, half], centre: isRod ? [0, 0, 0] : tie.onB,
+          axes: [first, cross(third, first), third] }], INK);
       });
-    }
-
-    /** The edges of a box, as pairs of points. */
-    function edgesOf({ size, centre, axes }) {
-      const at = (k) => add(centre, combine(size.map((s, j) => (k >> j & 1 ? s : -s)), axes));
-      return [...Array(8).keys()].flatMap((k) => [1, 2, 4].filter((bit) => !(k & bit)).map(
-        (bit) => [at(k), at(k | bit)]));
     }
 
     // ---------------------------------------------------------- the view
@@ -190,7 +181,7 @@ const drawing = (() => {
       };
       const wander = [[Infinity, -Infinity], [Infinity, -Infinity]];
       for (const poses of samples) bodies.forEach((body, i) => {
-        const { bounds } = solid[i], tip = pointOf(poses[i], body.tip);
+        const { bounds } = drawn[i], tip = pointOf(poses[i], body.tip);
         for (let corner = 0; corner < 8; corner++)
           reach(pointOf(poses[i], bounds.map((pair, k) => pair[corner >> k & 1])));
         reach(tip);
@@ -308,7 +299,7 @@ const drawing = (() => {
       if (bodies.some((body) => body.scaled !== false))
         pen.fillText(`floor: ${lengthText(cell)} a line`, 10, height - 10);
       pen.textAlign = "center";
-      [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach((e, k) => {
+      SPACE.forEach((e, k) => {
         const [x, y] = view.project(times(0.45 * radius, e));
         pen.fillText("xyz"[k], x, y + 4);
       });
@@ -355,18 +346,18 @@ const drawing = (() => {
       const sun = unit(add(up, times(0.35, add(first, second))));
       if (dot(up, view.eye) > view.plane[3]) {
         painter.cover(mixed(paper, [0, 0, 0], 0.13), 1, times(1 / dot(sun, up), sun));
-        for (const i of seen) if (solid[i].count < 3e5) placed(solid[i], poses[i]);
+        for (const i of seen) if (drawn[i].count < 3e5) placed(drawn[i], poses[i]);
         painter.cover([0, 0, 0], 0);
       }
       painter.opacity(1);
       const glass = seen.filter((i) => seeThrough && !bodies[i].inside);
-      for (const i of seen) if (!glass.includes(i)) placed(solid[i], poses[i]);
+      for (const i of seen) if (!glass.includes(i)) placed(drawn[i], poses[i]);
       painter.opacity(1, -1);
-      for (const i of glass) placed(solid[i], poses[i]);
+      for (const i of glass) placed(drawn[i], poses[i]);
       painter.opacity(1);
 
-      const [ink, faint] = [rgb(style.ink), rgb(style.faint)];
-      for (const e of [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+      const faint = rgb(style.faint);
+      for (const e of SPACE)
         line([0, 0, 0], times(0.4 * radius, e), 1.3, faint);
       ties.forEach((tie, i) => {
         const a = poseOf(poses, tie.a), b = poseOf(poses, tie.b);
@@ -382,11 +373,10 @@ const drawing = (() => {
       if (traces) for (const i of seen)
         for (const [a, b, s] of traceOf(bodies[i], poses[i], traces[i]))
           line(a, b, 2, mixed(paper, bodies[i].colour, s));
-      for (const i of glass) for (const [a, b] of solid[i].edges)
-        line(pointOf(poses[i], a), pointOf(poses[i], b), 1.5, mixed(bodies[i].colour, ink, 0.3));
       flush();
       painter.opacity(0.22, 1);
-      for (const i of glass) placed(solid[i], poses[i]);
+      for (const i of glass) placed(drawn[i], poses[i]);
+      for (const i of seen) placed(drawn[i].glass, poses[i]);
       return cell;
     }
 
@@ -469,11 +459,11 @@ const drawing = (() => {
         pen.stroke();
       }
       pen.globalAlpha = 1;
-      for (const e of [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+      for (const e of SPACE)
         line([0, 0, 0], times(0.4 * radius, e), view, items, style.faint, 1.2);
       bodies.forEach((body, i) => {
         if (!body.shown) return;
-        drawBody(solid[i].faces, poses[i], view, items, seeThrough && !body.inside);
+        drawBody(drawn[i].faces, poses[i], view, items, seeThrough && !body.inside);
         if (traces) for (const [from, to, s] of traceOf(body, poses[i], traces[i]))
           line(from, to, view, items, `rgb(${body.colour})`, 1.6, s);
       });

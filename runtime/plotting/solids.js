@@ -1,8 +1,8 @@
-// Vectors; faces of shapes and triangles of meshes, in body axes.
+// Vectors; the faces of shapes, which are boxes, surfaces of revolution and meshes, in body axes.
 "use strict";
 const solids = (() => {
-  const AROUND = 40;   // sides of a disc
-  const CREASE = 0.8;  // cosine of the angle beyond which an edge of a mesh is sharp
+  const AROUND = 32;   // segments of a circle
+  const CREASE = 0.77; // cosine of the angle beyond which an edge is sharp
 
   const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
   const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -14,21 +14,9 @@ const solids = (() => {
   const combine = (x, axes) => add(add(times(x[0], axes[0]), times(x[1], axes[1])),
     times(x[2], axes[2]));
 
-  /** Faces between rows and columns of points with normals: [corners, normals, tint]. */
-  function grid(rows, columns, at, tintOf) {
-    const faces = [];
-    for (let i = 0; i < rows; i++) for (let j = 0; j < columns; j++) {
-      const around = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-      faces.push([around.map(([point]) => point), around.map(([, normal]) => normal), tintOf(j)]);
-    }
-    return faces;
-  }
-
-  const circle = (j, n) => [Math.cos(2 * Math.PI * j / n), Math.sin(2 * Math.PI * j / n)];
-
-  /** The faces of each kind of shape in units of its size, which some need: tint 1 is lighter. */
-  const FACES = {
-    box: () => [0, 1, 2].flatMap((k) => [-1, 1].map((side) => {
+  /** The faces of a box, in units of its half edges: [corners, normals, tint]. */
+  function boxFaces() {
+    return [0, 1, 2].flatMap((k) => [-1, 1].map((side) => {
       const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([u, v]) => {
         const p = [0, 0, 0];
         p[k] = side; p[(k + 1) % 3] = side * u; p[(k + 2) % 3] = v;
@@ -37,47 +25,73 @@ const solids = (() => {
       const normal = [0, 0, 0];
       normal[k] = side;
       return [corners, corners.map(() => normal), k === 0 && side > 0 ? 1 : 0];
-    })),
-    sphere: () => grid(12, 24, (i, j) => {  // in quarters that differ, so that turning is seen
-      const [c, s] = circle(j, 24), theta = Math.PI * i / 12;
-      const p = [Math.sin(theta) * c, Math.sin(theta) * s, Math.cos(theta)];
-      return [p, p];
-    }, (j) => (Math.floor(j / 6) % 2 ? 0 : 1)),
-    disc: () => {
-      const wall = grid(1, AROUND, (i, j) => {
-        const [c, s] = circle(j, AROUND);
-        return [[c, s, 1 - 2 * i], [c, s, 0]];
-      }, () => 0);
-      const cap = (x, r, side, tint, n) => {
-        const corners = Array.from({ length: n }, (_, j) => {
-          const [c, s] = circle(side * j, n);
-          return [x + r * c, r * s, side * (tint ? 1.03 : 1)];
-        });
-        return [corners, corners.map(() => [0, 0, side]), tint];
-      };
-      return [...wall, ...[1, -1].flatMap((side) => [cap(0, 1, side, 0, AROUND),
-        cap(0.6, 0.22, side, -1, 16), cap(-0.6, 0.22, side, -1, 16)])];
+    }));
+  }
+
+  /** Points [radius, height] on a half circle about a height, from its lower end, on one side. */
+  const arc = (r, height, side) => [...Array(9).keys()].map((k) => {
+    const angle = Math.PI / 2 * (side < 0 ? k / 8 : 1 - k / 8);
+    return [k === (side < 0 ? 0 : 8) ? 0 : r * Math.sin(angle), height + side * r * Math.cos(angle)];
+  });
+
+  /** Profile, from its lower end, and number of sectors that differ, of what is round. */
+  const ROUND = {
+    sphere: () => [[...arc(1, 0, -1), ...arc(1, 0, 1)], 4],
+    bar: ([r, , half]) => [[...arc(r, -half, -1), ...arc(r, half, 1)], 0],
+    disc([a, b, half]) {
+      const r = Math.max(a, b), wheel = half < 0.6 * r, bevel = 0.15 * Math.min(r, half);
+      const lower = [[0, -half], [r - bevel, -half], [r, bevel - half]];
+      const rim = [[0, -0.5 * half], [0.8 * r, -0.5 * half], [0.8 * r, -half], ...lower.slice(1)];
+      const side = wheel ? rim : lower;
+      return [[...side, ...side.map(([x, z]) => [x, -z]).reverse()], 6];
     },
-    bar: ([r, , half]) => grid(9, 16, (i, j) => {  // two halves of a sphere, drawn apart
-      const [c, s] = circle(j, 16), theta = Math.PI / 8 * (i < 5 ? i : i - 1);
-      const [across, along] = [Math.sin(theta), Math.cos(theta)];
-      return [[across * c, across * s, (i < 5 ? 1 : -1) + along * r / half],
-        [across * c, across * s, along * half / r]];
-    }, () => 0),
   };
 
-  const tinted = (colour, tint) => colour.map((x) => Math.round(
-    tint > 0 ? x + 0.42 * (255 - x) : tint < 0 ? 0.4 * x : x));
+  /** The faces of what is round, each sector in turn lighter, so that turning is seen. */
+  function roundFaces(kind, size) {
+    const [profile, sectors] = ROUND[kind](size);
+    const parts = profile.slice(1).map((to, k) => [profile[k], to])
+      .filter(([[r, h], [s, i]]) => r !== s || h !== i);
+    const normals = parts.map(([[r, h], [s, i]]) => {
+      const size = Math.hypot(i - h, s - r);
+      return [(i - h) / size, (r - s) / size];
+    });
+    const smoothed = (n, other) => (other && n[0] * other[0] + n[1] * other[1] > CREASE
+      ? [n[0] + other[0], n[1] + other[1]] : n);
+    const faces = [];
+    parts.forEach(([from, to], k) => {
+      const ends = [[from, smoothed(normals[k], normals[k - 1])],
+        [to, smoothed(normals[k], normals[k + 1])]];
+      for (let j = 0; j < AROUND; j++) {
+        const corners = [[0, j], [0, j + 1], [1, j + 1], [1, j]].filter(([end], c) =>
+          ends[end][0][0] > 0 || c === 0 || c === 2).map(([end, at]) => {
+          const angle = 2 * Math.PI * at / AROUND, [c, s] = [Math.cos(angle), Math.sin(angle)];
+          const [[r, h], [across, along]] = ends[end];
+          return [[r * c, r * s, h], [across * c, across * s, along]];
+        });
+        faces.push([corners.map(([p]) => p), corners.map(([, n]) => n),
+          Math.floor(j * sectors / AROUND) % 2]);
+      }
+    });
+    return faces;
+  }
+
   const rgb = (text) => text.match(/\w\w/g).map((two) => parseInt(two, 16));
+  const lighter = (colour, tint) => colour.map((x) => Math.round(x + 0.42 * tint * (255 - x)));
 
   /** The faces of shapes that are no meshes, in body axes: {corners, normals, colour}. */
   function facesOf(shapes, own) {
-    return shapes.filter(({ kind }) => FACES[kind]).flatMap(({ kind, size, centre, axes, colour }) =>
-      FACES[kind](size).map(([corners, normals, tint]) => ({
-        corners: corners.map((p) => add(centre, combine(p.map((x, k) => x * size[k]), axes))),
-        normals: normals.map((n) => unit(combine(n.map((x, k) => x / size[k]), axes))),
-        colour: tinted(colour ? rgb(colour) : own, tint),
-      })));
+    return shapes.filter(({ kind }) => kind !== "mesh").flatMap((shape) => {
+      const { kind, size, centre, axes } = shape, colour = shape.colour ? rgb(shape.colour) : own;
+      const widest = Math.max(size[0], size[1]);
+      const scale = kind === "bar" || kind === "disc" ? [size[0] / widest, size[1] / widest, 1] : size;
+      return (kind === "box" ? boxFaces() : roundFaces(kind, size)).map(
+        ([corners, normals, tint]) => ({
+          corners: corners.map((p) => add(centre, combine(p.map((x, k) => x * scale[k]), axes))),
+          normals: normals.map((n) => unit(combine(n.map((x, k) => x / scale[k]), axes))),
+          colour: lighter(colour, tint),
+        }));
+    });
   }
 
   /** Normals of a mesh, smooth but at sharp edges: its corners as vertices, each once. */
@@ -116,31 +130,31 @@ const solids = (() => {
     return { points: vertices, normals: directions, index: corners };
   }
 
-  /** All triangles of shapes: {points, normals, colours, index}, and their bounds in body axes. */
+  /** All triangles of shapes: {points, normals, colours, index}, of `meshes` those they name. */
   function trianglesOf(shapes, own, meshes) {
     const points = [], normals = [], colours = [], index = [];
+    const vertex = (p, n, colour) => {
+      points.push(p[0], p[1], p[2]);
+      for (const x of n) normals.push(Math.round(127 * x));
+      colours.push(colour[0], colour[1], colour[2]);
+    };
     for (const { corners, normals: directions, colour } of facesOf(shapes, own)) {
       const first = points.length / 3;
       corners.forEach((p, k) => {
-        points.push(...p);
-        normals.push(...directions[k].map((x) => Math.round(127 * x)));
-        colours.push(...colour);
+        vertex(p, directions[k], colour);
         if (k > 1) index.push(first, first + k - 1, first + k);
       });
     }
-    for (const { kind, mesh, size, centre, axes, colour } of shapes) {
+    for (const shape of shapes) {
+      const { kind, mesh, size, centre, axes } = shape, colour = shape.colour ? rgb(shape.colour) : own;
       if (kind !== "mesh" || !meshes[mesh]) continue;
-      const { points: given, normals: directions, index: corners } = meshes[mesh];
-      const first = points.length / 3, shade = colour ? rgb(colour) : own;
-      const mirrored = size[0] * size[1] * size[2] < 0;
-      for (let v = 0; v < given.length; v += 3) {
-        points.push(...add(centre, combine(size.map((s, k) => s * given[v + k]), axes)));
-        normals.push(...unit(combine(size.map((s, k) => directions[v + k] / s), axes)).map(
-          (x) => Math.round(127 * x)));
-        colours.push(...shade);
-      }
-      for (let i = 0; i < corners.length; i += 3)
-        for (const k of mirrored ? [0, 2, 1] : [0, 1, 2]) index.push(first + corners[i + k]);
+      const given = meshes[mesh], first = points.length / 3;
+      const order = size[0] * size[1] * size[2] < 0 ? [0, 2, 1] : [0, 1, 2];  // mirrored
+      for (let v = 0; v < given.points.length; v += 3)
+        vertex(add(centre, combine(size.map((s, k) => s * given.points[v + k]), axes)),
+          unit(combine(size.map((s, k) => given.normals[v + k] / s), axes)), colour);
+      for (let i = 0; i < given.index.length; i += 3)
+        for (const k of order) index.push(first + given.index[i + k]);
     }
     return { points, normals, colours, index };
   }
@@ -156,6 +170,5 @@ const solids = (() => {
     return bounds;
   }
 
-  return { add, minus, times, dot, cross, unit, combine, rgb, facesOf, trianglesOf, boundsOf,
-    smooth };
+  return { add, minus, times, dot, cross, unit, combine, rgb, boundsOf, facesOf, smooth, trianglesOf };
 })();

@@ -68,7 +68,7 @@
     ink.lineWidth = 1;
     ink.strokeRect(left, top, right - left, bottom - top);
     ink.textAlign = "right";
-    for (const e of [least, (least + most) / 2, most])
+    for (const e of height < 90 ? [least, most] : [least, (least + most) / 2, most])
       ink.fillText(e.toExponential(1), left - 5, down(e) + 4);
     ink.textAlign = "center";
     ink.fillText(`${Number(scene.start.toPrecision(4))} s`, left + 8, height - 6);
