@@ -23,7 +23,14 @@ from ...core.errors import CompilerError, InputError
 from ...core.real_types import REALS, Real
 from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of
-from .object_files import WITHOUT_PERMUTATIONS, Part, declarations_of, has_permutation, objects_of
+from .object_files import (
+    WITHOUT_PERMUTATIONS,
+    Part,
+    declarations_of,
+    has_permutation,
+    objects_of,
+    with_inline_functions,
+)
 from .quad_wrapper import is_quad, wrap_declarations
 
 __all__ = ["Compiler", "compile_module", "find_compiler", "read_declarations"]
@@ -209,9 +216,11 @@ def compile_module(
         (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
         own_checks = check_functions(f"{name}_{made.name}", kernels, made.checks)
         checks += own_checks
+        source = files[f"{name}.c"]
         (inside / f"{name}.c").write_text(
-            files[f"{name}.c"] + check_text(own_checks, files[f"{name}.c"]), encoding="utf-8")
-        on_duals = compiler.is_gcc and "typedef _Complex" in files[f"{name}.c"]
+            with_inline_functions(source) if made.sparse
+            else source + check_text(own_checks, source), encoding="utf-8")
+        on_duals = compiler.is_gcc and "typedef _Complex" in source
         own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags,
                *(DUAL_FLAGS if on_duals else ())]
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",

@@ -36,7 +36,7 @@ from typing import Literal
 from .kernel_check import Kind
 
 __all__ = ["WITHOUT_PERMUTATIONS", "Object", "Part", "declarations_of", "has_permutation",
-           "objects_of"]
+           "objects_of", "with_inline_functions"]
 
 #: Which of the modules.
 Part = Literal["runs", "lanes", "derivatives", "second"]
@@ -70,6 +70,8 @@ class Object:
     seldom: bool = False
     #: Kernels of these kinds are compared with their statements when it has been compiled.
     checks: tuple[Kind, ...] = ()
+    #: Whether most functions of the text are not called, so that it pays to have them dropped.
+    sparse: bool = False
 
 
 def objects_of(
@@ -82,7 +84,9 @@ def objects_of(
     """
     header = files[f"{name}.h"]
     if part in _LATER:
-        return [Object(part, _only(name, header, _LATER[part]), _FLAGS, seldom=part == "second")]
+        only = _only(name, header, _LATER[part])
+        return [Object(part, with_inline_functions(only) if whole else only, _FLAGS,
+                       seldom=part == "second", sparse=whole)]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
     if whole:
@@ -124,6 +128,11 @@ def _only(name: str, header: str, functions: set[str]) -> str:
         else f"__attribute__((unused)) static {found[0]}", header)
 
 
+def with_inline_functions(text: str) -> str:
+    """Return C whose static functions are inline: at -O0 gcc drops no others, called or not."""
+    return _STATIC_FUNCTION.sub(r"\1static inline ", text)
+
+
 def _has_lanes(name: str, header: str) -> bool:
     return "lanes" in _functions(name, header)
 
@@ -136,6 +145,10 @@ def _functions(name: str, header: str) -> set[str]:
 def _declaration(name: str, rest: str = "") -> re.Pattern[str]:
     return re.compile(rf"^(?:const )?\w[\w ]* \*?{name}_(\w+)\({rest}", re.MULTILINE)
 
+
+_STATIC_FUNCTION = re.compile(
+    r"^(__attribute__\(\(unused\)\) |)static (?!inline\b)(?=[^;={\[]*\([^={;]*\)\s*[;{])",
+    re.MULTILINE)
 
 #: Flags to compile with instead, until no instruction is left: without joining elements to
 #: permutations, which costs next to nothing; without vectorising, of which nothing is left to join.
