@@ -14,6 +14,7 @@ import numpy as np
 
 from ...core.arguments import as_path, choose
 from ...core.file_formats import format_of, result_file
+from .picture import draw_scene
 from .scene import DRAWN, DrawnName, Scene, scene_of
 
 if TYPE_CHECKING:
@@ -40,8 +41,9 @@ class View:
         Where it was written.
     """
 
-    def __init__(self, title: str, page: str, path: Path | None) -> None:
-        self._title, self.page, self.path = title, page, path
+    def __init__(self, scene: Scene, page: str) -> None:
+        self._scene, self._title, self.page = scene, scene.title, page
+        self.path: Path | None = None
 
     def __repr__(self) -> str:
         where = "" if self.path is None else f" in {str(self.path)!r}"
@@ -66,6 +68,10 @@ class View:
         """Return the page in a frame of its own, whose styles and names do not leave it."""
         return (f'<iframe title="{html.escape(self._title)}" style="width:100%;height:{_HEIGHT}px;'
                 f'border:0" sandbox="allow-scripts" srcdoc="{html.escape(self.page)}"></iframe>')
+
+    def _repr_png_(self) -> bytes:
+        """Return a picture for programs that show no pages: printed notebooks, lists of pages."""
+        return draw_scene(self._scene)._repr_png_()
 
 
 def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
@@ -97,7 +103,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     target = None if path is None else check_page(path)
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     scene = scene_of(trajectory, count)
-    shown = View(scene.title, _page(scene, shape), None)
+    shown = View(scene, _page(scene, shape))
     if target is not None:
         shown.save(target)
     return shown

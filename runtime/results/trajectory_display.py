@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.html import card, curve, table
 from ..plotting.html_view import View, view
+from ..plotting.picture import BackgroundName, RenderedPicture, draw_picture
 from ..plotting.scene import DrawnName, ShapeName
 from . import trajectory_tables
 from .body_motion import FrameName
@@ -122,6 +123,21 @@ class Shown:
         >>> run.view("top.html")                                  # doctest: +SKIP
         """
         return view(self._run, path, shape=shape)
+
+    def picture(
+        self, path: str | os.PathLike[str] | None = None, *, size: tuple[int, int] = (640, 480),
+        time: float | None = None, azimuth: float | None = None, elevation: float | None = None,
+        background: BackgroundName = "light", traces: bool = True,
+    ) -> RenderedPicture:
+        """Return a picture of the bodies, which Jupyter shows; write it as .png where a path is
+        given. It needs no extra; see ``runtime.plotting.picture.draw_picture``.
+
+        Examples
+        --------
+        >>> run.picture("top.png", time=1.5, azimuth=30, elevation=20)   # doctest: +SKIP
+        """
+        return draw_picture(self._run, path, size=size, time=time, azimuth=azimuth,
+                            elevation=elevation, background=background, traces=traces)
 
     def animate(self, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
                 shape: ShapeName = "box") -> Path:

@@ -241,6 +241,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("Ensemble.save", many.save, path=tmp_path / "many.npz"),
         plain("Ensemble.plot", many.plot, path=tmp_path / "many.png", values=["q1"]),
         plain("view", made.view, path=tmp_path / "a.html", shape="box"),
+        plain("picture", made.picture, path=tmp_path / "d.png", size=(32, 24), time=0.01,
+              azimuth=10.0, elevation=20.0, background="dark", traces=True),
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
