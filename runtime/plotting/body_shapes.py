@@ -9,7 +9,7 @@ A flat free body has the inertia of two rods that form a T.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -22,11 +22,13 @@ from ...core.shapes import Shape, axes_about
 if TYPE_CHECKING:
     from .scene import ScenePart
 
-__all__ = ["DARK", "METAL", "STAND", "Held", "plate_of", "shapes_of"]
+__all__ = ["DARK", "METAL", "STAND", "Held", "balls", "plate_of", "shapes_of"]
 
 Array = NDArray[np.float64]
 
 METAL, DARK, STAND = "#575c66", "#2c3038", "#9aa1ac"
+#: Of the points of molecules, by their distance from the centre of mass.
+_ATOMS = ("#e45756", "#e6e9ee", "#4c78a8")
 #: Relative difference of two lengths that count as equal.
 _EQUAL = 1e-6
 #: Radius of bars and stems in parts of the reach of the scene.
@@ -56,7 +58,19 @@ def plate_of(moments: Array) -> tuple[float, Array]:
     return float(np.sqrt(max(I1 + I2 - I3, 0.0) / 2)), half
 
 
-def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool) -> list[Shape]:
+def balls(points: Array) -> list[Shape]:
+    """Return a ball at each point of a molecule, alike at equal distances from its centre."""
+    distance = np.linalg.norm(points, axis=1)
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    radius = 0.6 * float(apart[apart > 0].min())
+    classes = np.unique(np.round(distance / distance.max(), 6), return_inverse=True)[1]
+    return [Shape("sphere", np.full(3, radius * (1.3 if k == 0 else 1.0)), point,
+                  colour=_ATOMS[min(k, len(_ATOMS) - 1)])
+            for k, point in zip(classes.tolist(), points, strict=True)]
+
+
+def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool,
+              loose: Sequence[Array] = ()) -> list[Shape]:
     """Return the shapes of a body.
 
     Parameters
@@ -68,22 +82,32 @@ def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool) 
         Size of the scene, of which the thickness of bars is a part.
     inside : bool
         Whether another body is within it: then it is a frame.
+    loose : sequence of array, shape (3,)
+        Ends of rods in body axes.
     """
-    half = part.sizes["box"]
     thick = _BAR * reach
+    return [*_own_shapes(part, held, thick, reach, inside=inside),
+            *_arms(part, loose, thick, part.centre)]
+
+
+def _own_shapes(part: ScenePart, held: list[Held], thick: float, reach: float, *, inside: bool,
+                ) -> list[Shape]:
+    half = part.sizes["box"]
     if part.plate is not None:
         return list(_top(np.zeros(3), part.axes, *part.plate, 0.0))
     hinges = [h.axis for h in held if h.axis is not None and not h.slides]
-    if inside and any(np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
+    ordered = np.sort(half)
+    slim = ordered[1] < (_SLIM if held else 0.08) * ordered[2]
+    if inside and not slim and any(
+            np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
         return list(_ring(part, hinges, thick))
     points = np.array([h.at for h in held]).reshape(-1, 3)
+    arms = list(_arms(part, points, thick, part.centre))
     span = max((float(np.linalg.norm(a - b)) for a in points for b in points), default=0.0)
     if inside and span < 0.5 * half.max():
         return list(_frame(part, half))
     if any(h.slides for h in held) and np.ptp(half) < _EQUAL * half.max():
         return [Shape("box", half, part.centre, part.axes)]
-    ordered = np.sort(half)
-    slim = ordered[1] < (_SLIM if held else 0.08) * ordered[2]
     stand = None if slim else _support(part, held, reach)
     if stand is not None:
         foot, k = stand
@@ -102,10 +126,11 @@ def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool) 
                 abs(a @ e) > 1 - _EQUAL for a in hinges) and span < 0.5 * half.max():
             return [Shape("disc", np.array([r, r, long]), part.centre, _turned(part.axes, axis)),
                     Shape("disc", np.array([0.1 * r, 0.1 * r, 1.35 * long]), part.centre,
-                          _turned(part.axes, axis), METAL)]
+                          _turned(part.axes, axis), METAL),
+                    *arms]
         if np.ptp(half) < _EQUAL * half.max():
             return [Shape("sphere", part.sizes["ellipsoid"], part.centre, part.axes),
-                    *_arms(part, held, thick)]
+                    *arms]
     if slim:
         return list(_bar(part, held, ordered, thick))
     if span > 0 and ordered[1] < 0.3 * span:
@@ -113,10 +138,10 @@ def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool) 
         return [Shape.bar(points.mean(axis=0), r, radius) for r in points]
     if axis is not None:
         return [Shape("disc", np.array([r, r, long]), part.centre, _turned(part.axes, axis)),
-                *_arms(part, held, thick), *_pointer(part, half)]
+                *arms, *_pointer(part, half)]
     if not held and not part.to_scale and ordered[0] < 0.05 * ordered[2]:
         return list(_wing_nut(part, half))
-    return [Shape("box", half, part.centre, part.axes), *_arms(part, held, thick),
+    return [Shape("box", half, part.centre, part.axes), *arms,
             *_pointer(part, half)]
 
 
@@ -201,12 +226,13 @@ def _bar(part: ScenePart, held: list[Held], ordered: Array, thick: float) -> Ite
             yield Shape.bar(foot, h.at, 0.8 * radius)
 
 
-def _arms(part: ScenePart, held: list[Held], thick: float) -> Iterator[Shape]:
-    """Yield a bar from the centre to each joint that is outside of the body."""
-    for h in held:
-        r = (h.at - part.centre) @ part.axes
+def _arms(part: ScenePart, points: Sequence[Array] | Array, thick: float, start: Array,
+          ) -> Iterator[Shape]:
+    """Yield a bar from a point to each of others that is outside of the body."""
+    for point in points:
+        r = (point - part.centre) @ part.axes
         if (np.abs(r) > part.sizes["box"] + 0.1 * thick).any():
-            yield Shape.bar(part.centre, h.at, 0.8 * thick, METAL)
+            yield Shape.bar(start, point, 0.8 * thick, METAL)
 
 
 def _pointer(part: ScenePart, half: Array) -> Iterator[Shape]:

@@ -45,6 +45,8 @@ _LEAST, _MOST = 16, 4096
 _AWAY, _FILL = 5.0, 0.90
 #: Radius of joints, rods and springs in parts of the reach of the scene.
 _JOINT, _ROD, _WIRE, _COIL = 0.021, 0.010, 0.0055, 0.026
+#: Spheres of more shapes have fewer triangles.
+_COARSE = 100
 #: Opacity of glass.
 _GLASS = 0.25
 #: Windings of a spring.
@@ -325,12 +327,13 @@ def _own_colour(i: int) -> str:
 
 def _meshes(scene: Scene, frame: int) -> Iterator[tuple[Mesh, Array, float]]:
     """Yield what is drawn in space: triangles, colour and alpha."""
+    coarse = sum(len(part.shapes) for part in scene.parts) > _COARSE
     for i, part in enumerate(scene.parts):
         R, x = rotation_matrix(part.q[frame]), part.x[frame]
         shapes = part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]
         glass = [Shape("box", 0.96 * part.sizes["box"], part.centre, part.axes)] * part.glass
         for shape, alpha in [(one, 1.0) for one in shapes] + [(one, _GLASS) for one in glass]:
-            mesh = mesh_of(shape)
+            mesh = mesh_of(shape, coarse=coarse)
             light = 0 * mesh.light if shape.colour else mesh.light
             yield (Mesh(x + mesh.points @ R.T, mesh.normals @ R.T, mesh.faces, light),
                    colour_of(shape.colour or _own_colour(i)), alpha)
@@ -352,7 +355,7 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
     up, metal = scene.up, colour_of(STAND)
     r = _JOINT * _reach(scene, frame)
     for part, pivot, axis in _pivots(scene):
-        above = float(np.mean(part.at(part.centre)[:, 0] @ up)) > pivot @ up
+        below = float(np.max(part.at(part.centre)[:, 0] @ up)) < pivot @ up
         R = rotation_matrix(part.q[frame])
         lowest = min(float((mesh_of(shape).points @ R.T @ up).min()) for shape in part.shapes)
         height = float(pivot @ up) - floor
@@ -362,9 +365,10 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
         feet = [np.zeros(3)]
         if axis is not None and abs(axis @ up) < 0.5:
             feet = [2.6 * r * side * axis for side in (-1, 1)]
-        if len(feet) == 1 and not above:
-            shapes = [Shape("disc", np.array([3 * r, 3 * r, 0.6 * r]), pivot + 1.9 * r * up,
-                            axes_about(up))]
+        if below:
+            shapes = [Shape.bar(pivot + at, pivot + at + 2.4 * r * up, 0.55 * r) for at in feet]
+            shapes.append(Shape("disc", np.array([4 * r, 4 * r, 0.4 * r]), pivot + 2.8 * r * up,
+                                axes_about(up)))
         elif height < 2 * r:
             continue
         else:

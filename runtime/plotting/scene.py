@@ -16,9 +16,16 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.shapes import Shape
-from ..compilation.body_columns import JointAt, bodies_of, joints_of, numbers, placed_of
+from ..compilation.body_columns import (
+    JointAt,
+    bodies_of,
+    joints_of,
+    numbers,
+    placed_of,
+    points_of,
+)
 from ..rigid_body.quaternion import left_matrix, rotation_matrix
-from .body_shapes import Held, plate_of, shapes_of
+from .body_shapes import Held, balls, plate_of, shapes_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -35,6 +42,8 @@ DRAWN: tuple[DrawnName, ...] = get_args(DrawnName)
 
 #: S_i = I_j + I_k − I_i is so many times m a_i².
 _FACTORS = {"box": 2 / 3, "ellipsoid": 2 / 5}
+#: More molecules are drawn as boxes: a page with their atoms would be slow.
+_MOLECULES = 400
 #: The thinnest that a body is drawn, beside its longest axis.
 _THIN = 0.03
 
@@ -157,9 +166,10 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
              _placed_part(trajectory, name, some) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
     up, ties = _up(trajectory), _ties(trajectory, parts)
+    drawn = _with_shapes(parts, ties, points_of(trajectory.manifest))
     return Scene(
         f"{trajectory.manifest['system']['name']}, {trajectory.manifest['scheme']['method']}",
-        t[some].astype(float), error[some].astype(float), _with_shapes(parts, ties), ties,
+        t[some].astype(float), error[some].astype(float), drawn, ties,
         np.array([0.0, 0.0, 1.0]) if up is None else up,
         up is not None or any(part.plate is not None for part in parts),
         list(_remarks(trajectory, parts, some)))
@@ -287,8 +297,11 @@ def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None
     return w[:3] @ axes if known and size > 1e-9 * float(np.abs(V).max() + size) else None
 
 
-def _with_shapes(parts: list[ScenePart], ties: list[Tie]) -> list[ScenePart]:
+def _with_shapes(parts: list[ScenePart], ties: list[Tie], points: Array) -> list[ScenePart]:
     """Return the parts with the shapes that they are drawn with."""
+    if len(points) > 1:
+        atoms = balls(points) if len(parts) <= _MOLECULES else []
+        return [replace(part, shapes=atoms) for part in parts]
     centres = np.array([part.at(part.centre)[0, 0] for part in parts])
     reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
                 + [2 * float(part.sizes["box"].max()) for part in parts]
@@ -306,7 +319,9 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie]) -> list[ScenePart]:
         half = part.sizes["box"]
         inside = any(j != i and (np.abs(local[j]) < half).all()
                      and other.sizes["box"].max() < half.max() for j, other in enumerate(parts))
-        shapes = shapes_of(part, held, reach, inside=inside)
+        loose = [r for tie in ties if tie.kind == "rod"
+                 for own, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if own == i]
+        shapes = shapes_of(part, held, reach, inside=inside, loose=loose)
         frame = inside and len(shapes) == 12
         found.append(replace(part, shapes=shapes, glass=frame))
     return found
