@@ -106,6 +106,7 @@ _HOMES = {
     "DeviceEnsemble": "runtime.devices.ensemble",
     "Ensemble": "runtime.steppers.ensemble",
     "Event": "core.event",
+    "Shape": "core.shapes",
     "FrameChoice": "runtime.tuning.frame_search",
     "choose_frame": "runtime.tuning.frame_choice",
     "GammaChoice": "runtime.tuning.gamma_choice",

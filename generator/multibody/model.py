@@ -18,6 +18,7 @@ from ...core.exact_numbers import exact
 from ...core.html import card, table
 from ...core.inertia import Inertia, as_moments_or_tensor, real_array
 from ...core.registry import FRAMES, RULES
+from ...core.shapes import Shape
 from ...core.units import base_units
 from ..systems.system import System
 
@@ -58,6 +59,8 @@ class Model:
     units : mapping of str to str
         SI unit of parameters, inputs, coordinates, momenta or quantities, "kg.m2" or "N.m/rad";
         manifests complete them by those that follow.
+    visuals : mapping of str to sequence of Shape
+        What pages and exports draw bodies with, by the names of bodies; "" is the ground.
     """
 
     system: System
@@ -72,6 +75,7 @@ class Model:
     rules: Mapping[str, str] = field(default_factory=dict)
     events: Sequence[Event] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):

@@ -7,6 +7,8 @@ import html
 import json
 import os
 import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,9 @@ import numpy as np
 
 from ...core.arguments import as_path, choose
 from ...core.file_formats import format_of, result_file
+from ...core.shapes import Shape
+from ...core.warnings import warn
+from .meshes import MESHES, IndexedMesh, MeshesName, encoded, read_meshes
 from .picture import draw_scene
 from .scene import DRAWN, DrawnName, Scene, scene_of
 
@@ -75,7 +80,7 @@ class View:
 
 
 def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
-         shape: DrawnName = "auto") -> View:
+         shape: DrawnName = "auto", meshes: MeshesName = "small") -> View:
     """Return the trajectory as a page that moves, and write it where a path is given.
 
     Bodies are boxes or ellipsoids of their inertia, joints, rods and springs stand between them,
@@ -92,18 +97,24 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
         Of the bodies to begin with, which the page changes: as they are best told apart, or the
         uniform box or ellipsoid of the inertia of each.
 
+    meshes : {"small", "full", "none"}
+        Of the meshes of a robot's file: as many triangles as fit into 0.7 MB, all of them, or the
+        bodies without them. Those that cannot be read are named on the page.
+
     Raises
     ------
     InputError
-        Where there is no rigid body; for another ending or shape.
+        Where there is no rigid body; for another ending, shape or number of meshes.
     GyrosparkError
         If the file cannot be written.
     """
     choose("shape", shape, DRAWN)
+    choose("meshes", meshes, MESHES)
     target = None if path is None else check_page(path)
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
-    scene = scene_of(trajectory, count)
-    shown = View(scene, _page(scene, shape))
+    plain = scene_of(trajectory, count)
+    scene, found = with_visuals(trajectory, plain, meshes)
+    shown = View(plain, _page(scene, shape, found))
     if target is not None:
         shown.save(target)
     return shown
@@ -122,9 +133,27 @@ def check_page(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def _page(scene: Scene, shape: DrawnName) -> str:
+def with_visuals(
+    trajectory: Trajectory, scene: Scene, meshes: MeshesName
+) -> tuple[Scene, dict[str, IndexedMesh]]:
+    """Return a scene whose bodies look as their model says, and its meshes by their files."""
+    visuals = getattr(trajectory._stepper, "visuals", {})
+    found, refused = read_meshes((shape.file for shapes in visuals.values() for shape in shapes
+                                  if shape.file), meshes)
+    known = {name: [shape for shape in shapes if not shape.file or shape.file in found]
+             for name, shapes in visuals.items()}
+    remarks = [f"The mesh {Path(file).name} is not shown: {why}" for file, why in refused.items()]
+    for remark in remarks:
+        warn(remark)
+    parts = [replace(part, shapes=known[part.name], glass=False) if known.get(part.name) else part
+             for part in scene.parts]
+    return replace(scene, parts=parts, ground=known.get("", []),
+                   remarks=[*scene.remarks, *remarks]), found
+
+
+def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> str:
     """Return the document: styles, script and scene in one."""
-    content = json.dumps(_content(scene, shape), allow_nan=False).replace("<", "\\u003c")
+    content = json.dumps(_content(scene, shape, meshes), allow_nan=False).replace("<", "\\u003c")
     page = page_file("view.html")
     for name, text in (("STYLE", page_file("view.css")), ("DRAWING", compact(drawing())),
                        ("SCRIPT", compact(page_file("view.js"))),
@@ -150,9 +179,19 @@ def compact(script: str) -> str:
     return "".join(f"{line}\n" for line in lines if line and not line.startswith("//"))
 
 
-def _content(scene: Scene, shape: DrawnName) -> dict[str, Any]:
+def _content(
+    scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]
+) -> dict[str, Any]:
     """Return the scene as JSON has it, long arrays as base64 of 32-bit floats."""
+    numbers = {file: i for i, file in enumerate(meshes)}
+
+    def shapes(some: Iterable[Shape]) -> list[dict[str, Any]]:
+        return [{"kind": one.kind, "size": one.size.tolist(), "centre": one.centre.tolist(),
+                 "axes": one.axes.T.tolist(), "colour": one.colour,
+                 **({"mesh": numbers[one.file]} if one.file else {})} for one in some]
+
     return {
+        "meshes": [encoded(mesh) for mesh in meshes.values()], "ground": shapes(scene.ground),
         "title": scene.title, "shape": shape, "remarks": scene.remarks, "up": scene.up.tolist(),
         "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
         "energy": _bytes(scene.energy_error),
@@ -161,10 +200,7 @@ def _content(scene: Scene, shape: DrawnName) -> dict[str, Any]:
             "x": _bytes(part.x if np.ptp(part.x, axis=0).any() else part.x[:1]),
             "axes": part.axes.T.tolist(), "tip": part.tip.tolist(),
             "sizes": {kind: size.tolist() for kind, size in part.sizes.items()},
-            "scaled": part.to_scale, "shapes": [{
-                "kind": shape.kind, "size": shape.size.tolist(), "centre": shape.centre.tolist(),
-                "axes": shape.axes.T.tolist(), "colour": shape.colour,
-            } for shape in part.shapes],
+            "scaled": part.to_scale, "shapes": shapes(part.shapes), "glass": part.glass,
         } for part in scene.parts],
         "ties": [{
             "name": tie.name, "kind": tie.kind, "a": tie.a, "b": tie.b, "onA": tie.on_a.tolist(),

@@ -103,10 +103,10 @@ const drawing = (() => {
    * The drawing of `bodies`, each with name, colour, axes, centre, sizes of its inertia, shapes, tip
    * and shown, and of `ties` between them, on a canvas whose view a pointer and keys turn.
    *
-   * `meshes` are those that shapes name. Returns `show(samples)`, which comes first, `build()` after
+   * `ground` are shapes in space, `meshes` those that shapes name. Returns `show(samples)`, which comes first, `build()` after
    * a change of shapes, and `draw(...)`; `changed` is called where there is something to draw again.
    */
-  function sceneOn(canvas, bodies, ties, up, changed, meshes = []) {
+  function sceneOn(canvas, bodies, ties, up, changed, { ground = [], meshes = [] } = {}) {
     const pen = canvas.getContext("2d"), below = document.createElement("canvas");
     const painter = webgl.rendererOn(below);
     if (painter) {
@@ -118,7 +118,7 @@ const drawing = (() => {
     // ---------------------------------------------------------- solids
 
     const SPACE = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], INK = [88, 98, 110];
-    let built = null, drawn = [], joints = [];
+    let built = null, drawn = [], joints = [], still = {};
 
     const meshOf = (shapes, own) => {
       const triangles = solids.trianglesOf(shapes, own, meshes);
@@ -127,7 +127,7 @@ const drawing = (() => {
 
     /** Makes the faces and meshes of all bodies and joints. */
     function build(kind = built ?? "auto") {
-      for (const one of [...drawn, ...drawn.map(({ glass }) => glass), ...joints])
+      for (const one of [...drawn, ...drawn.map(({ glass }) => glass), ...joints, still])
         if (one?.mesh) painter.free(one.mesh);
       built = kind;
       drawn = bodies.map((body) => {
@@ -135,9 +135,12 @@ const drawing = (() => {
         const { triangles, mesh } = meshOf(shapes, body.colour);
         const sides = kind === "auto" && body.glass ? shapesOf(body, "box") : [];
         return { mesh, glass: meshOf(sides, body.colour), count: triangles.index.length,
+          isMesh: shapes.some((shape) => shape.kind === "mesh"),
           bounds: solids.boundsOf(triangles.points),
           faces: faces.length ? faces : solids.facesOf(shapesOf(body, "box"), body.colour) };
       });
+      still = meshOf(ground, [150, 158, 166]);
+      still.faces = solids.facesOf(ground, [150, 158, 166]);
       joints = ties.map((tie) => {
         if (tie.kind === "spring" || !radius) return {};
         const isRod = tie.kind === "rod", third = isRod || !tie.axis ? [0, 0, 1] : unit(tie.axis);
@@ -155,7 +158,8 @@ const drawing = (() => {
     const second = cross(up, first);
     const eye = { azimuth: null, elevation: 0.3, nearness: 1 };
     let target, radius, floor, frame;
-    const poseOf = (poses, i) => (i < 0 ? { q: [1, 0, 0, 0], x: [0, 0, 0] } : poses[i]);
+    const SPACE_POSE = { q: [1, 0, 0, 0], x: [0, 0, 0] };
+    const poseOf = (poses, i) => (i < 0 ? SPACE_POSE : poses[i]);
 
     /** Sets a view of all `samples`, lists of poses with one for each body. */
     function show(samples) {
@@ -196,6 +200,8 @@ const drawing = (() => {
         reach(from);
         tie.reach = Math.hypot(...minus(to, from));
       }
+      for (const p of still.triangles.index.length ? solids.boundsOf(still.triangles.points).reduce(
+        (corners, pair) => corners.flatMap((c) => pair.map((x) => [...c, x])), [[]]) : []) reach(p);
       target = times(0.5, add(low, high));
       radius = 0.5 * Math.hypot(...minus(high, low)) || 1;
       floor = dot(up, target) - Math.abs(dot(up, times(0.5, minus(high, low))));
@@ -347,10 +353,12 @@ const drawing = (() => {
       if (dot(up, view.eye) > view.plane[3]) {
         painter.cover(mixed(paper, [0, 0, 0], 0.13), 1, times(1 / dot(sun, up), sun));
         for (const i of seen) if (drawn[i].count < 3e5) placed(drawn[i], poses[i]);
+        placed(still, SPACE_POSE);
         painter.cover([0, 0, 0], 0);
       }
       painter.opacity(1);
       const glass = seen.filter((i) => seeThrough && !bodies[i].inside);
+      placed(still, SPACE_POSE);
       for (const i of seen) if (!glass.includes(i)) placed(drawn[i], poses[i]);
       painter.opacity(1, -1);
       for (const i of glass) placed(drawn[i], poses[i]);
@@ -366,7 +374,7 @@ const drawing = (() => {
           for (const [u, v] of springOf(from, to, view, true)) line(u, v, 2, faint);
         } else if (tie.kind === "rod") {
           placed(joints[i], { q: towards(minus(to, from)), x: times(0.5, add(from, to)) });
-        } else {  // nearer to the eye by a little: it sits in a body
+        } else if (![tie.a, tie.b].some((k) => drawn[k]?.isMesh)) {  // nearer to the eye by a little: it sits in a body
           placed(joints[i], { q: b.q, x: add(b.x, times(0.05 * radius, unit(minus(view.eyeAt, to)))) });
         }
       });
@@ -461,6 +469,7 @@ const drawing = (() => {
       pen.globalAlpha = 1;
       for (const e of SPACE)
         line([0, 0, 0], times(0.4 * radius, e), view, items, style.faint, 1.2);
+      drawBody(still.faces, SPACE_POSE, view, items, false);
       bodies.forEach((body, i) => {
         if (!body.shown) return;
         drawBody(drawn[i].faces, poses[i], view, items, seeThrough && !body.inside);

@@ -133,6 +133,8 @@ class Scene:
         Whether there is gravity, and so a floor.
     remarks : list of str
         What is to be known of the picture.
+    ground : list of Shape
+        What stands in space.
     """
 
     title: str
@@ -143,6 +145,7 @@ class Scene:
     up: Array
     gravity: bool
     remarks: list[str]
+    ground: list[Shape] = field(default_factory=list)
 
 
 def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None) -> Scene:

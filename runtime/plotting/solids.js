@@ -94,6 +94,21 @@ const solids = (() => {
     });
   }
 
+  /** The mesh that base64 of deflated numbers is, as runtime/plotting/meshes.py encodes it. */
+  async function decoded({ data, low, width, vertices: n, triangles: m }) {
+    const packed = Uint8Array.from(atob(data), (c) => c.charCodeAt(0));
+    const plain = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const bytes = new DataView(await new Response(plain).arrayBuffer());
+    const points = new Float32Array(3 * n), index = new Uint32Array(3 * m);
+    for (let k = 0; k < 3; k++) for (let i = 0, x = 0; i < n; i++) {
+      x = (x + bytes.getUint16(2 * (k * n + i), true)) & 65535;
+      points[3 * i + k] = low[k] + width[k] * x / 65535;
+    }
+    for (let i = 0, v = 0; i < 3 * m; i++)
+      index[i] = v = (v + bytes.getUint32(6 * n + 4 * i, true)) >>> 0;
+    return smooth({ points, index });
+  }
+
   /** Normals of a mesh, smooth but at sharp edges: its corners as vertices, each once. */
   function smooth({ points, index }) {
     const count = index.length / 3, normals = new Float32Array(3 * count);
@@ -170,5 +185,6 @@ const solids = (() => {
     return bounds;
   }
 
-  return { add, minus, times, dot, cross, unit, combine, rgb, boundsOf, facesOf, smooth, trianglesOf };
+  return { add, minus, times, dot, cross, unit, combine, rgb, boundsOf, decoded, facesOf,
+    trianglesOf };
 })();

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.html import card, curve, table
 from ..plotting.html_view import View, view
+from ..plotting.meshes import MeshesName
 from ..plotting.picture import BackgroundName, RenderedPicture, draw_picture
 from ..plotting.scene import DrawnName, ShapeName
 from . import trajectory_tables
@@ -112,17 +113,18 @@ class Shown:
         return draw_phase(self._run, coordinates, path)
 
     def view(self, path: str | os.PathLike[str] | None = None, *,
-             shape: DrawnName = "auto") -> View:
+             shape: DrawnName = "auto", meshes: MeshesName = "small") -> View:
         """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
 
-        One HTML file without network: bodies as boxes, or ellipsoids, of their inertia, joints,
-        traces, a slider, and the energy error beside it; see ``runtime.plotting.html_view.view``.
+        One HTML file without network: bodies as discs, bars and boxes of their inertia, or as the
+        meshes of a robot's file, joints, traces, a slider, and the energy error beside it; see
+        ``runtime.plotting.html_view.view``.
 
         Examples
         --------
         >>> run.view("top.html")                                  # doctest: +SKIP
         """
-        return view(self._run, path, shape=shape)
+        return view(self._run, path, shape=shape, meshes=meshes)
 
     def picture(
         self, path: str | os.PathLike[str] | None = None, *, size: tuple[int, int] = (640, 480),

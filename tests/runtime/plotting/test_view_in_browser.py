@@ -57,7 +57,8 @@ def framed(page: str, folder: Path, *flags: str) -> list[dict]:
     host.write_text(f"""<!doctype html><title>none</title>{frames}<pre id="found"></pre><script>
 const found = [];
 addEventListener("message", ({{ data, source }}) => {{
-  found[[...document.querySelectorAll("iframe")].findIndex((f) => f.contentWindow === source)] = data;
+  const frames = [...document.querySelectorAll("iframe")];
+  found[frames.findIndex((frame) => frame.contentWindow === source)] = data;
   document.getElementById("found").textContent = JSON.stringify(found);
 }});</script>""", encoding="utf-8")
     done = subprocess.run(
