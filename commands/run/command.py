@@ -12,6 +12,7 @@ import click
 
 from ...core.arguments import listed
 from ...core.errors import GyrosparkError, StepFailed, Stopped
+from ...core.file_formats import ending_of, endings
 from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
 from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES
@@ -124,7 +125,8 @@ class RunCommand(Grouped):
 @click.option("--picture", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the bodies in space at the time of their largest extent (.png).")
 @click.option("--view", "page", type=click.Path(path_type=Path), metavar="FILE",
-              help="Write a page that moves, of bodies, joints and energy (.html).")
+              help="Write a page that moves, of bodies, joints and energy (.html), or a 3-D model "
+                   "that moves, for Blender and other viewers (.glb).")
 @click.option("--animate", "film", type=click.Path(path_type=Path), metavar="FILE",
               help="Write a film of bodies and energy, six seconds long (.gif; .mp4 with ffmpeg).")
 @json_option
@@ -233,7 +235,8 @@ def run(
                 if target is None:
                     continue
                 try:
-                    getattr(done.trajectory, key)(target)
+                    model = key == "view" and ending_of(target) in endings("model")
+                    getattr(done.trajectory, "export" if model else key)(target)
                     result[key] = str(target)
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error

@@ -97,7 +97,7 @@ def check_targets(
         check_ending("--picture", picture, (".png",))
     if page is not None:
         check_writable("--view", page)
-        check_ending("--view", page, endings("page"))
+        check_ending("--view", page, endings("page", "model"))
     if film is not None:
         check_film(film)
     if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):

@@ -10,6 +10,7 @@
     rasterizer        triangles to pixels, and PNG
     picture           a picture of bodies
     animation         a film
+    gltf              a 3-D model that moves, for other programs
     meshes            meshes of robots within the bytes of a page
     html_view         a page that moves: view.html, view.css, view.js; solids.js has the shapes of
                       bodies, webgl.js draws triangles, scene.js a scene, also without WebGL

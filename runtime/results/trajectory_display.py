@@ -141,6 +141,19 @@ class Shown:
         return draw_picture(self._run, path, size=size, time=time, azimuth=azimuth,
                             elevation=elevation, background=background, traces=traces)
 
+    def export(self, path: str | os.PathLike[str], *, meshes: MeshesName = "full") -> Path:
+        """Write bodies, joints and motion as a 3-D model, .glb; return the path.
+
+        Binary glTF 2.0 for Blender and other viewers; see ``runtime.plotting.gltf``.
+
+        Examples
+        --------
+        >>> run.export("top.glb")                                 # doctest: +SKIP
+        """
+        from ..plotting.gltf import export_gltf
+
+        return export_gltf(self._run, path, meshes=meshes)
+
     def animate(self, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
                 shape: ShapeName = "box") -> Path:
         """Write the run as a film, .gif or .mp4, and return its path; see ``plotting.animation``.
