@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     )
     from .core.event import Event
     from .core.projection import Projection
+    from .core.shapes import Shape
     from .generator.models.robots import load_urdf, read_urdf
     from .generator.multibody import body_symbols as symbols
     from .generator.multibody import example_models as models
@@ -172,6 +173,7 @@ __all__ = [
     "Projection",
     "Recording",
     "Section",
+    "Shape",
     "Simulation",
     "StepFailed",
     "Stepper",
