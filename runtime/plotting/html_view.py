@@ -46,8 +46,8 @@ class View:
         Where it was written.
     """
 
-    def __init__(self, scene: Scene, page: str) -> None:
-        self._scene, self._title, self.page = scene, scene.title, page
+    def __init__(self, title: str, page: str, scene: Scene | None = None) -> None:
+        self._scene, self._title, self.page = scene, title, page
         self.path: Path | None = None
 
     def __repr__(self) -> str:
@@ -74,9 +74,9 @@ class View:
         return (f'<iframe title="{html.escape(self._title)}" style="width:100%;height:{_HEIGHT}px;'
                 f'border:0" sandbox="allow-scripts" srcdoc="{html.escape(self.page)}"></iframe>')
 
-    def _repr_png_(self) -> bytes:
+    def _repr_png_(self) -> bytes | None:
         """Return a picture for programs that show no pages: printed notebooks, lists of pages."""
-        return draw_scene(self._scene)._repr_png_()
+        return None if self._scene is None else draw_scene(self._scene)._repr_png_()
 
 
 def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
@@ -114,7 +114,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     plain = scene_of(trajectory, count)
     scene, found = with_visuals(trajectory, plain, meshes)
-    shown = View(plain, _page(scene, shape, found))
+    shown = View(plain.title, _page(scene, shape, found), plain)
     if target is not None:
         shown.save(target)
     return shown
@@ -175,7 +175,7 @@ def drawing() -> str:
 def compact(script: str) -> str:
     """Return a script without its indentation, empty lines, and lines that are comments."""
     text = re.sub(r"^\s*/\*\*.*?\*/\n", "", script, flags=re.DOTALL | re.MULTILINE)
-    lines = (line.strip() for line in text.splitlines())
+    lines = (re.sub(r"  // .*", "", line).strip() for line in text.splitlines())
     return "".join(f"{line}\n" for line in lines if line and not line.startswith("//"))
 
 
@@ -192,7 +192,8 @@ def _content(
 
     return {
         "meshes": [encoded(mesh) for mesh in meshes.values()], "ground": shapes(scene.ground),
-        "title": scene.title, "shape": shape, "remarks": scene.remarks, "up": scene.up.tolist(),
+        "title": scene.title, "shape": shape, "remarks": scene.remarks,
+        "up": scene.up.tolist(), "gravity": scene.gravity,
         "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
         "energy": _bytes(scene.energy_error),
         "bodies": [{

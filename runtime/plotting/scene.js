@@ -103,10 +103,11 @@ const drawing = (() => {
    * The drawing of `bodies`, each with name, colour, axes, centre, sizes of its inertia, shapes, tip
    * and shown, and of `ties` between them, on a canvas whose view a pointer and keys turn.
    *
-   * `ground` are shapes in space, `meshes` those that shapes name. Returns `show(samples)`, which comes first, `build()` after
+   * Of the options `ground` are shapes in space, `meshes` those that shapes name. Returns `show(samples)`, which comes first, `build()` after
    * a change of shapes, and `draw(...)`; `changed` is called where there is something to draw again.
    */
-  function sceneOn(canvas, bodies, ties, up, changed, { ground = [], meshes = [] } = {}) {
+  function sceneOn(canvas, bodies, ties, up, changed, options = {}) {
+    const { ground = [], hasFloor = true, meshes = [] } = options;
     const pen = canvas.getContext("2d"), below = document.createElement("canvas");
     const painter = webgl.rendererOn(below);
     if (painter) {
@@ -136,7 +137,7 @@ const drawing = (() => {
         const sides = kind === "auto" && body.glass ? shapesOf(body, "box") : [];
         return { mesh, glass: meshOf(sides, body.colour), count: triangles.index.length,
           isMesh: shapes.some((shape) => shape.kind === "mesh"),
-          bounds: solids.boundsOf(triangles.points),
+          ends: solids.extremesOf(triangles.points),
           faces: faces.length ? faces : solids.facesOf(shapesOf(body, "box"), body.colour) };
       });
       still = meshOf(ground, [150, 158, 166]);
@@ -185,9 +186,8 @@ const drawing = (() => {
       };
       const wander = [[Infinity, -Infinity], [Infinity, -Infinity]];
       for (const poses of samples) bodies.forEach((body, i) => {
-        const { bounds } = drawn[i], tip = pointOf(poses[i], body.tip);
-        for (let corner = 0; corner < 8; corner++)
-          reach(pointOf(poses[i], bounds.map((pair, k) => pair[corner >> k & 1])));
+        const tip = pointOf(poses[i], body.tip);
+        for (const end of drawn[i].ends) reach(pointOf(poses[i], end));
         reach(tip);
         [first, second].forEach((e, j) => {
           wander[j][0] = Math.min(wander[j][0], dot(e, tip));
@@ -200,8 +200,7 @@ const drawing = (() => {
         reach(from);
         tie.reach = Math.hypot(...minus(to, from));
       }
-      for (const p of still.triangles.index.length ? solids.boundsOf(still.triangles.points).reduce(
-        (corners, pair) => corners.flatMap((c) => pair.map((x) => [...c, x])), [[]]) : []) reach(p);
+      for (const end of solids.extremesOf(still.triangles.points)) reach(end);
       target = times(0.5, add(low, high));
       radius = 0.5 * Math.hypot(...minus(high, low)) || 1;
       floor = dot(up, target) - Math.abs(dot(up, times(0.5, minus(high, low))));
@@ -288,7 +287,7 @@ const drawing = (() => {
       const base = add(add(times(snapped[0], first), times(snapped[1], second)), times(floor, up));
       const strength = (point) => clamp(
         1.25 - Math.hypot(...minus(point, flatTarget)) / (1.7 * radius), 0, 1);
-      for (let i = -count; i <= count; i++) for (const [e, f] of [[first, second], [second, first]])
+      for (let i = -count; hasFloor && i <= count; i++) for (const [e, f] of [[first, second], [second, first]])
         for (let j = -count; j < count; j += 2) {
           const middle = add(base, times(i * cell, e));
           const [a, b] = [j, j + 2].map((k) => add(middle, times(Math.min(k, count) * cell, f)));
@@ -302,7 +301,7 @@ const drawing = (() => {
       pen.fillStyle = style.faint;
       pen.font = "12px system-ui, sans-serif";
       pen.textAlign = "left";
-      if (bodies.some((body) => body.scaled !== false))
+      if (hasFloor && bodies.some((body) => body.scaled !== false))
         pen.fillText(`floor: ${lengthText(cell)} a line`, 10, height - 10);
       pen.textAlign = "center";
       SPACE.forEach((e, k) => {
@@ -350,7 +349,7 @@ const drawing = (() => {
       const placed = (one, pose) => one.mesh && painter.draw(one.mesh, pose.q, local(pose.x));
       const seen = bodies.map((body, i) => i).filter((i) => bodies[i].shown);
       const sun = unit(add(up, times(0.35, add(first, second))));
-      if (dot(up, view.eye) > view.plane[3]) {
+      if (hasFloor && dot(up, view.eye) > view.plane[3]) {
         painter.cover(mixed(paper, [0, 0, 0], 0.13), 1, times(1 / dot(sun, up), sun));
         for (const i of seen) if (drawn[i].count < 3e5) placed(drawn[i], poses[i]);
         placed(still, SPACE_POSE);

@@ -185,6 +185,21 @@ const solids = (() => {
     return bounds;
   }
 
-  return { add, minus, times, dot, cross, unit, combine, rgb, boundsOf, decoded, facesOf,
-    trianglesOf };
+  /** The points that are furthest in 26 directions. */
+  function extremesOf(points) {
+    const found = new Set();
+    for (let code = 0; points.length && code < 27; code++) {
+      const [x, y, z] = [code % 3 - 1, Math.floor(code / 3) % 3 - 1, Math.floor(code / 9) - 1];
+      let furthest = 0, most = -Infinity;
+      for (let i = 0; i < points.length; i += 3) {
+        const reach = x * points[i] + y * points[i + 1] + z * points[i + 2];
+        if (reach > most) [most, furthest] = [reach, i];
+      }
+      found.add(furthest);
+    }
+    return [...found].map((i) => [points[i], points[i + 1], points[i + 2]]);
+  }
+
+  return { add, minus, times, dot, cross, unit, combine, rgb, boundsOf, decoded, extremesOf,
+    facesOf, trianglesOf };
 })();

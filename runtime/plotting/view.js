@@ -52,7 +52,7 @@
   const chart = byId("energy"), ink = chart.getContext("2d");
   const meshes = [];
   const space = sceneOn(byId("space"), bodies, scene.ties, scene.up, redraw,
-    { ground: scene.ground, meshes });
+    { ground: scene.ground, hasFloor: scene.gravity, meshes });
   space.show(samples);
   if (scene.meshes.length) Promise.all(scene.meshes.map(solids.decoded)).then((found) => {
     meshes.push(...found);
@@ -61,7 +61,7 @@
     redraw();
   });
   byId("glass").checked = bodies.some((body) => body.inside)
-    && !bodies.some((body) => body.shapes.length);
+    && !(scene.shape === "auto" && bodies.some((body) => body.shapes.length));
 
   function drawChart([at, s, next]) {
     const [width, height] = fit(chart, ink), left = 62, right = width - 8, top = 10;

@@ -179,4 +179,4 @@ def playground(
     with tempfile.TemporaryDirectory() as place:
         built = build("web", system, scheme=scheme, out=Path(place) / "page.html", **options)
         page = built.path.read_text(encoding="utf-8")
-    return View(_title(built.stepper.manifest), page, None)
+    return View(_title(built.stepper.manifest), page)
