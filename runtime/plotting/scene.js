@@ -6,6 +6,7 @@ const drawing = (() => {
   const COLOURS = ["#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c9a227",
     "#9d755d", "#7f7f8f", "#e377a2"];
   const TRACE_PARTS = 300;  // segments of a body's trace
+  const MOST_SHADED = 3e5;  // corners of triangles beyond which there are no shadows
   const { add, minus, times, dot, cross, unit, combine, rgb } = solids;
 
   // ------------------------------------------------------------ numbers
@@ -349,9 +350,10 @@ const drawing = (() => {
       const placed = (one, pose) => one.mesh && painter.draw(one.mesh, pose.q, local(pose.x));
       const seen = bodies.map((body, i) => i).filter((i) => bodies[i].shown);
       const sun = unit(add(up, times(0.35, add(first, second))));
-      if (hasFloor && dot(up, view.eye) > view.plane[3]) {
+      const total = drawn.reduce((sum, { count }) => sum + count, 0);
+      if (hasFloor && total < MOST_SHADED && dot(up, view.eye) > view.plane[3]) {
         painter.cover(mixed(paper, [0, 0, 0], 0.13), 1, times(1 / dot(sun, up), sun));
-        for (const i of seen) if (drawn[i].count < 3e5) placed(drawn[i], poses[i]);
+        for (const i of seen) placed(drawn[i], poses[i]);
         placed(still, SPACE_POSE);
         painter.cover([0, 0, 0], 0);
       }
