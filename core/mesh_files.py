@@ -86,8 +86,9 @@ def _obj(content: bytes) -> Array:
                 if min(index) < 0:
                     raise IndexError
                 faces += [(index[0], index[k], index[k + 1]) for k in range(1, len(index) - 1)]
-        return np.array(vertices, dtype=float).reshape(-1, 3)[
-            np.array(faces, dtype=int).reshape(-1, 3)]
+        points = np.array(vertices, dtype=float).reshape(-1, 3)
+        corners: Array = points[np.array(faces, dtype=int).reshape(-1, 3)]
+        return corners
     except (ValueError, IndexError):
         raise InputError("it is no OBJ; correct it.") from None
 
