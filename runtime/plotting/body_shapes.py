@@ -43,11 +43,14 @@ _THICK = (0.14, 0.35)
 
 @dataclass(frozen=True)
 class Held:
-    """A place in body axes where a joint holds a body, and the axis of a hinge or slide."""
+    """A place in body axes where a joint holds a body, and the axis of a hinge or slide.
+
+    ``outer`` says that the other body is the ground or a larger one.
+    """
 
     at: Array
     axis: Array | None
-    ground: bool
+    outer: bool
     slides: bool
 
 
@@ -98,7 +101,7 @@ def _own_shapes(part: ScenePart, held: list[Held], thick: float, reach: float, *
     hinges = [h.axis for h in held if h.axis is not None and not h.slides]
     ordered = np.sort(half)
     slim = ordered[1] < (_SLIM if held else 0.08) * ordered[2]
-    if inside and not slim and any(
+    if inside and not slim and any(h.outer for h in held) and any(
             np.linalg.norm(np.cross(a, b)) > 0.5 for a in hinges for b in hinges):
         return list(_ring(part, hinges, thick))
     points = np.array([h.at for h in held]).reshape(-1, 3)

@@ -27,7 +27,7 @@ from .rasterizer import (
     rasterize,
     render,
 )
-from .scene import Scene, ScenePart, Tie, scene_of
+from .scene import Scene, ScenePart, Tie, is_held, scene_of
 from .solids import COLOURS, Mesh, colour_of, mesh_of, tube
 
 if TYPE_CHECKING:
@@ -384,8 +384,8 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
 
 def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
     """Yield bodies that the ground holds at a point, the point, and the axis of a hinge."""
-    for part in scene.parts:
-        if part.held:
+    for i, part in enumerate(scene.parts):
+        if is_held(scene.parts, scene.ties, i):
             yield part, part.x[0], None
     for tie in scene.ties:
         if min(tie.a, tie.b) < 0 and tie.kind in ("ball", "hinge") and not tie.slides:

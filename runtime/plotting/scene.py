@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
 __all__ = ["DRAWN", "SHAPES", "DrawnName", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies",
-           "drawn_joints", "scene_of"]
+           "drawn_joints", "is_held", "scene_of"]
 
 Array = NDArray[np.float64]
 ShapeName = Literal["box", "ellipsoid"]
@@ -87,11 +87,6 @@ class ScenePart:
     plate: tuple[float, Array] | None = None
     shapes: list[Shape] = field(default_factory=list)
     glass: bool = False
-
-    @property
-    def held(self) -> bool:
-        """Whether its origin, which is not its centre of mass, is fixed in space."""
-        return bool(self.centre.any()) and not np.ptp(self.x, axis=0).any()
 
     def at(self, points: Array) -> Array:
         """Return where points of the body are, shape (frames, number of points, 3)."""
@@ -169,7 +164,8 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
              _placed_part(trajectory, name, some) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
     up, ties = _up(trajectory), _ties(trajectory, parts)
-    drawn = _with_shapes(parts, ties, points_of(trajectory.manifest))
+    drawn = _with_shapes(parts, ties, points_of(trajectory.manifest),
+                         _rolling(trajectory.manifest))
     return Scene(
         f"{trajectory.manifest['system']['name']}, {trajectory.manifest['scheme']['method']}",
         t[some].astype(float), error[some].astype(float), drawn, ties,
@@ -261,8 +257,8 @@ def drawn_joints(manifest: Mapping[str, Any]) -> dict[str, tuple[str, JointAt]]:
     for name, joint in joints_of(manifest).items():
         if joint.pulls and all(pull.kind == "axial" for pull in joint.pulls):
             continue  # a drive, at the place of its joint
-        if not (joint.on_a or joint.on_b or joint.constraints):
-            continue  # a motor, a joint's spring: at the place of its joint
+        if not (joint.on_a or joint.on_b or joint.axis_b):
+            continue  # a motor or a spring of a joint, a body that rolls
         if not joint.on_b:  # an axis alone: where b is held, or where its origin is
             if not joint.b:
                 continue
@@ -300,7 +296,14 @@ def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None
     return w[:3] @ axes if known and size > 1e-9 * float(np.abs(V).max() + size) else None
 
 
-def _with_shapes(parts: list[ScenePart], ties: list[Tie], points: Array) -> list[ScenePart]:
+def _rolling(manifest: Mapping[str, Any]) -> set[str]:
+    """Return the bodies that roll: a constraint of theirs has neither a place nor an axis."""
+    return {body for joint in joints_of(manifest).values() for body in (joint.a, joint.b)
+            if joint.constraints and not (joint.on_a or joint.on_b or joint.axis_b)}
+
+
+def _with_shapes(parts: list[ScenePart], ties: list[Tie], points: Array,
+                 rolling: set[str]) -> list[ScenePart]:
     """Return the parts with the shapes that they are drawn with."""
     if len(points) > 1:
         atoms = balls(points) if len(parts) <= _MOLECULES else []
@@ -309,25 +312,34 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], points: Array) -> list
     reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
                 + [2 * float(part.sizes["box"].max()) for part in parts]
                 + [2 * float(np.linalg.norm(part.centre - r)) for part, r in _points(parts, ties)])
-    found = []
+    found, sizes = [], [float(part.sizes["box"].max()) for part in parts]
     for i, part in enumerate(parts):
-        held = [Held(r, turned, ground=other < 0, slides=tie.slides)
+        held = [Held(r, turned, outer=other < 0 or sizes[other] > sizes[i], slides=tie.slides)
                 for tie in ties if tie.kind in ("ball", "hinge")
                 for own, other, r in ((tie.a, tie.b, tie.on_a), (tie.b, tie.a, tie.on_b))
                 if own == i for turned in (_axis_in(parts, tie, i),)]
-        if part.held:
-            held.append(Held(np.zeros(3), None, ground=True, slides=False))
+        if is_held(parts, ties, i):
+            held.append(Held(np.zeros(3), None, outer=True, slides=False))
         R = rotation_matrix(part.q[:1])[0]
         local = (centres - centres[i]) @ R @ part.axes
         half = part.sizes["box"]
-        inside = any(j != i and (np.abs(local[j]) < half).all()
+        inside = part.name not in rolling and any(j != i and (np.abs(local[j]) < half).all()
                      and other.sizes["box"].max() < half.max() for j, other in enumerate(parts))
         loose = [r for tie in ties if tie.kind == "rod"
                  for own, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if own == i]
         shapes = shapes_of(part, held, reach, inside=inside, loose=loose)
+        if part.name in rolling and {shape.kind for shape in shapes} == {"box"}:
+            shapes = [Shape("sphere", part.sizes["ellipsoid"], part.centre, part.axes)]
         frame = inside and len(shapes) == 12
         found.append(replace(part, shapes=shapes, glass=frame))
     return found
+
+
+def is_held(parts: list[ScenePart], ties: list[Tie], i: int) -> bool:
+    """Return whether the ground holds a point of a body, its origin, without a joint there."""
+    part = parts[i]
+    return bool(part.centre.any()) and not np.ptp(part.x, axis=0).any() and all(
+        r.any() for tie in ties for k, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if k == i)
 
 
 def _axis_in(parts: list[ScenePart], tie: Tie, i: int) -> Array | None:
