@@ -19,7 +19,6 @@ from ...core.file_formats import format_of, result_file
 from ...core.shapes import Shape
 from ...core.warnings import warn
 from .meshes import MESHES, IndexedMesh, MeshesName, encoded, read_meshes
-from .picture import draw_scene
 from .scene import DRAWN, DrawnName, Scene, scene_of
 
 if TYPE_CHECKING:
@@ -46,8 +45,9 @@ class View:
         Where it was written.
     """
 
-    def __init__(self, title: str, page: str, scene: Scene | None = None) -> None:
-        self._scene, self._title, self.page = scene, title, page
+    def __init__(self, title: str, page: str, scene: Scene | None = None,
+                 meshes: Mapping[str, IndexedMesh] | None = None) -> None:
+        self._scene, self._meshes, self._title, self.page = scene, meshes or {}, title, page
         self.path: Path | None = None
 
     def __repr__(self) -> str:
@@ -76,7 +76,9 @@ class View:
 
     def _repr_png_(self) -> bytes | None:
         """Return a picture for programs that show no pages: printed notebooks, lists of pages."""
-        return None if self._scene is None else draw_scene(self._scene)._repr_png_()
+        from .picture import draw_scene  # which imports this module
+
+        return None if self._scene is None else draw_scene(self._scene, self._meshes)._repr_png_()
 
 
 def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
@@ -114,7 +116,7 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
     plain = scene_of(trajectory, count)
     scene, found = with_visuals(trajectory, plain, meshes)
-    shown = View(plain.title, _page(scene, shape, found), plain)
+    shown = View(plain.title, _page(scene, shape, found), scene, found)
     if target is not None:
         shown.save(target)
     return shown

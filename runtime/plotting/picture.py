@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,8 @@ from ...core.inertia import real_array
 from ...core.shapes import Shape, axes_about
 from ..rigid_body.quaternion import rotation_matrix
 from .body_shapes import DARK, METAL, STAND
+from .html_view import with_visuals
+from .meshes import IndexedMesh
 from .rasterizer import (
     BACKGROUNDS,
     BackgroundName,
@@ -28,7 +30,7 @@ from .rasterizer import (
     render,
 )
 from .scene import Scene, ScenePart, Tie, is_held, scene_of
-from .solids import COLOURS, Mesh, colour_of, mesh_of, tube
+from .solids import COLOURS, Mesh, colour_of, mesh_of, mesh_of_file, tube
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -160,7 +162,8 @@ def draw_picture(
         nearest = int(np.argmin(np.abs(t - wanted)))
         scene = scene_of(trajectory, count, include=nearest)
         frame = int(np.argmin(np.abs(scene.t - t[nearest])))
-    made = draw_scene(scene, size=size, frame=frame, azimuth=azimuth, elevation=elevation,
+    dressed, meshes = with_visuals(trajectory, scene, "small")
+    made = draw_scene(dressed, meshes, size=size, frame=frame, azimuth=azimuth, elevation=elevation,
                       background=background, traces=traces)
     if target is not None:
         made.save(target)
@@ -168,11 +171,12 @@ def draw_picture(
 
 
 def draw_scene(
-    scene: Scene, *, size: tuple[int, int] = (640, 480), frame: int | None = None,
+    scene: Scene, files: Mapping[str, IndexedMesh] | None = None, *,
+    size: tuple[int, int] = (640, 480), frame: int | None = None,
     azimuth: float | None = None, elevation: float | None = None,
     background: BackgroundName = "light", traces: bool = True,
 ) -> RenderedPicture:
-    """Return a picture of a frame of a scene; arguments as for ``draw_picture``."""
+    """Return a picture of a frame of a scene, its meshes by their files; see ``draw_picture``."""
     width, height = _size(size)
     shown_frame = _widest(scene) if frame is None else frame
     points = _paths(scene)
@@ -181,7 +185,7 @@ def draw_scene(
         facing = np.radians(_number("azimuth", azimuth, -1e9, 1e9, "an angle in degrees"))
     if elevation is not None:
         tilt = np.radians(_number("elevation", elevation, -90, 90, "degrees from -90 to 90"))
-    meshes = list(_meshes(scene, shown_frame))
+    meshes = list(_meshes(scene, shown_frame, files or {}))
     solid = _triangles(meshes)
     if facing is None:
         facing = _best_azimuth(solid.corners, scene.up, tilt)
@@ -325,22 +329,33 @@ def _own_colour(i: int) -> str:
     return COLOURS[i % len(COLOURS)]
 
 
-def _meshes(scene: Scene, frame: int) -> Iterator[tuple[Mesh, Array, float]]:
+def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
+            ) -> Iterator[tuple[Mesh, Array, float]]:
     """Yield what is drawn in space: triangles, colour and alpha."""
+    for shape in scene.ground:
+        mesh = mesh_of_file(shape, files[shape.file]) if shape.file else mesh_of(shape)
+        yield replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND), 1.0
     coarse = sum(len(part.shapes) for part in scene.parts) > _COARSE
     for i, part in enumerate(scene.parts):
         R, x = rotation_matrix(part.q[frame]), part.x[frame]
         shapes = part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]
         glass = [Shape("box", 0.96 * part.sizes["box"], part.centre, part.axes)] * part.glass
         for shape, alpha in [(one, 1.0) for one in shapes] + [(one, _GLASS) for one in glass]:
-            mesh = mesh_of(shape, coarse=coarse)
+            mesh = (mesh_of_file(shape, files[shape.file]) if shape.file else
+                    mesh_of(shape, coarse=coarse))
             light = 0 * mesh.light if shape.colour else mesh.light
             yield (Mesh(x + mesh.points @ R.T, mesh.normals @ R.T, mesh.faces, light),
                    colour_of(shape.colour or _own_colour(i)), alpha)
     reach = _reach(scene, frame)
     for tie in scene.ties:
+        if any(i >= 0 and _has_mesh(scene.parts[i]) for i in (tie.a, tie.b)):
+            continue  # its joints are in the mesh
         for mesh, colour in _tie_meshes(scene, tie, frame, reach):
             yield replace(mesh, light=0 * mesh.light), colour_of(colour), 1.0
+
+
+def _has_mesh(part: ScenePart) -> bool:
+    return any(shape.file for shape in part.shapes)
 
 
 def _reach(scene: Scene, frame: int) -> float:
@@ -355,6 +370,8 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
     up, metal = scene.up, colour_of(STAND)
     r = _JOINT * _reach(scene, frame)
     for part, pivot, axis in _pivots(scene):
+        if _has_mesh(part):
+            continue
         below = float(np.max(part.at(part.centre)[:, 0] @ up)) < pivot @ up
         R = rotation_matrix(part.q[frame])
         lowest = min(float((mesh_of(shape).points @ R.T @ up).min()) for shape in part.shapes)

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.shapes import Shape, axes_about
+from .meshes import IndexedMesh
 
-__all__ = ["COLOURS", "Mesh", "colour_of", "joined", "mesh_of", "tube"]
+__all__ = ["COLOURS", "Mesh", "colour_of", "joined", "mesh_of", "mesh_of_file", "tube"]
 
 Array = NDArray[np.float64]
 Profile = list[tuple[float, float]]
@@ -25,6 +26,8 @@ COLOURS = ("#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c
 _AROUND = 48
 #: Neighbouring segments of a profile that meet at less than this angle form one smooth surface.
 _SMOOTH = np.cos(np.radians(40))
+#: Cosine of the angle between the normals of a face and of a vertex, beyond which an edge is sharp.
+_CREASE = 0.8
 #: Bevel of a box, in parts of its shortest and of its longest half edge.
 _BEVEL = (0.3, 0.05)
 #: Half the height of a disc, in parts of its radius, below which it is a wheel.
@@ -68,6 +71,23 @@ def mesh_of(shape: Shape, *, coarse: bool = False) -> Mesh:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return replace(unit, points=shape.centre + unit.points * scale @ shape.axes.T,
                    normals=normals / np.where(length, length, 1.0))
+
+
+def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
+    """Return the triangles of a mesh in body axes, with edges sharper than 37° left sharp."""
+    points = shape.centre + (mesh.points * shape.size) @ shape.axes.T
+    corners = points[mesh.triangles]
+    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(crossed, axis=1, keepdims=True)
+    flat = crossed / np.where(length, length, 1.0)
+    total = np.stack([np.bincount(mesh.triangles.ravel(), np.repeat(column, 3), len(points))
+                      for column in crossed.T], axis=1)
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    smooth = (total / np.where(size, size, 1.0))[mesh.triangles]
+    sharp = (smooth * flat[:, None]).sum(axis=2, keepdims=True) < _CREASE
+    normals = np.where(sharp, flat[:, None], smooth)
+    return Mesh(corners.reshape(-1, 3), normals.reshape(-1, 3),
+                np.arange(3 * len(corners)).reshape(-1, 3), np.zeros(len(corners)))
 
 
 def _column(radii: Array, heights: Array) -> Profile:

@@ -28,7 +28,7 @@ def top(gl3):
 
 def built(build, steps=3, **options):
     model = build.model()
-    return gs.stepper("IMS", system=model.system).integrate(
+    return gs.stepper("IMS", system=model).integrate(
         model.q0, model.p0, dt=1e-3, steps=steps, parameters=dict(model.parameters), **options)
 
 
@@ -261,3 +261,20 @@ def test_molecules_are_balls_at_the_points_of_their_potential():
         radii = sorted(float(shape.size[0]) for shape in part.shapes)
         assert radii[0] == radii[1] < radii[2]
         assert 2 * radii[0] > 0.4  # neighbours touch
+
+
+def test_meshes_of_files_are_drawn(tmp_path):
+    """A cube of a file, and the same as a box: the same pixels but for bevelled edges."""
+    corners = [f"v {x} {y} {z}" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    (tmp_path / "cube.obj").write_text("\n".join([*corners, *(f"f {face}" for face in faces)]))
+    size, pictures = np.array([0.3, 0.2, 0.1]), []
+    for shape in (Shape("mesh", size, file=str(tmp_path / "cube.obj")), Shape("box", size)):
+        build = gs.Multibody("lump", gravity=(0, 0, -9.81))
+        lump = build.body("lump", mass=1, inertia=(1, 2, 2.5), velocity=(0.1, 0, 0))
+        build.visual(lump, shape)
+        pictures.append(built(build).picture(traces=False, **SMALL).pixels.astype(int))
+    differ = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
+    assert 0 < differ.sum() < 0.05 * differ.size
+    blue = np.abs(pictures[0] - colour_of("#4c78a8") * 255).max(axis=2) < 60
+    assert blue.sum() > 1000
