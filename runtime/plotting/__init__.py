@@ -13,5 +13,6 @@
     gltf              a 3-D model that moves, for other programs
     meshes            meshes of robots within the bytes of a page
     html_view         a page that moves: view.html, view.css, view.js; solids.js has the shapes of
-                      bodies, webgl.js draws triangles, scene.js a scene, also without WebGL
+                      bodies, webgl.js draws triangles, scene.js a scene, also without WebGL,
+                      mesh_data.js reads meshes
 """

@@ -154,7 +154,7 @@ class _Document:
                 continue
             if tie.kind == "ball":
                 yield Shape("sphere", np.full(3, _BALL * self.reach), tie.on_b, colour=METAL)
-            elif tie.kind == "hinge" and tie.axis is not None:
+            elif tie.kind == "hinge" and tie.axis is not None and not tie.slides:
                 r = _PIN * self.reach
                 yield Shape("bar", np.array([r, r, _LENGTH * self.reach]), tie.on_b,
                             axes_about(tie.axis), METAL)

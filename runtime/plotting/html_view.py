@@ -157,7 +157,8 @@ def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> 
     """Return the document: styles, script and scene in one."""
     content = json.dumps(_content(scene, shape, meshes), allow_nan=False).replace("<", "\\u003c")
     page = page_file("view.html")
-    for name, text in (("STYLE", page_file("view.css")), ("DRAWING", compact(drawing())),
+    for name, text in (("STYLE", page_file("view.css")),
+                       ("DRAWING", compact(drawing() + page_file("mesh_data.js"))),
                        ("SCRIPT", compact(page_file("view.js"))),
                        ("TITLE", html.escape(scene.title)), ("SCENE", content)):  # the longest last
         page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
@@ -206,7 +207,8 @@ def _content(
             "scaled": part.to_scale, "shapes": shapes(part.shapes), "glass": part.glass,
         } for part in scene.parts],
         "ties": [{
-            "name": tie.name, "kind": tie.kind, "a": tie.a, "b": tie.b, "onA": tie.on_a.tolist(),
+            "name": tie.name, "kind": tie.kind, "slides": tie.slides, "a": tie.a, "b": tie.b,
+            "onA": tie.on_a.tolist(),
             "onB": tie.on_b.tolist(), "axis": None if tie.axis is None else tie.axis.tolist(),
         } for tie in scene.ties],
     }

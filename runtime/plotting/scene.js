@@ -120,6 +120,7 @@ const drawing = (() => {
     // ---------------------------------------------------------- solids
 
     const SPACE = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], INK = [88, 98, 110];
+    const RAIL = [154, 161, 172];
     let built = null, drawn = [], joints = [], still = {};
 
     const meshOf = (shapes, own) => {
@@ -147,6 +148,7 @@ const drawing = (() => {
         if (tie.kind === "spring" || !radius) return {};
         const isRod = tie.kind === "rod", third = isRod || !tie.axis ? [0, 0, 1] : unit(tie.axis);
         const first = unit(cross(Math.abs(third[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], third));
+        if (tie.slides && tie.rail) return meshOf([tie.rail(0.011 * radius)], RAIL);
         const r = (tie.kind === "ball" ? 0.032 : isRod ? 0.011 : 0.022) * radius;
         const half = tie.kind === "ball" ? 0 : isRod ? tie.reach / 2 : 0.08 * radius;
         return meshOf([{ kind: "bar", size: [r, r, half], centre: isRod ? [0, 0, 0] : tie.onB,
@@ -162,6 +164,21 @@ const drawing = (() => {
     let target, radius, floor, frame;
     const SPACE_POSE = { q: [1, 0, 0, 0], x: [0, 0, 0] };
     const poseOf = (poses, i) => (i < 0 ? SPACE_POSE : poses[i]);
+
+    /** The bar in body a along which the centre of b slides: a function of its radius. */
+    function railOf(tie, samples) {
+      const travels = samples.map((poses) => {
+        const [a, b] = [poseOf(poses, tie.a), poseOf(poses, tie.b)];
+        const way = minus(pointOf(b, bodies[tie.b]?.centre ?? tie.onB), pointOf(a, tie.onA));
+        return dot(turn(b.q, tie.axis), way);
+      });
+      const [[w, x, y, z], b] = [poseOf(samples[0], tie.a).q, poseOf(samples[0], tie.b)];
+      const along = unit(turn([w, -x, -y, -z], turn(b.q, tie.axis)));
+      const [low, high] = [Math.min(...travels), Math.max(...travels)];
+      const first = unit(cross(Math.abs(along[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], along));
+      return (r) => ({ kind: "bar", size: [r, r, (high - low) / 2 + 12 * r], axes: [first,
+        cross(along, first), along], centre: add(tie.onA, times((low + high) / 2, along)) });
+    }
 
     /** Sets a view of all `samples`, lists of poses with one for each body. */
     function show(samples) {
@@ -200,6 +217,7 @@ const drawing = (() => {
           pointOf(poseOf(samples[0], tie.b), tie.onB)];
         reach(from);
         tie.reach = Math.hypot(...minus(to, from));
+        if (tie.slides && tie.axis) tie.rail = railOf(tie, samples);
       }
       for (const end of solids.extremesOf(still.triangles.points)) reach(end);
       target = times(0.5, add(low, high));
@@ -375,6 +393,8 @@ const drawing = (() => {
           for (const [u, v] of springOf(from, to, view, true)) line(u, v, 2, faint);
         } else if (tie.kind === "rod") {
           placed(joints[i], { q: towards(minus(to, from)), x: times(0.5, add(from, to)) });
+        } else if (tie.slides) {
+          placed(joints[i], a);
         } else if (![tie.a, tie.b].some((k) => drawn[k]?.isMesh)) {  // nearer to the eye by a little: it sits in a body
           placed(joints[i], { q: b.q, x: add(b.x, times(0.05 * radius, unit(minus(view.eyeAt, to)))) });
         }
@@ -446,7 +466,7 @@ const drawing = (() => {
       if (tie.kind === "spring")
         for (const [u, v] of springOf(from, to, view, false))
           line(u, v, view, items, style.faint, 1.5);
-      if (tie.kind === "hinge") {
+      if (tie.kind === "hinge" && tie.axis) {
         const axis = times(0.13 * radius, turn(b.q, tie.axis));
         line(minus(to, axis), add(to, axis), view, items, style.ink, 2.5);
       }

@@ -54,7 +54,7 @@
   const space = sceneOn(byId("space"), bodies, scene.ties, scene.up, redraw,
     { ground: scene.ground, hasFloor: scene.gravity, meshes });
   space.show(samples);
-  if (scene.meshes.length) Promise.all(scene.meshes.map(solids.decoded)).then((found) => {
+  if (scene.meshes.length) Promise.all(scene.meshes.map(meshData.decoded)).then((found) => {
     meshes.push(...found);
     space.build();
     space.show(samples);

@@ -89,7 +89,7 @@ def test_files_that_are_too_large_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "a.stl"
     path.write_bytes(binary(TRIANGLES))
     monkeypatch.setattr(mesh_files, "MAX_TRIANGLES", 3)
-    with pytest.raises(gs.InputError, match="4 triangles .* 3 "):
+    with pytest.raises(gs.InputError, match=r"4 triangles .* 3 "):
         read_triangles(path)
     monkeypatch.setattr(mesh_files, "MAX_BYTES", 100)
     with pytest.raises(gs.InputError, match="MiB"):

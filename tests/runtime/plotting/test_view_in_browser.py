@@ -61,26 +61,51 @@ addEventListener("message", ({{ data, source }}) => {{
   found[frames.findIndex((frame) => frame.contentWindow === source)] = data;
   document.getElementById("found").textContent = JSON.stringify(found);
 }});</script>""", encoding="utf-8")
-    done = subprocess.run(
-        [CHROMIUM, "--headless=new", "--no-sandbox", "--window-size=1400,2200", *flags,
-         "--virtual-time-budget=10000", "--dump-dom", host.as_uri()],
-        check=True, capture_output=True, text=True, timeout=200)
-    found = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', done.stdout)[1]))
-    assert len(found) == len(SIZES)
-    return found
+    for budget in (5_000, 20_000, 80_000):  # decompression takes real time, which is not counted
+        done = subprocess.run(
+            [CHROMIUM, "--headless=new", "--no-sandbox", "--window-size=1400,2200", *flags,
+             f"--virtual-time-budget={budget}", "--dump-dom", host.as_uri()],
+            check=True, capture_output=True, text=True, timeout=200)
+        text = re.search(r'<pre id="found">(.*?)</pre>', done.stdout)[1]
+        found = json.loads(html.unescape(text) or "[]")
+        if len(found) == len(SIZES) and all(one and not 0 <= one["seen"] <= 500 for one in found):
+            return found
+    raise AssertionError(f"reported: {found}")
 
 
 @pytest.fixture(scope="module")
-def page():
+def run():
     model = gs.models.double_top()
     step = gs.stepper("G-L", 3, system=model.system)
-    run = step.integrate(model.q0, model.p0, dt=model.dt, steps=40, parameters=model.parameters)
+    return step.integrate(model.q0, model.p0, dt=model.dt, steps=40, parameters=model.parameters)
+
+
+@pytest.fixture(scope="module")
+def page(run):
     return run.view().page
 
 
-@pytest.mark.parametrize("name", ["view", "heavy_top", "double_pendulum"])
-def test_a_page_is_as_high_as_its_frame_and_drawn_by_webgl(page, name, tmp_path):
-    if name != "view":
+def of_meshes(run, folder: Path) -> str:
+    """Return a page whose bodies are octahedra in a file."""
+    corners = [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    faces = [(k % 4 + 1, (k + 1) % 4 + 1, 5) for k in range(4)] + [
+        ((k + 1) % 4 + 1, k % 4 + 1, 6) for k in range(4)]
+    path = folder / "eight.obj"
+    path.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+                    + "".join(f"f {a} {b} {c}\n" for a, b, c in faces), encoding="utf-8")
+    run._stepper.visuals = {name: [gs.Shape("mesh", (0.2, 0.2, 0.3), file=str(path))]
+                            for name in run.bodies}
+    found = run.view().page
+    run._stepper.visuals = {}
+    return found
+
+
+@pytest.mark.parametrize("name", ["view", "meshes", "heavy_top", "double_pendulum"])
+def test_a_page_is_as_high_as_its_frame_and_drawn_by_webgl(run, page, name, tmp_path):
+    if name == "meshes":
+        page = of_meshes(run, tmp_path)
+        assert '"triangles": 8' in page
+    elif name != "view":
         page = (ROOT / "docs" / "_static" / f"{name}.html").read_text(encoding="utf-8")
     for found in framed(page, tmp_path, "--enable-unsafe-swiftshader"):
         assert found["errors"] == []
