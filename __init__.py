@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     )
     from .core.event import Event
     from .core.projection import Projection
+    from .core.shapes import Shape
     from .generator.models.robots import load_urdf, read_urdf
     from .generator.multibody import body_symbols as symbols
     from .generator.multibody import example_models as models
@@ -106,6 +107,7 @@ _HOMES = {
     "DeviceEnsemble": "runtime.devices.ensemble",
     "Ensemble": "runtime.steppers.ensemble",
     "Event": "core.event",
+    "Shape": "core.shapes",
     "FrameChoice": "runtime.tuning.frame_search",
     "choose_frame": "runtime.tuning.frame_choice",
     "GammaChoice": "runtime.tuning.gamma_choice",
@@ -171,6 +173,7 @@ __all__ = [
     "Projection",
     "Recording",
     "Section",
+    "Shape",
     "Simulation",
     "StepFailed",
     "Stepper",

@@ -17,6 +17,7 @@ from ._version import __version__
 from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
 from .core.inertia import RepName
+from .core.mesh_files import located
 from .core.progress import log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
@@ -112,6 +113,7 @@ def stepper(
     """
     if frame is None:
         frame = getattr(system, "frame", None) or None  # of a Model
+    visuals = getattr(system, "visuals", {})
     system = getattr(system, "system", system)
     as_flag("allow_invalid", allow_invalid)
     if isinstance(system, Path):
@@ -129,7 +131,10 @@ def stepper(
     spec = spec.with_frame(frame).with_energy(energy)
     if named is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
-    return stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)
+    made = stepper_of(spec, None if named is not None else system, own_tableau, allow_invalid)
+    if visuals:
+        made.visuals = visuals
+    return made
 
 
 def stepper_of(
@@ -331,8 +336,12 @@ def model_stepper(
     loops = [model_text(settings["loops"])] if beside else []
 
     def found(changes: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
-        return _cached_model(("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
-                             partial(_model_of_file, spec, text, dict(changes)), allow_invalid)
+        made, start = _cached_model(
+            ("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
+            partial(_model_of_file, spec, text, dict(changes)), allow_invalid)
+        made.visuals = {name: [located(shape, spec.model or "") for shape in shapes]
+                        for name, shapes in start.visuals.items()}  # cached without its folder
+        return made, start
 
     numbers = {key: number for key, value in settings.items()
                if (number := _plain_number(value)) is not None}

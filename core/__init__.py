@@ -6,6 +6,7 @@
     real_types     floating-point types: float, double, long double, float128
     units          SI units by name
     inertia        moments of inertia, attitude and angles of a rigid body, checked
+    mesh_files     triangles of STL and OBJ files
     shapes         boxes, spheres, discs, bars and meshes that bodies are drawn with
     event          an event: a quantity of a run crosses a level
     registry       named systems, problems and models

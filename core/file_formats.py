@@ -23,7 +23,7 @@ __all__ = ["FORMATS", "FileFormat", "Kind", "ending_of", "endings", "format_of",
 
 _PACKAGE = __name__.partition(".")[0]
 
-Kind = Literal["states", "store", "picture", "film", "page"]
+Kind = Literal["states", "store", "picture", "film", "page", "model"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class FileFormat:
     Attributes
     ----------
     ending : str
-    kind : {"states", "store", "picture", "film", "page"}
+    kind : {"states", "store", "picture", "film", "page", "model"}
     name : str
         As messages name it.
     writers : dict of str to str
@@ -89,6 +89,7 @@ FORMATS = (
     *(FileFormat(ending, "picture") for ending in (".png", ".svg", ".pdf")),
     *(FileFormat(ending, "film") for ending in (".gif", ".mp4")),
     *(FileFormat(ending, "page") for ending in (".html", ".htm")),
+    FileFormat(".glb", "model"),
 )
 
 

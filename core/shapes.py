@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -48,8 +47,8 @@ class Shape:
         Columns: its axes in body axes, orthonormal.
     colour : str
         "#rrggbb"; "" for the colour of the body.
-    file : path or None
-        The file of a mesh.
+    file : str
+        The file of a mesh, STL or OBJ; "" for the others.
 
     Raises
     ------
@@ -63,7 +62,7 @@ class Shape:
     centre: Array = field(default_factory=_zeros)
     axes: Array = field(default_factory=_identity)
     colour: str = ""
-    file: Path | None = None
+    file: str = ""
 
     def __post_init__(self) -> None:
         choose("kind of a shape", self.kind, KINDS)
@@ -78,9 +77,9 @@ class Shape:
         if not isinstance(self.colour, str) or (self.colour and not _COLOUR.fullmatch(self.colour)):
             raise InputError(f"The colour of a {self.kind} is {shown(self.colour)}; write it as "
                              "'#4c78a8'.")
-        if (self.kind == "mesh") != isinstance(self.file, Path):
-            raise InputError(f"A {self.kind} has file = {shown(self.file)}; a mesh has a path, and "
-                             "nothing else has.")
+        if not isinstance(self.file, str) or (self.kind == "mesh") != bool(self.file):
+            raise InputError(f"A {self.kind} has file = {shown(self.file)}; a mesh has the name of "
+                             "one, and nothing else has.")
 
     def _array(self, name: str, given: Any, shape: tuple[int, ...]) -> Array:
         found = real_array(given)
@@ -88,6 +87,11 @@ class Shape:
             raise InputError(f"The {name} of a {self.kind} is {shown(given)}; give "
                              f"{'×'.join(map(str, shape))} finite numbers.")
         return found.astype(float)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the arguments that the shape was made of, as JSON can hold them."""
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value
+                for name, value in self.__dict__.items()}
 
     @staticmethod
     def bar(start: Any, end: Any, radius: float, colour: str = "") -> Shape:

@@ -3,7 +3,7 @@
     {{ name }}     on a page is replaced by a table of ``site_tables``
     docstrings     of public names, and commands, end with a list of their users
     g_q, e^{hA}    in running text get subscripts and superscripts
-    gallery        its list of pages shows the first picture of each
+    gallery        its list of pages shows the first picture of bodies, or of curves, of each
     pictures       without an alternative text are a warning, hence an error
     progress       a line for each page that is read, its cells with it
 """
@@ -158,7 +158,8 @@ def show_first_pictures(app: Sphinx, tree: nodes.document, name: str) -> None:
         grid = nodes.container(classes=["gallery"])
         for _, page in pages["entries"]:
             link = nodes.reference(refuri=app.builder.get_relative_uri(name, page), internal=True)
-            first = next(iter(app.env.get_doctree(page).findall(nodes.image)), None)
+            images = list(app.env.get_doctree(page).findall(nodes.image))
+            first = next(filter(_shows_bodies, images), images[0] if images else None)
             if first is not None:
                 link += nodes.image(uri=first["uri"], candidates=first["candidates"], alt="",
                                     classes=["thumbnail"])
@@ -167,6 +168,14 @@ def show_first_pictures(app: Sphinx, tree: nodes.document, name: str) -> None:
         heading = nodes.paragraph("", "", nodes.strong("", pages["caption"]))
         pages.parent.insert(pages.parent.index(pages), [heading, grid])
         pages["hidden"] = True
+
+
+def _shows_bodies(image: nodes.image) -> bool:
+    """Return whether a picture is the output of ``run.picture`` or of ``run.view``."""
+    bundle = image.parent.parent if image.parent is not None else None
+    return bundle is not None and bundle.get("nb_element") == "mime_bundle" and any(
+        other.get("mime_type") == "text/html" or other.astext().startswith("<picture of")
+        for other in bundle.children)
 
 
 def mend_pages(app: Sphinx, error: Exception | None) -> None:

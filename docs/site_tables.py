@@ -30,9 +30,9 @@ API = {
         "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
         "MissingDependencyError"],
     "systems": [
-        "System", "from_mechanics", "Model", "Multibody", "body_system", "molecules", "symbols",
-        "load_model", "load_urdf", "read_urdf", "models", "problems", "references", "exact",
-        "tableau", "consistent", "Projection"],
+        "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system", "molecules",
+        "symbols", "load_model", "load_urdf", "read_urdf", "models", "problems", "references",
+        "exact", "tableau", "consistent", "Projection"],
     "tuning": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",

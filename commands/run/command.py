@@ -12,6 +12,7 @@ import click
 
 from ...core.arguments import listed
 from ...core.errors import GyrosparkError, StepFailed, Stopped
+from ...core.file_formats import ending_of, endings
 from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
 from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES
@@ -121,8 +122,11 @@ class RunCommand(Grouped):
               help="Kept with a stored run: of the random numbers that made its start.")
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE",
+              help="Draw the bodies in space at the time of their largest extent (.png).")
 @click.option("--view", "page", type=click.Path(path_type=Path), metavar="FILE",
-              help="Write a page that moves, of bodies, joints and energy (.html).")
+              help="Write a page that moves, of bodies, joints and energy (.html), or a 3-D model "
+                   "that moves, for Blender and other viewers (.glb).")
 @click.option("--animate", "film", type=click.Path(path_type=Path), metavar="FILE",
               help="Write a film of bodies and energy, six seconds long (.gif; .mp4 with ffmpeg).")
 @json_option
@@ -132,8 +136,8 @@ def run(
     nearest: bool, every: str, solver: str, tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
     euler: str | None, degrees: bool,
-    resume: bool, seed: str | None, plot: Path | None, page: Path | None, film: Path | None,
-    as_json: bool,
+    resume: bool, seed: str | None, plot: Path | None, picture: Path | None, page: Path | None,
+    film: Path | None, as_json: bool,
     **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
@@ -142,6 +146,7 @@ def run(
 
     \b
     gyrospark run double_pendulum --view pendulum.html
+    gyrospark run double_top --picture tops.png
     gyrospark run fast-top --scheme G-L --stages 3 --gamma m --dt 1e-3 --steps 320
     gyrospark run fast-top --scheme G-L --stages 2 --gamma auto --dt 1e-3 --t-end 10
     gyrospark run fast-top --scheme G-L --stages 4 --dt auto --error 1e-9 --t-end 2
@@ -160,12 +165,12 @@ def run(
     gyrospark run free-body --dt 0.01 --t-end 20 --set inertia=1,2,3 \\
         --set angular_velocity=0.01,5,0.01 --animate flip.gif
     """
-    check_targets(out, plot, page, film, resume=resume)
+    check_targets(out, plot, picture, page, film, resume=resume)
     angles = Angles.checked(euler, out, degrees=degrees)
     choice, note = with_default_scheme(choice)
     choice["frame"] = "symmetries" if frames else None
     chosen, step, start = started(problem, settings, choice, reference=reference)
-    if page is not None:
+    if page is not None or picture is not None:
         check_bodies(step.manifest)
     angles.check_bodies(step.manifest)
     if not as_json:  # before a step is taken
@@ -225,11 +230,13 @@ def run(
             if chosen is not None and (reference or chosen.exact is not None):
                 with suppress(Stopped):  # a reference is a run as well
                     result |= axis_errors(chosen, step, done.trajectory)
-            for key, target in (("plot", plot), ("view", page), ("animate", film)):
+            for key, target in (("plot", plot), ("picture", picture), ("view", page),
+                                ("animate", film)):
                 if target is None:
                     continue
                 try:
-                    getattr(done.trajectory, key)(target)
+                    model = key == "view" and ending_of(target) in endings("model")
+                    getattr(done.trajectory, "export" if model else key)(target)
                     result[key] = str(target)
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error

@@ -83,7 +83,8 @@ class Angles:
 
 
 def check_targets(
-    out: Path | None, plot: Path | None, page: Path | None, film: Path | None, *, resume: bool
+    out: Path | None, plot: Path | None, picture: Path | None, page: Path | None,
+    film: Path | None, *, resume: bool
 ) -> None:
     """Refuse unwritable files before a long run."""
     if out is not None:
@@ -91,9 +92,12 @@ def check_targets(
         check_ending("--out", out, ("", *endings("states", "store")))
     if plot is not None:
         check_picture(plot)
+    if picture is not None:
+        check_writable("--picture", picture)
+        check_ending("--picture", picture, (".png",))
     if page is not None:
         check_writable("--view", page)
-        check_ending("--view", page, endings("page"))
+        check_ending("--view", page, endings("page", "model"))
     if film is not None:
         check_film(film)
     if resume and (out is None or not (_is_store(out) or _is_exported(out, resume=True))):

@@ -226,7 +226,7 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
         failed = result["failed"]
         lines.append(f"  stopped: step {failed['step']} at t = {failed['t']:g} s "
                      f"{failed['reason']}")
-    written = ("out", "plot", "view", "animate")
+    written = ("out", "plot", "picture", "view", "animate")
     lines += [f"  wrote {result[key]}" for key in written if key in result]
     return "\n".join(lines)
 

@@ -209,8 +209,10 @@ def _bodies(system: System) -> dict[str, Any]:
         one = _body(system.layout)
         names = system.of_all([system.layout.name])
         q, x = (system.of_all(one[key]) for key in ("q", "x"))
+        points = [[float(e) for e in v.r] for v in system.pair.vectors
+                  if v.is_point and all(e.is_number for e in v.r)]
         return {"bodies": {name: one | {"q": q[4 * i : 4 * i + 4], "x": x[3 * i : 3 * i + 3]}
-                           for i, name in enumerate(names)}}
+                           for i, name in enumerate(names)}, "points": points}
     return {"bodies": {body.name: _body(body) for body in system.bodies},
             **(joints if system.joints else {})}
 

@@ -9,6 +9,7 @@
     system_file       any Hamiltonian system
     bounded_xml       elements of XML, bounded in size, number and depth
     urdf_robot        links and joints of a URDF file, each number checked
+    urdf_visuals      what a URDF file says its links look like
     urdf_tree         positions of links; links on fixed joints become one body
     urdf              a URDF file to bodies and joints
     robots            URDF, and a TOML file that closes a robot's loops

@@ -129,7 +129,7 @@ def _read(
     file = as_path("path", path, "robot.urdf")
     closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
     close = None if closing is None else closing.close
-    return parse_urdf(model_text(file), file, close=close, **options), closing
+    return parse_urdf(model_text(file), file, close=close, meshes_of=file, **options), closing
 
 
 @dataclass(frozen=True)

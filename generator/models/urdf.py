@@ -32,6 +32,7 @@ from ..parsing.reserved_names import KEYWORDS
 from .bounded_xml import read_xml
 from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
 from .urdf_tree import Mount, RobotBody, placed, robot_bodies
+from .urdf_visuals import add_visuals
 
 __all__ = ["BASES", "Close", "parse_urdf", "read_settings"]
 
@@ -60,22 +61,25 @@ def parse_urdf(
     text: str, path: str | Path, *, base: Any = "fixed", angles: Any = None, rates: Any = None,
     ignore: Any = (), gravity: Any = (0.0, 0.0, -9.81), position: Any = (0.0, 0.0, 0.0),
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
-    close: Close | None = None,
+    close: Close | None = None, meshes_of: Path | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``read_urdf``.
 
-    ``close`` may add to them what closes loops, knowing where each link is.
+    ``close`` may add to them what closes loops, knowing where each link is. Files of meshes are
+    searched for where the file ``meshes_of`` is given.
     """
     choose("base", base, BASES)
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
     try:
-        robot = read_robot(read_xml(text), left_out)
+        top = read_xml(text)
+        robot = read_robot(top, left_out)
         start = InitialConfiguration(
             _coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates),
                       pose, velocity, angular_velocity)
         builder, mounts = _build(robot, base, start, gravity, rep)
+        add_visuals(builder, top, mounts, meshes_of)
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
     if close is not None:

@@ -22,7 +22,7 @@ from ...core.warnings import warn
 from .bounded_xml import Element
 
 __all__ = ["EXTRAS", "IDENTITY", "MOVING", "Placement", "Robot", "RobotJoint", "RobotLink",
-           "read_robot", "turn"]
+           "numbers_of", "place_of", "read_robot", "turn"]
 
 Array = NDArray[np.float64]
 Read = TypeVar("Read")
@@ -164,7 +164,7 @@ def _extras(top: Element) -> Iterator[str]:
             if (part.name == "limit" and element.attributes.get("type") in ("revolute", "prismatic")
                     and {"lower", "upper"} & part.attributes.keys()):
                 yield "limits"
-            if part.name == "dynamics" and _numbers(part, "friction", 1, [0.0])[0] != 0:
+            if part.name == "dynamics" and numbers_of(part, "friction", 1, [0.0])[0] != 0:
                 yield "friction"
 
 
@@ -192,14 +192,14 @@ def _link(name: str, element: Element) -> RobotLink:
     inertial = element.first("inertial")
     if inertial is None:
         return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
-    place = _place(inertial)
+    place = place_of(inertial)
     mass = _one(inertial, "mass", "value")
     if mass < 0:
         raise InputError(f"its mass is {mass:g}; it must be above 0.")
     moments = inertial.first("inertia")
     if moments is None:
         raise InputError("its <inertial> has no <inertia>; write ixx, iyy, izz, ixy, ixz, iyz.")
-    xx, xy, xz, yy, yz, zz = (_numbers(moments, key, 1, [0.0] if key in ("ixy", "ixz", "iyz")
+    xx, xy, xz, yy, yz, zz = (numbers_of(moments, key, 1, [0.0] if key in ("ixy", "ixz", "iyz")
                                        else None)[0]
                               for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -220,11 +220,11 @@ def _joint(name: str, element: Element) -> RobotJoint:
         warn(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
         mimic = None
     return RobotJoint(
-        name, kind, parent, child, _place(element), _axis(element, kind),
-        0.0 if dynamics is None else _numbers(dynamics, "damping", 1, [0.0])[0],
+        name, kind, parent, child, place_of(element), _axis(element, kind),
+        0.0 if dynamics is None else numbers_of(dynamics, "damping", 1, [0.0])[0],
         None if mimic is None else (
-            _attribute(mimic, "joint"), _numbers(mimic, "multiplier", 1, [1.0])[0],
-            _numbers(mimic, "offset", 1, [0.0])[0]))
+            _attribute(mimic, "joint"), numbers_of(mimic, "multiplier", 1, [1.0])[0],
+            numbers_of(mimic, "offset", 1, [0.0])[0]))
 
 
 def _axis(element: Element, kind: str) -> Array:
@@ -235,7 +235,7 @@ def _axis(element: Element, kind: str) -> Array:
     if axis is None:
         raise InputError(f"it is {kind} and has no <axis>; write <axis xyz=\"1 0 0\"/>, which "
                          "is what others take then, or the one that is meant.")
-    found = np.array(_numbers(axis, "xyz", 3))
+    found = np.array(numbers_of(axis, "xyz", 3))
     if not found.any():
         raise InputError("its <axis> is zero; write its direction.")
     found = found / np.abs(found).max()
@@ -243,14 +243,14 @@ def _axis(element: Element, kind: str) -> Array:
     return unit
 
 
-def _place(element: Element) -> Placement:
+def place_of(element: Element) -> Placement:
     """Return <origin>: R = R_z(yaw) R_y(pitch) R_x(roll)."""
     origin = element.first("origin")
     if origin is None:
         return IDENTITY
-    x = np.array(_numbers(origin, "xyz", 3, [0.0] * 3))
+    x = np.array(numbers_of(origin, "xyz", 3, [0.0] * 3))
     turns = [turn(axis, angle) for axis, angle in zip(
-        np.eye(3), _numbers(origin, "rpy", 3, [0.0] * 3), strict=True)]
+        np.eye(3), numbers_of(origin, "rpy", 3, [0.0] * 3), strict=True)]
     return Placement(x, turns[2] @ turns[1] @ turns[0])
 
 
@@ -330,10 +330,10 @@ def _one(element: Element, name: str, key: str) -> float:
     part = element.first(name)
     if part is None:
         raise InputError(f"its <{element.name}> has no <{name}>; write <{name} {key}=\"…\"/>.")
-    return _numbers(part, key, 1)[0]
+    return numbers_of(part, key, 1)[0]
 
 
-def _numbers(
+def numbers_of(
     element: Element, key: str, count: int, default: list[float] | None = None
 ) -> list[float]:
     """Return so many finite numbers of an attribute."""

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_mapping, as_text, choose, few, shown, whole
+from ...core.arguments import as_items, as_mapping, as_text, choose, few, shown, whole
 from ...core.errors import InputError
 from ...core.event import Event, as_events
 from ...core.exact_numbers import exact
 from ...core.html import card, table
 from ...core.inertia import Inertia, as_moments_or_tensor, real_array
 from ...core.registry import FRAMES, RULES
+from ...core.shapes import Shape
 from ...core.units import base_units
 from ..systems.system import System
 
@@ -58,6 +59,8 @@ class Model:
     units : mapping of str to str
         SI unit of parameters, inputs, coordinates, momenta or quantities, "kg.m2" or "N.m/rad";
         manifests complete them by those that follow.
+    visuals : mapping of str to sequence of Shape
+        What pages and exports draw bodies with, by the names of bodies; "" is the ground.
     """
 
     system: System
@@ -72,6 +75,7 @@ class Model:
     rules: Mapping[str, str] = field(default_factory=dict)
     events: Sequence[Event] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):
@@ -97,6 +101,15 @@ class Model:
                 raise InputError(f"Model {self.name!r} has a rule for {name!r}, which is no "
                                  "inertia parameter without a value; leave it out.")
         object.__setattr__(self, "rules", MappingProxyType(dict(rules)))
+        visuals = {name: tuple(as_items(f"visuals[{name!r}]", shapes, "shapes")) for name, shapes
+                   in as_mapping("visuals", self.visuals, "{'arm': [shape]}").items()}
+        for name, shapes in visuals.items():
+            choose("body of a visual", name, ["", *(body.name for body in self.system.bodies)])
+            for shape in shapes:
+                if not isinstance(shape, Shape):
+                    raise InputError(f"visuals[{name!r}] has {shown(shape)}; give instances of "
+                                     "gyrospark.Shape.")
+        object.__setattr__(self, "visuals", MappingProxyType(visuals))
         units = as_mapping("units", self.units, "{'mgl': 'N.m'}")
         named = [*map(str, (*self.system.parameters, *self.system.q, *self.system.p)),
                  *self.system.quantities]

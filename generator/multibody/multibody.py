@@ -18,6 +18,7 @@ from ...core.arguments import as_flag, as_items, as_text, choose, few, shown, wh
 from ...core.errors import InputError
 from ...core.inertia import Inertia, RepName, as_inertia, is_tensor, moments_of
 from ...core.projection import Projection, project
+from ...core.shapes import Shape
 from ...core.warnings import warn
 from ..symbolic.derivatives import derivative
 from ..systems.expression_arguments import as_expression
@@ -119,6 +120,7 @@ class Multibody:
         values: dict[str, float] = {}
         weight = named_vector("gravity", vector("gravity", gravity).tolist(), values)
         self._components = Components(self.name, weight, values)
+        self._visuals: dict[str, list[Shape]] = {}
         self._about: dict[str, Any] = {
             "dt": None if dt is None else float(finite("time step", dt, ())),
             "steps": None if steps is None else count(steps),
@@ -689,6 +691,26 @@ class Multibody:
                     found.setdefault(what, {})[f"{link.name}_{what}"] = self._measure(link, what)
         return found
 
+    def visual(self, body: Frame | str, shape: Shape) -> None:
+        """Draw a body, or the ground, with a shape; it moves nothing.
+
+        Parameters
+        ----------
+        body : Body, Frame or str
+            The body whose axes the shape is given in, or ``ground``. It is drawn with all shapes
+            that it is given, instead of what its inertia suggests.
+        shape : Shape
+
+        Raises
+        ------
+        InputError
+            For an unknown body, and for what is no ``gyrospark.Shape``.
+        """
+        if not isinstance(shape, Shape):
+            raise InputError(f"shape = {shown(shape)} is none; give a gyrospark.Shape.")
+        frame = self._components.frame(body, "a visual")
+        self._visuals.setdefault(getattr(frame, "name", ""), []).append(shape)
+
     # ------------------------------------------------------------ the model
 
     def model(
@@ -722,7 +744,8 @@ class Multibody:
         system, store = assembly.make_system(self.redundancy.left_out), assembly.store
         self.start = project(NumericSystem(system, store), assembly.q0, assembly.p0)
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
-        return Model(system, store, self.start.q, self.start.p, bodies, **self._about)
+        return Model(system, store, self.start.q, self.start.p, bodies, visuals=self._visuals,
+                     **self._about)
 
     # ------------------------------------------------------------ inside
 

@@ -5,7 +5,14 @@
     analysis_plots    figures of Lyapunov exponents and periodic orbits
     motion_plots      figures of a body, a joint, phase portraits
     scene             bodies and joints in space
+    body_shapes       the shapes that bodies are drawn with: tops, wheels, bars
+    solids            triangles of shapes
+    rasterizer        triangles to pixels, and PNG
+    picture           a picture of bodies
     animation         a film
+    gltf              a 3-D model that moves, for other programs
+    meshes            meshes of robots within the bytes of a page
     html_view         a page that moves: view.html, view.css, view.js; solids.js has the shapes of
-                      bodies, webgl.js draws triangles, scene.js a scene, also without WebGL
+                      bodies, webgl.js draws triangles, scene.js a scene, also without WebGL,
+                      mesh_data.js reads meshes
 """

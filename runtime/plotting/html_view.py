@@ -7,6 +7,8 @@ import html
 import json
 import os
 import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,9 @@ import numpy as np
 
 from ...core.arguments import as_path, choose
 from ...core.file_formats import format_of, result_file
+from ...core.shapes import Shape
+from ...core.warnings import warn
+from .meshes import MESHES, IndexedMesh, MeshesName, encoded, read_meshes
 from .scene import DRAWN, DrawnName, Scene, scene_of
 
 if TYPE_CHECKING:
@@ -40,8 +45,10 @@ class View:
         Where it was written.
     """
 
-    def __init__(self, title: str, page: str, path: Path | None) -> None:
-        self._title, self.page, self.path = title, page, path
+    def __init__(self, title: str, page: str, scene: Scene | None = None,
+                 meshes: Mapping[str, IndexedMesh] | None = None) -> None:
+        self._scene, self._meshes, self._title, self.page = scene, meshes or {}, title, page
+        self.path: Path | None = None
 
     def __repr__(self) -> str:
         where = "" if self.path is None else f" in {str(self.path)!r}"
@@ -67,9 +74,15 @@ class View:
         return (f'<iframe title="{html.escape(self._title)}" style="width:100%;height:{_HEIGHT}px;'
                 f'border:0" sandbox="allow-scripts" srcdoc="{html.escape(self.page)}"></iframe>')
 
+    def _repr_png_(self) -> bytes | None:
+        """Return a picture for programs that show no pages: printed notebooks, lists of pages."""
+        from .picture import draw_scene  # which imports this module
+
+        return None if self._scene is None else draw_scene(self._scene, self._meshes)._repr_png_()
+
 
 def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
-         shape: DrawnName = "auto") -> View:
+         shape: DrawnName = "auto", meshes: MeshesName = "small") -> View:
     """Return the trajectory as a page that moves, and write it where a path is given.
 
     Bodies are boxes or ellipsoids of their inertia, joints, rods and springs stand between them,
@@ -86,18 +99,24 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
         Of the bodies to begin with, which the page changes: as they are best told apart, or the
         uniform box or ellipsoid of the inertia of each.
 
+    meshes : {"small", "full", "none"}
+        Of the meshes of a robot's file: as many triangles as fit into 0.7 MB, all of them, or the
+        bodies without them. Those that cannot be read are named on the page.
+
     Raises
     ------
     InputError
-        Where there is no rigid body; for another ending or shape.
+        Where there is no rigid body; for another ending, shape or number of meshes.
     GyrosparkError
         If the file cannot be written.
     """
     choose("shape", shape, DRAWN)
+    choose("meshes", meshes, MESHES)
     target = None if path is None else check_page(path)
     count = max(2, min(_FRAMES, _BYTES // (28 * max(len(trajectory.bodies), 1) + 8)))
-    scene = scene_of(trajectory, count)
-    shown = View(scene.title, _page(scene, shape), None)
+    plain = scene_of(trajectory, count)
+    scene, found = with_visuals(trajectory, plain, meshes)
+    shown = View(plain.title, _page(scene, shape, found), scene, found)
     if target is not None:
         shown.save(target)
     return shown
@@ -116,11 +135,30 @@ def check_page(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def _page(scene: Scene, shape: DrawnName) -> str:
+def with_visuals(
+    trajectory: Trajectory, scene: Scene, meshes: MeshesName
+) -> tuple[Scene, dict[str, IndexedMesh]]:
+    """Return a scene whose bodies look as their model says, and its meshes by their files."""
+    visuals = getattr(trajectory._stepper, "visuals", {})
+    found, refused = read_meshes((shape.file for shapes in visuals.values() for shape in shapes
+                                  if shape.file), meshes)
+    known = {name: [shape for shape in shapes if not shape.file or shape.file in found]
+             for name, shapes in visuals.items()}
+    remarks = [f"The mesh {Path(file).name} is not shown: {why}" for file, why in refused.items()]
+    for remark in remarks:
+        warn(remark)
+    parts = [replace(part, shapes=known[part.name], glass=False) if known.get(part.name) else part
+             for part in scene.parts]
+    return replace(scene, parts=parts, ground=known.get("", []),
+                   remarks=[*scene.remarks, *remarks]), found
+
+
+def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> str:
     """Return the document: styles, script and scene in one."""
-    content = json.dumps(_content(scene, shape), allow_nan=False).replace("<", "\\u003c")
+    content = json.dumps(_content(scene, shape, meshes), allow_nan=False).replace("<", "\\u003c")
     page = page_file("view.html")
-    for name, text in (("STYLE", page_file("view.css")), ("DRAWING", compact(drawing())),
+    for name, text in (("STYLE", page_file("view.css")),
+                       ("DRAWING", compact(drawing() + page_file("mesh_data.js"))),
                        ("SCRIPT", compact(page_file("view.js"))),
                        ("TITLE", html.escape(scene.title)), ("SCENE", content)):  # the longest last
         page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
@@ -140,14 +178,25 @@ def drawing() -> str:
 def compact(script: str) -> str:
     """Return a script without its indentation, empty lines, and lines that are comments."""
     text = re.sub(r"^\s*/\*\*.*?\*/\n", "", script, flags=re.DOTALL | re.MULTILINE)
-    lines = (line.strip() for line in text.splitlines())
+    lines = (re.sub(r"  // .*", "", line).strip() for line in text.splitlines())
     return "".join(f"{line}\n" for line in lines if line and not line.startswith("//"))
 
 
-def _content(scene: Scene, shape: DrawnName) -> dict[str, Any]:
+def _content(
+    scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]
+) -> dict[str, Any]:
     """Return the scene as JSON has it, long arrays as base64 of 32-bit floats."""
+    numbers = {file: i for i, file in enumerate(meshes)}
+
+    def shapes(some: Iterable[Shape]) -> list[dict[str, Any]]:
+        return [{"kind": one.kind, "size": one.size.tolist(), "centre": one.centre.tolist(),
+                 "axes": one.axes.T.tolist(), "colour": one.colour,
+                 **({"mesh": numbers[one.file]} if one.file else {})} for one in some]
+
     return {
-        "title": scene.title, "shape": shape, "remarks": scene.remarks, "up": scene.up.tolist(),
+        "meshes": [encoded(mesh) for mesh in meshes.values()], "ground": shapes(scene.ground),
+        "title": scene.title, "shape": shape, "remarks": scene.remarks,
+        "up": scene.up.tolist(), "gravity": scene.gravity,
         "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
         "energy": _bytes(scene.energy_error),
         "bodies": [{
@@ -155,13 +204,11 @@ def _content(scene: Scene, shape: DrawnName) -> dict[str, Any]:
             "x": _bytes(part.x if np.ptp(part.x, axis=0).any() else part.x[:1]),
             "axes": part.axes.T.tolist(), "tip": part.tip.tolist(),
             "sizes": {kind: size.tolist() for kind, size in part.sizes.items()},
-            "scaled": part.to_scale, "shapes": [{
-                "kind": shape.kind, "size": shape.size.tolist(), "centre": shape.centre.tolist(),
-                "axes": shape.axes.T.tolist(), "colour": shape.colour,
-            } for shape in part.shapes],
+            "scaled": part.to_scale, "shapes": shapes(part.shapes), "glass": part.glass,
         } for part in scene.parts],
         "ties": [{
-            "name": tie.name, "kind": tie.kind, "a": tie.a, "b": tie.b, "onA": tie.on_a.tolist(),
+            "name": tie.name, "kind": tie.kind, "slides": tie.slides, "a": tie.a, "b": tie.b,
+            "onA": tie.on_a.tolist(),
             "onB": tie.on_b.tolist(), "axis": None if tie.axis is None else tie.axis.tolist(),
         } for tie in scene.ties],
     }

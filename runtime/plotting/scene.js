@@ -6,6 +6,7 @@ const drawing = (() => {
   const COLOURS = ["#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c9a227",
     "#9d755d", "#7f7f8f", "#e377a2"];
   const TRACE_PARTS = 300;  // segments of a body's trace
+  const MOST_SHADED = 3e5;  // corners of triangles beyond which there are no shadows
   const { add, minus, times, dot, cross, unit, combine, rgb } = solids;
 
   // ------------------------------------------------------------ numbers
@@ -103,10 +104,11 @@ const drawing = (() => {
    * The drawing of `bodies`, each with name, colour, axes, centre, sizes of its inertia, shapes, tip
    * and shown, and of `ties` between them, on a canvas whose view a pointer and keys turn.
    *
-   * `meshes` are those that shapes name. Returns `show(samples)`, which comes first, `build()` after
+   * Of the options `ground` are shapes in space, `meshes` those that shapes name. Returns `show(samples)`, which comes first, `build()` after
    * a change of shapes, and `draw(...)`; `changed` is called where there is something to draw again.
    */
-  function sceneOn(canvas, bodies, ties, up, changed, meshes = []) {
+  function sceneOn(canvas, bodies, ties, up, changed, options = {}) {
+    const { ground = [], hasFloor = true, meshes = [] } = options;
     const pen = canvas.getContext("2d"), below = document.createElement("canvas");
     const painter = webgl.rendererOn(below);
     if (painter) {
@@ -118,7 +120,8 @@ const drawing = (() => {
     // ---------------------------------------------------------- solids
 
     const SPACE = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], INK = [88, 98, 110];
-    let built = null, drawn = [], joints = [];
+    const RAIL = [154, 161, 172];
+    let built = null, drawn = [], joints = [], still = {};
 
     const meshOf = (shapes, own) => {
       const triangles = solids.trianglesOf(shapes, own, meshes);
@@ -127,7 +130,7 @@ const drawing = (() => {
 
     /** Makes the faces and meshes of all bodies and joints. */
     function build(kind = built ?? "auto") {
-      for (const one of [...drawn, ...drawn.map(({ glass }) => glass), ...joints])
+      for (const one of [...drawn, ...drawn.map(({ glass }) => glass), ...joints, still])
         if (one?.mesh) painter.free(one.mesh);
       built = kind;
       drawn = bodies.map((body) => {
@@ -135,13 +138,17 @@ const drawing = (() => {
         const { triangles, mesh } = meshOf(shapes, body.colour);
         const sides = kind === "auto" && body.glass ? shapesOf(body, "box") : [];
         return { mesh, glass: meshOf(sides, body.colour), count: triangles.index.length,
-          bounds: solids.boundsOf(triangles.points),
+          isMesh: shapes.some((shape) => shape.kind === "mesh"),
+          ends: solids.extremesOf(triangles.points),
           faces: faces.length ? faces : solids.facesOf(shapesOf(body, "box"), body.colour) };
       });
+      still = meshOf(ground, [150, 158, 166]);
+      still.faces = solids.facesOf(ground, [150, 158, 166]);
       joints = ties.map((tie) => {
         if (tie.kind === "spring" || !radius) return {};
         const isRod = tie.kind === "rod", third = isRod || !tie.axis ? [0, 0, 1] : unit(tie.axis);
         const first = unit(cross(Math.abs(third[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], third));
+        if (tie.slides && tie.rail) return meshOf([tie.rail(0.011 * radius)], RAIL);
         const r = (tie.kind === "ball" ? 0.032 : isRod ? 0.011 : 0.022) * radius;
         const half = tie.kind === "ball" ? 0 : isRod ? tie.reach / 2 : 0.08 * radius;
         return meshOf([{ kind: "bar", size: [r, r, half], centre: isRod ? [0, 0, 0] : tie.onB,
@@ -155,7 +162,23 @@ const drawing = (() => {
     const second = cross(up, first);
     const eye = { azimuth: null, elevation: 0.3, nearness: 1 };
     let target, radius, floor, frame;
-    const poseOf = (poses, i) => (i < 0 ? { q: [1, 0, 0, 0], x: [0, 0, 0] } : poses[i]);
+    const SPACE_POSE = { q: [1, 0, 0, 0], x: [0, 0, 0] };
+    const poseOf = (poses, i) => (i < 0 ? SPACE_POSE : poses[i]);
+
+    /** The bar in body a along which the centre of b slides: a function of its radius. */
+    function railOf(tie, samples) {
+      const travels = samples.map((poses) => {
+        const [a, b] = [poseOf(poses, tie.a), poseOf(poses, tie.b)];
+        const way = minus(pointOf(b, bodies[tie.b]?.centre ?? tie.onB), pointOf(a, tie.onA));
+        return dot(turn(b.q, tie.axis), way);
+      });
+      const [[w, x, y, z], b] = [poseOf(samples[0], tie.a).q, poseOf(samples[0], tie.b)];
+      const along = unit(turn([w, -x, -y, -z], turn(b.q, tie.axis)));
+      const [low, high] = [Math.min(...travels), Math.max(...travels)];
+      const first = unit(cross(Math.abs(along[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], along));
+      return (r) => ({ kind: "bar", size: [r, r, (high - low) / 2 + 12 * r], axes: [first,
+        cross(along, first), along], centre: add(tie.onA, times((low + high) / 2, along)) });
+    }
 
     /** Sets a view of all `samples`, lists of poses with one for each body. */
     function show(samples) {
@@ -181,9 +204,8 @@ const drawing = (() => {
       };
       const wander = [[Infinity, -Infinity], [Infinity, -Infinity]];
       for (const poses of samples) bodies.forEach((body, i) => {
-        const { bounds } = drawn[i], tip = pointOf(poses[i], body.tip);
-        for (let corner = 0; corner < 8; corner++)
-          reach(pointOf(poses[i], bounds.map((pair, k) => pair[corner >> k & 1])));
+        const tip = pointOf(poses[i], body.tip);
+        for (const end of drawn[i].ends) reach(pointOf(poses[i], end));
         reach(tip);
         [first, second].forEach((e, j) => {
           wander[j][0] = Math.min(wander[j][0], dot(e, tip));
@@ -195,7 +217,9 @@ const drawing = (() => {
           pointOf(poseOf(samples[0], tie.b), tie.onB)];
         reach(from);
         tie.reach = Math.hypot(...minus(to, from));
+        if (tie.slides && tie.axis) tie.rail = railOf(tie, samples);
       }
+      for (const end of solids.extremesOf(still.triangles.points)) reach(end);
       target = times(0.5, add(low, high));
       radius = 0.5 * Math.hypot(...minus(high, low)) || 1;
       floor = dot(up, target) - Math.abs(dot(up, times(0.5, minus(high, low))));
@@ -282,7 +306,7 @@ const drawing = (() => {
       const base = add(add(times(snapped[0], first), times(snapped[1], second)), times(floor, up));
       const strength = (point) => clamp(
         1.25 - Math.hypot(...minus(point, flatTarget)) / (1.7 * radius), 0, 1);
-      for (let i = -count; i <= count; i++) for (const [e, f] of [[first, second], [second, first]])
+      for (let i = -count; hasFloor && i <= count; i++) for (const [e, f] of [[first, second], [second, first]])
         for (let j = -count; j < count; j += 2) {
           const middle = add(base, times(i * cell, e));
           const [a, b] = [j, j + 2].map((k) => add(middle, times(Math.min(k, count) * cell, f)));
@@ -296,7 +320,7 @@ const drawing = (() => {
       pen.fillStyle = style.faint;
       pen.font = "12px system-ui, sans-serif";
       pen.textAlign = "left";
-      if (bodies.some((body) => body.scaled !== false))
+      if (hasFloor && bodies.some((body) => body.scaled !== false))
         pen.fillText(`floor: ${lengthText(cell)} a line`, 10, height - 10);
       pen.textAlign = "center";
       SPACE.forEach((e, k) => {
@@ -344,13 +368,16 @@ const drawing = (() => {
       const placed = (one, pose) => one.mesh && painter.draw(one.mesh, pose.q, local(pose.x));
       const seen = bodies.map((body, i) => i).filter((i) => bodies[i].shown);
       const sun = unit(add(up, times(0.35, add(first, second))));
-      if (dot(up, view.eye) > view.plane[3]) {
+      const total = drawn.reduce((sum, { count }) => sum + count, 0);
+      if (hasFloor && total < MOST_SHADED && dot(up, view.eye) > view.plane[3]) {
         painter.cover(mixed(paper, [0, 0, 0], 0.13), 1, times(1 / dot(sun, up), sun));
-        for (const i of seen) if (drawn[i].count < 3e5) placed(drawn[i], poses[i]);
+        for (const i of seen) placed(drawn[i], poses[i]);
+        placed(still, SPACE_POSE);
         painter.cover([0, 0, 0], 0);
       }
       painter.opacity(1);
       const glass = seen.filter((i) => seeThrough && !bodies[i].inside);
+      placed(still, SPACE_POSE);
       for (const i of seen) if (!glass.includes(i)) placed(drawn[i], poses[i]);
       painter.opacity(1, -1);
       for (const i of glass) placed(drawn[i], poses[i]);
@@ -366,7 +393,9 @@ const drawing = (() => {
           for (const [u, v] of springOf(from, to, view, true)) line(u, v, 2, faint);
         } else if (tie.kind === "rod") {
           placed(joints[i], { q: towards(minus(to, from)), x: times(0.5, add(from, to)) });
-        } else {  // nearer to the eye by a little: it sits in a body
+        } else if (tie.slides) {
+          placed(joints[i], a);
+        } else if (![tie.a, tie.b].some((k) => drawn[k]?.isMesh)) {  // nearer to the eye by a little: it sits in a body
           placed(joints[i], { q: b.q, x: add(b.x, times(0.05 * radius, unit(minus(view.eyeAt, to)))) });
         }
       });
@@ -437,7 +466,7 @@ const drawing = (() => {
       if (tie.kind === "spring")
         for (const [u, v] of springOf(from, to, view, false))
           line(u, v, view, items, style.faint, 1.5);
-      if (tie.kind === "hinge") {
+      if (tie.kind === "hinge" && tie.axis) {
         const axis = times(0.13 * radius, turn(b.q, tie.axis));
         line(minus(to, axis), add(to, axis), view, items, style.ink, 2.5);
       }
@@ -461,6 +490,7 @@ const drawing = (() => {
       pen.globalAlpha = 1;
       for (const e of SPACE)
         line([0, 0, 0], times(0.4 * radius, e), view, items, style.faint, 1.2);
+      drawBody(still.faces, SPACE_POSE, view, items, false);
       bodies.forEach((body, i) => {
         if (!body.shown) return;
         drawBody(drawn[i].faces, poses[i], view, items, seeThrough && !body.inside);

@@ -16,14 +16,22 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.shapes import Shape
-from ..compilation.body_columns import JointAt, bodies_of, joints_of, numbers, placed_of
-from ..rigid_body.quaternion import rotation_matrix
+from ..compilation.body_columns import (
+    JointAt,
+    bodies_of,
+    joints_of,
+    numbers,
+    placed_of,
+    points_of,
+)
+from ..rigid_body.quaternion import left_matrix, rotation_matrix
+from .body_shapes import Held, balls, plate_of, shapes_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
 __all__ = ["DRAWN", "SHAPES", "DrawnName", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies",
-           "drawn_joints", "scene_of"]
+           "drawn_joints", "is_held", "scene_of"]
 
 Array = NDArray[np.float64]
 ShapeName = Literal["box", "ellipsoid"]
@@ -34,6 +42,8 @@ DRAWN: tuple[DrawnName, ...] = get_args(DrawnName)
 
 #: S_i = I_j + I_k − I_i is so many times m a_i².
 _FACTORS = {"box": 2 / 3, "ellipsoid": 2 / 5}
+#: More molecules are drawn as boxes: a page with their atoms would be slow.
+_MOLECULES = 400
 #: The thinnest that a body is drawn, beside its longest axis.
 _THIN = 0.03
 
@@ -57,8 +67,13 @@ class ScenePart:
         The point in body axes that leaves a trace.
     to_scale : bool
         Whether the sizes are the body's own.
+    plate : (float, array of shape (2,)), optional
+        Of a body on a fixed point under gravity, of which no mass is known: distance and semi-axes
+        of the plate that has its inertia, on the third of ``axes``; see ``body_shapes``.
     shapes : list of Shape
-        What the body is drawn with, in body axes; none for the box of its inertia.
+        What it is drawn with, in body axes; none for the box of its inertia.
+    glass : bool
+        Whether it is a frame around other bodies, with sides of glass.
     """
 
     name: str
@@ -69,7 +84,9 @@ class ScenePart:
     sizes: dict[str, Array]
     tip: Array
     to_scale: bool
+    plate: tuple[float, Array] | None = None
     shapes: list[Shape] = field(default_factory=list)
+    glass: bool = False
 
     def at(self, points: Array) -> Array:
         """Return where points of the body are, shape (frames, number of points, 3)."""
@@ -82,7 +99,8 @@ class ScenePart:
 class Tie:
     """What joins two parts: their numbers, −1 for the ground, and a point on each.
 
-    ``kind`` is ``"ball"``, ``"hinge"`` with the axis in b, ``"rod"`` or ``"spring"``.
+    ``kind`` is ``"ball"``, ``"hinge"`` with the axis in b, ``"rod"`` or ``"spring"``; ``slides``
+    says that b moves along the axis.
     """
 
     name: str
@@ -92,6 +110,7 @@ class Tie:
     on_a: Array
     on_b: Array
     axis: Array | None
+    slides: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,8 +124,12 @@ class Scene:
     parts, ties : list
     up : array, shape (3,)
         Against gravity; the third axis where there is none.
+    gravity : bool
+        Whether there is gravity, and so a floor.
     remarks : list of str
         What is to be known of the picture.
+    ground : list of Shape
+        What stands in space.
     """
 
     title: str
@@ -115,11 +138,15 @@ class Scene:
     parts: list[ScenePart]
     ties: list[Tie]
     up: Array
+    gravity: bool
     remarks: list[str]
+    ground: list[Shape] = field(default_factory=list)
 
 
-def scene_of(trajectory: Trajectory, frames: int) -> Scene:
+def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None) -> Scene:
     """Return the bodies and joints of at most so many states, evenly among the stored ones.
+
+    ``include`` is the number of a state that is one of them.
 
     Raises
     ------
@@ -127,7 +154,8 @@ def scene_of(trajectory: Trajectory, frames: int) -> Scene:
         Where there is no rigid body.
     """
     check_bodies(trajectory.manifest)
-    some = np.unique(np.linspace(0, len(trajectory) - 1, min(frames, len(trajectory))).astype(int))
+    some = np.linspace(0, len(trajectory) - 1, min(frames, len(trajectory))).astype(int)
+    some = np.unique(some if include is None else np.append(some, include))
     order = np.argsort(np.sign(float(trajectory.dt)) * trajectory.t[some].astype(float),
                        kind="stable")  # times may have been asked for in any
     some = some[order]
@@ -135,10 +163,15 @@ def scene_of(trajectory: Trajectory, frames: int) -> Scene:
     parts = [_part(trajectory, name, some) if name in known else
              _placed_part(trajectory, name, some) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
+    up, ties = _up(trajectory), _ties(trajectory, parts)
+    drawn = _with_shapes(parts, ties, points_of(trajectory.manifest),
+                         _rolling(trajectory.manifest))
     return Scene(
         f"{trajectory.manifest['system']['name']}, {trajectory.manifest['scheme']['method']}",
-        t[some].astype(float), error[some].astype(float), parts, _ties(trajectory, parts),
-        _up(trajectory), list(_remarks(trajectory, parts, some)))
+        t[some].astype(float), error[some].astype(float), drawn, ties,
+        np.array([0.0, 0.0, 1.0]) if up is None else up,
+        up is not None or any(part.plate is not None for part in parts),
+        list(_remarks(trajectory, parts, some)))
 
 
 def check_bodies(manifest: Mapping[str, Any]) -> None:
@@ -176,8 +209,23 @@ def _part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
         tip = centre
     else:  # its centre stands still: the end of the third axis
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
+    plate = None
+    if mass is None and not at.x and not at.centre:
+        w = _weight(trajectory, moments, axes)
+        if w is not None and np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
+            k = int(np.argmax(np.abs(w)))  # the weight is on a principal axis
+            order = [(k + 1) % 3, (k + 2) % 3, k]
+            axes = axes[:, order] * (1 if w[k] > 0 else np.array([1, -1, -1]))
+            distance, half = plate_of(moments[order])
+            size = max(distance, float(half.max()))
+            plate = distance / size, half / size
+            sizes = {kind: values[order] for kind, values in sizes.items()}
+            tip = axes[:, 2] * (plate[0] + max(0.75 * float(plate[1].max()), 0.35 * plate[0]))
+        elif sizes["box"].min() < 0.05 * sizes["box"].max() and not centre.any():  # a T: its stem
+            k = int(np.argsort(sizes["box"])[1])
+            tip = -1.35 * sizes["box"][k] * axes[:, k]
     return ScenePart(name, trajectory.q[some][:, at.q].astype(float), x, centre, axes, sizes, tip,
-                mass is not None)
+                     mass is not None, plate)
 
 
 def _placed_part(trajectory: Trajectory, name: str, some: Any) -> ScenePart:
@@ -198,7 +246,8 @@ def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
         on_a, on_b, axis = (numbers(e, trajectory.parameters)
                             for e in (joint.on_a, joint.on_b, joint.axis_b))
         found.append(Tie(name, kind, numbered[joint.a], numbered[joint.b], on_a, on_b,
-                         axis if joint.axis_b else None))
+                         axis if joint.axis_b else None,
+                         slides=kind == "hinge" and joint.pulls is None))
     return found
 
 
@@ -208,6 +257,8 @@ def drawn_joints(manifest: Mapping[str, Any]) -> dict[str, tuple[str, JointAt]]:
     for name, joint in joints_of(manifest).items():
         if joint.pulls and all(pull.kind == "axial" for pull in joint.pulls):
             continue  # a drive, at the place of its joint
+        if not (joint.on_a or joint.on_b or joint.axis_b):
+            continue  # a motor or a spring of a joint, a body that rolls
         if not joint.on_b:  # an axis alone: where b is held, or where its origin is
             if not joint.b:
                 continue
@@ -219,11 +270,91 @@ def drawn_joints(manifest: Mapping[str, Any]) -> dict[str, tuple[str, JointAt]]:
     return found
 
 
-def _up(trajectory: Trajectory) -> Array:
-    """Return the direction against gravity."""
+def _up(trajectory: Trajectory) -> Array | None:
+    """Return the direction against gravity, None where there is none."""
     gravity = np.array([float(trajectory.parameters.get(f"gravity_{axis}", 0)) for axis in "xyz"])
     size = np.linalg.norm(gravity)
-    return -gravity / size if size else np.array([0.0, 0.0, 1.0])
+    return -gravity / size if size else None
+
+
+def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None:
+    """Return m g times the centre of mass of a body on a fixed point, None for another potential.
+
+    In its principal axes. Least squares of H − T = c + w · (third row of R), of states of the run.
+    """
+    some = np.unique(np.linspace(0, len(trajectory) - 1, 60).astype(int))
+    q, p = (values[some].astype(float) for values in (trajectory.q, trajectory.p))
+    L = (left_matrix(q) @ p[..., None])[..., 0] @ axes / 2
+    V = trajectory.energy()[some].astype(float) - (L**2 / moments).sum(axis=1) / 2
+    row = rotation_matrix(q)[:, 2]
+    if len(some) < 6 or np.ptp(row, axis=0).max() < 1e-6:
+        return None
+    columns = np.column_stack([row, np.ones(len(some))])
+    w, *_ = np.linalg.lstsq(columns, V, rcond=1e-9)
+    size = float(np.linalg.norm(w[:3]))
+    known = np.abs(columns @ w - V).max() < 1e-6 * size
+    return w[:3] @ axes if known and size > 1e-9 * float(np.abs(V).max() + size) else None
+
+
+def _rolling(manifest: Mapping[str, Any]) -> set[str]:
+    """Return the bodies that roll: a constraint of theirs has neither a place nor an axis."""
+    return {body for joint in joints_of(manifest).values() for body in (joint.a, joint.b)
+            if joint.constraints and not (joint.on_a or joint.on_b or joint.axis_b)}
+
+
+def _with_shapes(parts: list[ScenePart], ties: list[Tie], points: Array,
+                 rolling: set[str]) -> list[ScenePart]:
+    """Return the parts with the shapes that they are drawn with."""
+    if len(points) > 1:
+        atoms = balls(points) if len(parts) <= _MOLECULES else []
+        return [replace(part, shapes=atoms) for part in parts]
+    centres = np.array([part.at(part.centre)[0, 0] for part in parts])
+    reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
+                + [2 * float(part.sizes["box"].max()) for part in parts]
+                + [2 * float(np.linalg.norm(part.centre - r)) for part, r in _points(parts, ties)])
+    found, sizes = [], [float(part.sizes["box"].max()) for part in parts]
+    for i, part in enumerate(parts):
+        held = [Held(r, turned, outer=other < 0 or sizes[other] > sizes[i], slides=tie.slides)
+                for tie in ties if tie.kind in ("ball", "hinge")
+                for own, other, r in ((tie.a, tie.b, tie.on_a), (tie.b, tie.a, tie.on_b))
+                if own == i for turned in (_axis_in(parts, tie, i),)]
+        if is_held(parts, ties, i):
+            held.append(Held(np.zeros(3), None, outer=True, slides=False))
+        R = rotation_matrix(part.q[:1])[0]
+        local = (centres - centres[i]) @ R @ part.axes
+        half = part.sizes["box"]
+        inside = part.name not in rolling and any(j != i and (np.abs(local[j]) < half).all()
+                     and other.sizes["box"].max() < half.max() for j, other in enumerate(parts))
+        loose = [r for tie in ties if tie.kind == "rod"
+                 for own, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if own == i]
+        shapes = shapes_of(part, held, reach, inside=inside, loose=loose)
+        if part.name in rolling and {shape.kind for shape in shapes} == {"box"}:
+            shapes = [Shape("sphere", part.sizes["ellipsoid"], part.centre, part.axes)]
+        frame = inside and len(shapes) == 12
+        found.append(replace(part, shapes=shapes, glass=frame))
+    return found
+
+
+def is_held(parts: list[ScenePart], ties: list[Tie], i: int) -> bool:
+    """Return whether the ground holds a point of a body, its origin, without a joint there."""
+    part = parts[i]
+    return bool(part.centre.any()) and not np.ptp(part.x, axis=0).any() and all(
+        r.any() for tie in ties for k, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if k == i)
+
+
+def _axis_in(parts: list[ScenePart], tie: Tie, i: int) -> Array | None:
+    """Return the axis of a hinge in one of its bodies."""
+    if tie.axis is None or tie.b == i:
+        return tie.axis
+    in_space = tie.axis if tie.b < 0 else rotation_matrix(parts[tie.b].q[0]) @ tie.axis
+    found: Array = rotation_matrix(parts[i].q[0]).T @ in_space
+    return found
+
+
+def _points(parts: list[ScenePart], ties: list[Tie]) -> list[tuple[ScenePart, Array]]:
+    """Return the parts with each of their points that something joins."""
+    return [(parts[i], r) for tie in ties for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b))
+            if i >= 0]
 
 
 def _remarks(trajectory: Trajectory, parts: list[ScenePart], some: Any) -> Any:

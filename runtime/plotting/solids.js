@@ -94,42 +94,6 @@ const solids = (() => {
     });
   }
 
-  /** Normals of a mesh, smooth but at sharp edges: its corners as vertices, each once. */
-  function smooth({ points, index }) {
-    const count = index.length / 3, normals = new Float32Array(3 * count);
-    const areas = new Float32Array(count), begin = new Uint32Array(points.length / 3 + 1);
-    const point = (v) => [points[3 * v], points[3 * v + 1], points[3 * v + 2]];
-    for (let f = 0; f < count; f++) {
-      const [a, b, c] = [0, 1, 2].map((k) => point(index[3 * f + k]));
-      const n = cross(minus(b, a), minus(c, a));
-      areas[f] = Math.hypot(...n);
-      normals.set(unit(n), 3 * f);
-    }
-    for (const v of index) begin[v + 1]++;
-    for (let v = 1; v < begin.length; v++) begin[v] += begin[v - 1];
-    const at = begin.slice(), faces = new Uint32Array(index.length);
-    index.forEach((v, i) => { faces[at[v]++] = Math.floor(i / 3); });
-    const seen = new Map(), vertices = [], directions = [], corners = new Uint32Array(index.length);
-    for (let i = 0; i < index.length; i++) {
-      const v = index[i], f = Math.floor(i / 3), sum = [0, 0, 0];
-      for (let k = begin[v]; k < begin[v + 1]; k++) {
-        const g = faces[k];
-        let cosine = 0;
-        for (let j = 0; j < 3; j++) cosine += normals[3 * f + j] * normals[3 * g + j];
-        if (cosine > CREASE) for (let j = 0; j < 3; j++) sum[j] += areas[g] * normals[3 * g + j];
-      }
-      const n = unit(sum).map((x) => Math.round(127 * x));
-      const key = ((v * 256 + n[0] + 128) * 256 + n[1] + 128) * 256 + n[2] + 128;
-      if (!seen.has(key)) {
-        seen.set(key, vertices.length / 3);
-        vertices.push(...point(v));
-        directions.push(...n);
-      }
-      corners[i] = seen.get(key);
-    }
-    return { points: vertices, normals: directions, index: corners };
-  }
-
   /** All triangles of shapes: {points, normals, colours, index}, of `meshes` those they name. */
   function trianglesOf(shapes, own, meshes) {
     const points = [], normals = [], colours = [], index = [];
@@ -170,5 +134,21 @@ const solids = (() => {
     return bounds;
   }
 
-  return { add, minus, times, dot, cross, unit, combine, rgb, boundsOf, facesOf, smooth, trianglesOf };
+  /** The points that are furthest in 26 directions. */
+  function extremesOf(points) {
+    const found = new Set();
+    for (let code = 0; points.length && code < 27; code++) {
+      const [x, y, z] = [code % 3 - 1, Math.floor(code / 3) % 3 - 1, Math.floor(code / 9) - 1];
+      let furthest = 0, most = -Infinity;
+      for (let i = 0; i < points.length; i += 3) {
+        const reach = x * points[i] + y * points[i + 1] + z * points[i + 2];
+        if (reach > most) [most, furthest] = [reach, i];
+      }
+      found.add(furthest);
+    }
+    return [...found].map((i) => [points[i], points[i + 1], points[i + 2]]);
+  }
+
+  return { CREASE, add, minus, times, dot, cross, unit, combine, rgb, boundsOf, extremesOf, facesOf,
+    trianglesOf };
 })();

@@ -50,9 +50,18 @@
   let time = 0, playing = false, stale = true;
   const redraw = () => { stale = true; };
   const chart = byId("energy"), ink = chart.getContext("2d");
-  const space = sceneOn(byId("space"), bodies, scene.ties, scene.up, redraw);
+  const meshes = [];
+  const space = sceneOn(byId("space"), bodies, scene.ties, scene.up, redraw,
+    { ground: scene.ground, hasFloor: scene.gravity, meshes });
   space.show(samples);
-  byId("glass").checked = bodies.some((body) => body.inside);
+  if (scene.meshes.length) Promise.all(scene.meshes.map(meshData.decoded)).then((found) => {
+    meshes.push(...found);
+    space.build();
+    space.show(samples);
+    redraw();
+  });
+  byId("glass").checked = bodies.some((body) => body.inside)
+    && !(scene.shape === "auto" && bodies.some((body) => body.shapes.length));
 
   function drawChart([at, s, next]) {
     const [width, height] = fit(chart, ink), left = 62, right = width - 8, top = 10;

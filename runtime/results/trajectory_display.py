@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from ...core.html import card, curve, table
 from ..plotting.html_view import View, view
+from ..plotting.meshes import MeshesName
+from ..plotting.picture import BackgroundName, RenderedPicture, draw_picture
 from ..plotting.scene import DrawnName, ShapeName
 from . import trajectory_tables
 from .body_motion import FrameName
@@ -111,17 +113,46 @@ class Shown:
         return draw_phase(self._run, coordinates, path)
 
     def view(self, path: str | os.PathLike[str] | None = None, *,
-             shape: DrawnName = "auto") -> View:
+             shape: DrawnName = "auto", meshes: MeshesName = "small") -> View:
         """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
 
-        One HTML file without network: bodies as boxes, or ellipsoids, of their inertia, joints,
-        traces, a slider, and the energy error beside it; see ``runtime.plotting.html_view.view``.
+        One HTML file without network: bodies as discs, bars and boxes of their inertia, or as the
+        meshes of a robot's file, joints, traces, a slider, and the energy error beside it; see
+        ``runtime.plotting.html_view.view``.
 
         Examples
         --------
         >>> run.view("top.html")                                  # doctest: +SKIP
         """
-        return view(self._run, path, shape=shape)
+        return view(self._run, path, shape=shape, meshes=meshes)
+
+    def picture(
+        self, path: str | os.PathLike[str] | None = None, *, size: tuple[int, int] = (640, 480),
+        time: float | None = None, azimuth: float | None = None, elevation: float | None = None,
+        background: BackgroundName = "light", traces: bool = True,
+    ) -> RenderedPicture:
+        """Return a picture of the bodies, which Jupyter shows; write it as .png where a path is
+        given. It needs no extra; see ``runtime.plotting.picture.draw_picture``.
+
+        Examples
+        --------
+        >>> run.picture("top.png", time=1.5, azimuth=30, elevation=20)   # doctest: +SKIP
+        """
+        return draw_picture(self._run, path, size=size, time=time, azimuth=azimuth,
+                            elevation=elevation, background=background, traces=traces)
+
+    def export(self, path: str | os.PathLike[str], *, meshes: MeshesName = "full") -> Path:
+        """Write bodies, joints and motion as a 3-D model, .glb; return the path.
+
+        Binary glTF 2.0 for Blender and other viewers; see ``runtime.plotting.gltf``.
+
+        Examples
+        --------
+        >>> run.export("top.glb")                                 # doctest: +SKIP
+        """
+        from ..plotting.gltf import export_gltf
+
+        return export_gltf(self._run, path, meshes=meshes)
 
     def animate(self, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
                 shape: ShapeName = "box") -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
+from ...core.shapes import Shape
 from ...engine.amalgamate import complete
 from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
@@ -43,6 +44,8 @@ class Evaluation:
         #: Returns parameters as numbers, or raises InputError.
         self.check_parameters = ParameterCheck(self.parameter_domains, self.binding.number,
                                                self.symmetries)
+        #: Shapes of bodies by their names, where its model has some; "" is the ground.
+        self.visuals: Mapping[str, Sequence[Shape]] = {}
 
     @property
     def binding_of_many(self) -> Binding:

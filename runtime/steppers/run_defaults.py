@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ...core.event import Event
 from ...core.exact_numbers import Rounded, exact, knowing
+from ...core.shapes import Shape
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,6 +49,8 @@ class RunDefaults:
         What its runs look for.
     warnings : list of str
         Warnings about the file that the model came from.
+    visuals : mapping of str to sequence of Shape
+        What its bodies are drawn with, by their names; "" is the ground.
     """
 
     name: str
@@ -62,6 +65,7 @@ class RunDefaults:
     free: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     events: tuple[Event, ...] = ()
+    visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return (f"<RunDefaults of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
@@ -83,7 +87,7 @@ class RunDefaults:
             {name: [_mapped(list(x), knowing) if isinstance(x, tuple) else knowing(x)
                     for x in inertia] for name, inertia in model.bodies.items()},
             None if model.dt is None else knowing(model.dt), model.steps, dict(model.rules),
-            events=tuple(model.events),
+            events=tuple(model.events), visuals=dict(getattr(model, "visuals", {})),
         )
 
     @property
@@ -96,7 +100,11 @@ class RunDefaults:
 
     def as_json(self) -> dict[str, Any]:
         """Return what JSON can hold of it: a double, or the text of a number with more digits."""
-        content = asdict(self)
+        content = asdict(replace(self, visuals={}))
+        del content["visuals"]
+        if self.visuals:
+            content["visuals"] = {name: [shape.as_json() for shape in shapes]
+                                  for name, shapes in self.visuals.items()}
         events = [asdict(one) | {"level": str(exact(one.level))} for one in self.events]
         return content | {name: _mapped(content[name], _text) for name in _NUMBERS} | {
             "events": events}
@@ -106,8 +114,10 @@ class RunDefaults:
         """Return what ``as_json`` was made of."""
         events = tuple(Event(**one | {"level": Fraction(one["level"])})
                        for one in content["events"])
+        visuals = {name: [Shape(**one) for one in shapes]
+                   for name, shapes in content.get("visuals", {}).items()}
         return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
-            "events": events})
+            "events": events, "visuals": visuals})
 
 
 def _mapped(content: Any, change: Any) -> Any:

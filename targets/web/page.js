@@ -218,6 +218,25 @@
     const moves = body.x.length || square;
     const tip = moves ? centre : [0, 0, 1.3 * Math.max(...sizes.box, ...sizes.ellipsoid)];
     Object.assign(body, { axes, sizes, tip, at: body.origin.map(entry), middle: centre });
+    if (mass === null && !body.x.length && "mgl" in stepper.parameters)
+      Object.assign(body, topOf(moments), { scaled: false });
+  }
+
+  /** A top of these moments about its foot, as runtime/plotting/body_shapes.py has it. */
+  function topOf([a, b, c]) {
+    const raw = [Math.max(a + b - c, 0) / 2, 2 * Math.max(c + b - a, 0), 2 * Math.max(c + a - b, 0)];
+    const size = Math.max(...raw.map(Math.sqrt));
+    const [height, ...half] = raw.map((x) => Math.sqrt(x) / size), r = Math.max(...half);
+    const thick = Math.min(0.14 * r, 0.35 * height), stem = 0.05 * Math.max(r, height);
+    const knob = height + Math.max(0.7 * r, 0.4 * height);
+    const one = (kind, z, size, colour) => ({ kind, size, colour, centre: [0, 0, z],
+      axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] });
+    const bar = (from, to, thin) => one("bar", (from + to) / 2, [thin, thin, (to - from) / 2],
+      "#575c66");
+    return { tip: [0, 0, height + Math.max(0.75 * r, 0.35 * height)], shapes: [
+      one("disc", height, [...half, thick], ""),
+      one("disc", height, [2 * stem, 2 * stem, 1.5 * thick], "#2c3038"),
+      bar(2.4 * stem, knob - stem, stem), bar(0.45 * stem, 2.4 * stem, 0.45 * stem)] };
   }
   const bodies = content.bodies.map((body, i) => ({ ...body, shown: true, colour: colour(i) }));
   const shapes = bodies.map((body) => ({ ...body }));  // what is drawn: `centre` in numbers
@@ -278,6 +297,7 @@
   function restart() {
     const status = begin();
     measure();
+    space.build();
     failed = status !== OK;
     notice(failed ? `There is no start with these settings: ${FAILED[status]}. `
       + "Move a slider back, or press Defaults." : "");
@@ -471,7 +491,7 @@
     byId("speed").replaceChildren(...rates.map((x) => new Option(`${x}×`, x)));
     byId("speed").selectedIndex = 6;
     rate = usual;
-    byId("glass").checked = shapes.some((body) => body.inside);
+    byId("glass").checked = shapes.some((body) => body.inside && !body.shapes);
     const steps = Math.min(Math.round(until / value("dt")), 1e7);
     const part = Math.max(1, Math.ceil(steps / KEPT));
     for (let done = 0; done < steps && !failed; done += part) take(Math.min(part, steps - done));

@@ -110,8 +110,9 @@ def _content(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
         "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
                     "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
                    for name, body in bodies.items()],
-        "ties": [{"name": name, "kind": kind, "a": numbered[joint.a], "b": numbered[joint.b],
-                  "onA": joint.on_a, "onB": joint.on_b, "axis": joint.axis_b or None}
+        "ties": [{"name": name, "kind": kind, "slides": kind == "hinge" and joint.pulls is None,
+                  "a": numbered[joint.a], "b": numbered[joint.b], "onA": joint.on_a,
+                  "onB": joint.on_b, "axis": joint.axis_b or None}
                  for name, (kind, joint) in drawn_joints(manifest).items()],
         "wasm": _MODULE,
     }
@@ -179,4 +180,4 @@ def playground(
     with tempfile.TemporaryDirectory() as place:
         built = build("web", system, scheme=scheme, out=Path(place) / "page.html", **options)
         page = built.path.read_text(encoding="utf-8")
-    return View(_title(built.stepper.manifest), page, None)
+    return View(_title(built.stepper.manifest), page)

@@ -20,7 +20,7 @@ class Element {
       style: {}, options: [], listeners: {}, selectedIndex: 0, box: "0" });
   }
   get value() {
-    return this.id === "shape" ? "box" : this.options[this.selectedIndex]?.value ?? this.box;
+    return this.id === "shape" ? "auto" : this.options[this.selectedIndex]?.value ?? this.box;
   }
   set value(x) { this.box = String(x); }
   get selectedOptions() { return [this.options[this.selectedIndex]]; }

@@ -240,7 +240,12 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("Ensemble.to_xarray", many.to_xarray),
         plain("Ensemble.save", many.save, path=tmp_path / "many.npz"),
         plain("Ensemble.plot", many.plot, path=tmp_path / "many.png", values=["q1"]),
-        plain("view", made.view, path=tmp_path / "a.html", shape="box"),
+        plain("view", made.view, path=tmp_path / "a.html", shape="box", meshes="none"),
+        plain("export", made.export, path=tmp_path / "a.glb", meshes="none"),
+        plain("Shape", gs.Shape, kind="box", size=(1.0, 1.0, 1.0), centre=(0, 0, 0),
+              axes=np.eye(3), colour="#4c78a8", file=""),
+        plain("picture", made.picture, path=tmp_path / "d.png", size=(32, 24), time=0.01,
+              azimuth=10.0, elevation=20.0, background="dark", traces=True),
         plain("animate", made.animate, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
@@ -294,7 +299,8 @@ def model_calls() -> Iterator[Call]:
     def model() -> tuple[Callable[..., Any], dict[str, Any]]:
         return gs.Model, {"system": system, "parameters": {}, "q0": [1.0], "p0": [1.0],
                           "bodies": {}, "dt": 0.1, "steps": 3, "description": "", "frame": "",
-                          "rules": {}, "events": [gs.Event("x")], "units": {"x": "m"}}
+                          "rules": {}, "events": [gs.Event("x")], "units": {"x": "m"},
+                          "visuals": {"": [gs.Shape("box", (1.0, 1.0, 1.0))]}}
 
     yield Call("Model", model)
 
@@ -375,6 +381,7 @@ def multibody_calls() -> Iterator[Call]:
     yield of("force", body="body", force=(0, 0, 1), on_body=(0, 0, 1))
     yield of("torque", body="body", torque=(0, 0, 1))
     yield of("quantity", name="k", expression=sp.Integer(1))
+    yield of("visual", body="body", shape=gs.Shape("box", (1.0, 1.0, 1.0)))
     yield of("model", without=(), redundant="refuse")
     build = gs.Multibody("b")
     body = build.body("u", mass=1, inertia=inertia)

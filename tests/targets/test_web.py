@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+from calls import RUN, TOP
 from gyrospark.runtime.plotting.html_view import compact, drawing, page_file
 from gyrospark.runtime.plotting.scene import scene_of
 from gyrospark.targets import build as build_module
@@ -352,6 +353,18 @@ def test_a_step_that_fails_is_said_in_a_sentence():
     assert said["steps"] < 25
     assert "step" in said["notice"]
     assert "fails" in said["notice"]
+
+
+@needs_node
+def test_a_top_is_drawn_as_that_of_a_run(gl3):
+    (mine,) = in_node("heavy_top")["shapes"]
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=40, **RUN)
+    (part,) = scene_of(run, 2).parts
+    np.testing.assert_allclose(mine["tip"], part.tip, atol=1e-9)
+    for shape, drawn in zip(part.shapes, mine["shapes"], strict=True):
+        assert (shape.kind, shape.colour) == (drawn["kind"], drawn["colour"])
+        np.testing.assert_allclose(drawn["size"], shape.size, rtol=1e-9)
+        np.testing.assert_allclose(drawn["centre"], shape.centre, atol=1e-9)
 
 
 @needs_node

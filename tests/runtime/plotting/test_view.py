@@ -152,8 +152,11 @@ def test_the_script_is_javascript_and_draws(tops, gl3, tmp_path):
     for run, bodies in ((tops, 2), (gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN), 1),
                         (gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN), 1),
                         (integrated(gs.models.gimbal(), 5, dt=-1e-3), 3)):
-        said = executed(run.view().page, tmp_path)
+        drawn = executed(run.view().page, tmp_path)
+        assert drawn["bad"] == 0
+        said = executed(run.view(shape="box").page, tmp_path)
         assert said["bad"] == 0
+        assert drawn["fills"] > said["fills"]
         assert 2 * bodies <= said["fills"] <= 3 * bodies + len(run.joints) + 1  # faces and dots
         assert len(set(said["speeds"])) == 10
         assert said["glass"] == (bodies == 3)  # the rotor is inside its rings

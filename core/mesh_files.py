@@ -1,0 +1,114 @@
+"""Triangles of mesh files: STL, binary or text, and OBJ."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arguments import shown
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from .shapes import Shape
+
+__all__ = ["READABLE", "located", "read_triangles"]
+
+Array = NDArray[np.float64]
+
+#: Endings of files that can be read.
+READABLE = (".stl", ".obj")
+MAX_BYTES = 64 * 2**20
+MAX_TRIANGLES = 2_000_000
+_HEADER, _FACET = 84, 50  # bytes of a binary STL file
+
+
+def read_triangles(path: Path) -> Array:
+    """Return the corners of the triangles of an STL or OBJ file, shape (triangles, 3, 3).
+
+    Raises
+    ------
+    InputError
+        "reason; cure.", for files that are neither, or too large.
+    """
+    ending = path.suffix.lower()
+    if ending not in READABLE:
+        raise InputError(f"it ends in {shown(ending)}; convert it to .stl or .obj.")
+    try:
+        if not path.is_file():
+            raise InputError("there is no such file; correct the path.")
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"it has more than {MAX_BYTES >> 20} MiB; simplify it.")
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise InputError(f"it cannot be read ({error}); check its path.") from None
+    found = _obj(content) if ending == ".obj" else _stl(content)
+    if not len(found) or not np.isfinite(found).all():
+        raise InputError("it has no triangles of finite numbers; correct it.")
+    _check_number(len(found))
+    return found
+
+
+def _check_number(count: int) -> None:
+    if count > MAX_TRIANGLES:
+        raise InputError(f"it has {count} triangles and at most {MAX_TRIANGLES} are allowed; "
+                         "simplify it.")
+
+
+def _stl(content: bytes) -> Array:
+    count = int.from_bytes(content[80:_HEADER], "little")
+    if len(content) == _HEADER + _FACET * count:
+        _check_number(count)
+        kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+        return np.frombuffer(content, kind, offset=_HEADER)["corners"].astype(float)
+    lines = [line.split() for line in content.decode("utf-8", "replace").splitlines()]
+    corners = [line[1:4] for line in lines if line[:1] == ["vertex"]]
+    try:
+        return np.array(corners, dtype=float).reshape(-1, 3, 3)
+    except ValueError:
+        raise InputError("it is no STL; correct it.") from None
+
+
+def _obj(content: bytes) -> Array:
+    vertices: list[list[float]] = []
+    faces: list[tuple[int, int, int]] = []
+    try:
+        for line in content.decode("utf-8", "replace").splitlines():
+            words = line.split()
+            if words[:1] == ["v"]:
+                vertices.append([float(word) for word in words[1:4]])
+            elif words[:1] == ["f"]:
+                index = [int(word.split("/")[0]) for word in words[1:]]
+                index = [k - 1 if k > 0 else len(vertices) + k for k in index]
+                if min(index) < 0:
+                    raise IndexError
+                faces += [(index[0], index[k], index[k + 1]) for k in range(1, len(index) - 1)]
+        points = np.array(vertices, dtype=float).reshape(-1, 3)
+        corners: Array = points[np.array(faces, dtype=int).reshape(-1, 3)]
+        return corners
+    except (ValueError, IndexError):
+        raise InputError("it is no OBJ; correct it.") from None
+
+
+def located(shape: Shape, model: str | Path) -> Shape:
+    """Return a shape with the path of its mesh, of the name that a model file gives it.
+
+    ``package://NAME/…`` and ``model://NAME/…`` are searched for upwards from the model's folder;
+    ``file://…`` is a path; other names are relative to the folder. A mesh that is not found keeps
+    its name.
+    """
+    if not shape.file:
+        return shape
+    folder = Path(model).absolute().parent
+    scheme, colon, rest = shape.file.partition("://")
+    if not colon or scheme == "file":
+        return replace(shape, file=str(folder / (rest or shape.file)))
+    package, _, inner = rest.partition("/")
+    for above in (folder, *folder.parents):
+        for place in (above / rest, *([above / inner] if above.name == package else [])):
+            if place.is_file():
+                return replace(shape, file=str(place))
+    return shape

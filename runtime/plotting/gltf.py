@@ -1,0 +1,248 @@
+"""A trajectory as a binary glTF file, which Blender and most viewers of 3-D models read.
+
+glTF 2.0 (ISO/IEC 12113): a header, a chunk of JSON, a chunk of numbers. Each body is a node whose
+translation and rotation are animated, linearly between the frames; +Y is up, lengths are in metres.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._version import __version__
+from ...core.arguments import as_path, choose
+from ...core.file_formats import format_of, result_file
+from ...core.shapes import Shape, axes_about
+from .body_shapes import METAL
+from .html_view import with_visuals
+from .meshes import MESHES, IndexedMesh, MeshesName
+from .scene import Scene, Tie, scene_of
+from .solids import COLOURS, Mesh, joined, mesh_of
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+
+__all__ = ["check_model_file", "export_gltf"]
+
+Array = NDArray[Any]
+
+_FRAMES = 3600
+_GROUND = "#969ea6"
+#: Radii of pins, balls and rods, and half the length of pins, in parts of the reach of the scene.
+_PIN, _BALL, _ROD, _LENGTH = 0.022, 0.03, 0.010, 0.05
+#: Component type → its number in glTF; element shape → its name.
+_TYPES = {np.dtype("<f4"): 5126, np.dtype("<u4"): 5125}
+_SHAPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4"}
+_ELEMENTS, _VERTICES = 34963, 34962  # uses of a buffer view
+
+
+def export_gltf(
+    trajectory: Trajectory, path: str | os.PathLike[str], *, meshes: MeshesName = "full"
+) -> Path:
+    """Write the bodies, joints and motion of a trajectory as .glb; return the path.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of at least one rigid body; of more than 3600 states as many, evenly.
+    path : path
+        A name that ends in .glb.
+    meshes : {"small", "full", "none"}
+        Of the meshes of a robot's file, as for ``view``.
+
+    Raises
+    ------
+    InputError
+        Where there is no rigid body; for another ending or number of meshes.
+    GyrosparkError
+        If the file cannot be written.
+    """
+    target = check_model_file(path)
+    choose("meshes", meshes, MESHES)
+    scene, found = with_visuals(trajectory, scene_of(trajectory, _FRAMES), meshes)
+    with result_file(target, "The model") as part:
+        part.write_bytes(_Document(scene, found).as_bytes())
+    return target
+
+
+def check_model_file(path: str | os.PathLike[str]) -> Path:
+    """Return the path if a 3-D model can be written as such a file.
+
+    Raises
+    ------
+    InputError
+        For another ending than .glb.
+    """
+    target = as_path("path", path, "top.glb")
+    format_of(target, "A 3-D model", "model")
+    return target
+
+
+class _Document:
+    """The JSON of a scene, and its numbers."""
+
+    def __init__(self, scene: Scene, meshes: Mapping[str, IndexedMesh]) -> None:
+        self.numbers = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+        self.materials: dict[str, int] = {}
+        self.meshes: list[dict[str, Any]] = []
+        self.nodes: list[dict[str, Any]] = [{
+            "name": scene.title, "rotation": _rotation(scene.up, np.array([0.0, 1.0, 0.0]))}]
+        self.samplers: list[dict[str, Any]] = []
+        self.channels: list[dict[str, Any]] = []
+        self.scene, self.given = scene, meshes
+        self.times = self._numbers((scene.t - scene.t[0]) * np.sign(scene.t[-1] - scene.t[0] or 1),
+                                   "<f4")
+        places = np.concatenate([part.at(part.centre)[:, 0] for part in scene.parts])
+        self.reach = max(float(np.linalg.norm(np.ptp(places, axis=0))),
+                         *(2 * float(part.sizes["box"].max()) for part in scene.parts))
+        for i, part in enumerate(scene.parts):
+            shapes = part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]
+            self._node(part.name, [*shapes, *self._joints(i)], COLOURS[i % len(COLOURS)],
+                       translation=part.x, rotation=_scalar_last(part.q))
+        still = [*scene.ground, *self._joints(-1)]
+        if still:
+            self._node("ground", still, _GROUND)
+        for tie in scene.ties:
+            if tie.kind in ("rod", "spring"):
+                self._rod(tie)
+        self.nodes[0]["children"] = list(range(1, len(self.nodes)))
+
+    def as_bytes(self) -> bytes:
+        """Return the file."""
+        animated = self.channels and len(self.scene.t) > 1
+        text = json.dumps({
+            "asset": {"version": "2.0", "generator": f"gyrospark {__version__}"},
+            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": self.nodes, "meshes": self.meshes,
+            "materials": [_material(colour) for colour in self.materials],
+            "accessors": self.accessors, "bufferViews": self.views,
+            "buffers": [{"byteLength": len(self.numbers)}],
+            **({"animations": [{"name": "run", "samplers": self.samplers,
+                                "channels": self.channels}]} if animated else {}),
+        }, allow_nan=False).encode()
+        chunks = b"".join(
+            struct.pack("<II", len(data), kind) + data for data, kind in (
+                (text + b" " * (-len(text) % 4), 0x4E4F534A), (bytes(self.numbers), 0x004E4942)))
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+    def _numbers(self, values: Array, kind: str, use: int = 0) -> int:
+        """Return the accessor of an array, with its bounds."""
+        data = np.ascontiguousarray(values, dtype=kind)
+        self.views.append({"buffer": 0, "byteOffset": len(self.numbers), "byteLength": data.nbytes,
+                           **({"target": use} if use else {})})
+        self.numbers += data.tobytes()  # of four bytes each: aligned
+        self.accessors.append({
+            "bufferView": len(self.views) - 1, "componentType": _TYPES[data.dtype],
+            "count": len(data), "type": _SHAPES[data.shape[1:]],
+            "min": np.atleast_1d(data.min(axis=0)).tolist(),
+            "max": np.atleast_1d(data.max(axis=0)).tolist()})
+        return len(self.accessors) - 1
+
+    def _joints(self, i: int) -> Iterable[Shape]:
+        """Yield the pins and balls on a body, or on the ground where they hold its other end."""
+        for tie in self.scene.ties:
+            if tie.b != i or self._dressed(tie.a) or self._dressed(tie.b):
+                continue
+            if tie.kind == "ball":
+                yield Shape("sphere", np.full(3, _BALL * self.reach), tie.on_b, colour=METAL)
+            elif tie.kind == "hinge" and tie.axis is not None and not tie.slides:
+                r = _PIN * self.reach
+                yield Shape("bar", np.array([r, r, _LENGTH * self.reach]), tie.on_b,
+                            axes_about(tie.axis), METAL)
+
+    def _dressed(self, i: int) -> bool:
+        return i >= 0 and any(shape.file for shape in self.scene.parts[i].shapes)
+
+    def _rod(self, tie: Tie) -> None:
+        """Add a bar that is moved, turned and stretched between two points."""
+        parts = self.scene.parts
+        a, b = (parts[i].at(r)[:, 0] if i >= 0 else np.tile(r, (len(self.scene.t), 1))
+                for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
+        length = np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-9 * self.reach)
+        third = np.array([0.0, 0.0, 1.0])
+        q = np.array([_rotation(third, e) for e in (b - a) / length])
+        r = _ROD * self.reach
+        self._node(tie.name, [Shape("disc", np.array([r, r, 1.0]), np.zeros(3), colour=METAL)],
+                   METAL, translation=(a + b) / 2, rotation=q,
+                   scale=np.hstack([np.ones((len(q), 2)), length / 2]))
+
+    def _node(self, name: str, shapes: Iterable[Shape], colour: str, **motion: Array) -> None:
+        """Add a node of shapes, with the motion that is not constant as an animation."""
+        node: dict[str, Any] = {"name": name, "mesh": len(self.meshes)}
+        self.meshes.append({"name": name, "primitives": list(self._primitives(shapes, colour))})
+        for what, values in motion.items():
+            node[what] = values[0].tolist()
+            if np.ptp(values, axis=0).any():
+                self.channels.append({"sampler": len(self.samplers), "target": {
+                    "node": len(self.nodes), "path": what}})
+                self.samplers.append({"input": self.times, "interpolation": "LINEAR",
+                                      "output": self._numbers(values, "<f4")})
+        self.nodes.append(node)
+
+    def _primitives(self, shapes: Iterable[Shape], colour: str) -> Iterable[dict[str, Any]]:
+        """Yield triangles of each colour, and those of each mesh."""
+        solids: dict[str, list[Mesh]] = {}
+        for shape in shapes:
+            own = shape.colour or colour
+            if shape.file:  # without normals it is flat
+                mesh = self.given[shape.file]
+                faces = mesh.triangles if np.prod(shape.size) > 0 else mesh.triangles[:, ::-1]
+                at = self._numbers(shape.centre + mesh.points * shape.size @ shape.axes.T, "<f4",
+                                   _VERTICES)
+                yield self._primitive({"POSITION": at}, faces, own)
+                continue
+            solid = mesh_of(shape)
+            for value in {0.0} if shape.colour else {*solid.light.tolist()}:
+                some = solid.faces if shape.colour else solid.faces[solid.light == value]
+                used, faces = np.unique(some, return_inverse=True)
+                solids.setdefault(_lighter(own, 0.42 * value), []).append(replace(
+                    solid, points=solid.points[used], normals=solid.normals[used],
+                    faces=faces.reshape(-1, 3)))
+        for own, one in solids.items():
+            whole = joined(one)
+            yield self._primitive({"POSITION": self._numbers(whole.points, "<f4", _VERTICES),
+                                   "NORMAL": self._numbers(whole.normals, "<f4", _VERTICES)},
+                                  whole.faces, own)
+
+    def _primitive(self, attributes: dict[str, int], faces: Array, colour: str) -> dict[str, Any]:
+        return {"attributes": attributes, "indices": self._numbers(faces.ravel(), "<u4", _ELEMENTS),
+                "material": self.materials.setdefault(colour, len(self.materials))}
+
+
+def _scalar_last(q: Array) -> Array:
+    """Return unit quaternions as glTF has them, each on the side of the one before."""
+    signs = np.cumprod(np.append(1.0, np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)))
+    unit: Array = q * (signs / np.linalg.norm(q, axis=1))[:, None]
+    return unit[:, [1, 2, 3, 0]]
+
+
+def _rotation(start: Array, end: Array) -> list[float]:
+    """Return the shortest rotation of a unit vector to another, vector first."""
+    q = np.append(np.cross(start, end), 1 + start @ end)
+    if q[3] < 1e-9:  # opposite: about any axis that is normal to both
+        q = np.append(axes_about(start)[:, 0], 0.0)
+    found: list[float] = (q / np.linalg.norm(q)).tolist()
+    return found
+
+
+def _lighter(colour: str, share: float) -> str:
+    rgb = [int(colour[k:k + 2], 16) for k in (1, 3, 5)]
+    return "#" + "".join(f"{round(x + share * (255 - x)):02x}" for x in rgb)
+
+
+def _material(colour: str) -> dict[str, Any]:
+    """Return a material of an sRGB colour, whose components glTF has linear in light."""
+    rgb = np.array([int(colour[k:k + 2], 16) for k in (1, 3, 5)]) / 255
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return {"name": colour, "doubleSided": True, "pbrMetallicRoughness": {
+        "baseColorFactor": [*linear.round(6).tolist(), 1.0], "metallicFactor": 0.1,
+        "roughnessFactor": 0.6}}

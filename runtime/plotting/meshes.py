@@ -1,0 +1,127 @@
+"""Meshes of pages: vertices clustered in growing cells until all fit into a number of bytes.
+
+Clustering (Rossignac and Borrel, 1993): the vertices in a cubic cell become their mean; triangles
+of which two corners are in one cell, and repeated ones, vanish.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.mesh_files import read_triangles
+
+__all__ = ["MESHES", "IndexedMesh", "MeshesName", "encoded", "read_meshes"]
+
+Array = NDArray[np.float64]
+MeshesName = Literal["small", "full", "none"]
+MESHES: tuple[MeshesName, ...] = get_args(MeshesName)
+
+#: Bytes of all meshes of a page, in base64.
+BUDGET = 700_000
+#: Cells along the longest mesh to begin with.
+_CELLS = 192.0
+#: Along a small mesh there are so many at least.
+_LEAST = 6
+
+
+@dataclass(frozen=True, eq=False)
+class IndexedMesh:
+    """Vertices, shape (n, 3), and three numbers of them for each triangle, shape (m, 3)."""
+
+    points: Array
+    triangles: NDArray[np.int64]
+
+    @staticmethod
+    def of(corners: Array) -> IndexedMesh:
+        """Return the mesh of triangles, shape (m, 3, 3), with each vertex once."""
+        points = corners.reshape(-1, 3) + 0.0  # of one sign where they are 0
+        first, index = _unique_rows(points)
+        return IndexedMesh(points[first], index.reshape(-1, 3)).cleaned()
+
+    @property
+    def extent(self) -> float:
+        """The longest side of its bounding box."""
+        return float(np.ptp(self.points, axis=0).max())
+
+    def cleaned(self) -> IndexedMesh:
+        """Return the mesh without triangles that are lines, or that are there twice."""
+        t = self.triangles
+        t = t[(t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])]
+        first = np.argmin(t, axis=1)[:, None]
+        turned = np.take_along_axis(t, (first + np.arange(3)) % 3, axis=1)
+        return IndexedMesh(self.points, turned[np.sort(_unique_rows(turned)[0])])
+
+    def clustered(self, cell: float) -> IndexedMesh:
+        """Return the mesh with the vertices in each cell of this width as one."""
+        low = self.points.min(axis=0)
+        cells = np.floor((self.points - low) / cell + 0.5).astype(np.int64)
+        index = _unique_rows(cells)[1]
+        points = np.stack([np.bincount(index, self.points[:, k]) for k in range(3)], axis=1)
+        return IndexedMesh(points / np.bincount(index)[:, None], index[self.triangles]).cleaned()
+
+
+def _unique_rows(rows: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of the rows that differ, and which of these each row is."""
+    whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1])))
+    _, first, index = np.unique(whole.ravel(), return_index=True, return_inverse=True)
+    return first, index.ravel()
+
+
+def read_meshes(
+    files: Iterable[str], meshes: MeshesName
+) -> tuple[dict[str, IndexedMesh], dict[str, str]]:
+    """Return meshes by their files, and why others cannot be shown.
+
+    ``"small"`` ones are clustered until all together are in the budget of a page; of ``"none"``
+    there are none.
+    """
+    found: dict[str, IndexedMesh] = {}
+    refused: dict[str, str] = {}
+    for file in dict.fromkeys(files) if meshes != "none" else ():
+        try:
+            found[file] = IndexedMesh.of(read_triangles(Path(file)))
+        except InputError as error:
+            refused[file] = str(error)
+    if meshes == "full" or not found:
+        return found, refused
+    cells, longest = 0.0, max(mesh.extent for mesh in found.values())
+    while (size := sum(len(encoded(mesh)["data"]) for mesh in found.values())) > BUDGET:
+        # triangles are as the square of the cells along a side
+        cells = cells * min(0.8, 0.95 * (BUDGET / size) ** 0.5) if cells else _CELLS
+        if cells < 1:
+            break
+        found = {file: mesh.clustered(max(min(longest / cells, mesh.extent / _LEAST), 1e-12))
+                 for file, mesh in found.items()}
+    return found, refused
+
+
+def encoded(mesh: IndexedMesh) -> Mapping[str, Any]:
+    """Return a mesh as JSON has it: bounds, and base64 of deflated numbers.
+
+    Vertices are sorted 16-bit integers between the bounds, differences along each axis in turn;
+    then the numbers of corners, differences too. Both are little-endian, modulo their width.
+    """
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    width = np.where(high > low, high - low, 1.0)
+    points = np.round((mesh.points - low) / width * 65535).astype(np.int64)
+    order = np.lexsort(points.T[::-1])
+    points, number = points[order], np.empty_like(order)
+    number[order] = np.arange(len(order))
+    triangles = number[mesh.triangles]
+    turned = np.take_along_axis(
+        triangles, (np.argmin(triangles, axis=1)[:, None] + np.arange(3)) % 3, axis=1)
+    corners = turned[np.lexsort(turned.T[::-1])].ravel()
+    data = (np.diff(points, axis=0, prepend=0).T.astype("<u2").tobytes()
+            + np.diff(corners, prepend=0).astype("<u4").tobytes())
+    return {"low": low.tolist(), "width": width.tolist(), "vertices": len(points),
+            "triangles": len(mesh.triangles),
+            "data": base64.b64encode(zlib.compress(data, 6)).decode("ascii")}

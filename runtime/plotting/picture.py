@@ -1,0 +1,522 @@
+"""A picture of a run as a PNG file, without matplotlib and without a browser."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import as_flag, as_path, choose, shown
+from ...core.errors import InputError
+from ...core.file_formats import ending_of, result_file
+from ...core.inertia import real_array
+from ...core.shapes import Shape, axes_about
+from ..rigid_body.quaternion import rotation_matrix
+from .body_shapes import DARK, METAL, STAND
+from .html_view import with_visuals
+from .meshes import IndexedMesh
+from .rasterizer import (
+    BACKGROUNDS,
+    BackgroundName,
+    Camera,
+    Triangles,
+    encode_png,
+    rasterize,
+    render,
+)
+from .scene import Scene, ScenePart, Tie, is_held, scene_of
+from .solids import COLOURS, Mesh, colour_of, mesh_of, mesh_of_file, tube
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+
+__all__ = ["BackgroundName", "RenderedPicture", "check_picture_file", "draw_picture", "draw_scene"]
+
+Array = NDArray[np.float64]
+
+#: States of which the one with the largest extent is shown, points of a trace; poses in all.
+_FRAMES, _POSES = 4000, 40_000
+#: Pixels of a side: fewer show nothing, more take seconds.
+_LEAST, _MOST = 16, 4096
+#: Distance of the eye, in radii of the scene, and how much of the picture the scene fills.
+_AWAY, _FILL = 5.0, 0.90
+#: Radius of joints, rods and springs in parts of the reach of the scene.
+_JOINT, _ROD, _WIRE, _COIL = 0.021, 0.010, 0.0055, 0.026
+#: Spheres of more shapes have fewer triangles.
+_COARSE = 100
+#: Opacity of glass.
+_GLASS = 0.25
+#: Windings of a spring.
+_TURNS = 9
+#: Width of a trace in pixels of a picture 480 pixels high.
+_TRACE = 2.2
+#: A motion in a plane is seen from this far beside the normal of the plane, in degrees.
+_ASIDE = 18.0
+
+
+class RenderedPicture:
+    """A picture of bodies; Jupyter shows it where it is the last value of a cell.
+
+    Attributes
+    ----------
+    pixels : array of uint8, shape (height, width, 3)
+    time : float
+        Of the state shown.
+    path : Path or None
+        Where it was written.
+    """
+
+    def __init__(self, title: str, pixels: NDArray[np.uint8], time: float) -> None:
+        self._title, self.pixels, self.time = title, pixels, time
+        self.path: Path | None = None
+
+    def __repr__(self) -> str:
+        height, width, _ = self.pixels.shape
+        where = "" if self.path is None else f" in {str(self.path)!r}"
+        return f"<picture of {self._title} at t = {self.time:g}: {width} × {height}{where}>"
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the picture to a file whose name ends in .png; return its path.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        GyrosparkError
+            If the file cannot be written.
+        """
+        self.path = check_picture_file(path)
+        with result_file(self.path, "The picture") as part:
+            part.write_bytes(encode_png(self.pixels))
+        return self.path
+
+    def _repr_png_(self) -> bytes:
+        """Return what Jupyter shows."""
+        return encode_png(self.pixels)
+
+
+def check_picture_file(path: str | os.PathLike[str]) -> Path:
+    """Return the path if a picture of bodies can be written as such a file.
+
+    Raises
+    ------
+    InputError
+        For another ending than .png.
+    """
+    target = as_path("path", path, "top.png")
+    if ending_of(target) != ".png":
+        raise InputError(f"A picture of bodies cannot be written as {target.name!r}; end it in "
+                         ".png. plot writes curves as .svg and .pdf.")
+    return target
+
+
+def draw_picture(
+    trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
+    size: tuple[int, int] = (640, 480), time: float | None = None, azimuth: float | None = None,
+    elevation: float | None = None, background: BackgroundName = "light", traces: bool = True,
+) -> RenderedPicture:
+    """Return a picture of one state, and write it where a path is given.
+
+    Bodies are drawn from their inertia and joints: a body that spins on a point as a top, one that
+    turns about its symmetry axis as a wheel, a body between joints as bars, a body around others as
+    a box of glass.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of at least one rigid body.
+    path : path, optional
+        A name that ends in .png.
+    size : (int, int)
+        Width and height in pixels, from 16 to 4096.
+    time : float, optional
+        Of the state shown, the nearest stored one; default: the one of largest extent.
+    azimuth, elevation : float, optional
+        Direction of the camera in degrees: about the vertical, and above the horizon, from −90
+        to 90. Default: a motion in a plane is seen from the front.
+    background : {"light", "dark"}
+    traces : bool
+        Whether the paths of the bodies up to this time are drawn.
+
+    Raises
+    ------
+    InputError
+        Where there is no rigid body, and for other values.
+    GyrosparkError
+        If the file cannot be written.
+    """
+    target = None if path is None else check_picture_file(path)
+    choose("background", background, tuple(BACKGROUNDS))
+    traces = as_flag("traces", traces)
+    count = min(_FRAMES, max(2, _POSES // max(len(trajectory.bodies), 1)))
+    if time is None:
+        scene, frame = scene_of(trajectory, count), None
+    else:
+        t = trajectory.t.astype(float)
+        wanted = _number("time", time, -1e300, 1e300, "a number of seconds")
+        nearest = int(np.argmin(np.abs(t - wanted)))
+        scene = scene_of(trajectory, count, include=nearest)
+        frame = int(np.argmin(np.abs(scene.t - t[nearest])))
+    dressed, meshes = with_visuals(trajectory, scene, "small")
+    made = draw_scene(dressed, meshes, size=size, frame=frame, azimuth=azimuth, elevation=elevation,
+                      background=background, traces=traces)
+    if target is not None:
+        made.save(target)
+    return made
+
+
+def draw_scene(
+    scene: Scene, files: Mapping[str, IndexedMesh] | None = None, *,
+    size: tuple[int, int] = (640, 480), frame: int | None = None,
+    azimuth: float | None = None, elevation: float | None = None,
+    background: BackgroundName = "light", traces: bool = True,
+) -> RenderedPicture:
+    """Return a picture of a frame of a scene, its meshes by their files; see ``draw_picture``."""
+    width, height = _size(size)
+    shown_frame = _widest(scene) if frame is None else frame
+    points = _paths(scene)
+    facing, tilt = _direction(scene, points)
+    if azimuth is not None:
+        facing = np.radians(_number("azimuth", azimuth, -1e9, 1e9, "an angle in degrees"))
+    if elevation is not None:
+        tilt = np.radians(_number("elevation", elevation, -90, 90, "degrees from -90 to 90"))
+    meshes = list(_meshes(scene, shown_frame, files or {}))
+    solid = _triangles(meshes)
+    if facing is None:
+        facing = _best_azimuth(solid.corners, scene.up, tilt)
+    traced = _traced(scene, points) if traces else []
+    lines = [points[: shown_frame + 1, i] for i in traced]
+    floor = None
+    if scene.gravity:
+        some = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
+        low = [solid.corners @ scene.up, _joint_points(scene, some) @ scene.up,
+               *(line @ scene.up for line in lines)]
+        floor = float(min(heights.min() for heights in low))
+        stands = list(_stands(scene, shown_frame, floor))
+        solid = _triangles(meshes + stands) if stands else solid
+    framed = np.concatenate([solid.corners.reshape(-1, 3), *lines])
+    camera, reach, centre = _camera(framed, scene.up, facing, tilt, width, height)
+    ribbons = _ribbons(camera, lines, [colour_of(_own_colour(i)) for i in traced],
+                       _TRACE * height / 480)
+    pixels = render(solid, ribbons, camera, (width, height), up=scene.up, floor=floor,
+                    cell=_cell(reach), background=background, centre=centre, reach=reach)
+    return RenderedPicture(scene.title, pixels, float(scene.t[shown_frame]))
+
+
+def _number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
+    """Return a number between bounds."""
+    found = real_array(value)
+    if found is None or found.ndim or not low <= float(found) <= high:
+        raise InputError(f"{name} = {shown(value)} is no direction or time of a picture; give "
+                         f"{allowed}.")
+    return float(found)
+
+
+def _size(size: Any) -> tuple[int, int]:
+    """Return width and height of a picture."""
+    found = real_array(size)
+    if (found is None or found.shape != (2,) or (found != np.round(found)).any()
+            or found.min() < _LEAST or found.max() > _MOST):
+        raise InputError(f"size = {shown(size)} is no size of a picture; give its width and height "
+                         f"in pixels, two whole numbers from {_LEAST} to {_MOST}.")
+    return int(found[0]), int(found[1])
+
+
+def _place(scene: Scene, frame: int, i: int, r: Array) -> Array:
+    """Return where a point of a body is, of the ground for −1."""
+    if i < 0:
+        return r
+    part = scene.parts[i]
+    where: Array = part.x[frame] + rotation_matrix(part.q[frame]) @ r
+    return where
+
+
+def _paths(scene: Scene) -> Array:
+    """Return where the tip of each body is, shape (frames, bodies, 3)."""
+    return np.stack([part.at(part.tip)[:, 0] for part in scene.parts], axis=1)
+
+
+def _joint_points(scene: Scene, frames: Any) -> Array:
+    """Return centres and joints of bodies at some frames, shape (frames, points, 3)."""
+    points = []
+    for i, part in enumerate(scene.parts):
+        own = [part.centre, *(r for tie in scene.ties for k, r in
+                              ((tie.a, tie.on_a), (tie.b, tie.on_b)) if k == i)]
+        R = rotation_matrix(part.q[frames])
+        points.append(part.x[frames][:, None] + np.einsum("kij,nj->kni", R, np.array(own)))
+    return np.concatenate(points, axis=1)
+
+
+def _widest(scene: Scene) -> int:
+    """Return the latest frame at which the scene is about as large as it ever is."""
+    frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
+    points = _joint_points(scene, frames)
+    extent = np.linalg.norm(np.ptp(points, axis=1), axis=1)
+    return int(frames[np.flatnonzero(extent >= 0.98 * extent.max())[-1]])
+
+
+def _basis(up: Array) -> tuple[Array, Array]:
+    """Return two horizontal directions, from which azimuths are counted."""
+    first = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 1.0, 0])
+    first = first - (first @ up) * up
+    first = first / np.linalg.norm(first)
+    return first, np.cross(up, first)
+
+
+def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
+    """Return azimuth and elevation of the camera in radians, by the plane of the motion.
+
+    No azimuth for a motion in space.
+    """
+    frames = np.unique(np.linspace(0, len(scene.t) - 1, 60).astype(int))
+    first, second = _basis(scene.up)
+    moved = []
+    for part in scene.parts:
+        size = float(part.sizes["box"].max())
+        corners = part.at(part.centre + size * part.axes.T)[frames]
+        moved.append((corners - corners[0]).reshape(-1, 3))
+    _, spread, directions = np.linalg.svd(np.concatenate(moved), full_matrices=False)
+    if spread[2] < 2e-3 * spread[1]:  # a motion in a plane
+        normal = directions[2]
+        if abs(normal @ scene.up) < 0.3:
+            normal = normal * (-1 if normal @ second > 1e-9 else 1)
+            facing = float(np.arctan2(normal @ second, normal @ first))
+            return facing + np.radians(_ASIDE), np.radians(13.0)
+        if abs(normal @ scene.up) > 0.9 and np.ptp(paths, axis=0).max() > 0:
+            return None, np.radians(38.0)
+    return None, np.radians(16.0)
+
+
+def _best_azimuth(corners: Array, up: Array, tilt: float) -> float:
+    """Return the azimuth, near −50°, from which the bodies cover the most pixels."""
+    best, most, size = 0.0, -1.0, 72
+    for degrees in range(-140, 40, 30):
+        facing = np.radians(degrees)
+        seen = corners @ _sight(up, facing, tilt).T
+        low = seen.reshape(-1, 3).min(axis=0)
+        scale = size / max(float((seen.reshape(-1, 3).max(axis=0) - low)[:2].max()), 1e-12)
+        index, _ = rasterize((seen - low) * scale + [0, 0, 1], size, size)
+        area = float((index >= 0).sum()) / scale**2 * (1.12 - 0.0016 * abs(degrees + 50))
+        if area > most:
+            best, most = float(facing), area
+    return best
+
+
+def _sight(up: Array, facing: float, tilt: float) -> Array:
+    """Return the axes of a camera as rows: right, over, and back towards the eye."""
+    first, second = _basis(up)
+    back = np.cos(tilt) * (np.cos(facing) * first + np.sin(facing) * second) + np.sin(tilt) * up
+    right = np.cos(facing) * second - np.sin(facing) * first
+    return np.stack([right, np.cross(back, right), back])
+
+
+def _traced(scene: Scene, paths: Array) -> list[int]:
+    """Return the bodies whose paths are drawn: those that move, if they are few, or the last."""
+    extent = np.linalg.norm(np.ptp(paths, axis=0), axis=1)
+    size = max(float(np.linalg.norm(np.ptp(paths.reshape(-1, 3), axis=0))), 1e-12)
+    moving = np.flatnonzero(extent > 0.08 * size)
+    if len(scene.parts) > 12:
+        return []
+    return [int(i) for i in (moving if len(moving) <= 2 else moving[-1:])]
+
+
+def _own_colour(i: int) -> str:
+    return COLOURS[i % len(COLOURS)]
+
+
+def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
+            ) -> Iterator[tuple[Mesh, Array, float]]:
+    """Yield what is drawn in space: triangles, colour and alpha."""
+    for shape in scene.ground:
+        mesh = mesh_of_file(shape, files[shape.file]) if shape.file else mesh_of(shape)
+        yield replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND), 1.0
+    coarse = sum(len(part.shapes) for part in scene.parts) > _COARSE
+    for i, part in enumerate(scene.parts):
+        R, x = rotation_matrix(part.q[frame]), part.x[frame]
+        shapes = part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]
+        glass = [Shape("box", 0.96 * part.sizes["box"], part.centre, part.axes)] * part.glass
+        for shape, alpha in [(one, 1.0) for one in shapes] + [(one, _GLASS) for one in glass]:
+            mesh = (mesh_of_file(shape, files[shape.file]) if shape.file else
+                    mesh_of(shape, coarse=coarse))
+            light = 0 * mesh.light if shape.colour else mesh.light
+            yield (Mesh(x + mesh.points @ R.T, mesh.normals @ R.T, mesh.faces, light),
+                   colour_of(shape.colour or _own_colour(i)), alpha)
+    reach = _reach(scene, frame)
+    for tie in scene.ties:
+        if any(i >= 0 and _has_mesh(scene.parts[i]) for i in (tie.a, tie.b)):
+            continue  # its joints are in the mesh
+        for mesh, colour in _tie_meshes(scene, tie, frame, reach):
+            yield replace(mesh, light=0 * mesh.light), colour_of(colour), 1.0
+
+
+def _has_mesh(part: ScenePart) -> bool:
+    return any(shape.file for shape in part.shapes)
+
+
+def _reach(scene: Scene, frame: int) -> float:
+    """Return the size of the scene, of which the thickness of joints is a part."""
+    points = _joint_points(scene, [frame])[0]
+    return max(float(np.linalg.norm(np.ptp(points, axis=0))),
+               *(2 * float(part.sizes["box"].max()) for part in scene.parts))
+
+
+def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Array, float]]:
+    """Yield what carries joints of the ground: two posts, one post, or a plate above."""
+    up, metal = scene.up, colour_of(STAND)
+    r = _JOINT * _reach(scene, frame)
+    for part, pivot, axis in _pivots(scene):
+        if _has_mesh(part):
+            continue
+        below = float(np.max(part.at(part.centre)[:, 0] @ up)) < pivot @ up
+        R = rotation_matrix(part.q[frame])
+        lowest = min(float((mesh_of(shape).points @ R.T @ up).min()) for shape in part.shapes)
+        height = float(pivot @ up) - floor
+        if axis is not None and abs(axis @ up) >= 0.5 and (
+                lowest + part.x[frame] @ up < floor + 2 * r):
+            continue  # it turns about a vertical axis and reaches down to the floor
+        feet = [np.zeros(3)]
+        if axis is not None and abs(axis @ up) < 0.5:
+            feet = [2.6 * r * side * axis for side in (-1, 1)]
+        if below:
+            shapes = [Shape.bar(pivot + at, pivot + at + 2.4 * r * up, 0.55 * r) for at in feet]
+            shapes.append(Shape("disc", np.array([4 * r, 4 * r, 0.4 * r]), pivot + 2.8 * r * up,
+                                axes_about(up)))
+        elif height < 2 * r:
+            continue
+        else:
+            shapes = [shape for at in feet for shape in (
+                Shape.bar(pivot + at + (0 if len(feet) == 2 else -r) * up,
+                          pivot + at - height * up, 0.55 * r),
+                Shape("disc", np.array([1.6 * r, 1.6 * r, 0.25 * r]),
+                      pivot + at + (0.25 * r - height) * up, axes_about(up)))]
+        for shape in shapes:
+            mesh = mesh_of(shape)
+            yield replace(mesh, light=0 * mesh.light), metal, 1.0
+
+
+def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
+    """Yield bodies that the ground holds at a point, the point, and the axis of a hinge."""
+    for i, part in enumerate(scene.parts):
+        if is_held(scene.parts, scene.ties, i):
+            yield part, part.x[0], None
+    for tie in scene.ties:
+        if min(tie.a, tie.b) < 0 and tie.kind in ("ball", "hinge") and not tie.slides:
+            part = scene.parts[max(tie.a, tie.b)]
+            axis = tie.axis
+            if axis is not None and tie.b >= 0:
+                axis = rotation_matrix(part.q[0]) @ axis
+            yield part, tie.on_a if tie.a < 0 else tie.on_b, axis
+
+
+def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tuple[Mesh, str]]:
+    """Yield pins, balls, rods and coils."""
+    a, b = _place(scene, frame, tie.a, tie.on_a), _place(scene, frame, tie.b, tie.on_b)
+    along = float(np.linalg.norm(b - a))
+    turned = scene.parts[tie.b].shapes[0].kind if tie.b >= 0 and scene.parts[tie.b].shapes else ""
+    if tie.slides and tie.axis is not None:
+        yield mesh_of(_rail(scene, tie, frame, 0.5 * _JOINT * reach)), STAND
+    elif tie.kind == "hinge" and tie.axis is not None and turned != "disc":
+        e = tie.axis if tie.b < 0 else rotation_matrix(scene.parts[tie.b].q[frame]) @ tie.axis
+        r = _JOINT * reach
+        yield mesh_of(Shape("disc", np.array([r, r, 1.9 * r]), b, axes_about(e))), METAL
+        yield mesh_of(Shape("disc", np.array([0.45 * r, 0.45 * r, 2.1 * r]), b,
+                            axes_about(e))), DARK
+    elif tie.kind == "ball":
+        yield mesh_of(Shape("sphere", np.full(3, 1.3 * _JOINT * reach), b)), METAL
+    elif tie.kind == "rod" and along > 0:
+        yield mesh_of(Shape.bar(a, b, _ROD * reach)), METAL
+    elif tie.kind == "spring" and along > 0:
+        s = np.linspace(0, 1, 20 * _TURNS + 1)
+        u, v, e = axes_about((b - a) / along).T
+        inner = np.clip((s - 0.1) / 0.8, 0, 1)
+        wide = _COIL * reach * np.clip(8 * np.minimum(s - 0.08, 0.92 - s), 0, 1)[:, None]
+        turn = 2 * np.pi * _TURNS * inner[:, None]
+        yield tube(a + along * s[:, None] * e + wide * (np.cos(turn) * u + np.sin(turn) * v),
+                   _WIRE * reach), METAL
+
+
+def _rail(scene: Scene, tie: Tie, frame: int, radius: float) -> Shape:
+    """Return the bar on which b slides, as long as its way."""
+    axis = np.zeros(3) if tie.axis is None else tie.axis
+    frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
+    places = scene.parts[tie.b].at(tie.on_b)[frames, 0] if tie.b >= 0 else tie.on_b[None]
+    R = [np.eye(3) if tie.b < 0 else rotation_matrix(scene.parts[tie.b].q[k]) for k in frames]
+    axes = np.array([turn @ axis for turn in R])
+    starts = np.array([_place(scene, int(k), tie.a, tie.on_a) for k in frames])
+    travel = np.einsum("ij,ij->i", places - starts, axes)
+    now = int(np.argmin(np.abs(frames - frame)))
+    end = 4 * radius
+    return Shape.bar(starts[now] + (min(travel.min(), 0) - end) * axes[now],
+                     starts[now] + (max(travel.max(), 0) + end) * axes[now], radius)
+
+
+def _triangles(meshes: list[tuple[Mesh, Array, float]]) -> Triangles:
+    """Return the triangles of meshes; light faces are mixed with white."""
+    corners, normals, colours, numbers, alphas = [], [], [], [], []
+    number, before = 0, None
+    for mesh, colour, alpha in meshes:
+        key = (*colour, alpha)
+        number += key != before  # parts of one colour in a row have no outline between them
+        before = key
+        corners.append(mesh.points[mesh.faces])
+        normals.append(mesh.normals[mesh.faces])
+        colours.append(colour + 0.6 * mesh.light[:, None] * (1 - colour))
+        numbers.append(np.full(len(mesh.faces), number))
+        alphas.append(np.full(len(mesh.faces), alpha))
+    return Triangles(np.concatenate(corners), np.concatenate(normals), np.concatenate(colours),
+                     np.concatenate(numbers), np.concatenate(alphas))
+
+
+def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, height: int,
+            ) -> tuple[Camera, float, Array]:
+    """Return a camera that sees all points, half the size of what it sees, and its centre."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre, reach = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
+    axes = _sight(up, facing, tilt)
+    camera = Camera(centre + _AWAY * reach * axes[2], axes, 1.0, np.zeros(2))
+    seen = camera.project(points)[:, :2]
+    least, most = seen.min(axis=0), seen.max(axis=0)
+    span = np.maximum(most - least, 1e-12)
+    focus = _FILL * float(min(width / span[0], height / span[1]))
+    middle = np.array([width, height]) / 2 - focus * (least + most) / 2
+    return Camera(camera.eye, camera.axes, focus, middle), reach, centre
+
+
+def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: float) -> Triangles:
+    """Return lines as strips on the screen, a little nearer than what they touch."""
+    corners, shades = [], []
+    for line, colour in zip(lines, colours, strict=True):
+        seen = camera.project(line)
+        moved = np.append(True, np.linalg.norm(np.diff(seen[:, :2], axis=0), axis=1) > 0.05)
+        seen = seen[moved]
+        if len(seen) < 2:
+            continue
+        step = np.diff(seen[:, :2], axis=0)
+        step /= np.linalg.norm(step, axis=1, keepdims=True)
+        across = np.stack([-step[:, 1], step[:, 0]], axis=1)
+        joint = np.concatenate([across[:1], across[1:] + across[:-1], across[-1:]])
+        joint /= np.maximum(np.linalg.norm(joint, axis=1, keepdims=True), 0.3)
+        offset = np.column_stack([joint * width / 2, np.zeros(len(joint))])
+        near = seen * [1, 1, 1.0005]
+        left, right = near + offset, near - offset
+        corners += [np.stack([left[:-1], right[:-1], right[1:]], axis=1),
+                    np.stack([left[:-1], right[1:], left[1:]], axis=1)]
+        shades += [np.broadcast_to(0.85 * colour, (len(step), 3))] * 2
+    n = sum(len(c) for c in corners)
+    if not n:
+        return Triangles(np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)),
+                         np.zeros(0, np.int64), np.zeros(0))
+    return Triangles(np.concatenate(corners), np.zeros((n, 3, 3)), np.concatenate(shades),
+                     np.full(n, -2), np.ones(n))
+
+
+def _cell(reach: float) -> float:
+    """Return 1, 2 or 5 times a power of ten: the distance of the floor's lines."""
+    power = 10.0 ** np.floor(np.log10(0.5 * reach))
+    times = 0.5 * reach / power
+    return float(power * (5 if times >= 5 else 2 if times >= 2 else 1))

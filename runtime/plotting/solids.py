@@ -1,0 +1,202 @@
+"""Triangles of the shapes that bodies are drawn with.
+
+Normals belong to the vertices, so that few triangles look round. A sphere, a disc and a bar are
+surfaces of revolution; a box has rounded edges.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.shapes import Shape, axes_about
+from .meshes import IndexedMesh
+
+__all__ = ["COLOURS", "Mesh", "colour_of", "joined", "mesh_of", "mesh_of_file", "tube"]
+
+Array = NDArray[np.float64]
+Profile = list[tuple[float, float]]
+
+#: Of bodies by their number, as scene.js has them.
+COLOURS = ("#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c9a227", "#9d755d",
+           "#7f7f8f", "#e377a2")
+#: Segments of a circle.
+_AROUND = 48
+#: Neighbouring segments of a profile that meet at less than this angle form one smooth surface.
+_SMOOTH = np.cos(np.radians(40))
+#: Cosine of the angle between the normals of a face and of a vertex, beyond which an edge is sharp.
+_CREASE = 0.8
+#: Bevel of a box, in parts of its shortest and of its longest half edge.
+_BEVEL = (0.3, 0.05)
+#: Half the height of a disc, in parts of its radius, below which it is a wheel.
+_WHEEL = 0.6
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles: vertices (n, 3) with normals, faces (m, 3), and the lightness of each face."""
+
+    points: Array
+    normals: Array
+    faces: NDArray[np.int64]
+    light: Array
+
+
+def colour_of(text: str) -> Array:
+    """Return red, green, blue from 0 to 1 of a colour "#rrggbb"."""
+    return np.array([int(text[k:k + 2], 16) for k in (1, 3, 5)]) / 255
+
+
+def mesh_of(shape: Shape, *, coarse: bool = False) -> Mesh:
+    """Return the triangles of a shape in body axes; of a coarse sphere a fifth of them."""
+    a, b, c = shape.size
+    r = max(a, b)
+    scale = np.array([a / r, b / r, 1.0])
+    if shape.kind == "box":
+        unit, scale = _box(shape.size), np.ones(3)
+    elif shape.kind == "sphere":
+        angles = np.linspace(0, np.pi, 9 if coarse else 17)
+        around = _AROUND // 3 if coarse else _AROUND
+        unit = _revolved(_column(np.sin(angles), -np.cos(angles)), 4, around)
+        scale = shape.size
+    elif shape.kind == "bar":
+        angles = np.linspace(0, np.pi / 2, 5)
+        lower = _column(r * np.sin(angles), -c - r * np.cos(angles))
+        unit = _revolved(lower + [(x, -z) for x, z in reversed(lower)], 0, 18)
+    else:
+        unit = _revolved(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), 6)
+    normals = unit.normals / scale @ shape.axes.T
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return replace(unit, points=shape.centre + unit.points * scale @ shape.axes.T,
+                   normals=normals / np.where(length, length, 1.0))
+
+
+def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
+    """Return the triangles of a mesh in body axes, with edges sharper than 37° left sharp."""
+    points = shape.centre + (mesh.points * shape.size) @ shape.axes.T
+    corners = points[mesh.triangles]
+    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(crossed, axis=1, keepdims=True)
+    flat = crossed / np.where(length, length, 1.0)
+    total = np.stack([np.bincount(mesh.triangles.ravel(), np.repeat(column, 3), len(points))
+                      for column in crossed.T], axis=1)
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    smooth = (total / np.where(size, size, 1.0))[mesh.triangles]
+    sharp = (smooth * flat[:, None]).sum(axis=2, keepdims=True) < _CREASE
+    normals = np.where(sharp, flat[:, None], smooth)
+    return Mesh(corners.reshape(-1, 3), normals.reshape(-1, 3),
+                np.arange(3 * len(corners)).reshape(-1, 3), np.zeros(len(corners)))
+
+
+def _column(radii: Array, heights: Array) -> Profile:
+    return list(zip(radii.tolist(), heights.tolist(), strict=True))
+
+
+def _cylinder(r: float, half: float) -> Profile:
+    """Return the profile of a cylinder with bevelled edges."""
+    bevel = 0.15 * min(r, half)
+    return [(0, -half), (r - bevel, -half), (r, bevel - half), (r, half - bevel), (r - bevel, half),
+            (0, half)]
+
+
+def _wheel(r: float, half: float) -> Profile:
+    """Return the profile of a disc whose rim and hub are thicker than its web."""
+    rim, hub, web, edge = 0.84 * r, 0.2 * r, 0.5 * half, 0.2 * min(half, 0.16 * r)
+    lower = [(0, -half), (hub, -half), (hub, -web), (rim, -web), (rim, edge - half),
+             (rim + edge, -half), (r - edge, -half), (r, edge - half)]
+    return lower + [(x, -z) for x, z in reversed(lower)]
+
+
+def joined(meshes: list[Mesh]) -> Mesh:
+    """Return several meshes as one."""
+    first = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
+    return Mesh(np.concatenate([mesh.points for mesh in meshes]),
+                np.concatenate([mesh.normals for mesh in meshes]),
+                np.concatenate([mesh.faces + k for mesh, k in zip(meshes, first, strict=True)]),
+                np.concatenate([mesh.light for mesh in meshes]))
+
+
+def tube(line: Array, radius: float, around: int = 8) -> Mesh:
+    """Return a tube about a line of points, shape (n, 3)."""
+    along = np.gradient(line, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    side = axes_about(along[0])[:, 0]
+    rings = []
+    for e in along:  # parallel transport: the tube is not twisted
+        side = side - (side @ e) * e
+        side = side / np.linalg.norm(side)
+        rings.append((side, np.cross(e, side)))
+    turns = 2 * np.pi * np.arange(around + 1) / around
+    normals = np.array([np.outer(np.cos(turns), u) + np.outer(np.sin(turns), v)
+                        for u, v in rings])
+    return _grid(line[:, None] + radius * normals, normals)
+
+
+def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
+    """Return the mesh of a net of points, shape (rows, columns, 3), without empty triangles."""
+    rows, columns = points.shape[:2]
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    faces = np.stack([np.stack([a, d, c], -1), np.stack([a, c, b], -1)], axis=2).reshape(-1, 3)
+    shade = np.zeros(len(faces)) if light is None else np.repeat(light.ravel(), 2)
+    flat = points.reshape(-1, 3)
+    corner = flat[faces]
+    crossed = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.linalg.norm(crossed, axis=1)
+    some = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-300)
+    return Mesh(flat, normals.reshape(-1, 3), faces[some], shade[some])
+
+
+def _revolved(profile: Profile, sectors: int, around: int = _AROUND) -> Mesh:
+    """Return a surface of revolution about the third axis; every second sector is lighter."""
+    line = np.array(profile, float)
+    step = np.diff(line, axis=0)
+    some = step.any(axis=1)
+    line, step = line[np.append(True, some)], step[some]
+    normal = np.stack([step[:, 1], -step[:, 0]], axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    starts, ends = normal.copy(), normal.copy()
+    smooth = np.flatnonzero((normal[1:] * normal[:-1]).sum(axis=1) > _SMOOTH)
+    ends[smooth] = starts[smooth + 1] = normal[smooth] + normal[smooth + 1]
+    turns = 2 * np.pi * np.arange(around + 1) / around
+    circle = np.stack([np.cos(turns), np.sin(turns)])
+    lighter = (np.arange(around) * sectors // around % 2).astype(float)
+
+    def turned(pair: Array) -> Array:
+        ring = pair[:, None, 0, None] * circle.T
+        return np.concatenate([ring, np.broadcast_to(pair[:, None, 1, None],
+                                                     (*ring.shape[:2], 1))], axis=2)
+
+    made = []
+    for k in range(len(step)):
+        n = np.stack([starts[k], ends[k]])
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        made.append(_grid(turned(line[k:k + 2]), turned(n), lighter))
+    return joined(made)
+
+
+def _box(half: Array) -> Mesh:
+    """Return a box with rounded edges: a sphere whose octants are moved to the corners."""
+    bevel = min(_BEVEL[0] * half.min(), _BEVEL[1] * half.max())
+    quarter = np.linspace(0, np.pi / 2, 4)
+    phi = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])
+    sign = np.repeat(np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], float), len(quarter), axis=0)
+    phi, sign = np.append(phi, phi[0]), np.concatenate([sign, sign[:1]])
+    theta = np.concatenate([quarter, quarter + np.pi / 2])
+    up = np.repeat([1.0, -1.0], len(quarter))
+    normals = np.stack([np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)),
+                        np.outer(np.cos(theta), np.ones_like(phi))], axis=-1)
+    corner = np.stack([np.broadcast_to(sign[:, 0], normals.shape[:2]),
+                       np.broadcast_to(sign[:, 1], normals.shape[:2]),
+                       np.broadcast_to(up[:, None], normals.shape[:2])], axis=-1)
+    points = corner * (half - bevel) + bevel * normals
+    sides = _grid(points[::-1], normals[::-1])
+    caps = []
+    for row in (0, -1):
+        ends = points[row, ::len(quarter)][:4]
+        n = np.broadcast_to(normals[row, 0], (4, 3))
+        faces = np.array([[0, 1, 2], [0, 2, 3]])
+        caps.append(Mesh(ends, n, faces if row == 0 else faces[:, ::-1], np.zeros(2)))
+    return joined([sides, *caps])

@@ -1,0 +1,139 @@
+"""The 3-D model of a run, read by the words of glTF 2.0: its motion is the run's."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import RUN, TOP
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
+KINDS = {5125: ("<u4", 4), 5126: ("<f4", 4)}
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+
+
+@pytest.fixture(scope="module")
+def tied():
+    """A pendulum on a rod, a body on a spring, a rotor on a hinge."""
+    build = gs.Multibody("tied")
+    build.body("a", mass=1, inertia=(0.01, 0.01, 0.01), position=(0, 0, -1), velocity=(0.3, 0, 0))
+    build.body("b", mass=1, inertia=(0.01, 0.01, 0.02), position=(1, 0, 0),
+               angular_velocity=(1, 2, 3))
+    build.rod("rod", "a", "ground", on_b=(0, 0, 0))
+    build.spring("spring", "b", "ground", stiffness=20.0, on_b=(0, 1, 0))
+    model = build.model()
+    step = gs.stepper("G-L", 3, system=model)
+    return step.integrate(model.q0, model.p0, dt=5e-3, steps=40, parameters=model.parameters)
+
+
+def read(path):
+    """Return the JSON of a file and its accessors as arrays, each checked."""
+    data = path.read_bytes()
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size, kind = struct.unpack_from("<II", data, 12)
+    assert kind == 0x4E4F534A
+    assert size % 4 == 0
+    content = json.loads(data[20:20 + size])
+    rest, kind = struct.unpack_from("<II", data, 20 + size)
+    numbers = data[28 + size:]
+    assert kind == 0x004E4942
+    assert rest == len(numbers) == content["buffers"][0]["byteLength"]
+    arrays = []
+    for accessor in content["accessors"]:
+        view = content["bufferViews"][accessor["bufferView"]]
+        form, width = KINDS[accessor["componentType"]]
+        columns = WIDTHS[accessor["type"]]
+        assert view["byteOffset"] % 4 == 0
+        assert view["byteLength"] == accessor["count"] * columns * width
+        values = np.frombuffer(numbers, form, accessor["count"] * columns, view["byteOffset"])
+        values = values.reshape(-1, columns)
+        assert np.isfinite(values).all()
+        assert np.array_equal(values.min(axis=0), np.array(accessor["min"], form))
+        assert np.array_equal(values.max(axis=0), np.array(accessor["max"], form))
+        arrays.append(values)
+    for mesh in content["meshes"]:
+        for primitive in mesh["primitives"]:
+            assert arrays[primitive["indices"]].max() < len(
+                arrays[primitive["attributes"]["POSITION"]])
+            if "NORMAL" in primitive["attributes"]:
+                normals = arrays[primitive["attributes"]["NORMAL"]]
+                assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-6
+            assert primitive["material"] < len(content["materials"])
+    return content, arrays
+
+
+def motion(content, arrays, name):
+    """Return node, and (times, values) of each property that is animated."""
+    number = next(i for i, node in enumerate(content["nodes"]) if node["name"] == name)
+    animation, found = content["animations"][0], {}
+    for channel in animation["channels"]:
+        if channel["target"]["node"] == number:
+            sampler = animation["samplers"][channel["sampler"]]
+            assert sampler["interpolation"] == "LINEAR"
+            found[channel["target"]["path"]] = arrays[sampler["input"]][:, 0], arrays[
+                sampler["output"]]
+    return content["nodes"][number], found
+
+
+def test_its_motion_is_that_of_the_run(tied, tmp_path):
+    content, arrays = read(tied.export(tmp_path / "tied.glb"))
+    assert content["asset"]["version"] == "2.0"
+    assert content["nodes"][0]["children"] == [1, 2, 3, 4]
+    for name in "ab":
+        node, animated = motion(content, arrays, name)
+        times, places = animated["translation"]
+        assert np.abs(times - tied.t).max() < 1e-7
+        assert np.abs(places - tied.body(name).position()).max() < 1e-6
+        assert np.abs(np.array(node["translation"]) - tied.body(name).position()[0]).max() < 1e-12
+    times, rotations = animated["rotation"]
+    turned = rotation_matrix(rotations[:, [3, 0, 1, 2]].astype(float))
+    assert np.abs(turned - rotation_matrix(tied.body("b").attitude)).max() < 1e-6
+    assert (np.sum(rotations[1:] * rotations[:-1], axis=1) > 0).all()
+    # Up is +Y: the turn of the root takes the third axis there.
+    x, y, z, w = content["nodes"][0]["rotation"]
+    up = rotation_matrix(np.array([[w, x, y, z]]))[0] @ [0, 0, 1]
+    assert np.abs(up - [0, 1, 0]).max() < 1e-12
+
+
+def test_rods_and_springs_reach_from_point_to_point(tied, tmp_path):
+    content, arrays = read(tied.export(tmp_path / "tied.glb"))
+    for name, body, point in (("rod", "a", (0, 0, 0)), ("spring", "b", (0, 1, 0))):
+        node, animated = motion(content, arrays, name)
+        held = {what: values for what, (_, values) in animated.items()}
+        middle = held.get("translation", np.array([node["translation"]]))
+        q = held.get("rotation", np.array([node["rotation"]]))
+        half = held.get("scale", np.array([node["scale"]]))[:, 2:]
+        along = rotation_matrix(q[:, [3, 0, 1, 2]].astype(float)) @ [0, 0, 1]
+        ends = np.stack([middle - half * along, middle + half * along])
+        wanted = np.stack([tied.body(body).position(), np.tile(point, (len(tied), 1))])
+        assert np.abs(ends - wanted).max() < 2e-6
+
+
+def test_a_state_alone_is_a_model_that_rests(gl3, tmp_path):
+    run = gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN)
+    content, _ = read(run.export(tmp_path / "top.glb"))
+    assert "animations" not in content
+
+
+def test_on_the_command_line(gyrospark, tmp_path):
+    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "20"]
+    said = gyrospark(*run, "--view", "top.glb", "--json")
+    assert said.code == 0
+    assert said.document["view"] == "top.glb"
+    content, arrays = read(tmp_path / "top.glb")
+    _, animated = motion(content, arrays, "body")
+    assert len(animated["rotation"][0]) == 21
+
+
+def test_what_is_refused(tied, tmp_path):
+    with pytest.raises(gs.InputError, match=r"'tied\.gltf'.*\.glb"):
+        tied.export("tied.gltf")
+    with pytest.raises(gs.InputError, match="'some'"):
+        tied.export("tied.glb", meshes="some")
+    with pytest.raises(gs.GyrosparkError, match="written"):
+        tied.export(tmp_path / "not" / "tied.glb")

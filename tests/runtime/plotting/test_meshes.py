@@ -1,0 +1,218 @@
+"""Meshes: files against arrays, clusters against their bounds, robots whose links have some."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.core import mesh_files
+from gyrospark.core.mesh_files import located, read_triangles
+from gyrospark.core.shapes import Shape
+from gyrospark.runtime.plotting.meshes import IndexedMesh, encoded, read_meshes
+
+#: A tetrahedron, seen counterclockwise from outside.
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], float)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+TRIANGLES = CORNERS[FACES]
+
+
+def binary(triangles, name="solid but binary"):
+    rows = b"".join(struct.pack("<12fH", 0, 0, 0, *one.ravel(), 0) for one in triangles)
+    return name.encode().ljust(80) + struct.pack("<I", len(triangles)) + rows
+
+
+def text(triangles):
+    facets = "".join("facet normal 0 0 0\nouter loop\n" + "".join(
+        f"vertex {x:g} {y:g} {z:g}\n" for x, y, z in one) + "endloop\nendfacet\n"
+        for one in triangles)
+    return f"solid a\n{facets}endsolid a\n".encode()
+
+
+OBJ = b"""# a quadrilateral base, corners with textures and normals, numbers from the end
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0.5 0.5 1
+f 4/1/1 3/2/1 2/3/1 1/4/1
+f 1 2 -1
+"""
+
+
+def sphere(count):
+    """Return the triangles of a sphere of radius 1."""
+    theta, phi = np.linspace(0, np.pi, count + 1), np.linspace(0, 2 * np.pi, 2 * count + 1)
+    net = np.stack([np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)),
+                    np.outer(np.cos(theta), np.ones_like(phi))], axis=-1).round(12)
+    a, b, c, d = net[:-1, :-1], net[1:, :-1], net[1:, 1:], net[:-1, 1:]
+    return np.concatenate([np.stack([a, b, c], -2), np.stack([a, c, d], -2)]).reshape(-1, 3, 3)
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.stl", binary(TRIANGLES)),
+                                               ("a.STL", text(TRIANGLES))])
+def test_stl_is_read_in_both_forms(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert np.array_equal(read_triangles(path), TRIANGLES)
+
+
+def test_obj_is_read_with_polygons_and_numbers_from_the_end(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_bytes(OBJ)
+    found = read_triangles(path)
+    assert found.shape == (3, 3, 3)
+    assert np.array_equal(found[0], [[0, 1, 0], [1, 1, 0], [1, 0, 0]])
+    assert np.array_equal(found[2], [[0, 0, 0], [1, 0, 0], [0.5, 0.5, 1]])
+
+
+@pytest.mark.parametrize(("name", "content", "said"), [
+    ("a.dae", b"<COLLADA/>", r"'\.dae'.*convert"), ("a.stl", b"", "no triangles"),
+    ("a.stl", binary(TRIANGLES)[:-7], "no triangles"),
+    ("a.stl", b"solid\nvertex 1 2\n", "no STL"), ("a.stl", b"vertex 1 2 nan\n" * 3, "finite"),
+    ("a.obj", b"v 1 2 3\nf 1 2 3\n", "no OBJ"), ("a.obj", b"v 1 2 3\nf -9 1 1\n", "no OBJ"),
+])
+def test_files_that_are_no_meshes_are_refused(tmp_path, name, content, said):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(gs.InputError, match=said):
+        read_triangles(path)
+
+
+def test_files_that_are_too_large_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "a.stl"
+    path.write_bytes(binary(TRIANGLES))
+    monkeypatch.setattr(mesh_files, "MAX_TRIANGLES", 3)
+    with pytest.raises(gs.InputError, match=r"4 triangles .* 3 "):
+        read_triangles(path)
+    monkeypatch.setattr(mesh_files, "MAX_BYTES", 100)
+    with pytest.raises(gs.InputError, match="MiB"):
+        read_triangles(path)
+    with pytest.raises(gs.InputError, match="such file"):
+        read_triangles(tmp_path / "b.stl")
+
+
+def test_clusters_stay_within_a_cell_and_keep_the_shape():
+    whole = IndexedMesh.of(sphere(60))
+    assert len(whole.points) == 2 + 59 * 120  # each vertex once
+    rough = whole.clustered(0.2)
+    assert 100 < len(rough.triangles) < len(whole.triangles) / 5
+    radii = np.linalg.norm(rough.points, axis=1)
+    assert radii.max() <= 1 + 1e-9
+    assert radii.min() > 1 - 0.2
+    corners = rough.points[rough.triangles]
+    volume = np.linalg.det(corners).sum() / 6  # closed still, and seen from outside
+    assert volume == pytest.approx(4 / 3 * np.pi, rel=0.03)
+    assert np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(
+        axis=0)).max() < 1e-12
+
+
+def test_meshes_of_a_page_fit_and_are_decoded_to_their_digits(tmp_path, monkeypatch):
+    path = tmp_path / "a.stl"
+    path.write_bytes(binary(sphere(40)))
+    full, _ = read_meshes([str(path)], "full")
+    assert len(full[str(path)].triangles) > 6000
+    monkeypatch.setattr("gyrospark.runtime.plotting.meshes.BUDGET", 6000)
+    small, refused = read_meshes([str(path), str(tmp_path / "b.dae")], "small")
+    assert list(refused) == [str(tmp_path / "b.dae")]
+    content = encoded(small[str(path)])
+    assert 2000 < len(content["data"]) <= 6000
+    data = zlib.decompress(base64.b64decode(content["data"]))
+    n = content["vertices"]
+    points = np.cumsum(np.frombuffer(data, "<u2", 3 * n).reshape(3, n), axis=1) % 65536
+    points = np.array(content["low"]) + points.T / 65535 * content["width"]
+    corners = np.cumsum(np.frombuffer(data, "<u4", offset=6 * n).astype(np.int64)) % 2**32
+    decoded = points[corners].reshape(-1, 3, 3).mean(axis=1)
+    mesh = small[str(path)]
+    wanted = mesh.points[mesh.triangles].mean(axis=1)
+    assert decoded.shape == wanted.shape
+    assert np.abs(np.sort(decoded, axis=0) - np.sort(wanted, axis=0)).max() < 2 / 65535
+    assert read_meshes([str(path)], "none") == ({}, {})
+
+
+ROBOT = """<robot name="meshed"><material name="red"><color rgba="1 0 0 1"/></material>
+<link name="base"><visual><geometry><mesh filename="package://shown/meshes/a.stl"/></geometry>
+  </visual></link>
+<link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial>
+  <visual><origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/>
+    <geometry><mesh filename="meshes/a.stl" scale="0.1 0.1 0.1"/></geometry>
+    <material name="red"/></visual>
+  <visual><geometry><cylinder radius="0.05" length="1"/></geometry></visual></link>
+<link name="hand"><inertial><mass value="1"/>
+  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial>
+  <visual><geometry><mesh filename="meshes/b.dae"/></geometry></visual></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/>
+  <axis xyz="0 1 0"/></joint>
+<joint name="wrist" type="continuous"><parent link="arm"/><child link="hand"/>
+  <origin xyz="1 0 0"/><axis xyz="0 1 0"/></joint></robot>
+"""
+
+
+@pytest.fixture
+def robot(tmp_path):
+    folder = tmp_path / "shown"
+    (folder / "meshes").mkdir(parents=True)
+    (folder / "meshes" / "a.stl").write_bytes(binary(TRIANGLES))
+    path = folder / "robot.urdf"
+    path.write_text(ROBOT, encoding="utf-8")
+    return path
+
+
+def test_links_look_as_their_file_says(robot):
+    visuals = gs.load_urdf(robot).visuals
+    (base,), (mesh, rod) = visuals[""], visuals["arm"]
+    assert base.file == mesh.file == str(robot.parent / "meshes" / "a.stl")
+    assert mesh.colour == "#ff0000"
+    assert np.abs(mesh.size - 0.1).max() == 0
+    assert np.abs(mesh.centre - [-0.5, 0, 0.5]).max() < 1e-15  # from the centre of mass
+    assert np.abs(mesh.axes[:, 0] - [0, 1, 0]).max() < 1e-15
+    assert (rod.kind, rod.size.tolist()) == ("disc", [0.05, 0.05, 0.5])
+    assert located(Shape("mesh", np.ones(3), file="package://else/a.stl"), robot).file == (
+        "package://else/a.stl")
+
+
+def test_a_page_has_the_meshes_and_names_those_that_it_has_not(robot, gyrospark):
+    options = ["--scheme", "G-L", "--stages", "1", "--dt", "1e-3", "--steps", "2"]
+    page = robot.parent / "page.html"
+    for _ in range(2):  # derived, and from the cache
+        said = gyrospark("run", str(robot), *options, "--view", str(page))
+        assert said.code == 0
+        assert re.search(r"b\.dae.*convert", said.stderr + said.stdout)
+    scene = json.loads(re.search(r'id="scene">(.*?)</script>', page.read_text(encoding="utf-8"),
+                                 flags=re.DOTALL)[1])
+    assert [(mesh["vertices"], mesh["triangles"]) for mesh in scene["meshes"]] == [(4, 4)]
+    assert scene["ground"][0]["mesh"] == scene["bodies"][0]["shapes"][0]["mesh"] == 0
+    assert scene["bodies"][1]["shapes"][0]["kind"] != "mesh"
+    assert any("b.dae" in remark for remark in scene["remarks"])
+    assert gyrospark("run", str(robot), *options, "--view", str(page.with_suffix(".glb"))).code == 0
+    assert page.with_suffix(".glb").stat().st_size > 1000
+
+
+def test_a_model_is_drawn_with_shapes_of_its_own():
+    build = gs.Multibody("own")
+    body = build.body("ball", mass=1.0, inertia=(0.1, 0.1, 0.1))
+    build.visual(body, gs.Shape("sphere", (0.5, 0.5, 0.5), colour="#112233"))
+    build.visual("ground", gs.Shape.bar((0, 0, 0), (0, 0, 1), 0.1))
+    model = build.model()
+    assert [shape.colour for shape in model.visuals["ball"]] == ["#112233"]
+    assert model.visuals[""][0].size.tolist() == [0.1, 0.1, 0.5]
+    with pytest.raises(gs.InputError, match="'bell'"):
+        build.visual("bell", gs.Shape("sphere", (1, 1, 1)))
+    with pytest.raises(gs.InputError, match=r"gyrospark\.Shape"):
+        build.visual("ball", "sphere")
+
+
+@pytest.mark.parametrize("arguments", [
+    {"kind": "cone"}, {"size": (1, 0, 1)}, {"size": (1, 1)}, {"size": (1, -1, 1)},
+    {"centre": (0, 0, np.nan)}, {"axes": 2 * np.eye(3)}, {"colour": "red"}, {"file": "a.stl"},
+    {"kind": "mesh"}])
+def test_shapes_that_are_none_are_refused(arguments):
+    with pytest.raises(gs.InputError):
+        gs.Shape(**{"kind": "box", "size": (1, 1, 1)} | arguments)

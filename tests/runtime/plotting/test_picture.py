@@ -1,0 +1,280 @@
+"""Pictures of bodies: pixels of known shapes, shapes with the inertia of their bodies, files."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import RUN, TOP
+from gyrospark.core.shapes import Shape
+from gyrospark.runtime.plotting.body_shapes import plate_of
+from gyrospark.runtime.plotting.picture import draw_scene
+from gyrospark.runtime.plotting.rasterizer import rasterize
+from gyrospark.runtime.plotting.scene import scene_of
+from gyrospark.runtime.plotting.solids import colour_of, mesh_of
+
+SMALL = {"size": (120, 90)}
+
+
+@pytest.fixture(scope="module")
+def top(gl3):
+    return gl3.integrate(TOP.q0, TOP.p0, steps=60, **RUN)
+
+
+def built(build, steps=3, **options):
+    model = build.model()
+    return gs.stepper("IMS", system=model).integrate(
+        model.q0, model.p0, dt=1e-3, steps=steps, parameters=dict(model.parameters), **options)
+
+
+@pytest.fixture(scope="module")
+def satellite():
+    """A bus with a wheel inside, on its third axis."""
+    build = gs.Multibody("bus_and_wheel", gravity=(0, 0, 0))
+    bus = build.body("bus", mass=50, inertia=(12, 10, 8))
+    build.rotor("wheel", bus, mass=2, inertia=(0.02, 0.01), axis=(0, 0, 1), rate=30.0)
+    return built(build)
+
+
+def decoded(data):
+    """Read a PNG of 8 bits and filters 0 and 2 by its definition."""
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    chunks, at = {}, 8
+    while at < len(data):
+        length, kind = struct.unpack(">I4s", data[at:at + 8])
+        body = data[at + 8:at + 8 + length]
+        assert struct.unpack(">I", data[at + 8 + length:at + 12 + length])[0] == zlib.crc32(
+            kind + body)
+        chunks[kind], at = body, at + 12 + length
+    width, height, depth, colour = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
+    assert (depth, colour) == (8, 2)
+    rows = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, -1)
+    pixels, above = [], np.zeros(3 * width, np.uint8)
+    for row in rows:
+        assert row[0] in (0, 2)
+        above = row[1:] + (above if row[0] == 2 else 0)
+        pixels.append(above)
+    return np.array(pixels).reshape(height, width, 3)
+
+
+def test_fragments_are_those_of_each_pixel_and_the_nearest_remains():
+    rng = np.random.default_rng(4)
+    screen = rng.uniform(-5, 25, (40, 3, 3))
+    screen[..., 2] = rng.uniform(0.1, 1, (40, 3))
+    index, depth = rasterize(screen, 20, 15)
+    y, x = np.mgrid[0:15, 0:20] + 0.5
+    best, nearest = np.zeros((15, 20)), np.full((15, 20), -1)
+    for k, ((ax, ay, aw), (bx, by, bw), (cx, cy, cw)) in enumerate(screen):
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        v = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
+        w = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
+        deep = np.where((v >= 0) & (w >= 0) & (v + w <= 1), aw + v * (bw - aw) + w * (cw - aw), 0)
+        nearest, best = np.where(deep > best, k, nearest), np.maximum(deep, best)
+    assert (nearest >= 0).mean() > 0.5
+    assert np.array_equal(index, nearest)
+    assert np.abs(depth - best).max() < 1e-9
+    hidden, _ = rasterize(screen[:0], 20, 15, depth)
+    assert (hidden == -1).all()
+
+
+def test_meshes_are_closed_and_as_large_as_their_shapes():
+    """Signed tetrahedra of all faces, after each is turned outwards by its normals."""
+    axes = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    r, h, at = 0.3, 0.8, np.array([1.0, -2.0, 0.5])
+    for kind, size, volume, error in (
+            ("box", (0.4, 0.5, 0.6), 8 * 0.4 * 0.5 * 0.6, 0.02),
+            ("sphere", (0.4, 0.5, 0.6), 4 / 3 * np.pi * 0.4 * 0.5 * 0.6, 0.02),
+            ("disc", (r, 1.2 * r, h), 2 * np.pi * 1.2 * r**2 * h, 0.02),
+            ("bar", (r, r, h), 2 * np.pi * r**2 * h + 4 / 3 * np.pi * r**3, 0.04)):
+        mesh = mesh_of(Shape(kind, np.array(size), at, axes))
+        corners, normals = mesh.points[mesh.faces] - at, mesh.normals[mesh.faces].sum(axis=1)
+        crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        outwards = np.sign((crossed * normals).sum(axis=1))[:, None] * crossed
+        assert abs((outwards * corners[:, 0]).sum() / 6 / volume - 1) < error, kind
+        assert np.abs(outwards.sum(axis=0)).max() < 1e-12 * np.abs(outwards).sum()
+        assert np.abs(np.linalg.norm(mesh.normals, axis=1) - 1).max() < 1e-12
+
+
+def test_a_top_of_unknown_mass_is_a_plate_with_its_moments(top):
+    """Moments about the fixed point of a plate of mass 1: b²/4 + l², a²/4 + l², (a² + b²)/4."""
+    for moments in ([0.002, 0.002, 0.0008], [2.0, 1.3, 0.9]):
+        distance, (a, b) = plate_of(np.array(moments))
+        again = [b**2 / 4 + distance**2, a**2 / 4 + distance**2, (a**2 + b**2) / 4]
+        assert np.abs(np.array(again) - moments).max() < 1e-15
+    (part,) = scene_of(top, 5).parts
+    flywheel = part.shapes[0]
+    assert flywheel.kind == "disc"
+    assert np.abs(flywheel.size[:2] / np.linalg.norm(flywheel.centre) - 1).max() < 1e-12
+    assert np.abs(flywheel.centre / np.linalg.norm(flywheel.centre) - [0, 0, 1]).max() < 1e-12
+    tips = [shape for shape in part.shapes if shape.kind == "bar"]
+    reach = max(float((shape.centre + shape.axes[:, 2] * shape.size[2])[2]) for shape in tips)
+    assert reach < part.tip[2] < 1.2 * reach
+
+
+def test_the_weight_of_a_body_is_found_on_each_axis():
+    c = sp.symbols("c1:4", real=True)
+    V = sum(k * r for k, r in zip(c, gs.symbols.R[2, :], strict=True))
+    heavy = gs.body_system("heavy", "gamma", V, c)
+    step = gs.stepper("IMS", system=heavy)
+
+    def integrated(weight, moments, q=(0.8, 0.6, 0, 0), omega=(1, 2, 3)):
+        names = ("c1", "c2", "c3", "I1", "I2", "I3")
+        parameters = dict(zip(names, (*weight, *moments), strict=True))
+        return step.integrate(q, gs.momentum(q, omega, moments), dt=0.01, steps=80,
+                              parameters=parameters | {"gamma": "m"})
+
+    for axis, sign in ((0, 1), (2, -1)):
+        (part,) = scene_of(integrated(sign * 0.7 * np.eye(3)[axis], (2, 2, 1.5)), 4).parts
+        assert part.plate is not None
+        assert np.abs(part.axes[:, 2] - sign * np.eye(3)[axis]).max() < 1e-12
+        assert np.linalg.det(part.axes) > 0.999
+    oblique = scene_of(integrated((0.5, 0, 0.5), (2, 2, 1.5)), 4).parts[0]
+    assert oblique.plate is None
+    free = integrated((0, 0, 0), (1, 2, 3), (1, 0, 0, 0), (0.01, 5, 0.01))
+    scene = scene_of(free, 4)
+    assert not scene.gravity
+    assert scene.parts[0].plate is None
+    across, stem = scene.parts[0].shapes  # a T with the moments 1, 2, 3, up to a factor
+    a, c = across.size[2], float(across.centre @ stem.axes[:, 2])
+    n, middle = 2 * stem.size[2], float(stem.centre @ stem.axes[:, 2])
+    mass = np.array([2 * a, n])
+    assert abs(mass @ [c, middle]) < 1e-9 * a
+    I1, I2 = mass @ [c**2, n**2 / 12 + middle**2], mass[0] * a**2 / 3
+    assert pytest.approx(0.5, rel=1e-6) == I1 / I2
+
+
+def test_bodies_are_drawn_by_their_joints(satellite, pendulum):
+    bus, wheel = scene_of(satellite, 2).parts
+    assert bus.glass
+    assert {shape.kind for shape in bus.shapes} == {"bar"}
+    disc = wheel.shapes[0]
+    assert disc.kind == "disc"
+    m, r, half = 2, disc.size[0], disc.size[2]
+    assert 0.5 * m * r**2 == pytest.approx(0.02, rel=1e-9)  # about its axis, and across it
+    assert m * (3 * r**2 + (2 * half)**2) / 12 == pytest.approx(0.01, rel=1e-9) or half < 0.04 * r
+    scene = scene_of(pendulum, 2)
+    (bar,) = [shape for shape in scene.parts[0].shapes if shape.kind == "bar"]
+    ends = bar.centre + np.outer([-1, 1], bar.axes[:, 2] * bar.size[2])
+    assert np.abs(np.sort(ends[:, 2]) - [-0.5, 0.5]).max() < 1e-2  # from the pivot to its end
+    assert [tie.kind for tie in scene.ties] == ["hinge"]  # the motor is none
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    build = gs.Multibody("bar", gravity=(0, 0, -9.81))
+    bar = build.body("bar", mass=1, inertia=(1 / 12, 1 / 12, 1e-4),
+                     quaternion=(np.cos(0.4), 0, np.sin(0.4), 0))
+    build.revolute("pin", build.ground, bar, axis=(0, 1, 0), at=(0, 0, 0), on_b=(0, 0, 0.5))
+    build.motor("motor", "pin", torque=0.1)
+    return built(build)
+
+
+def test_a_picture_has_its_size_and_is_a_file(top, satellite, tmp_path):
+    made = top.picture(tmp_path / "top.png", **SMALL)
+    assert made.pixels.shape == (90, 120, 3)
+    data = made.path.read_bytes()
+    assert np.array_equal(decoded(data), made.pixels)
+    assert data == made._repr_png_()
+    assert "120 × 90" in repr(made)
+    assert [p.name for p in tmp_path.iterdir()] == ["top.png"]
+    # Of the colour of the first body, and of the background at the corners.
+    blue = colour_of("#4c78a8")
+    tone = made.pixels / np.maximum(made.pixels.sum(axis=2, keepdims=True), 1)
+    assert (np.abs(tone - blue / blue.sum()).max(axis=2) < 0.05).sum() > 300
+    assert made.pixels[0, 0].min() > 240
+    assert top.picture(background="dark", **SMALL).pixels[0, 0].max() < 60
+    glass = satellite.picture(**SMALL).pixels.astype(int)
+    red, _, blue = glass[40:50, 55:65].reshape(-1, 3).T
+    assert (red > blue + 20).any()  # the wheel, behind glass
+    assert decoded(satellite.view()._repr_png_()).shape == (480, 640, 3)
+
+
+def test_time_and_direction_of_a_picture(top):
+    assert top.picture(time=0.0203, **SMALL).time == pytest.approx(0.02)
+    early, late = (top.picture(time=t, traces=False, **SMALL).pixels for t in (0.0, 0.055))
+    assert np.abs(early.astype(int) - late).max() > 50
+    first = top.picture(azimuth=10, traces=False, time=0, **SMALL).pixels
+    assert np.array_equal(top.picture(azimuth=370, traces=False, time=0, **SMALL).pixels, first)
+    above = top.picture(azimuth=10, elevation=90, traces=False, time=0, **SMALL).pixels
+    assert np.abs(above.astype(int) - first).max() > 50
+
+
+def test_a_motion_in_a_plane_is_seen_from_the_front(pendulum):
+    """A bar about y that swings between x and −z: the picture is as wide as the bar."""
+    scene = scene_of(pendulum, 2)
+    made = draw_scene(scene, size=(200, 200), traces=False).pixels.astype(int)
+    orange = np.abs(made - colour_of("#4c78a8") * 255).max(axis=2) < 60
+    columns = np.flatnonzero(orange.any(axis=0))
+    assert np.ptp(columns) > 60
+    side = draw_scene(scene, size=(200, 200), traces=False, azimuth=0).pixels.astype(int)
+    orange = np.abs(side - colour_of("#4c78a8") * 255).max(axis=2) < 60
+    assert np.ptp(np.flatnonzero(orange.any(axis=0))) < 0.5 * np.ptp(columns)
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    ({"size": (10, 400)}, "size = "), ({"size": 400}, "size = 400"),
+    ({"size": (400.5, 300)}, "400.5"), ({"size": (9000, 300)}, "9000"),
+    ({"azimuth": "north"}, "azimuth = 'north'"), ({"elevation": 91}, "elevation = 91"),
+    ({"time": [1]}, "time = "), ({"time": float("nan")}, "time = nan"),
+    ({"background": "pink"}, "'pink'")])
+def test_what_is_no_picture(top, options, said):
+    with pytest.raises(gs.InputError, match=said):
+        top.picture(**options)
+
+
+def test_files_that_are_no_pictures(top, tmp_path):
+    with pytest.raises(gs.InputError, match=r"'top.svg'.*\.png"):
+        top.picture(tmp_path / "top.svg")
+    with pytest.raises(gs.GyrosparkError, match="written"):
+        top.picture(tmp_path / "not" / "top.png", **SMALL)
+
+
+def test_a_picture_on_the_command_line(gyrospark, tmp_path):
+    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "4", "--picture"]
+    said = gyrospark(*run, "top.png")
+    assert (said.code, "wrote top.png" in said.stdout) == (0, True)
+    assert decoded((tmp_path / "top.png").read_bytes()).shape == (480, 640, 3)
+    said = gyrospark(*run, "top.gif")
+    assert said.code == 2
+    assert "'top.gif'" in said.stderr
+
+
+def test_molecules_are_balls_at_the_points_of_their_potential():
+    def attract(a, b):
+        return -sum(1 / sum((u - v)**2 for u, v in zip(a.point(r), b.point(s), strict=True))
+                    for r in ends for s in ends)
+
+    ends = [(0, 0, 0.5), (0, 0, -0.5), (0, 0, 0.1)]
+    model = gs.molecules("rods", 2, mass=1, inertia=(1, 1, 0.1), pair_potential=attract,
+                         positions=[(0, 0, 0), (3, 0, 0)])
+    run = gs.stepper("splitting", order=2, system=model).integrate(
+        model.q0, model.p0, dt=1e-3, steps=2, parameters=model.parameters)
+    for part in scene_of(run, 2).parts:
+        assert sorted(shape.centre.tolist() for shape in part.shapes) == [
+            [0, 0, -0.5], [0, 0, 0.1], [0, 0, 0.5]]
+        assert len({shape.colour for shape in part.shapes}) == 2
+        radii = sorted(float(shape.size[0]) for shape in part.shapes)
+        assert radii[0] == radii[1] < radii[2]
+        assert 2 * radii[0] > 0.4  # neighbours touch
+
+
+def test_meshes_of_files_are_drawn(tmp_path):
+    """A cube of a file, and the same as a box: the same pixels but for bevelled edges."""
+    corners = [f"v {x} {y} {z}" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    (tmp_path / "cube.obj").write_text("\n".join([*corners, *(f"f {face}" for face in faces)]))
+    size, pictures = np.array([0.3, 0.2, 0.1]), []
+    for shape in (Shape("mesh", size, file=str(tmp_path / "cube.obj")), Shape("box", size)):
+        build = gs.Multibody("lump", gravity=(0, 0, -9.81))
+        lump = build.body("lump", mass=1, inertia=(1, 2, 2.5), velocity=(0.1, 0, 0))
+        build.visual(lump, shape)
+        pictures.append(built(build).picture(traces=False, **SMALL).pixels.astype(int))
+    differ = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
+    assert 0 < differ.sum() < 0.05 * differ.size
+    blue = np.abs(pictures[0] - colour_of("#4c78a8") * 255).max(axis=2) < 60
+    assert blue.sum() > 1000
