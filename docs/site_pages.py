@@ -67,7 +67,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("doctree-resolved", show_first_pictures)
     app.connect("build-finished", copy_mathjax)
     app.connect("build-finished", mend_pages)
-    app.connect("build-finished", show_size)
+    app.connect("build-finished", show_size, priority=900)  # after all that write files
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
