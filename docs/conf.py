@@ -35,6 +35,8 @@ def digest() -> str:
 
 # Steppers of pages take few steps: most of the time would be the compiler's.
 os.environ.setdefault("GYROSPARK_OPTIMISE", "0")
+# Each page has a process of its own: what the first compiles of a module the others read.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Cells run in their own folder; the outputs of unchanged cells are cached.
 nb_execution_mode = "cache"
