@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import runpy
 import sys
 from pathlib import Path
 
@@ -11,10 +13,11 @@ ROOT = HERE.parent
 sys.path.insert(0, str(HERE))  # site_pages, in this folder
 
 project = "gyrospark"
+version = release = runpy.run_path(str(ROOT / "_version.py"))["__version__"]
 author = "the gyrospark authors"
 project_copyright = "the gyrospark authors"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax",
-              "sphinx_click", "sphinx_copybutton", "site_pages"]
+              "sphinx_click", "sphinx_copybutton", "site_pages", "site_search", "site_downloads"]
 exclude_patterns = ["writing.md", "reference/parts"]
 
 
@@ -29,6 +32,11 @@ def digest() -> str:
             found.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
     return found.hexdigest()[:16]
 
+
+# Steppers of pages take few steps: most of the time would be the compiler's.
+os.environ.setdefault("GYROSPARK_OPTIMISE", "0")
+# Each page has a process of its own: what the first compiles of a module the others read.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Cells run in their own folder; the outputs of unchanged cells are cached.
 nb_execution_mode = "cache"
@@ -52,7 +60,7 @@ napoleon_use_ivar = True
 add_module_names = False
 
 html_theme = "furo"
-html_title = "gyrospark"
+html_title = f"gyrospark {release}"  # on each page, above its list of pages and in its title
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sphinx = False

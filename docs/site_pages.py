@@ -5,7 +5,7 @@
     g_q, e^{hA}    in running text get subscripts and superscripts
     gallery        its list of pages shows the first picture of bodies, or of curves, of each
     pictures       without an alternative text are a warning, hence an error
-    progress       a line for each page that is read, its cells with it
+    progress       a line for each page that is read, its cells with it; time and size at the end
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import importlib.util
 import logging as python_logging
 import multiprocessing
+import os
 import re
 import shutil
 import time
@@ -48,6 +49,9 @@ MATHJAX = ("tex-chtml.js", "output/chtml", "input/tex/extensions", "a11y/assisti
 #: Number of pages read so far, in all processes, and the total number.
 READ = multiprocessing.Value("i", 0)
 TO_READ = multiprocessing.Value("i", 0)
+BEGAN = time.monotonic()
+#: CPU seconds that this process had used, with its children, when it had read its last page.
+LAST = [0.0]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -63,6 +67,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("doctree-resolved", show_first_pictures)
     app.connect("build-finished", copy_mathjax)
     app.connect("build-finished", mend_pages)
+    app.connect("build-finished", show_size, priority=900)  # after all that write files
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -85,14 +90,33 @@ def prepare_cells(app: Sphinx) -> None:
 
 def count_pages(app: Sphinx, env: BuildEnvironment, names: list[str]) -> None:
     """Store the number of pages to be read."""
-    READ.value, TO_READ.value = 0, len(names)
+    READ.value, TO_READ.value, LAST[0] = 0, len(names), cpu_seconds()
+
+
+def cpu_seconds() -> float:
+    """Return the CPU time of this process and of its children that have ended."""
+    return sum(os.times()[:4])
 
 
 def show_progress(app: Sphinx, tree: nodes.document) -> None:
-    """Print that a page has been read, whatever process reads it."""
+    """Print that a page has been read, and its CPU time with its cells, whatever process reads it.
+
+    A process that was forked for some pages begins anew.
+    """
+    last, LAST[0] = LAST[0], cpu_seconds()
+    spent = LAST[0] - last if LAST[0] >= last else LAST[0]
     with READ.get_lock():
         READ.value += 1
-        print(f"{time.strftime('%H:%M:%S')} [{READ.value}/{TO_READ.value}] {app.env.docname}",
+        print(f"{time.strftime('%H:%M:%S')} [{READ.value}/{TO_READ.value}] {app.env.docname} "
+              f"({spent:.1f} s)", flush=True)
+
+
+def show_size(app: Sphinx, error: Exception | None) -> None:
+    """Print the number of pages, their size and the time."""
+    if error is None and app.builder.format == "html":
+        size = sum(path.stat().st_size for path in Path(app.outdir).rglob("*") if path.is_file())
+        print(f"{TO_READ.value} of {len(app.env.found_docs)} pages read, {size / 1e6:.0f} MB in "
+              f"{app.outdir}, {time.monotonic() - BEGAN:.0f} s, {cpu_seconds():.0f} s of CPU",
               flush=True)
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import html
 import importlib.util
+import inspect
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ from urllib.parse import unquote
 
 import pytest
 
+import documents
 import gyrospark as gs
 from processes import PATIENCE, ROOT, call, environment
 
@@ -59,7 +62,7 @@ LONG_PAGES = {f"gallery/{name}" for name in (
     "double_top", "energy", "four_bar", "gimbal", "kapitza", "kovalevskaya", "many_digits",
     "rattleback", "reactions", "regular_precession", "robot_arm", "rolling_disc",
     "satellite_with_wheel", "section", "slider_crank", "solar_panels", "three_wheels",
-    "work_and_precision")}
+    "work_and_precision")} | {"tutorials/reaction_wheels"}
 
 
 @pytest.mark.parametrize("path", [
@@ -126,6 +129,74 @@ def test_names_lead_to_what_uses_them(uses):
     assert all((ROOT / path).is_file() for path in uses.examples().values())
 
 
+# ---------------------------------------------------------------- pages for newcomers
+
+
+@pytest.fixture(scope="module")
+def search():
+    return module("site_search")
+
+
+def test_words_that_are_searched_for_lead_to_headings_that_exist(search):
+    words = [word.strip() for listed in search.SYNONYMS.values() for word in listed.split(",")]
+    assert len(words) == len({word.lower() for word in words})
+    assert {"reaction wheel", "timestep", "lyapunov", "limits", "hinge", "degrees of freedom",
+            "gimbal lock", "dae", "controller", "step size"} <= set(words)
+    for place in search.SYNONYMS:
+        page, _, heading = place.partition("#")
+        text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+        assert not heading or heading in documents.headings(text), place
+
+
+def literals() -> str:
+    """Return the strings of the package, with … in place of what is filled in."""
+    def text(node: ast.AST) -> str:
+        if isinstance(node, ast.JoinedStr):
+            return "".join(map(text, node.values))
+        return str(node.value) if isinstance(node, ast.Constant) else "…"
+
+    found = [text(node) for folder in ("core", "runtime/compilation", "runtime/integration",
+                                       "storage")
+             for path in sorted((ROOT / folder).rglob("*.py"))
+             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+             if isinstance(node, ast.JoinedStr | ast.Constant)]
+    return "\n".join(" ".join(one.split()) for one in found)
+
+
+def test_quoted_sentences_are_printed_by_the_program():
+    text = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    quotes = [" ".join(found.replace("\n> ", " ")[2:].split())
+              for found in re.findall(r"^> .*(?:\n> .*)*", text, flags=re.MULTILINE)]
+    assert len(quotes) >= 4
+    printed = literals()
+    for sentence in (one for quote in quotes for one in re.split(r"(?<=[.;]) ", quote)):
+        assert re.search(re.escape(sentence).replace("…", "[^\n]*?"), printed), sentence
+
+
+@pytest.mark.parametrize("page", ["cheat_sheet", "coming_from"])
+def test_names_of_a_table_exist(page):
+    """``build.revolute``, ``run.joint`` and so on."""
+    owners = {"gs": gs, "build": gs.Multibody, "step": gs.Stepper, "run": gs.Trajectory,
+              "sim": gs.Simulation, "model": gs.Model}
+    spans = re.findall(r"`([^`\n]+)`", (DOCS / f"{page}.md").read_text(encoding="utf-8"))
+    named = {found for span in spans
+             for found in re.findall(r"\b(gs|build|step|run|sim|model)\.(\w+)", span)}
+    assert len(named) >= 20 or page == "cheat_sheet"
+    fields = {name for owner in owners.values() if isinstance(owner, type)
+              for name in inspect.signature(owner).parameters} | {"ground", "redundancy",
+                                                               "time"}
+    missing = {f"{owner}.{name}" for owner, name in named
+               if not hasattr(owners[owner], name) and name not in fields}
+    assert not missing
+
+
+def test_a_script_has_the_text_of_a_page_as_comments():
+    made = module("site_downloads").script({"cells": [
+        {"cell_type": "markdown", "source": ["# Title\n", "\n", "Text."]},
+        {"cell_type": "code", "source": "x = 1\nx"}]})
+    assert made == "# %% [markdown]\n# # Title\n#\n# Text.\n\n# %%\nx = 1\nx\n"
+
+
 # ---------------------------------------------------------------- the built site
 
 
@@ -151,7 +222,7 @@ def test_the_reference_is_built_without_a_warning(tmp_path):
     """Every public docstring and the commands' help, as the site reads them, a line for a page."""
     done = built(tmp_path, *SHORT)
     assert done.returncode == 0, done.stderr
-    assert all(f"] {page}\n" in done.stdout for page in REFERENCE)
+    assert all(f"] {page} (" in done.stdout for page in REFERENCE)
 
 
 @pytest.fixture(scope="module")
@@ -206,3 +277,38 @@ def test_what_the_site_makes_of_its_pages(site):
         text = path.read_text(encoding="utf-8")
         assert "<pre>" not in text
         assert 'role="heading">' not in text
+
+
+#: Sphinx's search of the site itself, on a page without elements: the first result of each query.
+SEARCH = """
+const fs = require("fs"), path = require("path"), vm = require("vm");
+const [site, queries] = [process.argv[1], JSON.parse(process.argv[2])];
+const read = name => fs.readFileSync(path.join(site, name), "utf8");
+const ignore = () => {};
+const page = {documentElement: {dataset: {content_root: ""}}, addEventListener: ignore,
+  getElementById: () => null, readyState: "loading", currentScript: {}};
+const here = vm.createContext({document: page, window: {}, URLSearchParams, console, Set, Map,
+  localStorage: {setItem: ignore}, location: {search: ""}, setTimeout: ignore,
+  SPHINX_HIGHLIGHT_ENABLED: false, DOCUMENTATION_OPTIONS: JSON.parse(process.argv[3])});
+here.window = here;
+for (const name of ["_static/base-stemmer.js", "_static/english-stemmer.js",
+    "_static/language_data.js", "_static/doctools.js", "_static/searchtools.js", "searchindex.js"])
+  vm.runInContext(read(name), here);
+here.queries = queries;
+console.log(vm.runInContext(`JSON.stringify(queries.map(query => {
+  const found = Search._performSearch(...Search._parseQuery(query));
+  const first = found[found.length - 1];
+  return first[0] + first[2];
+}))`, here));
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("node") is None, reason="the search is JavaScript")
+def test_the_search_leads_to_the_right_page_first(site, search):
+    wanted = {word.strip(): place.removesuffix("-γ")  # ids in HTML are ASCII
+              for place, words in search.SYNONYMS.items() for word in words.split(",")}
+    options = {"FILE_SUFFIX": ".html", "BUILDER": "html", "LINK_SUFFIX": ".html"}
+    done = call(["node", "-e", SEARCH, site, json.dumps(list(wanted)), json.dumps(options)])
+    assert done.returncode == 0, done.stderr
+    assert dict(zip(wanted, json.loads(done.stdout), strict=True)) == wanted

@@ -112,6 +112,12 @@ def commands(path: Path) -> list[Typed]:
             if COMMAND.match(line) and not FORM.search(line)]
 
 
+def headings(text: str) -> set[str]:
+    """Return the names under which headings of a page are found."""
+    return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-")
+            for heading in re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)}
+
+
 def _lines(block: str) -> Iterator[tuple[int, str]]:
     """Yield the commands of a block; what stands below a ``$`` is what they print."""
     prompted = block.startswith("$ ")

@@ -376,15 +376,10 @@ def test_documents_name_what_exists(path):
     for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", text):
         file, _, heading = link.partition("#")
         assert (path.parent / file).exists(), link
-        assert not heading or heading in headings((path.parent / file).read_text("utf-8")), link
+        assert not heading or heading in documents.headings(
+            (path.parent / file).read_text("utf-8")), link
     for named in re.findall(r'pip install "\.\[([\w,]+)\]', text):
         assert set(named.split(",")) <= set(PROJECT["project"]["optional-dependencies"]), named
-
-
-def headings(text: str) -> set[str]:
-    """Return the names under which headings of a page are found."""
-    return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-")
-            for heading in re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)}
 
 
 def test_a_readme_is_read_in_two_minutes():

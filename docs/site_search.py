@@ -1,0 +1,88 @@
+"""Sphinx extension: words that a reader types → the place that answers, first in the search.
+
+A word is an entry of Sphinx's search index, as of an ``index`` directive: typed as a whole, it has
+a higher score than titles and text (searchtools.js: 100 against 16).
+"""
+
+from __future__ import annotations
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.util import logging
+
+__all__ = ["SYNONYMS"]
+
+LOGGER = logging.getLogger(__name__)
+
+#: Page, and a heading of it where the answer is not at its top → words, at most one place each.
+SYNONYMS = {
+    "bodies": "joint, hinge, revolute, pin joint, slider, spherical joint, rigid body, multibody, "
+              "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel",
+    "benchmarks": "speed, performance, benchmark",
+    "build": "export, library, rust, c++, octave, arduino",
+    "c": "microcontroller, embedded, c code, misra",
+    "chaotic_motion": "lyapunov, lyapunov exponent, chaos, chaotic, poincaré section, "
+                      "poincare section, megno",
+    "cheat_sheet": "cheat sheet, overview, quick start, quickstart, commands",
+    "choosing#step": "timestep, time step, step size, stepsize, dt, adaptive step, tolerance",
+    "choosing#scheme": "integrator, solver, scheme, method, rk4, runge-kutta, verlet, implicit",
+    "choosing#the-parameter-γ": "gamma, alpha, inertia representation",
+    "comparison": "alternatives, versus, comparison",
+    "coming_from": "mujoco, exudyn, heyoka, pydy, matlab, simscape, simulink, ode45, translation",
+    "controllers": "controller, real time, real-time, control loop, cortex, deploy",
+    "conventions": "units, quaternion order, scalar first, axes, euler angles, gimbal lock, "
+                   "angular velocity, moment of inertia",
+    "cuda": "gpu, graphics card, nvidia",
+    "derivatives": "gradient, sensitivity, adjoint, optimisation, optimization, jacobian",
+    "fmu": "fmi, co-simulation, dymola",
+    "frames": "spin, fast rotation, co-rotating frame",
+    "gallery/fitted_top": "fit, fitting, parameter estimation, identification, calibration, "
+                          "least squares, fitting parameters",
+    "glossary": "degrees of freedom, degree of freedom, dof, glossary, holonomic, "
+                         "nonholonomic",
+    "install": "installation, compiler, pip, windows, conda, gyrospark_cache",
+    "lagrangian": "lagrangian, mass matrix, kane, sympy mechanics",
+    "limits": "limits, limitations, contact, collision, friction, impact, flexible",
+    "long_runs": "resume, store, zarr, checkpoint",
+    "models": "urdf, robot, toml, model file",
+    "python#ensembles": "batch, monte carlo, parallel, simd",
+    "results#animation": "animation, video, movie, 3d view",
+    "results": "reaction force, constraint force, csv, pandas, output",
+    "solving": "newton, convergence, fixed point, iteration",
+    "stability": "version, deprecation, semantic versioning, api changes",
+    "sweeps": "parameter sweep, parameter scan, grid, study",
+    "systems": "hamiltonian, own system, constraint, dae, index 3, "
+               "differential-algebraic equation",
+    "systems#events": "event, zero crossing, root finding, stop condition, joint limit",
+    "systems#forces": "force, drag, damping, external force",
+    "systems#inputs": "input, control input, actuation",
+    "theory/symplecticity": "symplectic, symplecticity, energy drift",
+    "troubleshooting": "error, help, faq, troubleshooting, stagnated, diverged, change point, "
+                       "not converged, energy error, slow",
+    "tutorials/reaction_wheels": "reaction wheel, reaction wheels, attitude control, satellite, "
+                                 "pd controller",
+}
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Connect the handler to Sphinx's event."""
+    app.connect("doctree-read", add_words)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def add_words(app: Sphinx, tree: nodes.document) -> None:
+    """Add the words of a page as entries of the index."""
+    for place, words in SYNONYMS.items():
+        page, _, heading = place.partition("#")
+        if page != app.env.docname:
+            continue
+        ids = {one: section["ids"][0] for section in tree.findall(nodes.section)
+               for one in (*section["ids"], section.get("slug", ""))}
+        if heading and heading not in ids:
+            LOGGER.warning("site_search.py names the heading %s, which is not there; choose one "
+                           "of %s", place, ", ".join(sorted(filter(None, ids))), location=page)
+            continue
+        entries = [("single", word.strip(), ids[heading] if heading else "", "main", None)
+                   for word in words.split(",")]
+        tree.insert(0, addnodes.index(entries=entries))
