@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     )
     from .core.event import Event
     from .core.projection import Projection
-    from .generator.models.robots import load_urdf, read_urdf
+    from .generator.models.robots import load_mjcf, load_urdf, read_mjcf, read_urdf
     from .generator.multibody import body_symbols as symbols
     from .generator.multibody import example_models as models
     from .generator.multibody.model import Model
@@ -98,7 +98,9 @@ _HOMES = {
     "molecules": "generator.multibody.molecules",
     "rotation_matrix": "generator.multibody.rigid_body",
     "System": "generator.systems.system",
+    "load_mjcf": "generator.models.robots",
     "load_urdf": "generator.models.robots",
+    "read_mjcf": "generator.models.robots",
     "read_urdf": "generator.models.robots",
     "from_mechanics": "generator.systems.sympy_mechanics",
     "Projection": "core.projection",
@@ -196,6 +198,7 @@ __all__ = [
     "gamma_h_tilde",
     "gamma_m",
     "gamma_m_tilde",
+    "load_mjcf",
     "load_model",
     "load_urdf",
     "lyapunov",
@@ -207,6 +210,7 @@ __all__ = [
     "periodic_orbit",
     "playground",
     "problems",
+    "read_mjcf",
     "read_urdf",
     "record",
     "references",

@@ -1,4 +1,4 @@
-"""Model files: models from TOML, robots from URDF.
+"""Model files: models from TOML, robots from URDF and MJCF.
 
     model_file        one file to a ``Model``
     toml_tables       tables of TOML; every error names file and key
@@ -11,5 +11,10 @@
     urdf_robot        links and joints of a URDF file, each number checked
     urdf_tree         positions of links; links on fixed joints become one body
     urdf              a URDF file to bodies and joints
-    robots            URDF, and a TOML file that closes a robot's loops
+    mjcf_document     an MJCF file with its includes, default classes and compiler settings
+    mjcf_geoms        mass, centre and inertia of geoms
+    closed_mesh       volume, centre and inertia of a closed mesh
+    mjcf_robot        bodies, joints, actuators and equalities of an MJCF file
+    mjcf              an MJCF file to bodies and joints
+    robots            MJCF; URDF, and a TOML file that closes a robot's loops
 """

@@ -33,7 +33,8 @@ from .bounded_xml import read_xml
 from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
 from .urdf_tree import Mount, RobotBody, placed, robot_bodies
 
-__all__ = ["BASES", "Close", "parse_urdf", "read_settings"]
+__all__ = ["BASES", "Close", "Names", "coordinate_value", "parse_urdf", "plain_name",
+           "read_settings", "system_name"]
 
 BASES = ("fixed", "floating")
 #: Units of coordinates and rates of hinges.
@@ -131,16 +132,17 @@ def _coordinates(robot: Robot, what: str, given: Any) -> dict[str, float]:
 
     def value(joint: RobotJoint) -> float:
         if joint.follows is None:
-            return _coordinate(what, joint, told.get(joint.name, 0.0))
+            return coordinate_value(what, joint.name, joint.kind != "prismatic",
+                                    told.get(joint.name, 0.0))
         leader, ratio, offset = joint.follows
         return ratio * value(moving[leader]) + (offset if what == "angles" else 0.0)
 
     return {name: value(joint) for name, joint in moving.items()}
 
 
-def _coordinate(what: str, joint: RobotJoint, given: Any) -> float:
+def coordinate_value(what: str, name: str, is_angle: bool, given: Any) -> float:
     """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
-    about, is_angle = f"{what[:-1]} of {joint.name!r}", joint.kind != "prismatic"
+    about = f"{what[:-1]} of {name!r}"
     if isinstance(given, str):
         try:
             return float(finite(about, parse_number(given, _UNITS[what] if is_angle else {}), ()))
@@ -158,7 +160,7 @@ def _build(
 ) -> tuple[Multibody, dict[str, Mount]]:
     """Return bodies and joints, and where each link is."""
     limbs = robot_bodies(robot)
-    builder = Multibody(_system_name(robot.name), gravity=gravity,
+    builder = Multibody(system_name(robot.name), gravity=gravity,
                         description=f"The robot {robot.name}, of a URDF file.")
     moved = limbs if base == "floating" else limbs[1:]
     if not moved:
@@ -168,7 +170,7 @@ def _build(
     if told and len(floating) != 1:
         raise InputError(f"velocity and angular_velocity are those of one floating body, and there "
                          f"{'are several' if floating else 'is none'}; leave them out.")
-    names, centres = _Names(), {limbs[0]: np.zeros(3)}
+    names, centres = Names(), {limbs[0]: np.zeros(3)}
     frames: dict[RobotBody, Frame] = {limbs[0]: builder.ground}
     places = placed(limbs, start.base, start.coordinates)
     for limb in moved:
@@ -201,7 +203,7 @@ def _mount(frame: Frame, centre: Any, inner: Placement, limb: Placement) -> Moun
 
 
 def _join(
-    builder: Multibody, names: _Names, limb: RobotBody, frames: Mapping[RobotBody, Frame],
+    builder: Multibody, names: Names, limb: RobotBody, frames: Mapping[RobotBody, Frame],
     places: Mapping[RobotBody, Placement], start: InitialConfiguration,
 ) -> str:
     """Add the joint of a limb, with its coordinate and its rate as quantities."""
@@ -223,7 +225,7 @@ def _join(
     return name
 
 
-class _Names:
+class Names:
     """Names that C has, each once, of names that may have any signs."""
 
     def __init__(self) -> None:
@@ -246,6 +248,7 @@ def plain_name(name: str) -> str:
     return plain if plain[0].isalpha() else f"n{plain}"
 
 
-def _system_name(name: str) -> str:
+def system_name(name: str) -> str:
+    """Return the name of a system for that of a robot."""
     plain = plain_name(name.lower())[:40].rstrip("_")
     return f"{plain[:34]}_robot" if plain in KEYWORDS or plain in SYSTEMS else plain

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -21,8 +21,8 @@ from ...core.errors import InputError
 from ...core.warnings import warn
 from .bounded_xml import Element
 
-__all__ = ["EXTRAS", "IDENTITY", "MOVING", "Placement", "Robot", "RobotJoint", "RobotLink",
-           "read_robot", "turn"]
+__all__ = ["EXTRAS", "IDENTITY", "MOVING", "NUMBER", "Placement", "Robot", "RobotJoint",
+           "RobotLink", "read_robot", "refuse_extras", "turn"]
 
 Array = NDArray[np.float64]
 Read = TypeVar("Read")
@@ -43,7 +43,7 @@ EXTRAS = {
 MAX_LINKS = 500
 #: Moments below this, in kg m², are 0 with rounding.
 _NOTHING = 1e-20
-_NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
     if macros is not None:
         raise InputError(f"line {macros.line}: <{macros.name}> is a macro; expand the file with "
                          "xacro first.")
-    _refuse_extras(top, ignore)
+    refuse_extras(Counter(_extras(top)), EXTRAS, ignore)
     links, joints = _read_all(top, "link", _link), _read_all(top, "joint", _joint)
     if not links:
         raise InputError("it has no <link>; write one at least.")
@@ -134,18 +134,19 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
 # ---------------------------------------------------------------- what is left out
 
 
-def _refuse_extras(top: Element, ignore: Collection[str]) -> None:
-    """Refuse elements other than links and joints unless they are to be ignored."""
+def refuse_extras(
+    found: Mapping[str, int], known: Mapping[str, str], ignore: Collection[str]
+) -> None:
+    """Refuse what a file has besides bodies and joints, with its count, unless it is ignored."""
     for name in ignore:
-        if name not in (*EXTRAS, "all"):
+        if name not in (*known, "all"):
             raise InputError(f"ignore names {shown(name)}; choose "
-                             f"{listed([*EXTRAS, 'all'])}{proposal(name, EXTRAS)}.")
+                             f"{listed([*known, 'all'])}{proposal(name, known)}.")
     if "all" in ignore:
         return
-    found = Counter(_extras(top))
-    left = {name: found[name] for name in EXTRAS if found[name] and name not in ignore}
+    left = {name: found[name] for name in known if found[name] and name not in ignore}
     if left:
-        told = ", ".join(f"{name} ({EXTRAS[name]}, {count} of them)"
+        told = ", ".join(f"{name} ({known[name]}, {count} of them)"
                          for name, count in left.items())
         wanted = [*ignore, *left]
         raise InputError(f"it has {told}, which no model here has; to run without, write "
@@ -340,7 +341,7 @@ def _numbers(
     if default is not None and key not in element.attributes:
         return default
     words = _attribute(element, key).split()
-    values = [float(word) for word in words if _NUMBER.fullmatch(word)]
+    values = [float(word) for word in words if NUMBER.fullmatch(word)]
     if len(words) != count or len(values) != count or not np.isfinite(values).all():
         raise InputError(f"its <{element.name}> has {key}={shown(element.attributes[key])}; write "
                          f"{count} finite number{'s' if count > 1 else ''}.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,7 @@ from ...core.errors import InputError
 from ..multibody.body import Frame
 from .urdf_robot import IDENTITY, Placement, Robot, RobotJoint, RobotLink, turn
 
-__all__ = ["Mount", "RobotBody", "placed", "robot_bodies"]
+__all__ = ["Mount", "RobotBody", "combine", "placed", "robot_bodies"]
 
 Array = NDArray[np.float64]
 
@@ -51,16 +51,7 @@ class RobotBody:
             raise InputError(
                 f"link {shown(self.name)} moves and has no mass, nor has what is fixed to it; give "
                 "it an <inertial> with mass and inertia, or make its joint fixed.")
-        centres = [place.x + place.R @ link.centre for place, link in self.parts]
-        centre: Array = sum((link.mass * c for (_, link), c in zip(self.parts, centres,
-                                                                   strict=True)),
-                            np.zeros(3)) / mass
-        inertia = np.zeros((3, 3))
-        for (place, link), c in zip(self.parts, centres, strict=True):
-            d = c - centre
-            inertia += place.R @ link.inertia @ place.R.T
-            inertia += link.mass * (d @ d * np.eye(3) - np.outer(d, d))
-        return mass, centre, (inertia + inertia.T) / 2
+        return combine(self.parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +61,20 @@ class Mount:
     frame: Frame
     inner: Placement
     space: Placement
+
+
+def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Array, Array]:
+    """Return mass, centre of mass, and inertia about it, of links that move as one."""
+    mass = sum(link.mass for _, link in parts)
+    centres = [place.x + place.R @ link.centre for place, link in parts]
+    centre: Array = sum((link.mass * c for (_, link), c in zip(parts, centres, strict=True)),
+                        np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for (place, link), c in zip(parts, centres, strict=True):
+        d = c - centre
+        inertia += place.R @ link.inertia @ place.R.T
+        inertia += link.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return mass, centre, (inertia + inertia.T) / 2
 
 
 def robot_bodies(robot: Robot) -> list[RobotBody]:

@@ -26,6 +26,7 @@ from ..systems.system import System
 from ..systems.velocity_coefficients import coefficients_of
 from .body import GROUND, Body, Frame, MovingPoint, Particle, dot
 from .components import TIME, Components
+from .coordinates import Coordinate, Law
 from .initial_poses import Pose, in_range, propagate_all
 from .joints import (
     Connection,
@@ -103,6 +104,9 @@ class Assembly:
                       [partial(link.move, self.store) for link in rolling])
         for link in rolling:
             link.refuse_off_ground(self.store, poses)
+        for link in self.links:
+            if isinstance(link, Coordinate):
+                link.begin(poses)
         return poses
 
     def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:
@@ -154,7 +158,7 @@ class Assembly:
         for link in self.links:
             if isinstance(link, RheonomicConstraint):
                 counted |= {link.name, link.joints[0].name}
-            elif isinstance(link, Coupling):
+            elif isinstance(link, Coupling | Law):
                 counted |= {joint.name for joint, what in zip(link.joints, link.what, strict=True)
                             if what == "angle"}
         H = H.xreplace(measures)
