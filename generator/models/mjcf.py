@@ -23,12 +23,21 @@ from ...core.arguments import as_items, as_mapping, as_text, listed, proposal, s
 from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix, real_array
 from ..multibody.body import GROUND, Body, Frame, dot
+from ..multibody.coordinates import Arm, Slide, Translation
 from ..multibody.initial_poses import clean, optional_vector, rotation, unit
-from ..multibody.joints import Connection
+from ..multibody.joints import Align, Connection
 from ..multibody.multibody import Multibody
 from .mjcf_document import Given, read_document
 from .mjcf_geoms import Geom
-from .mjcf_robot import COMMON, EXTRAS, MjcfEquality, MjcfJoint, MjcfRobot, read_mjcf_robot
+from .mjcf_robot import (
+    COMMON,
+    EXTRAS,
+    MjcfEquality,
+    MjcfJoint,
+    MjcfRobot,
+    MjcfTendon,
+    read_mjcf_robot,
+)
 from .urdf import Names, coordinate_value, plain_name, system_name
 from .urdf_robot import IDENTITY, Placement, refuse_extras, turn
 from .urdf_tree import combine
@@ -287,6 +296,9 @@ class _Builder:
             self._springs(joint)
         for actuator in robot.actuators:
             self._actuator(actuator)
+        for name, tendon in robot.tendons.items():
+            if tendon.stiffness or tendon.damping:
+                self._tendon(name, tendon)
         for equality in robot.equalities:
             self._equality(equality)
         self._compensate_gravity()
@@ -353,7 +365,6 @@ class _Builder:
         ends = self.frames[above], self.frames[limb]
         axes = [self.poses.axes[joint.name] for joint in joints]
         points = [self.poses.points[joint.name] for joint in joints]
-        inert = [joint.armature > 0 for joint in joints]
         if kinds == ["free"] or (kinds == ["slide"] * 3 + ["ball"] and above < 0
                                  and abs(np.linalg.det(axes[:3])) > _SAME):
             return
@@ -368,9 +379,9 @@ class _Builder:
             self._know(first, build.revolute(name, *ends, **where, angle=value)
                        if first.kind == "hinge" else
                        build.prismatic(name, *ends, **where, travel=value))
-        elif all(inert) and set(kinds) <= {"hinge", "slide"}:
+        elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
             self._chain(limb, ends, axes, points)
-        elif any(inert) or not self._special(limb, ends, axes, points):
+        elif not self._special(limb, ends, axes, points):
             raise InputError(
                 f"body {shown(robot.bodies[limb].name)} has the joints {', '.join(kinds)} in a "
                 "row, and not each has an inertia; write armature=\"…\" above 0 for each, or a "
@@ -404,30 +415,71 @@ class _Builder:
         """Add joints in a row as one that is known; return whether there is one."""
         joints, build = self.robot.bodies[limb].joints, self.builder
         kinds = [joint.kind for joint in joints]
-        value = {joint.name: float(self.start.values[joint.name][0]) for joint in joints}
-        near = [np.abs(np.cross(points[0] - point, axis)).max() < _SAME
-                for point, axis in zip(points, axes, strict=True)]
+        value = [float(self.start.values[joint.name][0]) for joint in joints]
+        slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
+        inert = any(joint.armature for joint in joints)
         name = self.names.free(joints[-1].name, "joint")
-        if kinds == ["slide", "slide", "hinge"] and abs(
-                unit(np.cross(axes[0], axes[1])) @ axes[2]) > 1 - _SAME:
-            self.coordinates[joints[2].name] = build.planar(
-                name, *ends, axis_in_space=axes[2], at=points[2], angle=value[joints[2].name])
-        elif sorted(kinds) == ["hinge", "slide"] and abs(axes[0] @ axes[1]) > 1 - _SAME:
+        if set(kinds[:slides]) == {"slide"} and ends[0] is GROUND and len(kinds) <= 3 and (
+                len(kinds) - slides <= 1):
+            return self._slides(name, limb, ends, axes, points)
+        if kinds in (["hinge", "slide"], ["slide", "hinge"]) and axes[0] @ axes[1] > 1 - _SAME:
             hinge, slide = kinds.index("hinge"), kinds.index("slide")
-            sign = 1.0 if axes[0] @ axes[1] > 0 else -1.0
-            if sign < 0:
-                return False
             link = build.cylindrical(name, *ends, axis_in_space=axes[hinge], at=points[hinge],
-                                     angle=value[joints[hinge].name],
-                                     travel=value[joints[slide].name])
-            self.coordinates |= {joints[slide].name: link}
-        elif kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and all(near):
-            build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=points[0])
-        elif kinds == ["hinge"] * 3 and all(np.allclose(points[0], point, rtol=0, atol=_SAME)
-                                            for point in points):
+                                     angle=value[hinge], travel=value[slide])
+            self.coordinates[joints[slide].name] = link
+            return not inert
+        if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not inert:
+            return self._cross(name, limb, ends, axes, points)
+        if kinds == ["hinge"] * 3 and not inert and all(
+                np.allclose(points[0], point, rtol=0, atol=_SAME) for point in points):
             build.ball(name, *ends, at=points[0])
-        else:
+            return True
+        return False
+
+    def _slides(
+        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array],
+        points: Sequence[Array]
+    ) -> bool:
+        """Add two or three slides of the ground; the last may be a hinge normal to them."""
+        joints, build = self.robot.bodies[limb].joints, self.builder
+        hinge = joints[-1].kind == "hinge"
+        along = np.array(axes[:-1] if hinge else axes)
+        at = points[-1]
+        if len(along) < 2 or np.linalg.svd(along)[1][-1] < _SAME:
             return False
+        normal = unit(np.cross(along[0], along[1])) if len(along) == 2 else None
+        if hinge:
+            if normal is None or abs(normal @ axes[-1]) < 1 - _SAME:
+                return False
+            angle = float(self.start.values[joints[-1].name][0])
+            self._know(joints[-1], build.planar(name, *ends, axis_in_space=axes[-1], at=at,
+                                                angle=angle))
+        else:
+            build._join(Translation(name, *ends, at=at, normal=normal))
+        duals = np.linalg.pinv(along).T  # d = Σ s_i e_i has s_i = d · dual_i
+        for joint, dual in zip(joints, duals, strict=False):
+            label = self.names.free(f"{joint.name}_slide")
+            self._know(joint, build._join(Slide(
+                label, *ends, at=at, hinge=Align(label, *ends, unit(dual)),
+                scale=float(np.linalg.norm(dual)),
+                travel=float(self.start.values[joint.name][0]))))
+        return True
+
+    def _cross(
+        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array],
+        points: Sequence[Array]
+    ) -> bool:
+        """Add two hinges at right angles whose axes meet as a universal joint, and its angles."""
+        joints, build = self.robot.bodies[limb].joints, self.builder
+        apart = points[1] - points[0]
+        if abs(np.cross(axes[0], axes[1]) @ apart) > _SAME:
+            return False
+        at = points[0] + (axes[0] @ apart) * axes[0]
+        build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=at)
+        for k, joint in enumerate(joints):
+            self.coordinates[joint.name] = build._join(Arm(
+                self.names.free(f"{joint.name}_arm"), *ends, arms=(axes[0], axes[1]), own=k,
+                angle=float(self.start.values[joint.name][0])))
         return True
 
     def _symbols(self, joint: str) -> tuple[Any, Any]:
@@ -477,24 +529,42 @@ class _Builder:
 
     def _actuator(self, actuator: Any) -> None:
         build, gear = self.builder, actuator.gear
-        parts = []
-        for name, coefficient in actuator.joints:
-            if name not in self.coordinates:
-                raise InputError(f"actuator {shown(actuator.name)} acts on {shown(name)}, which "
-                                 "has no coordinate here; write armature for each joint of its "
-                                 "body.")
-            parts.append((name, coefficient, *self._symbols(name)))
-        length, rate = (gear * sum(part[1] * part[k] for part in parts) for k in (2, 3))
+        length, rate = (gear * e for e in self._length(
+            f"actuator {shown(actuator.name)}", actuator.joints))
         label = self.names.free(actuator.name, "input")
         u: Any = 0
         if actuator.gain or actuator.drag:
             u = build.input(label, self.start.controls[actuator.name])
         b0, b1, b2 = actuator.bias
         effort = gear * (actuator.gain * u + b0 + b1 * length + (b2 + actuator.drag * u) * rate)
-        for name, coefficient, *_ in parts:
+        self._pull(label, actuator.joints, effort)
+
+    def _tendon(self, name: str, tendon: MjcfTendon) -> None:
+        """Add the spring and the damper of a fixed tendon."""
+        length, rate = self._length(f"tendon {shown(name)}", tendon.joints)
+        label = self.names.free(name, "tendon")
+        k = self.builder.parameter(f"{label}_stiffness", tendon.stiffness)
+        c = self.builder.parameter(f"{label}_damping", tendon.damping)
+        if tendon.stiffness:
+            self.builder.potential(k * (length - tendon.rest) ** 2 / 2)
+        if tendon.damping:
+            self._pull(label, tendon.joints, -c * rate)
+
+    def _length(self, what: str, joints: Sequence[tuple[str, float]]) -> tuple[Any, Any]:
+        """Return Σ coefficient · coordinate of joints, and its rate."""
+        for name, _ in joints:
+            if name not in self.coordinates:
+                raise InputError(f"{what} acts on {shown(name)}, which has no coordinate here; "
+                                 "write armature for each joint of its body.")
+        length, rate = (sum(c * self._symbols(name)[k] for name, c in joints) for k in (0, 1))
+        return length, rate
+
+    def _pull(self, label: str, joints: Sequence[tuple[str, float]], effort: Any) -> None:
+        """Add motors with an effort along Σ coefficient · coordinate."""
+        for name, coefficient in joints:
             what = "torque" if self.robot.joints[name].kind == "hinge" else "force"
-            build.motor(self.names.free(f"{label}_motor"), self.coordinates[name],
-                        **{what: coefficient * effort})
+            self.builder.motor(self.names.free(f"{label}_motor"), self.coordinates[name],
+                               **{what: coefficient * effort})
 
     def _equality(self, equality: MjcfEquality) -> None:
         name = self.names.free(equality.name, "equality")
@@ -549,7 +619,7 @@ class _Builder:
     def _law(self, name: str, equality: MjcfEquality) -> None:
         """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + …, of joints or tendons."""
         powers = equality.given.numbers("polycoef", 1, 5, [0.0, 1.0, 0.0, 0.0, 0.0])
-        sums = [((end, 1.0),) if equality.kind == "joint" else self.robot.tendons[end]
+        sums = [((end, 1.0),) if equality.kind == "joint" else self.robot.tendons[end].joints
                 for end in equality.ends]
         for joint, _ in (part for parts in sums for part in parts):
             if joint not in self.coordinates:

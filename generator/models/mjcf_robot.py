@@ -8,7 +8,7 @@ measures or configures a solver moves nothing and is not read.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
@@ -26,7 +26,8 @@ from .urdf_robot import IDENTITY, Placement, RobotLink
 from .urdf_tree import combine
 
 __all__ = ["ACTUATORS", "COMMON", "EXTRAS", "MjcfActuator", "MjcfBody", "MjcfEquality",
-           "MjcfJoint", "MjcfKey", "MjcfRobot", "read_mjcf_robot"]
+           "MjcfJoint", "MjcfKey", "MjcfRobot", "MjcfTendon",
+           "read_mjcf_robot"]
 
 Array = NDArray[np.float64]
 
@@ -108,6 +109,16 @@ class MjcfActuator:
 
 
 @dataclass(frozen=True, eq=False)
+class MjcfTendon:
+    """A fixed tendon, of length Σ coefficient · coordinate of joints, as a spring and damper."""
+
+    joints: tuple[tuple[str, float], ...]
+    stiffness: float
+    rest: float
+    damping: float
+
+
+@dataclass(frozen=True, eq=False)
 class MjcfEquality:
     """An equality between what ``ends`` name: bodies, sites, joints or tendons."""
 
@@ -136,7 +147,7 @@ class MjcfRobot:
     joints: dict[str, MjcfJoint] = field(default_factory=dict)
     sites: dict[str, tuple[int, Placement]] = field(default_factory=dict)
     geoms: list[Geom] = field(default_factory=list)
-    tendons: dict[str, tuple[tuple[str, float], ...]] = field(default_factory=dict)
+    tendons: dict[str, MjcfTendon] = field(default_factory=dict)
     actuators: list[MjcfActuator] = field(default_factory=list)
     equalities: list[MjcfEquality] = field(default_factory=list)
     keys: list[MjcfKey] = field(default_factory=list)
@@ -173,6 +184,7 @@ class _Reader:
         self.volumes: dict[str, Volume] = {}
         self.masses: list[RobotLink] = []  # of the geoms of the body that is being read
         self.weigh = False  # whether they give it its mass
+        self.moves = False  # whether it does
 
     def read(self) -> MjcfRobot:
         robot, document = self.robot, self.document
@@ -255,15 +267,17 @@ class _Reader:
         kept, self.masses = self.masses, []
         inertial = element.first("inertial")
         from_geoms = self.document.settings.from_geoms
-        weigh, self.weigh = self.weigh, from_geoms != "false" and (
-            from_geoms == "true" or inertial is None)
+        weigh, moves = self.weigh, self.moves
+        self.moves = moves or any(_joints(element))
+        self.weigh = (self.moves or self.document.settings.total_mass > 0) and (
+            from_geoms == "true" or (from_geoms == "auto" and inertial is None))
         self._parts(element, number, IDENTITY, inherited)
         if inertial is not None and from_geoms != "true":
             body.link = self._inertial(self.document.given(inertial), name)
         elif self.masses:
             mass, centre, inertia = combine([(IDENTITY, link) for link in self.masses])
             body.link = RobotLink(name, mass, centre, inertia)
-        self.masses, self.weigh = kept, weigh
+        self.masses, self.weigh, self.moves = kept, weigh, moves
 
     def _inertial(self, given: Given, name: str) -> RobotLink:
         place = given.place(self.document.settings)
@@ -438,9 +452,11 @@ class _Reader:
     def _tendon(self, element: Element) -> None:
         robot, given = self.robot, self.document.given(element, kind="tendon")
         name = given.text("name", f"tendon{len(robot.tendons) + 1}")
-        acts = any(np.any(given.numbers(key, 1, 3, [0.0]))
-                   for key in ("stiffness", "damping", "armature"))
-        robot.extras["tendon"] += acts
+        told = {key: self._linear(given, key) for key in ("stiffness", "damping", "armature")}
+        rest = given.numbers("springlength", 1, 2, [-1.0])
+        slack = rest[0] != rest[-1]  # a range without a force
+        robot.extras["tendon"] += any(told.values()) and (
+            element.name != "fixed" or slack or told["armature"] > 0)
         robot.extras["limits"] += self._limited(given, "limited", "range")
         robot.extras["friction"] += given.number("frictionloss", 0.0) != 0
         if element.name != "fixed":
@@ -449,7 +465,10 @@ class _Reader:
         for child in element.all("joint"):
             part = self.document.given(Element("coef", child.attributes, child.line))
             found.append((self._coordinate(part, part.text("joint")), part.number("coef")))
-        robot.tendons[name] = tuple(found)
+        length = sum(c * robot.joints[joint].rest for joint, c in found)
+        robot.tendons[name] = MjcfTendon(
+            tuple(found), 0.0 if slack else told["stiffness"],
+            length if rest[0] == -1 else rest[0], told["damping"])
 
     def _coordinate(self, given: Given, name: str) -> str:
         """Return the name of a joint that has one coordinate."""
@@ -476,7 +495,8 @@ class _Reader:
             if found is None or found.kind in ("hinge", "slide"):
                 acts = ((self._coordinate(given, joint), 1.0),)
         else:
-            acts = robot.tendons.get(given.text("tendon", ""), ())
+            tendon = robot.tendons.get(given.text("tendon", ""))
+            acts = tendon.joints if tendon else ()
         if law is None or not acts:
             robot.extras["actuator"] += 1
             return
@@ -538,6 +558,15 @@ class _Reader:
                 self._coordinate(given, end)
         name = given.text("name", f"equality{len(self.robot.equalities) + 1}")
         self.robot.equalities.append(MjcfEquality(name, element.name, ends, sites, given))
+
+
+def _joints(element: Element) -> Iterator[Element]:
+    """Yield the joints of a body, also those in its frames."""
+    for child in element.children:
+        if child.name in ("joint", "freejoint"):
+            yield child
+        elif child.name == "frame":
+            yield from _joints(child)
 
 
 def _moved(link: RobotLink, place: Placement) -> RobotLink:

@@ -15,7 +15,7 @@ from ...core.inertia import Inertia
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
 from .body import GROUND, Body, Frame, GeneralisedForce, MovingPoint, Vector
-from .coordinates import Coordinate, FlywheelBody
+from .coordinates import Arm, Coordinate, FlywheelBody
 from .initial_poses import InitialState
 from .joints import Connection
 
@@ -112,7 +112,7 @@ class Components:
         """Return a joint that has an angle."""
         found = self.joint(joint, f"Gear {name!r}")
         self.refuse_measure(found, "angle")
-        if isinstance(found, Coordinate):
+        if isinstance(found, Arm | Coordinate):
             raise InputError(f"{name!r} needs a joint of bodies, and {found.name!r} is a "
                              "coordinate; name another joint, or write a law or couple.")
         return found

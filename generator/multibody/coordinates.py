@@ -24,13 +24,15 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from .body import Frame, GeneralisedForce, Particle, Vector
+from .body import Body, Frame, GeneralisedForce, Particle, Vector, dot
 from .initial_poses import Pose, conjugate, direction, product
 from .joints import (
     RATE_OF,
     UNIT,
     Connection,
+    Cylindrical,
     Equation,
+    Fixed,
     Joint,
     Poses,
     Store,
@@ -42,7 +44,8 @@ from .joints import (
     unit_vector,
 )
 
-__all__ = ["Chain", "Coordinate", "Flywheel", "FlywheelBody", "Law", "Link"]
+__all__ = ["Arm", "Chain", "Coordinate", "Flywheel", "FlywheelBody", "Law", "Link", "Slide",
+           "Translation"]
 
 Array = NDArray[Any]
 
@@ -130,7 +133,8 @@ class Flywheel(Coordinate):
             self.value, turned = hinge.angle, b.spin - a.spin
         else:
             assert isinstance(joint, Joint)
-            self.value, turned = getattr(joint, "travel", 0.0), _slip(joint, a, b)
+            scale = getattr(joint, "scale", 1.0)
+            self.value, turned = getattr(joint, "travel", 0.0), scale * _slip(joint, a, b)
         self.value *= self.ratio
         self.speed = self.ratio * float(hinge.axis @ turned)
         super().begin(poses)
@@ -142,6 +146,101 @@ def _slip(joint: Joint, a: Pose, b: Pose) -> Array:
     assert a.x is not None
     slip: Array = b.v + np.cross(b.spin, arm_b) - a.v - np.cross(a.spin, point - a.x)  # type: ignore[arg-type,operator]
     return slip
+
+
+@dataclass(eq=False, repr=False)
+class Translation(Fixed):
+    """b slides on a plane of the ground, or anywhere, and does not turn.
+
+    ``normal`` is that of the plane in space; without one there is none.
+    """
+
+    normal: Array | None = field(kw_only=True, default=None)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        if self.normal is not None:
+            point_a, point_b = self.points(store)
+            n = unit_vector(f"{self.name}_normal", self.normal, store)
+            yield Equation(f"{self.name}: distance", dot(n, difference(point_b, point_a)))
+        yield from self.turns(poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class Slide(Cylindrical):
+    """A coordinate of a point of b in the ground's axes: ``scale`` · axis · d, no constraint.
+
+    d is from the point of the ground, where that of b is at the start. Of slides along s_i that are
+    not perpendicular, d = Σ c_i s_i, the axes are those of the reciprocal vectors.
+    """
+
+    scale: float = field(kw_only=True, default=1.0)
+    MEASURES: ClassVar[tuple[str, ...]] = ("travel", "speed")
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints, none."""
+        yield from ()
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return travel or speed."""
+        k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
+        if what == "speed":
+            return k * super().measure(what, poses, store)
+        begin = named_number(f"{self.name}_begin", self.travel, store)
+        return begin + k * self.along(poses, store)
+
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of a force along the axis."""
+        k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
+        return super().generalised_forces(what, k * effort, poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class Arm(Connection):
+    """The angle about one arm of a universal joint, within half a turn of the start.
+
+    With e₁ in a and e₂ in b at right angles, Ω_b − Ω_a = q₁' e₁ + q₂' e₂. Both are in space at the
+    start; ``own`` is 0 for the first arm, 1 for the second.
+    """
+
+    arms: tuple[Array, Array] = field(kw_only=True)
+    own: int = field(kw_only=True)
+    angle: float = field(kw_only=True, default=0.0)
+    MEASURES: ClassVar[tuple[str, ...]] = ("angle", "rate")
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return the angle or the rate."""
+        frame, other = (self.a, self.b) if self.own == 0 else (self.b, self.a)
+        e = self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store)
+        if what == "rate":
+            turning = difference(self.b.direction(self.b.angular_velocity),
+                                 self.a.direction(self.a.angular_velocity))
+            return dot(frame.direction(e), turning)
+        mark = self.arms[1 - self.own]
+        seen = other.direction(self._in(other, f"{self.name}_mark", mark, poses, store))
+        first = self._in(frame, f"{self.name}_normal1", mark, poses, store)
+        second = self._in(frame, f"{self.name}_normal2", np.cross(self.arms[self.own], mark),
+                          poses, store)
+        sign = 1 if self.own == 0 else -1
+        turned = sp.atan2(sign * dot(frame.direction(second), seen),
+                          dot(frame.direction(first), seen))
+        return named_number(f"{self.name}_begin", self.angle, store) + turned
+
+    def _in(self, frame: Frame, name: str, axis: Array, poses: Poses, store: Store) -> Vector:
+        return unit_vector(name, direction(poses[frame].R.T @ axis), store)
+
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of a torque about the arm: on b, opposite on a."""
+        frame = (self.a, self.b)[self.own]
+        e = frame.direction(self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store))
+        for body, sign in ((self.b, 1), (self.a, -1)):
+            if isinstance(body, Body):
+                yield from body.torque_on([sign * effort * dot(body.rotation.col(k), e)
+                                           for k in range(3)])
 
 
 @dataclass(frozen=True, eq=False)

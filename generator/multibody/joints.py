@@ -365,6 +365,10 @@ class Fixed(Joint):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         yield from super().equations(poses, store)
+        yield from self.turns(poses, store)
+
+    def turns(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints on the attitude."""
         R = poses[self.a].R.T @ poses[self.b].R if self.relative is None else self.relative
         for k, axis in enumerate("xyz"):
             n = unit_vector(f"{self.name}_normal{k + 1}", np.eye(3)[k], store)
