@@ -75,11 +75,12 @@ def _stl(content: bytes) -> Array:
     if len(content) == _HEADER + _FACET * count:
         _refuse_many(count)
         kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-        return np.frombuffer(content, kind, offset=_HEADER)["corners"].astype(float)
+        corners: Array = np.frombuffer(content, kind, offset=_HEADER)["corners"].astype(float)
+        return corners
     lines = [line.split() for line in content.decode("utf-8", "replace").splitlines()]
-    corners = [line[1:4] for line in lines if line[:1] == ["vertex"]]
+    written = [line[1:4] for line in lines if line[:1] == ["vertex"]]
     try:
-        return np.array(corners, dtype=float).reshape(-1, 3, 3)
+        return np.array(written, dtype=float).reshape(-1, 3, 3)
     except ValueError:
         raise InputError("it is no STL; correct it.") from None
 
@@ -97,8 +98,9 @@ def _obj(content: bytes) -> Array:
                 index = [int(word.split("/")[0]) for word in words[1:]]
                 index = [k - 1 if k > 0 else len(vertices) + k for k in index]
                 faces += [(index[0], index[k], index[k + 1]) for k in range(1, len(index) - 1)]
-        return np.array(vertices, dtype=float).reshape(-1, 3)[
-            np.array(faces, dtype=int).reshape(-1, 3)]
+        points = np.array(vertices, dtype=float).reshape(-1, 3)
+        found: Array = points[np.array(faces, dtype=int).reshape(-1, 3)]
+        return found
     except (ValueError, IndexError):
         raise InputError("it is no OBJ; correct it.") from None
 

@@ -191,9 +191,9 @@ def _take_key(robot: MjcfRobot, start: _Start, key: Given) -> None:
                 quaternion = what == "qpos" and joint.kind in ("ball", "free")
                 values[joint.name] = _with_unit_quaternion(joint, part) if quaternion else part
     if "ctrl" in key and robot.actuators:
-        values = key.numbers("ctrl", 1, 1000)
-        if len(values) == len(robot.actuators):  # others are left out, and with them their numbers
-            start.controls = dict(zip(start.controls, values, strict=True))
+        controls = key.numbers("ctrl", 1, 1000)
+        if len(controls) == len(robot.actuators):  # else some are left out, whose numbers these are
+            start.controls = dict(zip(start.controls, controls, strict=True))
 
 
 def _quaternion(R: Array) -> Array:

@@ -8,10 +8,9 @@ measures or configures a solver moves nothing and is not read.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,7 +220,7 @@ class _Reader:
             robot.gravity = given.vector("gravity", (*robot.gravity,))
             robot.dt = given.number("timestep", robot.dt)
             robot.extras["fluid"] += sum(
-                np.any(given.numbers(key, 1, 3, [0.0])) for key in ("density", "viscosity", "wind"))
+                any(given.numbers(key, 1, 3, [0.0])) for key in ("density", "viscosity", "wind"))
             for flags in element.all("flag"):
                 off |= {key for key, e in flags.attributes.items() if e == "disable"}
         robot.off = frozenset(off)
@@ -545,10 +544,10 @@ class _Reader:
         sites = what == "body" and "site1" in given
         what = "site" if sites else what
         ends = tuple(given.text(f"{what}{k}") for k in (1, 2) if k == 1 or f"{what}2" in given)
-        known: Mapping[str, Any] = {
-            "body": {"world": -1, **{body.name: body for body in self.robot.bodies}},
-            "site": self.robot.sites, "joint": self.robot.joints, "tendon": self.robot.tendons,
-        }[what]
+        names: dict[str, Collection[str]] = {
+            "body": ["world", *(body.name for body in self.robot.bodies)],
+            "site": self.robot.sites, "joint": self.robot.joints, "tendon": self.robot.tendons}
+        known = names[what]
         for end in ends:
             if end not in known:
                 raise given.error(f"names {shown(end)}, which is no {what}"

@@ -104,9 +104,9 @@ class Assembly:
                       [partial(link.move, self.store) for link in rolling])
         for link in rolling:
             link.refuse_off_ground(self.store, poses)
-        for link in self.links:
-            if isinstance(link, Coordinate):
-                link.begin(poses)
+        for coordinate in self.links:
+            if isinstance(coordinate, Coordinate):
+                coordinate.begin(poses)
         return poses
 
     def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:

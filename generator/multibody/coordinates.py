@@ -305,8 +305,9 @@ class Chain(Joint):
                 continue
             half = (sp.cos(since / 2), *(sp.sin(since / 2) * x for x in e))
             turned = product(half, turned)
-            if np.allclose(link.at, self.at, rtol=0, atol=1e-15) and moved == list(on_a):
-                continue
+            apart = np.abs(link.at - np.asarray(self.at)).max()
+            if apart <= 1e-15 and moved == list(on_a):
+                continue  # it turns about the point that is followed
             c = named_vector(f"{self.name}_point{k}", (a.R.T @ (link.at - a.x)).tolist(), store)
             moved = [x + y for x, y in zip(
                 c, _turned(e, since, difference((moved[0], moved[1], moved[2]), c)), strict=True)]

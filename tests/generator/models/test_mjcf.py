@@ -113,9 +113,9 @@ def test_meshes_have_the_mass_of_what_they_enclose(tmp_path, name, content, tole
 
 
 @pytest.mark.parametrize(("content", "said"), [
-    (obj(FACES[1:]), "not closed"), (obj([f[::-1] for f in FACES]), "volume is -"),
-    (b"v 0 0", "no OBJ|no triangles"), (b"", "no triangles"), (None, "no such file"),
-    (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 2_000_001, "2000001 triangles"),
+    (obj(FACES[1:]), "closed"), (obj([f[::-1] for f in FACES]), "volume is -"),
+    (b"v 0 0", "no OBJ|no triangles"), (b"", "no triangles"), (None, "box.obj"),
+    (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 2_000_001, "2000001"),
 ], ids=["open", "inside out", "cut off", "empty", "missing", "two million"])
 def test_bad_meshes_are_refused(tmp_path, content, said):
     (tmp_path / "m").mkdir()
@@ -392,7 +392,7 @@ def test_files_are_included_from_their_folder(tmp_path):
 ONE = '<worldbody><body name="b"><joint name="j"/><geom size=".1"/></body></worldbody>'
 TOUCHING = ONE.replace("<worldbody>", '<worldbody><geom type="plane" size="1 1 1"/>')
 BAD = [
-    (TOUCHING, "contact.*2 of them"), (ONE.replace('name="j"', 'name="j" range="0 1"'), "limits"),
+    (TOUCHING, "contact.*2"), (ONE.replace('name="j"', 'name="j" range="0 1"'), "limits"),
     (ONE.replace('name="j"', 'name="j" frictionloss="1"'), "friction"),
     ('<option density="1000"/>' + ONE, "fluid"),
     (ONE + '<actuator><muscle joint="j"/></actuator>', "actuator"),
@@ -408,16 +408,16 @@ BAD = [
     ('<compiler coordinate="global"/>' + ONE, "global"),
     ("<default><default class='a'><default class='a'/></default></default>" + ONE, "'a'.*already"),
     ("<default><default/></default>" + ONE, "no name"),
-    ('<include file="../other.xml"/>' + ONE, "not in the folder"),
-    ('<include file="/etc/passwd"/>' + ONE, "not in the folder"),
+    ('<include file="../other.xml"/>' + ONE, "folder"),
+    ('<include file="/etc/passwd"/>' + ONE, "folder"),
     ('<include file="robot.xml"/>' + ONE, "already"),
-    ('<include file="none.xml"/>' + ONE, "no such file"),
+    ('<include file="none.xml"/>' + ONE, "none.xml"),
     (ONE + '<equality><connect body1="b" body2="c" anchor="0 0 0"/></equality>', "'c'"),
     (ONE + '<equality><joint joint1="j" joint2="i"/></equality>', "'i'"),
     (ONE + '<actuator><motor joint="i"/></actuator>', "'i'"),
     (ONE.replace("<geom", "<composite/><geom"), "<composite>"),
     ('<asset><mesh name="m" file="../m.stl"/></asset>' + ONE.replace('size=".1"', 'mesh="m"'),
-     "not in the folder"),
+     "folder"),
     (ONE.replace('<geom size=".1"/>', '<geom mesh="m"/>'), "'m'"),
 ]
 
