@@ -34,7 +34,14 @@ if TYPE_CHECKING:
     )
     from .core.event import Event
     from .core.projection import Projection
-    from .generator.models.robots import load_mjcf, load_urdf, read_mjcf, read_urdf
+    from .generator.models.robots import (
+        load_mjcf,
+        load_sdf,
+        load_urdf,
+        read_mjcf,
+        read_sdf,
+        read_urdf,
+    )
     from .generator.multibody import body_symbols as symbols
     from .generator.multibody import example_models as models
     from .generator.multibody.model import Model
@@ -99,8 +106,10 @@ _HOMES = {
     "rotation_matrix": "generator.multibody.rigid_body",
     "System": "generator.systems.system",
     "load_mjcf": "generator.models.robots",
+    "load_sdf": "generator.models.robots",
     "load_urdf": "generator.models.robots",
     "read_mjcf": "generator.models.robots",
+    "read_sdf": "generator.models.robots",
     "read_urdf": "generator.models.robots",
     "from_mechanics": "generator.systems.sympy_mechanics",
     "Projection": "core.projection",
@@ -200,6 +209,7 @@ __all__ = [
     "gamma_m_tilde",
     "load_mjcf",
     "load_model",
+    "load_sdf",
     "load_urdf",
     "lyapunov",
     "models",
@@ -211,6 +221,7 @@ __all__ = [
     "playground",
     "problems",
     "read_mjcf",
+    "read_sdf",
     "read_urdf",
     "record",
     "references",

@@ -242,10 +242,10 @@ def consistent(
 def load_model(
     path: str | Path, rep: RepName | None = None, *, real: RealName = "double"
 ) -> Model:
-    """Return the model of a TOML, URDF or MJCF file: its system, parameters and start.
+    """Return the model of a TOML, URDF, MJCF or SDF file: its system, parameters and start.
 
-    ``load_urdf`` and ``load_mjcf`` take more of a robot: where it starts, and what of its file is
-    to be ignored.
+    ``load_urdf``, ``load_mjcf`` and ``load_sdf`` take more of a robot: where it starts, and what
+    of its file is to be ignored.
 
     Parameters
     ----------

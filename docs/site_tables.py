@@ -31,7 +31,8 @@ API = {
         "MissingDependencyError"],
     "systems": [
         "System", "from_mechanics", "Model", "Multibody", "body_system", "molecules", "symbols",
-        "load_model", "load_urdf", "read_urdf", "load_mjcf", "read_mjcf", "models", "problems",
+        "load_model", "load_urdf", "read_urdf", "load_mjcf", "read_mjcf", "load_sdf",
+        "read_sdf", "models", "problems",
         "references", "exact", "tableau", "consistent", "Projection"],
     "tuning": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",

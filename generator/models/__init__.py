@@ -1,4 +1,4 @@
-"""Model files: models from TOML, robots from URDF and MJCF.
+"""Model files: models from TOML, robots from URDF, MJCF and SDF.
 
     model_file        one file to a ``Model``
     toml_tables       tables of TOML; every error names file and key
@@ -16,5 +16,6 @@
     closed_mesh       volume, centre and inertia of a closed mesh
     mjcf_robot        bodies, joints, actuators and equalities of an MJCF file
     mjcf              an MJCF file to bodies and joints
-    robots            MJCF; URDF, and a TOML file that closes a robot's loops
+    sdf               an SDF file to bodies and joints, some of which close loops
+    robots            MJCF; SDF; URDF, and a TOML file that closes a robot's loops
 """

@@ -1,5 +1,5 @@
-"""A user's own model, read from a TOML file, or a robot from URDF (``urdf``) or MJCF
-(``mjcf``).
+"""A user's own model, read from a TOML file, or a robot from URDF (``urdf``), MJCF
+(``mjcf``) or SDF (``sdf``).
 
 A body with a fixed point, ``single_body_file``:
 
@@ -101,12 +101,12 @@ class ModelFile:
 
 
 def load_model(path: str | Path, rep: RepName | None = None) -> Model:
-    """Return the model of a TOML file, or of a robot's, URDF or MJCF.
+    """Return the model of a TOML file, or of a robot's.
 
     Parameters
     ----------
     path : path
-        The file, at most 256 KiB of UTF-8; URDF and MJCF 1 MiB.
+        The file, at most 256 KiB of UTF-8; those of robots 1 MiB.
     rep : {"gamma", "alpha"}, optional
         Takes the place of the file's ``[body] rep``.
 

@@ -1,4 +1,4 @@
-"""Robots: an MJCF file; a URDF file, and a TOML file of the joints that close its loops.
+"""Robots: an MJCF or SDF file; a URDF file, and a TOML file of the joints that close its loops.
 
     [[joints]]
     name = "closing"
@@ -36,13 +36,14 @@ from ..parsing.text_file import model_text
 from .bounded_xml import read_xml
 from .mjcf import parse_mjcf, read_mjcf_settings
 from .multibody_file import finished, join, telling
+from .sdf import parse_sdf
 from .toml_tables import TomlTable, load_toml
 from .urdf import parse_urdf, read_settings
 from .urdf_robot import IDENTITY
 from .urdf_tree import Mount
 
-__all__ = ["Loops", "load_mjcf", "load_urdf", "read_loops", "read_mjcf", "read_urdf",
-           "robot_model"]
+__all__ = ["Loops", "load_mjcf", "load_sdf", "load_urdf", "read_loops", "read_mjcf",
+           "read_sdf", "read_urdf", "robot_model"]
 
 #: Keys of a joint → the link they refer to.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
@@ -189,19 +190,89 @@ def load_mjcf(
                                         ignore=ignore, gravity=gravity, rep=rep), path)
 
 
+def read_sdf(
+    path: str | Path, *, base: Literal["fixed", "floating"] | None = None,
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
+    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
+    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
+    rep: RepName = "gamma",
+) -> Multibody:
+    """Return the bodies and joints of an SDF file with one model, to which more can be added.
+
+    A joint whose child has a parent already closes a loop: of the joints of a link that is a child
+    twice, the first in the file belongs to the tree.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 1 MiB of UTF-8.
+    base : {"fixed", "floating"}, optional
+        Whether the root link is space, or a body; by default a body unless a joint has the parent
+        ``world``.
+    angles, rates : mapping of str to float or text, optional
+        Of joints of the tree, as for ``read_urdf``. Closed loops are then projected.
+    ignore : names
+        "limits", "friction", "collision", "plugin", or "all", as for ``read_urdf``.
+    gravity : three floats, optional
+        In space; by default that of the file's world, else (0, 0, -9.81).
+    position, quaternion : optional
+        Where the frame of the model is in space.
+    velocity, angular_velocity, rep : optional
+        As for ``read_urdf``.
+
+    Raises
+    ------
+    InputError
+        With file, line, link or joint, and cure.
+    """
+    file = as_path("path", path, "robot.sdf")
+    return parse_sdf(model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
+                     gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
+                     angular_velocity=angular_velocity, rep=rep)
+
+
+def load_sdf(
+    path: str | Path, *, base: Literal["fixed", "floating"] | None = None,
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
+    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
+    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
+    rep: RepName = "gamma",
+) -> Model:
+    """Return the model of a robot in SDF: ``read_sdf(...).model()``, with its arguments.
+
+    Redundant constraints of its loops are left out, with a warning that names them.
+
+    Raises
+    ------
+    InputError
+        With file, line, link or joint, and cure.
+    """
+    return _without_redundant(read_sdf(
+        path, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
+        position=position, quaternion=quaternion, velocity=velocity,
+        angular_velocity=angular_velocity, rep=rep), path)
+
+
 def robot_model(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> Model:
     """Return the model of a robot's file, with settings as a command has them.
 
-    A file that ends in .xml is MJCF, or URDF if its outermost element is <robot>.
+    A file that ends in .xml is MJCF, URDF or SDF, as its outermost element says.
 
     Raises
     ------
     InputError
         With file and cure.
     """
-    if str(path).endswith(".xml") and _outermost(text, path) != "robot":
+    kind = _outermost(text, path) if str(path).endswith(".xml") else Path(path).suffix[1:]
+    if kind == "sdf":
+        return _without_redundant(read_settings(text, path, rep, settings, parse=parse_sdf), path)
+    if kind not in ("robot", "urdf"):
         return _without_redundant(read_mjcf_settings(text, path, rep, settings), path)
     own = dict(settings)
     loops = read_loops(own.pop("loops")) if "loops" in own else None

@@ -33,7 +33,7 @@ from .bounded_xml import read_xml
 from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
 from .urdf_tree import Mount, RobotBody, placed, robot_bodies
 
-__all__ = ["BASES", "Close", "Names", "coordinate_value", "parse_urdf", "plain_name",
+__all__ = ["BASES", "Close", "Names", "build_robot", "coordinate_value", "parse_urdf", "plain_name",
            "read_settings", "system_name"]
 
 BASES = ("fixed", "floating")
@@ -72,11 +72,9 @@ def parse_urdf(
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
     try:
-        robot = read_robot(read_xml(text), left_out)
-        start = InitialConfiguration(
-            _coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates),
-                      pose, velocity, angular_velocity)
-        builder, mounts = _build(robot, base, start, gravity, rep)
+        builder, mounts = build_robot(
+            read_robot(read_xml(text), left_out), base, pose, angles, rates, velocity,
+            angular_velocity, gravity, rep)
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
     if close is not None:
@@ -86,13 +84,13 @@ def parse_urdf(
 
 def read_settings(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str],
-    close: Close | None = None,
+    close: Close | None = None, parse: Callable[..., Multibody] | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a text, with settings as a command has them.
 
     ``base=floating``, ``ignore=limits,collision``, ``gravity=0,0,-1.62`` (and position, quaternion,
     velocity, angular_velocity), ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel,
-    ``JOINT.rate=1``.
+    ``JOINT.rate=1``. ``parse`` reads another format.
     """
     options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
     for key, value in settings.items():
@@ -107,6 +105,8 @@ def read_settings(
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
             number = decimal(value)
             options[kind][name] = value if number is None else float(number)
+    if parse is not None:
+        return parse(text, path, **options)
     return parse_urdf(text, path, close=close, **options)
 
 
@@ -155,13 +155,17 @@ def coordinate_value(what: str, name: str, is_angle: bool, given: Any) -> float:
     return number
 
 
-def _build(
-    robot: Robot, base: str, start: InitialConfiguration, gravity: Any, rep: Any
+def build_robot(
+    robot: Robot, base: str, pose: Placement, angles: Any, rates: Any, velocity: Any,
+    angular_velocity: Any, gravity: Any, rep: Any, kind: str = "a URDF",
 ) -> tuple[Multibody, dict[str, Mount]]:
-    """Return bodies and joints, and where each link is."""
+    """Return bodies and joints of a tree of links, and where each link is."""
+    start = InitialConfiguration(
+        _coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates), pose, velocity,
+        angular_velocity)
     limbs = robot_bodies(robot)
     builder = Multibody(system_name(robot.name), gravity=gravity,
-                        description=f"The robot {robot.name}, of a URDF file.")
+                        description=f"The robot {robot.name}, of {kind} file.")
     moved = limbs if base == "floating" else limbs[1:]
     if not moved:
         raise InputError("it has no link that moves; give it a joint, or a floating base.")
@@ -188,8 +192,9 @@ def _build(
             leader, ratio, offset = joint.follows
             builder.couple(names.free(f"{name}_mimic"), joined[leader], joined[name], ratio=ratio,
                            offset=offset)
-        if joint.damping and name in joined:
-            builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping)
+        if (joint.damping or joint.stiffness) and name in joined:
+            builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping,
+                                 stiffness=joint.stiffness, rest=joint.rest)
     return builder, {link.name: _mount(frames[limb], centres[limb], place, places[limb])
                      for limb in limbs for place, link in limb.parts}
 
@@ -213,6 +218,9 @@ def _join(
     name = names.free(joint.name, "joint")
     where = places[limb.above].then(limb.at)
     ends = (name, frames[limb.above], frames[limb])
+    if joint.kind == "ball":
+        builder.ball(*ends, at=where.x)
+        return name
     axis, value, rate = where.R @ joint.axis, start.coordinates[joint.name], start.rates[joint.name]
     if joint.kind == "prismatic":
         builder.prismatic(*ends, axis_in_space=axis, at=places[limb].x, travel=value, speed=rate)

@@ -22,7 +22,8 @@ from ...core.warnings import warn
 from .bounded_xml import Element
 
 __all__ = ["EXTRAS", "IDENTITY", "MOVING", "NUMBER", "Placement", "Robot", "RobotJoint",
-           "RobotLink", "read_robot", "refuse_extras", "turn"]
+           "RobotLink", "read_robot", "refuse_extras", "root_of",
+           "turn"]
 
 Array = NDArray[np.float64]
 Read = TypeVar("Read")
@@ -87,6 +88,8 @@ class RobotJoint:
     axis: Array
     damping: float
     follows: tuple[str, float, float] | None
+    stiffness: float = 0.0
+    rest: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +131,7 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
     if len(links) > MAX_LINKS:
         raise InputError(f"it has {len(links)} links and at most {MAX_LINKS} are allowed.")
     _check_followed(joints)
-    return Robot(top.attributes.get("name", "robot"), links, joints, _root(links, joints))
+    return Robot(top.attributes.get("name", "robot"), links, joints, root_of(links, joints))
 
 
 # ---------------------------------------------------------------- what is left out
@@ -266,7 +269,7 @@ def turn(axis: Array, angle: float) -> Array:
 # ---------------------------------------------------------------- the tree
 
 
-def _root(links: dict[str, RobotLink], joints: dict[str, RobotJoint]) -> str:
+def root_of(links: dict[str, RobotLink], joints: dict[str, RobotJoint]) -> str:
     """Return the link that is no child, from which all others hang."""
     above: dict[str, RobotJoint] = {}
     for joint in joints.values():

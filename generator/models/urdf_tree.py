@@ -113,7 +113,7 @@ def placed(
         value = coordinates.get(joint.name, 0.0)
         if joint.kind == "prismatic":
             here = here.then(Placement(value * joint.axis, np.eye(3)))
-        elif joint.kind != "floating":
+        elif joint.kind not in ("ball", "floating"):
             here = here.then(Placement(np.zeros(3), turn(joint.axis, value)))
         found[limb] = here
     return found

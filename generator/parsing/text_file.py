@@ -12,7 +12,7 @@ __all__ = ["MODEL_FILES", "UnusableFileError", "is_robot", "model_text", "read_t
            "states_of_files"]
 
 #: Ending of a model file → the most bytes it may have.
-MODEL_FILES = {".toml": 2**18, ".urdf": 2**20, ".xml": 2**20}
+MODEL_FILES = {".toml": 2**18, ".urdf": 2**20, ".xml": 2**20, ".sdf": 2**20}
 #: Names of files in the XML of a robot, and of folders they are in.
 _FILES = re.compile(r"\bfile\s*=\s*[\"']([^\"'<>]{1,500})[\"']")
 _FOLDERS = re.compile(r"\b(?:mesh|asset)dir\s*=\s*[\"']([^\"'<>]{1,500})[\"']")
@@ -66,8 +66,8 @@ def _own_example(path: Path) -> Path | None:
 
 
 def is_robot(path: str | Path) -> bool:
-    """Whether a model file describes a robot, in URDF or MJCF."""
-    return str(path).endswith((".urdf", ".xml"))
+    """Whether a model file describes a robot, in URDF, MJCF or SDF."""
+    return str(path).endswith((".urdf", ".xml", ".sdf"))
 
 
 def states_of_files(path: Path, text: str) -> list[str]:
@@ -94,7 +94,7 @@ def states_of_files(path: Path, text: str) -> list[str]:
 
 
 def model_text(path: str | Path) -> str:
-    """Return the text of a model file, TOML, URDF or MJCF.
+    """Return the text of a model file, TOML, URDF, MJCF or SDF.
 
     Raises
     ------
