@@ -45,6 +45,8 @@ from .urdf_tree import Mount
 __all__ = ["Loops", "load_mjcf", "load_sdf", "load_urdf", "read_loops", "read_mjcf",
            "read_sdf", "read_urdf", "robot_model"]
 
+#: In the text of a URDF file that closes loops itself.
+_LOOP = "<constraint"
 #: Keys of a joint → the link they refer to.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
 _AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
@@ -121,11 +123,13 @@ def load_urdf(
     InputError
         With file, link or joint, and cure.
     """
-    build, closing = _read(
+    build, closing, loop = _read(
         path, loops, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
         position=position, quaternion=quaternion, velocity=velocity,
         angular_velocity=angular_velocity, rep=rep)
-    return build.model() if closing is None else closing.model(build)
+    if closing is not None:
+        return closing.model(build)
+    return _without_redundant(build, path) if loop else build.model()
 
 
 def read_mjcf(
@@ -277,7 +281,9 @@ def robot_model(
     own = dict(settings)
     loops = read_loops(own.pop("loops")) if "loops" in own else None
     build = read_settings(text, path, rep, own, loops.close if loops else None)
-    return loops.model(build) if loops else build.model()
+    if loops:
+        return loops.model(build)
+    return _without_redundant(build, path) if _LOOP in text else build.model()
 
 
 def _outermost(text: str, path: str | Path) -> str:
@@ -300,11 +306,13 @@ def _without_redundant(builder: Multibody, path: str | Path) -> Model:
 
 def _read(
     path: str | Path, loops: str | Path | None, **options: Any
-) -> tuple[Multibody, Loops | None]:
+) -> tuple[Multibody, Loops | None, bool]:
+    """Return a robot, what closes its loops, and whether it has some of its own."""
     file = as_path("path", path, "robot.urdf")
     closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
     close = None if closing is None else closing.close
-    return parse_urdf(model_text(file), file, close=close, **options), closing
+    text = model_text(file)
+    return parse_urdf(text, file, close=close, **options), closing, _LOOP in text
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ from .urdf_robot import (
     root_of,
     turn,
 )
-from .urdf_tree import Mount
+from .urdf_tree import LoopJoint, Mount
 
 __all__ = ["EXTRAS", "parse_sdf"]
 
@@ -296,24 +296,11 @@ def _close(
     builder: Multibody, name: str, joint: RobotJoint, places: Mapping[str, Placement],
     mounts: Mapping[str, Mount],
 ) -> None:
-    """Add a joint that closes a loop."""
-    def on(link: str) -> Array:
-        place, inner = places[link], mounts[link].inner
-        point: Array = inner.x + inner.R @ place.R.T @ (joint.place.x - place.x)
-        return point
-
-    a, b = mounts[joint.parent], mounts[joint.child]
-    ends = {"a": a.frame, "b": b.frame, "on_a": on(joint.parent), "on_b": on(joint.child)}
-    R_a, R_b = places[joint.parent].R, places[joint.child].R
-    axis = a.space.R @ R_a.T @ joint.axis
-    if joint.kind == "ball":
-        builder.ball(name, **ends)
-    elif joint.kind == "fixed":
-        builder.fixed(name, **ends, rotation=a.inner.R @ R_a.T @ R_b @ b.inner.R.T)
-    elif joint.kind == "prismatic":
-        builder.prismatic(name, **ends, axis_in_space=axis)
-    else:
-        builder.revolute(name, **ends, axis_in_space=axis)
+    """Add a joint that closes a loop, in the axes of the model where the file places it."""
+    ends = joint.parent, joint.child
+    at, over = (Placement(places[link].R.T @ (joint.place.x - places[link].x), places[link].R.T)
+                for link in ends)
+    LoopJoint(joint.name, joint.kind, ends, (at, over), joint.axis).close(builder, name, mounts)
     if (joint.damping or joint.stiffness) and joint.kind in TYPES[:3]:
         builder.joint_spring(f"{name}_damper", name, damping=joint.damping,
                              stiffness=joint.stiffness, rest=joint.rest)

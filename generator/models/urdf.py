@@ -31,7 +31,7 @@ from ..parsing.grammar import ANGLES, RATES
 from ..parsing.reserved_names import KEYWORDS
 from .bounded_xml import read_xml
 from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
-from .urdf_tree import Mount, RobotBody, placed, robot_bodies
+from .urdf_tree import LoopJoint, Mount, RobotBody, placed, robot_bodies
 
 __all__ = ["BASES", "Close", "Names", "build_robot", "coordinate_value", "parse_urdf", "plain_name",
            "read_settings", "system_name"]
@@ -195,8 +195,13 @@ def build_robot(
         if (joint.damping or joint.stiffness) and name in joined:
             builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping,
                                  stiffness=joint.stiffness, rest=joint.rest)
-    return builder, {link.name: _mount(frames[limb], centres[limb], place, places[limb])
-                     for limb in limbs for place, link in limb.parts}
+    mounts = {link.name: _mount(frames[limb], centres[limb], place, places[limb])
+              for limb in limbs for place, link in limb.parts}
+    for loop in robot.loops:
+        LoopJoint(loop.name, loop.kind, loop.links, loop.places,
+                  np.zeros(3) if loop.axes[0] is None else loop.axes[0], loop.axes[1]).close(
+                      builder, names.free(loop.name, "loop"), mounts)
+    return builder, mounts
 
 
 def _mount(frame: Frame, centre: Any, inner: Placement, limb: Placement) -> Mount:

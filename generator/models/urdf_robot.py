@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -22,7 +23,7 @@ from ...core.warnings import warn
 from .bounded_xml import Element
 
 __all__ = ["EXTRAS", "IDENTITY", "MOVING", "NUMBER", "Placement", "Robot", "RobotJoint",
-           "RobotLink", "read_robot", "refuse_extras", "root_of",
+           "RobotLink", "RobotLoop", "read_robot", "refuse_extras", "root_of",
            "turn"]
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ Read = TypeVar("Read")
 #: Types of joints with a coordinate.
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed", "floating")
+#: Types of <constraint>.
+LOOPS = (*MOVING, "fixed", "ball", "universal")
 #: Ignorable element → its meaning.
 EXTRAS = {
     "limits": "ends of a joint's range",
@@ -93,6 +96,20 @@ class RobotJoint:
 
 
 @dataclass(frozen=True, eq=False)
+class RobotLoop:
+    """A <constraint>: its links, its frames in them, and its axes in these.
+
+    The proposal of github.com/ros/urdfdom/pull/264.
+    """
+
+    name: str
+    kind: str
+    links: tuple[str, str]
+    places: tuple[Placement, Placement]
+    axes: tuple[Array | None, Array | None]
+
+
+@dataclass(frozen=True, eq=False)
 class Robot:
     """A tree of links, in the order of the file."""
 
@@ -100,6 +117,7 @@ class Robot:
     links: dict[str, RobotLink]
     joints: dict[str, RobotJoint]
     root: str
+    loops: tuple[RobotLoop, ...] = ()
 
 
 def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
@@ -131,7 +149,8 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
     if len(links) > MAX_LINKS:
         raise InputError(f"it has {len(links)} links and at most {MAX_LINKS} are allowed.")
     _check_followed(joints)
-    return Robot(top.attributes.get("name", "robot"), links, joints, root_of(links, joints))
+    return Robot(top.attributes.get("name", "robot"), links, joints, root_of(links, joints),
+                 tuple(_read_all(top, "constraint", partial(_loop, links)).values()))
 
 
 # ---------------------------------------------------------------- what is left out
@@ -231,25 +250,43 @@ def _joint(name: str, element: Element) -> RobotJoint:
             _numbers(mimic, "offset", 1, [0.0])[0]))
 
 
-def _axis(element: Element, kind: str) -> Array:
+def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> RobotLoop:
+    """Return a joint that closes a loop."""
+    kind = element.attributes.get("type", "")
+    if kind not in LOOPS:
+        raise InputError(f"its type is {shown(kind)}; choose {listed(LOOPS)}"
+                         f"{proposal(kind, LOOPS)}.")
+    ends, places, axes = [], [], []
+    for side in ("parent", "child"):
+        ends.append(_text(element, side, "link"))
+        if ends[-1] not in links:
+            raise InputError(f"it joins {shown(ends[-1])}, which is no link"
+                             f"{proposal(ends[-1], links)}; correct it.")
+        places.append(_place(element, f"{side}_origin"))
+        needed = (side == "parent" and kind not in ("ball", "fixed")) or kind == "universal"
+        axes.append(_axis(element, kind, f"{side}_axis") if needed else None)
+    return RobotLoop(name, kind, (ends[0], ends[1]), (places[0], places[1]), (axes[0], axes[1]))
+
+
+def _axis(element: Element, kind: str, key: str = "axis") -> Array:
     """Return the axis in the axes of the child, of length one."""
-    if kind not in MOVING:
+    if kind not in (*MOVING, "universal"):
         return np.array([1.0, 0, 0])
-    axis = element.first("axis")
+    axis = element.first(key)
     if axis is None:
-        raise InputError(f"it is {kind} and has no <axis>; write <axis xyz=\"1 0 0\"/>, which "
+        raise InputError(f"it is {kind} and has no <{key}>; write <{key} xyz=\"1 0 0\"/>, which "
                          "is what others take then, or the one that is meant.")
     found = np.array(_numbers(axis, "xyz", 3))
     if not found.any():
-        raise InputError("its <axis> is zero; write its direction.")
+        raise InputError(f"its <{key}> is zero; write its direction.")
     found = found / np.abs(found).max()
     unit: Array = found / np.linalg.norm(found)
     return unit
 
 
-def _place(element: Element) -> Placement:
+def _place(element: Element, key: str = "origin") -> Placement:
     """Return <origin>: R = R_z(yaw) R_y(pitch) R_x(roll)."""
-    origin = element.first("origin")
+    origin = element.first(key)
     if origin is None:
         return IDENTITY
     x = np.array(_numbers(origin, "xyz", 3, [0.0] * 3))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 from ...core.arguments import shown
 from ...core.errors import InputError
 from ..multibody.body import Frame
+from ..multibody.multibody import Multibody
 from .urdf_robot import IDENTITY, Placement, Robot, RobotJoint, RobotLink, turn
 
-__all__ = ["Mount", "RobotBody", "combine", "placed", "robot_bodies"]
+__all__ = ["LoopJoint", "Mount", "RobotBody", "combine", "placed", "robot_bodies"]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +63,40 @@ class Mount:
     frame: Frame
     inner: Placement
     space: Placement
+
+
+@dataclass(frozen=True, eq=False)
+class LoopJoint:
+    """A joint that closes a loop: where it is in two links, and its axis in its own axes.
+
+    ``across`` is the second axis of a universal joint, in the axes of the joint on the second link.
+    """
+
+    name: str
+    kind: str
+    links: tuple[str, str]
+    places: tuple[Placement, Placement]
+    axis: Array
+    across: Array | None = None
+
+    def close(self, builder: Multibody, name: str, mounts: Mapping[str, Mount]) -> None:
+        """Add the joint."""
+        a, b = (mounts[link] for link in self.links)
+        inner_a, inner_b = (mount.inner.then(place)
+                            for mount, place in zip((a, b), self.places, strict=True))
+        ends: dict[str, Any] = {"a": a.frame, "b": b.frame, "on_a": inner_a.x, "on_b": inner_b.x}
+        axis = a.space.R @ self.places[0].R @ self.axis
+        if self.kind == "ball":
+            builder.ball(name, **ends)
+        elif self.kind == "fixed":
+            builder.fixed(name, **ends, rotation=inner_a.R @ inner_b.R.T)
+        elif self.kind == "prismatic":
+            builder.prismatic(name, **ends, axis_in_space=axis)
+        elif self.kind == "universal":
+            across = b.space.R @ self.places[1].R @ np.asarray(self.across)
+            builder.universal(name, **ends, axis_a=axis, axis_b=across)
+        else:
+            builder.revolute(name, **ends, axis_in_space=axis)
 
 
 def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Array, Array]:

@@ -376,6 +376,15 @@ def test_welds_hold(tmp_path):
     assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(wanted, rel=1e-12)
 
 
+def test_the_example_is_what_it_says():
+    """A loop, a motor that holds a speed against its armature, and shapes; no mesh."""
+    build = gs.read_mjcf("examples/pumpjack.xml", keyframe="running")
+    assert {link.name for link in build._components.connections} >= {
+        "crank_joint", "pin", "saddle", "rope", "loop", "crank_rotor", "drive_motor"}
+    assert build._components.values["drive"] == 2.0
+    assert [geom.kind for geom in build.geoms["beam"]] == ["capsule", "box"]
+
+
 # ---------------------------------------------------------------- files
 
 
