@@ -15,7 +15,7 @@ from ...core.errors import InputError
 
 __all__ = ["Element", "read_xml"]
 
-MAX_DEPTH = 32
+MAX_DEPTH = 64
 MAX_ELEMENTS = 50_000
 
 
