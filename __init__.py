@@ -35,7 +35,14 @@ if TYPE_CHECKING:
     from .core.event import Event
     from .core.projection import Projection
     from .core.shapes import Shape
-    from .generator.models.robots import load_urdf, read_urdf
+    from .generator.models.robots import (
+        load_mjcf,
+        load_sdf,
+        load_urdf,
+        read_mjcf,
+        read_sdf,
+        read_urdf,
+    )
     from .generator.multibody import body_symbols as symbols
     from .generator.multibody import example_models as models
     from .generator.multibody.model import Model
@@ -99,7 +106,11 @@ _HOMES = {
     "molecules": "generator.multibody.molecules",
     "rotation_matrix": "generator.multibody.rigid_body",
     "System": "generator.systems.system",
+    "load_mjcf": "generator.models.robots",
+    "load_sdf": "generator.models.robots",
     "load_urdf": "generator.models.robots",
+    "read_mjcf": "generator.models.robots",
+    "read_sdf": "generator.models.robots",
     "read_urdf": "generator.models.robots",
     "from_mechanics": "generator.systems.sympy_mechanics",
     "Projection": "core.projection",
@@ -199,7 +210,9 @@ __all__ = [
     "gamma_h_tilde",
     "gamma_m",
     "gamma_m_tilde",
+    "load_mjcf",
     "load_model",
+    "load_sdf",
     "load_urdf",
     "lyapunov",
     "models",
@@ -210,6 +223,8 @@ __all__ = [
     "periodic_orbit",
     "playground",
     "problems",
+    "read_mjcf",
+    "read_sdf",
     "read_urdf",
     "record",
     "references",

@@ -24,7 +24,13 @@ from .core.real_types import RealName
 from .core.registry import MODELS
 from .core.warnings import capture_warnings, warn
 from .engine.amalgamate import complete
-from .generator.parsing.text_file import UnusableFileError, is_urdf, model_text, read_text
+from .generator.parsing.text_file import (
+    UnusableFileError,
+    is_robot,
+    model_text,
+    read_text,
+    states_of_files,
+)
 from .generator.schemes.named_schemes import SCHEMES, SchemeName
 from .generator.spec import Spec
 from .runtime.bindings.array_checks import as_array, as_real
@@ -241,9 +247,10 @@ def consistent(
 def load_model(
     path: str | Path, rep: RepName | None = None, *, real: RealName = "double"
 ) -> Model:
-    """Return the model of a TOML or URDF file: its system, parameters and start.
+    """Return the model of a TOML, URDF, MJCF or SDF file: its system, parameters and start.
 
-    ``load_urdf`` takes more of a robot: where it starts, and what of its file is to be ignored.
+    ``load_urdf``, ``load_mjcf`` and ``load_sdf`` take more of a robot: where it starts, and what
+    of its file is to be ignored.
 
     Parameters
     ----------
@@ -332,12 +339,14 @@ def model_stepper(
         With file, key and cure, for whatever in the file is no model.
     """
     text = model_text(spec.model or "")
-    beside = is_urdf(spec.model or "") and "loops" in settings
-    loops = [model_text(settings["loops"])] if beside else []
+    robot = is_robot(spec.model or "")
+    beside = states_of_files(Path(spec.model or ""), text) if robot else []
+    if robot and "loops" in settings:
+        beside.append(model_text(settings["loops"]))
 
     def found(changes: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
         made, start = _cached_model(
-            ("model", text, allow_invalid, sorted(changes.items()), *loops), spec,
+            ("model", text, allow_invalid, sorted(changes.items()), *beside), spec,
             partial(_model_of_file, spec, text, dict(changes)), allow_invalid)
         made.visuals = {name: [located(shape, spec.model or "") for shape in shapes]
                         for name, shapes in start.visuals.items()}  # cached without its folder
@@ -345,7 +354,7 @@ def model_stepper(
 
     numbers = {key: number for key, value in settings.items()
                if (number := _plain_number(value)) is not None}
-    if not settings or len(numbers) < len(settings) or is_urdf(spec.model or ""):
+    if not settings or len(numbers) < len(settings) or robot:
         return found(settings)
     made, start = found({})
     if numbers.keys() <= {*start.free}:

@@ -107,7 +107,7 @@ def _command(target: Target) -> click.Command:
                          context_settings=_HELP, short_help=target.about,
                          help=f"Write a stepper of MODEL as {target.about}.\n\nMODEL is one of "
                               f"{listed(PROBLEMS)}, {listed(MODELS)}, or a model file (.toml, "
-                              ".urdf).")
+                              ".urdf, .xml, .sdf).")
 
 
 def _option(name: str, metavar: str, about: str, names: Any = ()) -> click.Option:

@@ -146,4 +146,4 @@ def unknown_name(what: str, name: Any, names: Sequence[str]) -> InputError:
     """
     files = {path.stem: f"examples/{path.name}" for path in (_HOME / "examples").glob("*.toml")}
     return InputError(f"Unknown {what} {shown(name)}; choose {listed(names)}, or a model file "
-                      f"ending in .toml or .urdf{proposal(name, names, spelt=files)}.")
+                      f"ending in .toml, .urdf, .xml or .sdf{proposal(name, names, spelt=files)}.")

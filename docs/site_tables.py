@@ -31,8 +31,9 @@ API = {
         "MissingDependencyError"],
     "systems": [
         "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system", "molecules",
-        "symbols", "load_model", "load_urdf", "read_urdf", "models", "problems", "references",
-        "exact", "tableau", "consistent", "Projection"],
+        "symbols", "load_model", "load_urdf", "read_urdf", "load_mjcf", "read_mjcf", "load_sdf",
+        "read_sdf", "models", "problems", "references", "exact", "tableau", "consistent",
+        "Projection"],
     "tuning": [
         "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
         "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
@@ -113,7 +114,7 @@ def examples() -> str:
     """Return the source of every example, each with its own heading."""
     parts = []
     for label, path in site_uses.examples().items():
-        language = {"py": "python", "toml": "toml", "urdf": "xml"}[path.rpartition(".")[2]]
+        language = {"py": "python", "toml": "toml"}.get(path.rpartition(".")[2], "xml")
         parts.append(f"({label})=\n## {path}\n\n```{{literalinclude}} ../../{path}\n"
                      f":language: {language}\n```\n")
     return "\n".join(parts)

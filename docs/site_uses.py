@@ -25,7 +25,8 @@ FENCE = re.compile(r"^```(?:\{code-cell\} *)?(?:i?python|sh|toml)?\n(.*?)^```$",
 def examples() -> dict[str, str]:
     """Return the label of each example that is one file → its path from the root."""
     found = [path for path in (ROOT / "examples").rglob("*")
-             if path.suffix in (".py", ".toml", ".urdf") and path.name != "__init__.py"]
+             if path.suffix in (".py", ".toml", ".urdf", ".xml", ".sdf")
+             and path.name != "__init__.py"]
     return {f"example-{path.relative_to(ROOT / 'examples').as_posix()}".lower().replace("/", "-")
             .replace(".", "-").replace("_", "-"): path.relative_to(ROOT).as_posix()
             for path in sorted(found)}

@@ -10,7 +10,7 @@ from ...core.errors import StepFailed, Stopped
 from ...core.exact_numbers import digits_of
 from ...core.registry import AIMS
 from ...core.warnings import warn
-from ...generator.parsing.text_file import is_urdf
+from ...generator.parsing.text_file import is_robot
 
 if TYPE_CHECKING:
     from ...runtime.results.trajectory import Trajectory
@@ -130,7 +130,7 @@ def warn_of_rest(trajectory: Trajectory, problem: str) -> None:
         trajectory.q - trajectory.q[0], trajectory.q))
     if trajectory.p[0].any() or len(trajectory) < 2 or not moved <= _AT_REST * size:
         return
-    if is_urdf(problem):
+    if is_robot(problem):
         cure = "--set JOINT=0.3, or --set JOINT.rate=1, of a joint of the file"
     else:
         cure = "another start, such as --set start.euler='[0.3, 0, 0]' of a body in a model file"

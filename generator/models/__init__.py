@@ -1,4 +1,4 @@
-"""Model files: models from TOML, robots from URDF.
+"""Model files: models from TOML, robots from URDF, MJCF and SDF.
 
     model_file        one file to a ``Model``
     toml_tables       tables of TOML; every error names file and key
@@ -12,5 +12,11 @@
     urdf_visuals      what a URDF file says its links look like
     urdf_tree         positions of links; links on fixed joints become one body
     urdf              a URDF file to bodies and joints
-    robots            URDF, and a TOML file that closes a robot's loops
+    mjcf_document     an MJCF file with its includes, default classes and compiler settings
+    mjcf_geoms        mass, centre and inertia of geoms
+    closed_mesh       volume, centre and inertia of a closed mesh
+    mjcf_robot        bodies, joints, actuators and equalities of an MJCF file
+    mjcf              an MJCF file to bodies and joints
+    sdf               an SDF file to bodies and joints, some of which close loops
+    robots            MJCF; SDF; URDF, and a TOML file that closes a robot's loops
 """

@@ -15,18 +15,19 @@ from ...core.errors import InputError
 
 __all__ = ["Element", "read_xml"]
 
-MAX_DEPTH = 32
+MAX_DEPTH = 64
 MAX_ELEMENTS = 50_000
 
 
 @dataclass
 class Element:
-    """An element: its name, attributes, children in order, and the line where it begins."""
+    """An element: its name, attributes, children in order, text, and the line where it begins."""
 
     name: str
     attributes: dict[str, str]
     line: int
     children: list[Element] = field(default_factory=list)
+    text: str = ""
 
     def all(self, name: str) -> Iterator[Element]:
         """Yield the children of a name."""
@@ -67,12 +68,17 @@ def read_xml(text: str) -> Element:
     def end(name: str) -> None:
         open_elements.pop()
 
+    def characters(text: str) -> None:
+        open_elements[-1].text += text
+
     def document_type(name: str, *more: object) -> None:
         raise refuse(f"it declares a document type, <!DOCTYPE {shown(name)[1:-1]}>, which may "
                      "define entities of any size; remove the declaration.")
 
     parser.StartElementHandler = begin
     parser.EndElementHandler = end
+    parser.CharacterDataHandler = characters
+    parser.buffer_text = True
     parser.StartDoctypeDeclHandler = document_type
     try:
         parser.Parse(text.encode(), True)

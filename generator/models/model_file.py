@@ -1,4 +1,5 @@
-"""A user's own model, read from a TOML file, or a robot from URDF (``urdf``).
+"""A user's own model, read from a TOML file, or a robot from URDF (``urdf``), MJCF
+(``mjcf``) or SDF (``sdf``).
 
 A body with a fixed point, ``single_body_file``:
 
@@ -62,14 +63,13 @@ from ...core.warnings import capture_warnings, warn
 from ..multibody.model import Model
 from ..parsing.grammar import UNITS
 from ..parsing.reserved_names import KEYWORDS
-from ..parsing.text_file import is_urdf, model_text
+from ..parsing.text_file import is_robot, model_text
 from .common_tables import Formulas, ParameterValues
 from .multibody_file import read_bodies
-from .robots import read_loops
+from .robots import robot_model
 from .single_body_file import read_body
 from .system_file import read_system
 from .toml_tables import TomlTable, load_toml
-from .urdf import read_settings
 
 __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
 
@@ -101,12 +101,12 @@ class ModelFile:
 
 
 def load_model(path: str | Path, rep: RepName | None = None) -> Model:
-    """Return the model of a TOML file, or of a URDF file.
+    """Return the model of a TOML file, or of a robot's.
 
     Parameters
     ----------
     path : path
-        The file, at most 256 KiB of UTF-8; URDF 1 MiB.
+        The file, at most 256 KiB of UTF-8; those of robots 1 MiB.
     rep : {"gamma", "alpha"}, optional
         Takes the place of the file's ``[body] rep``.
 
@@ -149,11 +149,8 @@ def read_model(
 def _read(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
-    if is_urdf(path):
-        own = dict(settings)
-        loops = read_loops(own.pop("loops")) if "loops" in own else None
-        build = read_settings(text, path, rep, own, loops.close if loops else None)
-        return ModelFile(loops.model(build) if loops else build.model(), [])
+    if is_robot(path):
+        return ModelFile(robot_model(text, path, rep, settings), [])
     content = load_toml(text, Path(path))
     for key, value in settings.items():
         _set(content, key, value)

@@ -72,7 +72,7 @@ POINTS = ("on_a", "on_b")
 
 #: Type of a joint → all arguments of the method that makes it.
 JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters
-          for kind in (*KINDS, "gear", "couple")}
+          for kind in (*KINDS, "gear", "couple", "flywheel")}
 #: Type of a force → its keys besides name, type and bodies, or joints.
 FORCES = {
     "spring": ("stiffness", "length", "damping", *POINTS),
@@ -82,7 +82,7 @@ FORCES = {
     "motor": ("torque", "force"),
 }
 #: Types that act on so many joints.
-ON_JOINTS = {"gear": 2, "couple": 2, "joint_spring": 1, "motor": 1}
+ON_JOINTS = {"gear": 2, "couple": 2, "flywheel": 1, "joint_spring": 1, "motor": 1}
 #: Keys whose text may have a unit.
 WITH_UNITS = {"rate": RATES, "rate_a": RATES, "rate_b": RATES, "turning": RATES, "angle": ANGLES}
 

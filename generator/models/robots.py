@@ -1,4 +1,4 @@
-"""Robots: a URDF file, and a TOML file of the joints that close its loops.
+"""Robots: an MJCF or SDF file; a URDF file, and a TOML file of the joints that close its loops.
 
     [[joints]]
     name = "closing"
@@ -28,18 +28,25 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_path
 from ...core.errors import InputError
 from ...core.inertia import RepName
+from ...core.warnings import warn
 from ..multibody.body import GROUND
 from ..multibody.model import Model
 from ..multibody.multibody import Multibody
 from ..parsing.text_file import model_text
+from .bounded_xml import read_xml
+from .mjcf import parse_mjcf, read_mjcf_settings
 from .multibody_file import finished, join, telling
+from .sdf import parse_sdf
 from .toml_tables import TomlTable, load_toml
-from .urdf import parse_urdf
+from .urdf import parse_urdf, read_settings
 from .urdf_robot import IDENTITY
 from .urdf_tree import Mount
 
-__all__ = ["Loops", "load_urdf", "read_loops", "read_urdf"]
+__all__ = ["Loops", "load_mjcf", "load_sdf", "load_urdf", "read_loops", "read_mjcf",
+           "read_sdf", "read_urdf", "robot_model"]
 
+#: In the text of a URDF file that closes loops itself.
+_LOOP = "<constraint"
 #: Keys of a joint → the link they refer to.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
 _AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
@@ -116,20 +123,197 @@ def load_urdf(
     InputError
         With file, link or joint, and cure.
     """
-    build, closing = _read(
+    build, closing, loop = _read(
         path, loops, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
         position=position, quaternion=quaternion, velocity=velocity,
         angular_velocity=angular_velocity, rep=rep)
-    return build.model() if closing is None else closing.model(build)
+    if closing is not None:
+        return closing.model(build)
+    return _without_redundant(build, path) if loop else build.model()
+
+
+def read_mjcf(
+    path: str | Path, *, keyframe: str | int | None = None,
+    angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
+) -> Multibody:
+    """Return the bodies, joints and actuators of an MJCF file, to which more can be added.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 1 MiB of UTF-8 with all that it includes from its folder.
+    keyframe : str or int, optional
+        Name or number of the <key> that gives the start; by default qpos0, at rest.
+    angles, rates : mapping of str, optional
+        Coordinates of joints at the start, in place of the keyframe's, and their rates: rad, m,
+        rad/s and m/s, or texts with a unit, "45 deg", "10 rpm"; of ball and free joints as many
+        numbers as in qpos and qvel. Closed loops are then projected.
+    ignore : names
+        What to do without that a file has: "contact", "limits", "friction", "fluid", "tendon",
+        "actuator", "deformable", or "all". What is there and is not ignored is refused. Sensors,
+        cameras, lights, materials and settings of the solver move nothing.
+    gravity : three floats, optional
+        In space; by default that of <option>.
+    rep : {"gamma", "alpha"}
+        Inertia representation.
+
+    Returns
+    -------
+    Multibody
+        Bodies named as the first of those that move as one, in whose axes they are; joints, and
+        an input for each actuator, named as in the file with ``_`` for what no name in C has.
+        ``geoms`` has what can be drawn. Equalities are exact constraints here, and soft in MuJoCo.
+
+    Raises
+    ------
+    InputError
+        With file, line, and cure.
+    """
+    file = as_path("path", path, "robot.xml")
+    return parse_mjcf(model_text(file), file, keyframe=keyframe, angles=angles, rates=rates,
+                      ignore=ignore, gravity=gravity, rep=rep)
+
+
+def load_mjcf(
+    path: str | Path, *, keyframe: str | int | None = None,
+    angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
+) -> Model:
+    """Return the model of a robot in MJCF: ``read_mjcf(...).model()``, with its arguments.
+
+    Redundant constraints of its loops are left out, with a warning that names them. Its system has
+    the quantities JOINT_angle and JOINT_rate, or JOINT_travel and JOINT_speed.
+
+    Raises
+    ------
+    InputError
+        With file, line, and cure.
+    """
+    return _without_redundant(read_mjcf(path, keyframe=keyframe, angles=angles, rates=rates,
+                                        ignore=ignore, gravity=gravity, rep=rep), path)
+
+
+def read_sdf(
+    path: str | Path, *, base: Literal["fixed", "floating"] | None = None,
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
+    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
+    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
+    rep: RepName = "gamma",
+) -> Multibody:
+    """Return the bodies and joints of an SDF file with one model, to which more can be added.
+
+    A joint whose child has a parent already closes a loop: of the joints of a link that is a child
+    twice, the first in the file belongs to the tree.
+
+    Parameters
+    ----------
+    path : path
+        The file, at most 1 MiB of UTF-8.
+    base : {"fixed", "floating"}, optional
+        Whether the root link is space, or a body; by default a body unless a joint has the parent
+        ``world``.
+    angles, rates : mapping of str to float or text, optional
+        Of joints of the tree, as for ``read_urdf``. Closed loops are then projected.
+    ignore : names
+        "limits", "friction", "collision", "plugin", or "all", as for ``read_urdf``.
+    gravity : three floats, optional
+        In space; by default that of the file's world, else (0, 0, -9.81).
+    position, quaternion : optional
+        Where the frame of the model is in space.
+    velocity, angular_velocity, rep : optional
+        As for ``read_urdf``.
+
+    Raises
+    ------
+    InputError
+        With file, line, link or joint, and cure.
+    """
+    file = as_path("path", path, "robot.sdf")
+    return parse_sdf(model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
+                     gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
+                     angular_velocity=angular_velocity, rep=rep)
+
+
+def load_sdf(
+    path: str | Path, *, base: Literal["fixed", "floating"] | None = None,
+    angles: Mapping[str, float | str] | None = None,
+    rates: Mapping[str, float | str] | None = None,
+    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
+    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
+    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
+    rep: RepName = "gamma",
+) -> Model:
+    """Return the model of a robot in SDF: ``read_sdf(...).model()``, with its arguments.
+
+    Redundant constraints of its loops are left out, with a warning that names them.
+
+    Raises
+    ------
+    InputError
+        With file, line, link or joint, and cure.
+    """
+    return _without_redundant(read_sdf(
+        path, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
+        position=position, quaternion=quaternion, velocity=velocity,
+        angular_velocity=angular_velocity, rep=rep), path)
+
+
+def robot_model(
+    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
+) -> Model:
+    """Return the model of a robot's file, with settings as a command has them.
+
+    A file that ends in .xml is MJCF, URDF or SDF, as its outermost element says.
+
+    Raises
+    ------
+    InputError
+        With file and cure.
+    """
+    kind = _outermost(text, path) if str(path).endswith(".xml") else Path(path).suffix[1:]
+    if kind == "sdf":
+        return _without_redundant(read_settings(text, path, rep, settings, parse=parse_sdf), path)
+    if kind not in ("robot", "urdf"):
+        return _without_redundant(read_mjcf_settings(text, path, rep, settings), path)
+    own = dict(settings)
+    loops = read_loops(own.pop("loops")) if "loops" in own else None
+    build = read_settings(text, path, rep, own, loops.close if loops else None)
+    if loops:
+        return loops.model(build)
+    return _without_redundant(build, path) if _LOOP in text else build.model()
+
+
+def _outermost(text: str, path: str | Path) -> str:
+    try:
+        return read_xml(text).name
+    except InputError as error:
+        raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
+
+
+def _without_redundant(builder: Multibody, path: str | Path) -> Model:
+    """Return the model without redundant constraints, which planar loops have."""
+    try:
+        model = builder.model(redundant="leave out")
+    except InputError as error:
+        raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
+    if builder.redundancy and builder.redundancy.left_out:
+        warn(f"{builder.redundancy} They are left out.")
+    return model
 
 
 def _read(
     path: str | Path, loops: str | Path | None, **options: Any
-) -> tuple[Multibody, Loops | None]:
+) -> tuple[Multibody, Loops | None, bool]:
+    """Return a robot, what closes its loops, and whether it has some of its own."""
     file = as_path("path", path, "robot.urdf")
     closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
     close = None if closing is None else closing.close
-    return parse_urdf(model_text(file), file, close=close, meshes_of=file, **options), closing
+    text = model_text(file)
+    return (parse_urdf(text, file, close=close, meshes_of=file, **options), closing,
+            _LOOP in text)
 
 
 @dataclass(frozen=True)

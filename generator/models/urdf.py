@@ -31,10 +31,11 @@ from ..parsing.grammar import ANGLES, RATES
 from ..parsing.reserved_names import KEYWORDS
 from .bounded_xml import read_xml
 from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
-from .urdf_tree import Mount, RobotBody, placed, robot_bodies
+from .urdf_tree import LoopJoint, Mount, RobotBody, placed, robot_bodies
 from .urdf_visuals import add_visuals
 
-__all__ = ["BASES", "Close", "parse_urdf", "read_settings"]
+__all__ = ["BASES", "Close", "Names", "build_robot", "coordinate_value", "parse_urdf", "plain_name",
+           "read_settings", "system_name"]
 
 BASES = ("fixed", "floating")
 #: Units of coordinates and rates of hinges.
@@ -74,11 +75,8 @@ def parse_urdf(
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
     try:
         top = read_xml(text)
-        robot = read_robot(top, left_out)
-        start = InitialConfiguration(
-            _coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates),
-                      pose, velocity, angular_velocity)
-        builder, mounts = _build(robot, base, start, gravity, rep)
+        builder, mounts = build_robot(read_robot(top, left_out), base, pose, angles, rates,
+                                      velocity, angular_velocity, gravity, rep)
         add_visuals(builder, top, mounts, meshes_of)
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
@@ -89,13 +87,13 @@ def parse_urdf(
 
 def read_settings(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str],
-    close: Close | None = None,
+    close: Close | None = None, parse: Callable[..., Multibody] | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a text, with settings as a command has them.
 
     ``base=floating``, ``ignore=limits,collision``, ``gravity=0,0,-1.62`` (and position, quaternion,
     velocity, angular_velocity), ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel,
-    ``JOINT.rate=1``.
+    ``JOINT.rate=1``. ``parse`` reads another format.
     """
     options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
     for key, value in settings.items():
@@ -110,6 +108,8 @@ def read_settings(
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
             number = decimal(value)
             options[kind][name] = value if number is None else float(number)
+    if parse is not None:
+        return parse(text, path, **options)
     return parse_urdf(text, path, close=close, **options)
 
 
@@ -135,16 +135,17 @@ def _coordinates(robot: Robot, what: str, given: Any) -> dict[str, float]:
 
     def value(joint: RobotJoint) -> float:
         if joint.follows is None:
-            return _coordinate(what, joint, told.get(joint.name, 0.0))
+            return coordinate_value(what, joint.name, joint.kind != "prismatic",
+                                    told.get(joint.name, 0.0))
         leader, ratio, offset = joint.follows
         return ratio * value(moving[leader]) + (offset if what == "angles" else 0.0)
 
     return {name: value(joint) for name, joint in moving.items()}
 
 
-def _coordinate(what: str, joint: RobotJoint, given: Any) -> float:
+def coordinate_value(what: str, name: str, is_angle: bool, given: Any) -> float:
     """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
-    about, is_angle = f"{what[:-1]} of {joint.name!r}", joint.kind != "prismatic"
+    about = f"{what[:-1]} of {name!r}"
     if isinstance(given, str):
         try:
             return float(finite(about, parse_number(given, _UNITS[what] if is_angle else {}), ()))
@@ -157,13 +158,17 @@ def _coordinate(what: str, joint: RobotJoint, given: Any) -> float:
     return number
 
 
-def _build(
-    robot: Robot, base: str, start: InitialConfiguration, gravity: Any, rep: Any
+def build_robot(
+    robot: Robot, base: str, pose: Placement, angles: Any, rates: Any, velocity: Any,
+    angular_velocity: Any, gravity: Any, rep: Any, kind: str = "a URDF",
 ) -> tuple[Multibody, dict[str, Mount]]:
-    """Return bodies and joints, and where each link is."""
+    """Return bodies and joints of a tree of links, and where each link is."""
+    start = InitialConfiguration(
+        _coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates), pose, velocity,
+        angular_velocity)
     limbs = robot_bodies(robot)
-    builder = Multibody(_system_name(robot.name), gravity=gravity,
-                        description=f"The robot {robot.name}, of a URDF file.")
+    builder = Multibody(system_name(robot.name), gravity=gravity,
+                        description=f"The robot {robot.name}, of {kind} file.")
     moved = limbs if base == "floating" else limbs[1:]
     if not moved:
         raise InputError("it has no link that moves; give it a joint, or a floating base.")
@@ -172,7 +177,7 @@ def _build(
     if told and len(floating) != 1:
         raise InputError(f"velocity and angular_velocity are those of one floating body, and there "
                          f"{'are several' if floating else 'is none'}; leave them out.")
-    names, centres = _Names(), {limbs[0]: np.zeros(3)}
+    names, centres = Names(), {limbs[0]: np.zeros(3)}
     frames: dict[RobotBody, Frame] = {limbs[0]: builder.ground}
     places = placed(limbs, start.base, start.coordinates)
     for limb in moved:
@@ -190,10 +195,16 @@ def _build(
             leader, ratio, offset = joint.follows
             builder.couple(names.free(f"{name}_mimic"), joined[leader], joined[name], ratio=ratio,
                            offset=offset)
-        if joint.damping and name in joined:
-            builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping)
-    return builder, {link.name: _mount(frames[limb], centres[limb], place, places[limb])
-                     for limb in limbs for place, link in limb.parts}
+        if (joint.damping or joint.stiffness) and name in joined:
+            builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping,
+                                 stiffness=joint.stiffness, rest=joint.rest)
+    mounts = {link.name: _mount(frames[limb], centres[limb], place, places[limb])
+              for limb in limbs for place, link in limb.parts}
+    for loop in robot.loops:
+        LoopJoint(loop.name, loop.kind, loop.links, loop.places,
+                  np.zeros(3) if loop.axes[0] is None else loop.axes[0], loop.axes[1]).close(
+                      builder, names.free(loop.name, "loop"), mounts)
+    return builder, mounts
 
 
 def _mount(frame: Frame, centre: Any, inner: Placement, limb: Placement) -> Mount:
@@ -205,7 +216,7 @@ def _mount(frame: Frame, centre: Any, inner: Placement, limb: Placement) -> Moun
 
 
 def _join(
-    builder: Multibody, names: _Names, limb: RobotBody, frames: Mapping[RobotBody, Frame],
+    builder: Multibody, names: Names, limb: RobotBody, frames: Mapping[RobotBody, Frame],
     places: Mapping[RobotBody, Placement], start: InitialConfiguration,
 ) -> str:
     """Add the joint of a limb, with its coordinate and its rate as quantities."""
@@ -215,6 +226,9 @@ def _join(
     name = names.free(joint.name, "joint")
     where = places[limb.above].then(limb.at)
     ends = (name, frames[limb.above], frames[limb])
+    if joint.kind == "ball":
+        builder.ball(*ends, at=where.x)
+        return name
     axis, value, rate = where.R @ joint.axis, start.coordinates[joint.name], start.rates[joint.name]
     if joint.kind == "prismatic":
         builder.prismatic(*ends, axis_in_space=axis, at=places[limb].x, travel=value, speed=rate)
@@ -227,7 +241,7 @@ def _join(
     return name
 
 
-class _Names:
+class Names:
     """Names that C has, each once, of names that may have any signs."""
 
     def __init__(self) -> None:
@@ -250,6 +264,7 @@ def plain_name(name: str) -> str:
     return plain if plain[0].isalpha() else f"n{plain}"
 
 
-def _system_name(name: str) -> str:
+def system_name(name: str) -> str:
+    """Return the name of a system for that of a robot."""
     plain = plain_name(name.lower())[:40].rstrip("_")
     return f"{plain[:34]}_robot" if plain in KEYWORDS or plain in SYSTEMS else plain

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -21,8 +22,9 @@ from ...core.errors import InputError
 from ...core.warnings import warn
 from .bounded_xml import Element
 
-__all__ = ["EXTRAS", "IDENTITY", "MOVING", "Placement", "Robot", "RobotJoint", "RobotLink",
-           "numbers_of", "place_of", "read_robot", "turn"]
+__all__ = ["EXTRAS", "IDENTITY", "MOVING", "NUMBER", "Placement", "Robot", "RobotJoint",
+           "RobotLink", "RobotLoop", "numbers_of", "place_of", "read_robot", "refuse_extras",
+           "root_of", "turn"]
 
 Array = NDArray[np.float64]
 Read = TypeVar("Read")
@@ -30,6 +32,8 @@ Read = TypeVar("Read")
 #: Types of joints with a coordinate.
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed", "floating")
+#: Types of <constraint>.
+LOOPS = (*MOVING, "fixed", "ball", "universal")
 #: Ignorable element → its meaning.
 EXTRAS = {
     "limits": "ends of a joint's range",
@@ -43,7 +47,7 @@ EXTRAS = {
 MAX_LINKS = 500
 #: Moments below this, in kg m², are 0 with rounding.
 _NOTHING = 1e-20
-_NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +91,22 @@ class RobotJoint:
     axis: Array
     damping: float
     follows: tuple[str, float, float] | None
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobotLoop:
+    """A <constraint>: its links, its frames in them, and its axes in these.
+
+    The proposal of github.com/ros/urdfdom/pull/264.
+    """
+
+    name: str
+    kind: str
+    links: tuple[str, str]
+    places: tuple[Placement, Placement]
+    axes: tuple[Array | None, Array | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +117,7 @@ class Robot:
     links: dict[str, RobotLink]
     joints: dict[str, RobotJoint]
     root: str
+    loops: tuple[RobotLoop, ...] = ()
 
 
 def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
@@ -121,31 +142,33 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
     if macros is not None:
         raise InputError(f"line {macros.line}: <{macros.name}> is a macro; expand the file with "
                          "xacro first.")
-    _refuse_extras(top, ignore)
+    refuse_extras(Counter(_extras(top)), EXTRAS, ignore)
     links, joints = _read_all(top, "link", _link), _read_all(top, "joint", _joint)
     if not links:
         raise InputError("it has no <link>; write one at least.")
     if len(links) > MAX_LINKS:
         raise InputError(f"it has {len(links)} links and at most {MAX_LINKS} are allowed.")
     _check_followed(joints)
-    return Robot(top.attributes.get("name", "robot"), links, joints, _root(links, joints))
+    return Robot(top.attributes.get("name", "robot"), links, joints, root_of(links, joints),
+                 tuple(_read_all(top, "constraint", partial(_loop, links)).values()))
 
 
 # ---------------------------------------------------------------- what is left out
 
 
-def _refuse_extras(top: Element, ignore: Collection[str]) -> None:
-    """Refuse elements other than links and joints unless they are to be ignored."""
+def refuse_extras(
+    found: Mapping[str, int], known: Mapping[str, str], ignore: Collection[str]
+) -> None:
+    """Refuse what a file has besides bodies and joints, with its count, unless it is ignored."""
     for name in ignore:
-        if name not in (*EXTRAS, "all"):
+        if name not in (*known, "all"):
             raise InputError(f"ignore names {shown(name)}; choose "
-                             f"{listed([*EXTRAS, 'all'])}{proposal(name, EXTRAS)}.")
+                             f"{listed([*known, 'all'])}{proposal(name, known)}.")
     if "all" in ignore:
         return
-    found = Counter(_extras(top))
-    left = {name: found[name] for name in EXTRAS if found[name] and name not in ignore}
+    left = {name: found[name] for name in known if found[name] and name not in ignore}
     if left:
-        told = ", ".join(f"{name} ({EXTRAS[name]}, {count} of them)"
+        told = ", ".join(f"{name} ({known[name]}, {count} of them)"
                          for name, count in left.items())
         wanted = [*ignore, *left]
         raise InputError(f"it has {told}, which no model here has; to run without, write "
@@ -227,25 +250,43 @@ def _joint(name: str, element: Element) -> RobotJoint:
             numbers_of(mimic, "offset", 1, [0.0])[0]))
 
 
-def _axis(element: Element, kind: str) -> Array:
+def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> RobotLoop:
+    """Return a joint that closes a loop."""
+    kind = element.attributes.get("type", "")
+    if kind not in LOOPS:
+        raise InputError(f"its type is {shown(kind)}; choose {listed(LOOPS)}"
+                         f"{proposal(kind, LOOPS)}.")
+    ends, places, axes = [], [], []
+    for side in ("parent", "child"):
+        ends.append(_text(element, side, "link"))
+        if ends[-1] not in links:
+            raise InputError(f"it joins {shown(ends[-1])}, which is no link"
+                             f"{proposal(ends[-1], links)}; correct it.")
+        places.append(place_of(element, f"{side}_origin"))
+        needed = (side == "parent" and kind not in ("ball", "fixed")) or kind == "universal"
+        axes.append(_axis(element, kind, f"{side}_axis") if needed else None)
+    return RobotLoop(name, kind, (ends[0], ends[1]), (places[0], places[1]), (axes[0], axes[1]))
+
+
+def _axis(element: Element, kind: str, key: str = "axis") -> Array:
     """Return the axis in the axes of the child, of length one."""
-    if kind not in MOVING:
+    if kind not in (*MOVING, "universal"):
         return np.array([1.0, 0, 0])
-    axis = element.first("axis")
+    axis = element.first(key)
     if axis is None:
-        raise InputError(f"it is {kind} and has no <axis>; write <axis xyz=\"1 0 0\"/>, which "
+        raise InputError(f"it is {kind} and has no <{key}>; write <{key} xyz=\"1 0 0\"/>, which "
                          "is what others take then, or the one that is meant.")
     found = np.array(numbers_of(axis, "xyz", 3))
     if not found.any():
-        raise InputError("its <axis> is zero; write its direction.")
+        raise InputError(f"its <{key}> is zero; write its direction.")
     found = found / np.abs(found).max()
     unit: Array = found / np.linalg.norm(found)
     return unit
 
 
-def place_of(element: Element) -> Placement:
+def place_of(element: Element, key: str = "origin") -> Placement:
     """Return <origin>: R = R_z(yaw) R_y(pitch) R_x(roll)."""
-    origin = element.first("origin")
+    origin = element.first(key)
     if origin is None:
         return IDENTITY
     x = np.array(numbers_of(origin, "xyz", 3, [0.0] * 3))
@@ -265,7 +306,7 @@ def turn(axis: Array, angle: float) -> Array:
 # ---------------------------------------------------------------- the tree
 
 
-def _root(links: dict[str, RobotLink], joints: dict[str, RobotJoint]) -> str:
+def root_of(links: dict[str, RobotLink], joints: dict[str, RobotJoint]) -> str:
     """Return the link that is no child, from which all others hang."""
     above: dict[str, RobotJoint] = {}
     for joint in joints.values():
@@ -340,7 +381,7 @@ def numbers_of(
     if default is not None and key not in element.attributes:
         return default
     words = _attribute(element, key).split()
-    values = [float(word) for word in words if _NUMBER.fullmatch(word)]
+    values = [float(word) for word in words if NUMBER.fullmatch(word)]
     if len(words) != count or len(values) != count or not np.isfinite(values).all():
         raise InputError(f"its <{element.name}> has {key}={shown(element.attributes[key])}; write "
                          f"{count} finite number{'s' if count > 1 else ''}.")

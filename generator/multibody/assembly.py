@@ -26,6 +26,7 @@ from ..systems.system import System
 from ..systems.velocity_coefficients import coefficients_of
 from .body import GROUND, Body, Frame, MovingPoint, Particle, dot
 from .components import TIME, Components
+from .coordinates import Arm, Coordinate, Law, Slide
 from .initial_poses import Pose, in_range, propagate_all
 from .joints import (
     Connection,
@@ -103,6 +104,9 @@ class Assembly:
                       [partial(link.move, self.store) for link in rolling])
         for link in rolling:
             link.refuse_off_ground(self.store, poses)
+        for coordinate in self.links:
+            if isinstance(coordinate, Coordinate):
+                coordinate.begin(poses)
         return poses
 
     def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:
@@ -150,13 +154,13 @@ class Assembly:
         named = set().union(*(e.free_symbols for e in (
             H, *(e for _, force in pushes for e in force), *self.components.quantities.values())))
         counted = {joint.name for symbol, (joint, what) in self.components.measures.items()
-                   if symbol in named and what == "angle"}
+                   if symbol in named and what == "angle" and not isinstance(joint, Arm)}
         for link in self.links:
             if isinstance(link, RheonomicConstraint):
                 counted |= {link.name, link.joints[0].name}
-            elif isinstance(link, Coupling):
+            elif isinstance(link, Coupling | Law):
                 counted |= {joint.name for joint, what in zip(link.joints, link.what, strict=True)
-                            if what == "angle"}
+                            if what == "angle" and not isinstance(joint, Arm)}
         H = H.xreplace(measures)
         quantities = {name: e.xreplace(measures) for name, e in self.components.quantities.items()}
         q = tuple(x for body in self.components.bodies for x in body.coordinates)
@@ -190,8 +194,8 @@ class Assembly:
             joints=tuple(joint_at(link, self.poses, [e.name for e in equations], kept, values,
                                   link.name in counted)
                          for link in self.links
-                         if not any(isinstance(frame, MovingPoint | Particle)
-                                    for frame in link.frames)),
+                         if not isinstance(link, Slide) and not any(
+                             isinstance(frame, MovingPoint | Particle) for frame in link.frames)),
         )
 
     def _state(self) -> tuple[Array, Array]:

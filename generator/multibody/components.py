@@ -15,6 +15,7 @@ from ...core.inertia import Inertia
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
 from .body import GROUND, Body, Frame, GeneralisedForce, MovingPoint, Vector
+from .coordinates import Arm, Coordinate, FlywheelBody
 from .initial_poses import InitialState
 from .joints import Connection
 
@@ -86,10 +87,10 @@ class Components:
 
     def body(self, body: Any, what: str) -> Body:
         """Return a body, given itself or by name."""
-        names = {known.name: known for known in self.bodies}
+        names = {known.name: known for known in self.bodies if not isinstance(known, FlywheelBody)}
         if isinstance(body, str) and body in names:
             return names[body]
-        if isinstance(body, Body) and body in self.bodies:
+        if isinstance(body, Body) and body in names.values():
             return body
         raise InputError(
             f"{what} connects {shown(body)}, which is no body of Multibody {self.name!r}; pass "
@@ -111,6 +112,9 @@ class Components:
         """Return a joint that has an angle."""
         found = self.joint(joint, f"Gear {name!r}")
         self.refuse_measure(found, "angle")
+        if isinstance(found, Arm | Coordinate):
+            raise InputError(f"{name!r} needs a joint of bodies, and {found.name!r} is a "
+                             "coordinate; name another joint, or write a law or couple.")
         return found
 
     def refuse_measure(self, joint: Connection, what: str) -> None:

@@ -18,6 +18,7 @@ with c such that θ has the given value at the start. Sliding joints, gears and 
     prismatic    cylindrical, and R(q_a) n₁ · R(q_b) m₂ = 0                  five
     screw        cylindrical, and sin(θ − 2π (s − s₀)/h) = 0                 five
     planar       align, and R(q_a) e · d = 0                                 three
+    fixed        ball, and R(q_a) n_k · R(q_b) m_k = 0, k = 1, 2, 3          six
     universal    ball, and R(q_a) e₁ · R(q_b) e₂ = 0                         four
     gear         sin(z₁ θ₁ + z₂ θ₂) = 0 of two joints                        one
     rheonomic    sin(f(t) − θ) = 0                                           one
@@ -49,7 +50,8 @@ from ..systems.body_layout import ConstraintForce
 from .body import Body, Frame, GeneralisedForce, Vector, dot
 from .initial_poses import Pose, clean, conjugate, direction, normals, product
 
-__all__ = ["RATE_OF", "Align", "Connection", "Coupling", "Cylindrical", "Equation", "Gear",
+__all__ = ["RATE_OF", "Align", "Connection", "Coupling", "Cylindrical", "Equation",
+           "Fixed", "Gear", "HingedJoint",
            "Joint", "JointSpring", "Motor", "Planar", "PointConnection", "Prismatic", "Revolute",
            "RheonomicConstraint", "Rod", "Screw", "Spring", "Universal", "copies", "difference",
            "hinge_of", "named_number", "named_vector", "perpendicular", "unit_vector"]
@@ -351,6 +353,30 @@ class Revolute(HingedJoint):
 
 
 @dataclass(eq=False, repr=False)
+class Fixed(Joint):
+    """b does not move against a; ``relative`` is its rotation in a's axes, or that at the start."""
+
+    relative: Array | None = field(kw_only=True, default=None)
+
+    def turn(self, poses: Poses) -> bool:
+        """Propagate the angular velocity: Ω_b = Ω_a."""
+        return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        yield from super().equations(poses, store)
+        yield from self.turns(poses, store)
+
+    def turns(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints on the attitude."""
+        R = poses[self.a].R.T @ poses[self.b].R if self.relative is None else self.relative
+        for k, axis in enumerate("xyz"):
+            n = unit_vector(f"{self.name}_normal{k + 1}", np.eye(3)[k], store)
+            m = unit_vector(f"{self.name}_mark{k + 1}", direction(R.T[:, (k + 1) % 3]), store)
+            yield perpendicular(f"{self.name}: turn {axis}", self.a, n, self.b, m)
+
+
+@dataclass(eq=False, repr=False)
 class Rod(PointConnection):
     """Two points at a constant distance, by default that of the start."""
 
@@ -618,7 +644,8 @@ class Coupling(Connection):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
         ratio = Fraction(repr(self.ratio)).limit_denominator(_FEW_TEETH)
-        if self.what == ("angle", "angle") and float(ratio) == self.ratio and (
+        hinged = all(isinstance(joint, Align | HingedJoint) for joint in self.joints)
+        if hinged and self.what == ("angle", "angle") and float(ratio) == self.ratio and (
                 0 < abs(ratio.numerator) <= _FEW_TEETH):
             yield Equation(f"{self.name}: ratio", self._turns(ratio, poses, store))
             return

@@ -7,14 +7,23 @@ Coordinates of joints are symbols until the model is made.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_flag, as_items, as_text, choose, few, shown, whole
+from ...core.arguments import (
+    as_flag,
+    as_items,
+    as_mapping,
+    as_text,
+    choose,
+    few,
+    shown,
+    whole,
+)
 from ...core.errors import InputError
 from ...core.inertia import Inertia, RepName, as_inertia, is_tensor, moments_of
 from ...core.projection import Projection, project
@@ -27,8 +36,10 @@ from ..systems.redundant_constraints import Redundancy
 from .assembly import Assembly
 from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
 from .components import TIME, Components
+from .coordinates import Chain, Coordinate, Flywheel, FlywheelBody, Law, Link
 from .initial_poses import (
     InitialState,
+    attitude,
     check_rep,
     count,
     finite,
@@ -47,7 +58,9 @@ from .joints import (
     Connection,
     Coupling,
     Cylindrical,
+    Fixed,
     Gear,
+    HingedJoint,
     Joint,
     JointSpring,
     Motor,
@@ -75,8 +88,8 @@ Axes: TypeAlias = tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None]
 #: An axis is the same in space and on a body if its components are to within this.
 _SAME_AXIS = 1e-9
 
-JOINTS = ("ball", "fixed_point", "revolute", "align", "rod", "prismatic", "cylindrical", "planar",
-          "screw", "universal", "rolls")
+JOINTS = ("ball", "fixed", "fixed_point", "revolute", "align", "rod", "prismatic", "cylindrical",
+          "planar", "screw", "universal", "rolls")
 
 
 class Multibody:
@@ -94,6 +107,8 @@ class Multibody:
         After ``model()``: the projection of the initial state onto the constraints.
     redundancy : Redundancy or None
         After ``model(redundant="leave out")``: the constraints left out, and those that imply them.
+    geoms : mapping of str to tuple
+        Name of a body, or "ground" → what a file says of its looks.
 
     Examples
     --------
@@ -117,6 +132,7 @@ class Multibody:
         self.time = TIME
         self.start: Projection | None = None
         self.redundancy: Redundancy | None = None
+        self.geoms: Mapping[str, tuple[Any, ...]] = {}
         values: dict[str, float] = {}
         weight = named_vector("gravity", vector("gravity", gravity).tolist(), values)
         self._components = Components(self.name, weight, values)
@@ -131,6 +147,11 @@ class Multibody:
         return (f"<Multibody {self.name}: "
                 f"bodies {few(body.name for body in self._components.bodies)}; "
                 f"joints {few(link.name for link in self._components.connections)}>")
+
+    @property
+    def gravity(self) -> tuple[sp.Expr, ...]:
+        """Its acceleration in space, as symbols."""
+        return self._components.gravity
 
     # ------------------------------------------------------------ bodies
 
@@ -280,6 +301,19 @@ class Multibody:
         Prefer ``top`` where it is the only joint to the ground: it needs no constraint.
         """
         return self.ball(name, GROUND, body, at=at, on_b=on_body)
+
+    def fixed(
+        self, name: str, a: Frame | str, b: Frame | str, *, at: ArrayLike | None = None,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None, rotation: Any = None,
+    ) -> Fixed:
+        """Fix b to a: six constraints, ``name: x``, ``y``, ``z``, ``turn x``, ``y``, ``z``.
+
+        For bodies that loops hold together; two that no loop needs apart are better one body.
+        ``rotation`` is the attitude of b in the axes of a, a 3 × 3 matrix or SciPy Rotation; by
+        default that of the start. All else as for ``ball``.
+        """
+        relative = None if rotation is None else _matrix(attitude(f"{name!r}", None, rotation))
+        return self._join(Fixed(name, **self._pair(name, a, b, at, on_a, on_b), relative=relative))
 
     def revolute(
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
@@ -517,6 +551,138 @@ class Multibody:
             ratio=float(finite(f"ratio of {name!r}", ratio, ())),
             offset=float(finite(f"offset of {name!r}", offset, ()))))
 
+    def flywheel(
+        self, name: str, joint: Connection | str, *, inertia: float, ratio: float = 1.0
+    ) -> Flywheel:
+        """Have a joint turn a flywheel, T = p²/(2a): one coordinate, one constraint ``ratio``.
+
+        What robots have as rotor inertia, and MuJoCo as ``armature``: a n² is added to the joint's
+        entry of the mass matrix. Its axis turns with no body, so that it has no gyroscopic effect;
+        a ``rotor`` with ``couple`` has that.
+
+        Parameters
+        ----------
+        joint : joint
+            A joint with an angle or a travel.
+        inertia : float
+            a in kg m², or in kg where the joint slides and ``ratio`` is 1.
+        ratio : float
+            n, how many times it turns while the joint turns once; rad/m on a joint that slides.
+
+        Returns
+        -------
+        Flywheel
+            A joint whose ``angle`` or ``travel`` is n times that of the joint, followed over any
+            number of turns; motors and springs may act on it.
+
+        Raises
+        ------
+        InputError
+            For names used twice, an inertia that is not above 0, and a ratio 0.
+        """
+        held = self._components.joint(joint, f"Flywheel {name!r}")
+        kind = _coordinate(held)
+        if not isinstance(held, Align | HingedJoint):
+            raise InputError(f"Flywheel {name!r} is on {held.name!r}, which is no joint of bodies "
+                             "with an axis; name one.")
+        times = nonzero(f"ratio of {name!r}", ratio)
+        body = self._flywheel_body(name, inertia)
+        return self._join(Flywheel(name, held.b, body, joints=(held,), kind=kind, ratio=times))
+
+    def chain(
+        self, name: str, a: Frame | str, b: Frame | str, joints: Iterable[Mapping[str, Any]]
+    ) -> Chain:
+        """Join a and b by joints in a row without bodies between them: six constraints.
+
+        Each joint is a coordinate with an inertia of its own, as ``flywheel`` has: without bodies
+        between, nothing else would say how fast it may begin to move.
+
+        Parameters
+        ----------
+        a, b : Body, ``ground``, or a name
+        joints : iterable of mappings
+            From a to b: ``name``, of which motors and springs and ``angle`` or ``travel`` know it;
+            ``axis`` in space at the start; ``inertia`` in kg m², kg for a slide; ``at``, a point
+            of the axis of a hinge in space at the start; ``angle`` and ``rate`` of a hinge, or
+            ``travel`` and ``speed`` of a slide, at the start, one of which makes it a hinge or a
+            slide.
+
+        Raises
+        ------
+        InputError
+            For a joint without a name, an axis or an inertia, and keys that it has not.
+        """
+        first, second = self._components.frames(name, a, b)
+        links = [self._chain_link(name, first, joint) for joint in as_items(
+            "joints", joints, "mappings")]
+        hinges = [link for link in links if link.coordinate.kind == "angle"]
+        if not 1 <= len(links) <= 6:
+            raise InputError(f"Chain {name!r} has {len(links)} joints; give 1 to 6.")
+        for link in links:
+            self._join(link.coordinate)
+        at = hinges[-1].at if hinges else np.zeros(3)
+        return self._join(Chain(name, first, second, None, None, at, links=links))
+
+    def _chain_link(self, chain: str, a: Frame, given: Any) -> Link:
+        """Return one joint of a chain."""
+        keys = as_mapping(f"joints of {chain!r}", given, "{'name': 'hip', 'axis': (1, 0, 0)}")
+        name = as_text(f"name of a joint of {chain!r}", keys.get("name"))
+        kind, rate = ("travel", "speed") if {"travel", "speed"} & keys.keys() else ("angle", "rate")
+        for key in keys:
+            choose(f"key of {name!r} in chain {chain!r}", key,
+                   ("name", "axis", "inertia", "at", kind, rate))
+        if "axis" not in keys or "inertia" not in keys:
+            raise InputError(f"Joint {name!r} of chain {chain!r} needs an axis and an inertia; "
+                             "give both.")
+        axis = _direction(name, "axis", keys["axis"])
+        at = vector(f"at of {name!r}", keys.get("at", (0.0, 0.0, 0.0)))
+        body = self._flywheel_body(name, keys["inertia"])
+        return Link(Coordinate(
+            name, a, body, kind=kind, value=float(finite(f"{kind} of {name!r}", keys.get(kind, 0.0),
+                                                         ())),
+            speed=float(finite(f"{rate} of {name!r}", keys.get(rate, 0.0), ()))), axis, at)
+
+    def _flywheel_body(self, name: str, inertia: float) -> FlywheelBody:
+        """Return a coordinate with an inertia."""
+        body = FlywheelBody.of(name)
+        self._components.claim(body.name)
+        self._components.values[str(body.mass)] = positive(f"inertia of {name!r}", inertia)
+        self._components.bodies[body] = InitialState(
+            np.array([1.0, 0, 0, 0]), np.zeros(1), np.zeros(1), np.zeros(3))
+        return body
+
+    def law(
+        self, name: str, joints: Iterable[Connection | str], f: Callable[..., Any]
+    ) -> Law:
+        """Let f(c₁, c₂, …) of the coordinates of joints be 0: one constraint, ``name: law``.
+
+        Coordinates are the angle of a joint that turns and the travel of one that slides, rad and
+        m, as far as ``angle`` is followed; f returns an expression of them, ``time`` and
+        parameters.
+
+        Raises
+        ------
+        InputError
+            For joints without a coordinate, and an f that returns no expression.
+        """
+        held = [self._components.joint(joint, f"Law {name!r}")
+                for joint in as_items("joints", joints, "joints")]
+        if not held or not callable(f):
+            raise InputError(f"Law {name!r} needs joints and a function of their coordinates, such "
+                             "as lambda x, y: x - y**2.")
+        symbols = [sp.Dummy(f"{name}_c{k}", real=True) for k in range(len(held))]
+        try:
+            expression = as_expression(f(*symbols))
+        except TypeError as error:
+            raise InputError(f"The function of law {name!r} fails: {error}; let it take "
+                             f"{len(held)} coordinates.") from None
+        if not expression.free_symbols & {*symbols}:
+            raise InputError(f"Law {name!r} is {shown(str(expression))}, without a coordinate; "
+                             "return what is to be 0.")
+        return self._join(Law(
+            name, held[0].b, held[-1].b, joints=tuple(held), coordinates=tuple(symbols),
+            what=tuple(map(_coordinate, held)), expression=expression))
+
     def drive(self, name: str, joint: Connection | str, *, angle: Any) -> RheonomicConstraint:
         """Have the angle of a hinge be a law of t: one constraint, ``name: angle``.
 
@@ -751,7 +917,8 @@ class Multibody:
 
     def _join(self, link: Joined) -> Joined:
         point = next((frame for frame in link.frames if isinstance(frame, Particle)), None)
-        if point is not None and type(link) not in (Joint, Rod, Spring):
+        if point is not None and type(link) not in (Joint, Rod, Spring) and (
+                not isinstance(point, FlywheelBody)):
             raise InputError(f"{link.name!r} asks for axes of {point.name!r}, a point mass, which "
                              "has none; join it by a ball, a rod or a spring, or give a body.")
         self._components.claim(link.name)
@@ -833,6 +1000,11 @@ class Multibody:
             raise InputError(f"The {what} contains {min(map(str, strange))!r}; it may contain time "
                              "and parameters.")
         return law
+
+
+def _matrix(q: Array) -> Array:
+    """Return the rotation matrix of a quaternion, where an argument is named rotation."""
+    return rotation(q)
 
 
 def _direction(name: str, what: str, given: ArrayLike) -> Array:

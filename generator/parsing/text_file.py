@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from pathlib import Path
 
 from ...core.errors import InputError
 
-__all__ = ["MODEL_FILES", "UnusableFileError", "is_urdf", "model_text", "read_text"]
+__all__ = ["MODEL_FILES", "UnusableFileError", "is_robot", "model_text", "read_text",
+           "states_of_files"]
 
 #: Ending of a model file → the most bytes it may have.
-MODEL_FILES = {".toml": 2**18, ".urdf": 2**20}
+MODEL_FILES = {".toml": 2**18, ".urdf": 2**20, ".xml": 2**20, ".sdf": 2**20}
+#: Names of files in the XML of a robot, and of folders they are in.
+_FILES = re.compile(r"\bfile\s*=\s*[\"']([^\"'<>]{1,500})[\"']")
+_FOLDERS = re.compile(r"\b(?:mesh|asset)dir\s*=\s*[\"']([^\"'<>]{1,500})[\"']")
 #: Has the examples in it, wherever it is installed.
 _PACKAGE = Path(__file__).resolve().parents[2]
 
@@ -60,13 +65,36 @@ def _own_example(path: Path) -> Path | None:
     return own if own.is_file() else None
 
 
-def is_urdf(path: str | Path) -> bool:
-    """Whether a model file describes a robot in URDF."""
-    return str(path).endswith(".urdf")
+def is_robot(path: str | Path) -> bool:
+    """Whether a model file describes a robot, in URDF, MJCF or SDF."""
+    return str(path).endswith((".urdf", ".xml", ".sdf"))
+
+
+def states_of_files(path: Path, text: str) -> list[str]:
+    """Return size and time of change of the files that the XML of a robot names, in its folder.
+
+    With these, what is cached for a robot belongs to its meshes and includes as they are.
+    """
+    folders, found = ["", *_FOLDERS.findall(text)], []
+    texts, seen = [text], set[Path]()
+    while texts:
+        for name in _FILES.findall(texts.pop()):
+            for file in (path.parent / folder / name for folder in folders):
+                try:
+                    state = None if file in seen else file.stat()
+                except (OSError, ValueError):
+                    continue
+                seen.add(file)
+                if state is None or not stat.S_ISREG(state.st_mode):
+                    continue
+                found.append(f"{name} {state.st_size} {state.st_mtime_ns}")
+                if file.suffix == ".xml" and state.st_size <= MODEL_FILES[".xml"]:
+                    texts.append(file.read_text("utf-8", "replace"))
+    return found
 
 
 def model_text(path: str | Path) -> str:
-    """Return the text of a model file, TOML or URDF.
+    """Return the text of a model file, TOML, URDF, MJCF or SDF.
 
     Raises
     ------
@@ -74,7 +102,6 @@ def model_text(path: str | Path) -> str:
         With file and cure.
     """
     try:
-        ending = ".urdf" if is_urdf(path) else ".toml"
-        return read_text(Path(path), MODEL_FILES[ending])
+        return read_text(Path(path), MODEL_FILES.get(Path(path).suffix, MODEL_FILES[".toml"]))
     except UnusableFileError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None

@@ -55,6 +55,8 @@ NOT_RUN = [
     (r"^make (test|generated|docs)", "the first runs these tests, the second writes to the "
                                       "repository, the third is typed by test_site.py"),
     (r"^pytest ", "it writes to the repository"),
+    (r"^gyrospark run examples/pumpjack.xml", "without optimisation seven seconds; test_mjcf.py "
+                                              "puts the example together and runs another file"),
     (r"^gyrospark bench bodies", "even quick it derives and compiles chains for a quarter of a "
                                  "minute, as test_benchmarks.py does"),
     (r"^gyrospark bench (events|gradients)\b", "even quick each is six seconds; "

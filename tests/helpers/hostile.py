@@ -208,6 +208,14 @@ def calls(tmp_path: Path | None) -> list[Call]:
               angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
               position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
               rep="gamma", loops=None),
+        plain("load_mjcf", gs.load_mjcf, path=str(tmp_path / "none.xml"), keyframe=None,
+              angles=None, rates=None, ignore=(), gravity=None, rep="gamma"),
+        plain("read_mjcf", gs.read_mjcf, path=str(tmp_path / "none.xml"), keyframe=None,
+              angles=None, rates=None, ignore=(), gravity=None, rep="gamma"),
+        *(plain(f"{verb}_sdf", getattr(gs, f"{verb}_sdf"), path=str(tmp_path / "none.sdf"),
+                base="fixed", angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
+                position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
+                rep="gamma") for verb in ("load", "read")),
         plain("residual", step.residual, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("jacobian", step.jacobian, x=np.zeros(step.unknowns), **state, **run, t=0.0),
         plain("guess", step.guess, **state, **run, t=0.0),
@@ -323,7 +331,8 @@ def multibody_calls() -> Iterator[Call]:
             top = build.top("t", mass=1, inertia=inertia, centre=(0, 0, 1))
             body = build.body("u", mass=1, inertia=inertia)
             known = {"top": top, "body": body, "ground": build.ground}
-            if {"hinge", "other", "slide"} & {*map(str, arguments.values())}:
+            named = {*map(str, (*arguments.values(), *arguments.get("joints", ())))}
+            if {"hinge", "other", "slide"} & named:
                 for joint in ("hinge", "other"):
                     wheel = build.body(f"{joint}_wheel", mass=1, inertia=inertia)
                     known[joint] = build.revolute(joint, build.ground, wheel, axis=(0, 0, 1),
@@ -365,6 +374,11 @@ def multibody_calls() -> Iterator[Call]:
         yield of("rolls", name="j", body="body", on_body=(0, 0, 0.1), axis_on_body=(0, 0, 1),
                  normal=(0, 0, 1), at=(0, 0, 0), turning=1.0,
                  **dict.fromkeys(("disc", "sphere", "ellipsoid")) | shape)
+    yield of("fixed", **pair, rotation=None)
+    yield of("flywheel", name="j", joint="hinge", inertia=0.1, ratio=2.0)
+    yield of("chain", name="j", a="top", b="body", joints=[
+        {"name": "k", "axis": (1, 0, 0), "inertia": 0.1, "at": (0, 0, 0), "rate": 1.0}])
+    yield of("law", name="j", joints=["hinge", "slide"], f=lambda x, y: x - y)
     yield of("gear", name="j", first="hinge", second="other", teeth=(20, 30))
     yield of("couple", name="j", first="hinge", second="other", ratio=2.0, offset=0.0)
     yield of("drive", name="j", joint="hinge", angle=sp.Integer(1))

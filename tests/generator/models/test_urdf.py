@@ -278,7 +278,7 @@ def test_bad_files_are_refused(tmp_path, pairs, said):
 
 
 @pytest.mark.parametrize(("text", "said"), [
-    (BOMB, "line 2.*type"), (DEEP, "32"),
+    (BOMB, "line 2.*type"), (DEEP, "64"),
     ("<robot>" + "<a/>" * 60_000 + "</robot>", "50000"),
     (" " * 10_000_000, "1048576"), ("", "element"),
     ("<robot/>", "<link>"), ('<robot><link name="one"/></robot>', "moves"),
@@ -348,6 +348,30 @@ def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
     assert answer.code == 0, answer.stderr
     loops.write_text(CLOSING.replace("1.1", "1.0"))  # what is kept belongs to the file as it was
     assert gyrospark(*run).document != answer.document
+
+
+@pytest.mark.parametrize("kind", ["ball", "revolute"])
+def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
+    """<constraint> of urdfdom's proposal is the same four-bar as a file of loops makes."""
+    robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
+    robot.write_text(FOUR_BAR)
+    loops.write_text(CLOSING)
+    told = f"""<constraint name="closing" type="{kind}"><parent link="rocker"/>
+      <parent_origin xyz=".7 0 0" rpy=".2 0 0"/><parent_axis xyz="0 .980066577841242
+      -.198669330795061"/><child link="frame"/><child_origin xyz="1.1 0 0"/></constraint></robot>"""
+    with pytest.warns(gs.InputWarning, match="closing"):
+        wanted = Motion(gs.load_urdf(robot, loops=loops, angles=ANGLES))
+    robot.write_text(FOUR_BAR.replace("</robot>", told))
+    with pytest.warns(gs.InputWarning, match="closing"):
+        found = Motion(gs.load_urdf(robot, angles=ANGLES))
+    for name in ("crank", "coupler", "rocker"):
+        assert found.acceleration(f"{name}_pin_rate") == pytest.approx(
+            wanted.acceleration(f"{name}_pin_rate"), rel=1e-10)
+    for old, new in (("rocker", "rockr"), (kind, "hinge"), ("parent_axis", "axis")):
+        robot.write_text(FOUR_BAR.replace("</robot>", told.replace(old, new)))
+        if (old, kind) != ("parent_axis", "ball"):
+            with pytest.raises(gs.InputError, match="closing.*" + new):
+                gs.load_urdf(robot, angles=ANGLES)
 
 
 @pytest.mark.parametrize(("text", "said"), [

@@ -1,0 +1,342 @@
+"""Coordinates with an inertia of their own, and what joins them to bodies: flywheels and chains.
+
+    flywheel   T = p²/(2a) of the angle φ = nθ that a joint's gear turns it by, without gyroscopic
+               effect; sin(φ/n − θ) = 0, on a joint that slides φ/n − s = 0            one
+    chain      joints in a row without bodies between: R_b = R_a Π R(φ_i), x_b = …      six
+    law        f(c₁, c₂, …) = 0 of coordinates of joints                               one
+
+A flywheel with a and n adds a n² to the joint's entry of the mass matrix, MuJoCo's ``armature``.
+With the displacements δ_i = φ_i − φ_i(0) and the axes e_i through points c_i, in the axes of a at
+the start, a chain is the product of exponentials (Brockett 1984)
+
+    vec(q̄_b q_a Q(δ) q̄_a(0) q_b(0)) = 0,    x_a + R(q_a) D(δ) − x_b − R(q_b) r = 0
+
+Q(δ) is the product of the quaternions of its hinges, D(δ) where they and the slides move r to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from .body import Body, Frame, GeneralisedForce, Particle, Vector, dot
+from .initial_poses import Pose, conjugate, direction, product
+from .joints import (
+    RATE_OF,
+    UNIT,
+    Connection,
+    Cylindrical,
+    Equation,
+    Fixed,
+    Joint,
+    Poses,
+    Store,
+    cosine_and_sine,
+    difference,
+    hinge_of,
+    named_number,
+    named_vector,
+    unit_vector,
+)
+
+__all__ = ["Arm", "Chain", "Coordinate", "Flywheel", "FlywheelBody", "Law", "Link", "Slide",
+           "Translation"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FlywheelBody(Particle):
+    """One coordinate φ with p = a φ'; it has no place in space."""
+
+    @classmethod
+    def of(cls, name: str) -> FlywheelBody:
+        """Return the coordinate ``name_phi`` with the inertia ``name_inertia``."""
+        zero = (sp.Integer(0),) * 3
+        return cls(f"{name}_phi", "gamma", (), (), (sp.Symbol(f"{name}_phi", real=True),),
+                   (sp.Symbol(f"{name}_pphi", real=True),), zero, zero,
+                   sp.Symbol(f"{name}_inertia", positive=True), (), sp.Symbol(f"{name}_gamma"))
+
+    @property
+    def centre_of_mass(self) -> Vector:
+        """The origin, so that it has no weight."""
+        return self.origin
+
+    @property
+    def rate(self) -> sp.Expr:
+        """φ' = p/a."""
+        return self.p_x[0] / self.mass
+
+
+@dataclass(eq=False, repr=False)
+class Coordinate(Connection):
+    """The coordinate ``b`` as that of a joint: motors and springs may act on it."""
+
+    kind: str = field(kw_only=True)  # "angle" or "travel"
+    value: float = field(kw_only=True, default=0.0)  # at the start
+    speed: float = field(kw_only=True, default=0.0)
+
+    @property
+    def MEASURES(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Its coordinate and its rate."""
+        return (self.kind, RATE_OF[self.kind])
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return the coordinate or its rate."""
+        body = self.b
+        assert isinstance(body, FlywheelBody)
+        return body.x[0] if what == self.kind else body.rate
+
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the effort on the coordinate."""
+        assert isinstance(self.b, FlywheelBody)
+        yield self.b.p_x, (effort,)
+
+    def begin(self, poses: Poses) -> None:
+        """Set the value and the rate of the coordinate at the start."""
+        poses[self.b].x, poses[self.b].v = np.array([self.value]), np.array([self.speed])
+
+
+@dataclass(eq=False, repr=False)
+class Flywheel(Coordinate):
+    """A flywheel that turns ``ratio`` times as a joint does."""
+
+    ratio: float = field(kw_only=True)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        (joint,), coordinate = self.joints, self.measure(self.kind, poses, store)
+        turned = coordinate / named_number(f"{self.name}_ratio", self.ratio, store, UNIT)
+        if self.kind == "travel":
+            yield Equation(f"{self.name}: ratio", turned - joint.measure("travel", poses, store))
+            return
+        hinge = hinge_of(joint)
+        since = turned - named_number(f"{self.name}_begin", hinge.angle, store)
+        cosine, sine = cosine_and_sine(hinge, poses, store)
+        yield Equation(f"{self.name}: ratio", sine * sp.cos(since) - cosine * sp.sin(since))
+
+    def begin(self, poses: Poses) -> None:
+        """Set the value and the rate of the coordinate at the start: those of its joint."""
+        (joint,) = self.joints
+        a, b = poses[joint.a], poses[joint.b]
+        hinge = hinge_of(joint)
+        assert a.spin is not None
+        assert b.spin is not None
+        if self.kind == "angle":
+            self.value, turned = hinge.angle, b.spin - a.spin
+        else:
+            assert isinstance(joint, Joint)
+            scale = getattr(joint, "scale", 1.0)
+            self.value, turned = getattr(joint, "travel", 0.0), scale * _slip(joint, a, b)
+        self.value *= self.ratio
+        self.speed = self.ratio * float(hinge.axis @ turned)
+        super().begin(poses)
+
+
+def _slip(joint: Joint, a: Pose, b: Pose) -> Array:
+    """Return the velocity of the point of b against a at the start."""
+    arm_b, point = b.R @ joint.on_b, b.space(np.asarray(joint.on_b))
+    assert a.x is not None
+    slip: Array = b.v + np.cross(b.spin, arm_b) - a.v - np.cross(a.spin, point - a.x)  # type: ignore[arg-type,operator]
+    return slip
+
+
+@dataclass(eq=False, repr=False)
+class Translation(Fixed):
+    """b slides on a plane of the ground, or anywhere, and does not turn.
+
+    ``normal`` is that of the plane in space; without one there is none.
+    """
+
+    normal: Array | None = field(kw_only=True, default=None)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        if self.normal is not None:
+            point_a, point_b = self.points(store)
+            n = unit_vector(f"{self.name}_normal", self.normal, store)
+            yield Equation(f"{self.name}: distance", dot(n, difference(point_b, point_a)))
+        yield from self.turns(poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class Slide(Cylindrical):
+    """A coordinate of a point of b in the ground's axes: ``scale`` · axis · d, no constraint.
+
+    d is from the point of the ground, where that of b is at the start. Of slides along s_i that are
+    not perpendicular, d = Σ c_i s_i, the axes are those of the reciprocal vectors.
+    """
+
+    scale: float = field(kw_only=True, default=1.0)
+    MEASURES: ClassVar[tuple[str, ...]] = ("travel", "speed")
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints, none."""
+        yield from ()
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return travel or speed."""
+        k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
+        if what == "speed":
+            return k * super().measure(what, poses, store)
+        begin = named_number(f"{self.name}_begin", self.travel, store)
+        return begin + k * self.along(poses, store)
+
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of a force along the axis."""
+        k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
+        return super().generalised_forces(what, k * effort, poses, store)
+
+
+@dataclass(eq=False, repr=False)
+class Arm(Connection):
+    """The angle about one arm of a universal joint, within half a turn of the start.
+
+    With e₁ in a and e₂ in b at right angles, Ω_b − Ω_a = q₁' e₁ + q₂' e₂. Both are in space at the
+    start; ``own`` is 0 for the first arm, 1 for the second.
+    """
+
+    arms: tuple[Array, Array] = field(kw_only=True)
+    own: int = field(kw_only=True)
+    angle: float = field(kw_only=True, default=0.0)
+    MEASURES: ClassVar[tuple[str, ...]] = ("angle", "rate")
+
+    def measure(self, what: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return the angle or the rate."""
+        frame, other = (self.a, self.b) if self.own == 0 else (self.b, self.a)
+        e = self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store)
+        if what == "rate":
+            turning = difference(self.b.direction(self.b.angular_velocity),
+                                 self.a.direction(self.a.angular_velocity))
+            return dot(frame.direction(e), turning)
+        mark = self.arms[1 - self.own]
+        seen = other.direction(self._in(other, f"{self.name}_mark", mark, poses, store))
+        first = self._in(frame, f"{self.name}_normal1", mark, poses, store)
+        second = self._in(frame, f"{self.name}_normal2", np.cross(self.arms[self.own], mark),
+                          poses, store)
+        sign = 1 if self.own == 0 else -1
+        turned = sp.atan2(sign * dot(frame.direction(second), seen),
+                          dot(frame.direction(first), seen))
+        return named_number(f"{self.name}_begin", self.angle, store) + turned
+
+    def _in(self, frame: Frame, name: str, axis: Array, poses: Poses, store: Store) -> Vector:
+        return unit_vector(name, direction(poses[frame].R.T @ axis), store)
+
+    def generalised_forces(
+        self, what: str, effort: sp.Expr, poses: Poses, store: Store
+    ) -> Iterator[GeneralisedForce]:
+        """Yield the generalised forces of a torque about the arm: on b, opposite on a."""
+        frame = (self.a, self.b)[self.own]
+        e = frame.direction(self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store))
+        for body, sign in ((self.b, 1), (self.a, -1)):
+            if isinstance(body, Body):
+                yield from body.torque_on([sign * effort * dot(body.rotation.col(k), e)
+                                           for k in range(3)])
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """One joint of a chain: a hinge or a slide, with its axis in space at the start."""
+
+    coordinate: Coordinate
+    axis: Array
+    at: Array
+
+
+@dataclass(eq=False, repr=False)
+class Chain(Joint):
+    """Joints in a row without bodies between them; ``on_b`` is the last one's point."""
+
+    links: Sequence[Link] = field(kw_only=True)
+    MEASURES: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Its bodies and its coordinates."""
+        return (self.a, self.b, *(link.coordinate.b for link in self.links))
+
+    def turn(self, poses: Poses) -> bool:
+        """Propagate the angular velocity: Ω_b = Ω_a + Σ rate · axis."""
+        a, b = poses[self.a], poses[self.b]
+        turning: Array = sum((link.coordinate.speed * link.axis for link in self.links
+                              if link.coordinate.kind == "angle"), np.zeros(3))
+        if a.spin is not None and b.spin is None:
+            b.spin = a.spin + turning
+        elif b.spin is not None and a.spin is None:
+            a.spin = b.spin - turning
+        else:
+            return False
+        return True
+
+    def relative_velocity(self) -> Array:
+        """Return the velocity of the point of b relative to that of a at the start."""
+        velocity = np.zeros(3)
+        for link in self.links:
+            velocity += link.coordinate.speed * (
+                link.axis if link.coordinate.kind == "travel"
+                else np.cross(link.axis, np.asarray(self.at) - link.at))
+        return velocity
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints; values of their parameters go into ``store``."""
+        a, b = poses[self.a], poses[self.b]
+        assert a.x is not None
+        on_a, on_b = self.places(store)
+        moved: list[sp.Expr] = list(on_a)
+        turned: Sequence[sp.Expr] = tuple(
+            named_number(f"{self.name}_before{k}", x, store, UNIT) for k, x in enumerate(
+                direction(np.array(product(conjugate(a.q), b.q))).tolist()))
+        for k, link in reversed([*enumerate(self.links, start=1)]):
+            coordinate = link.coordinate
+            since = coordinate.measure(coordinate.kind, poses, store) - named_number(
+                f"{coordinate.name}_begin", coordinate.value, store)
+            e = unit_vector(f"{self.name}_axis{k}", direction(a.R.T @ link.axis), store)
+            if coordinate.kind == "travel":
+                moved = [x + since * y for x, y in zip(moved, e, strict=True)]
+                continue
+            half = (sp.cos(since / 2), *(sp.sin(since / 2) * x for x in e))
+            turned = product(half, turned)
+            apart = np.abs(link.at - np.asarray(self.at)).max()
+            if apart <= 1e-15 and moved == list(on_a):
+                continue  # it turns about the point that is followed
+            c = named_vector(f"{self.name}_point{k}", (a.R.T @ (link.at - a.x)).tolist(), store)
+            moved = [x + y for x, y in zip(
+                c, _turned(e, since, difference((moved[0], moved[1], moved[2]), c)), strict=True)]
+        _, *left = product(conjugate(self.b.attitude), product(self.a.attitude, turned))
+        for axis, e in zip("xyz", left, strict=True):
+            yield Equation(f"{self.name}: turn {axis}", e)
+        for axis, x, y in zip("xyz", self.a.point(moved), self.b.point(on_b), strict=True):
+            yield Equation(f"{self.name}: {axis}", x - y)
+
+
+def _turned(e: Vector, angle: sp.Expr, v: Vector) -> list[sp.Expr]:
+    """Return v turned about the unit vector e, by Rodrigues' formula."""
+    along = sum((x * y for x, y in zip(e, v, strict=True)), sp.Integer(0))
+    across = (e[1] * v[2] - e[2] * v[1], e[2] * v[0] - e[0] * v[2], e[0] * v[1] - e[1] * v[0])
+    cosine, sine = sp.cos(angle), sp.sin(angle)
+    return [cosine * x + sine * y + (1 - cosine) * along * z
+            for x, y, z in zip(v, across, e, strict=True)]
+
+
+@dataclass(eq=False, repr=False)
+class Law(Connection):
+    """An expression of coordinates of joints that is 0."""
+
+    what: tuple[str, ...] = field(kw_only=True)
+    coordinates: tuple[sp.Symbol, ...] = field(kw_only=True)
+    expression: sp.Expr = field(kw_only=True)
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraint; values of its parameters go into ``store``."""
+        found = {x: joint.measure(what, poses, store) for x, joint, what in zip(
+            self.coordinates, self.joints, self.what, strict=True)}
+        yield Equation(f"{self.name}: law", self.expression.xreplace(found))
