@@ -45,13 +45,14 @@ QUICK: dict[str, tuple[int, ...]] = {
     "bodies": (2, 4), "stages": (2, 3), "trajectories": (100, 1000),
     "numbers": (10**5, 10**6)}
 DT, STEPS, MEMBER_STEPS, READ = 1e-3, 1000, 10, 1000
+_BYTE_COSTS = {"memory", "read memory", "disk"}
 #: A store takes less than so many bytes for each of its numbers.
 _BYTES = 10
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The costs of one size on an axis: CPU seconds, or bytes where the name ends in "memory"."""
+    """The costs of one size on an axis: CPU seconds; "memory", "read memory", "disk": bytes."""
 
     axis: str
     size: int
@@ -141,7 +142,7 @@ compiled without a cache.
 - **trajectories**: `integrate_ensemble` of fast tops, 3-G-L, {members} steps.
 - **numbers**: a run of the fast top that stores every state, so many numbers in all; *read* are
   {read} of its states by `Recording.trajectory(thin=...)`, *read memory* is the largest memory of
-  that call.
+  that call, *disk* the size of the store.
 """
 
 
@@ -204,7 +205,7 @@ def _stored(numbers: int, path: Path) -> dict[str, float]:
     def read() -> object:
         return recording.trajectory(thin=max(steps // READ, 1))
 
-    found = {"run": seconds, "disk memory": float(size), "read": stopwatch(read, with_children),
+    found = {"run": seconds, "disk": float(size), "read": stopwatch(read, with_children),
              "read memory": _memory(read)}
     shutil.rmtree(path)
     return found
@@ -234,7 +235,7 @@ def _costs(rows: Sequence[Scale], axis: str) -> list[str]:
 def _shown(name: str, value: float | None) -> str:
     if value is None:
         return "–"
-    return _text(value) + ("B" if name.endswith("memory") else "s")
+    return _text(value) + ("B" if name in _BYTE_COSTS else "s")
 
 
 def _text(value: float) -> str:
