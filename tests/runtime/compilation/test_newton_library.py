@@ -32,8 +32,13 @@ def own_cache(monkeypatch, tmp_path):
     return tmp_path
 
 
+def run(step, solver="auto"):
+    start = step.project(TOP.q0, TOP.p0, parameters=RUN["parameters"])
+    return step.integrate(*start, solver=solver, **RUN).q
+
+
 def by_newton(step):
-    return step.integrate(TOP.q0, TOP.p0, solver="newton", **RUN).q
+    return run(step, "newton")
 
 
 def guess(step):
@@ -41,20 +46,23 @@ def guess(step):
 
 
 def forked(step, results):
-    results.put(by_newton(step).tobytes())
+    results.put(by_newton(step).tolist())
 
 
-def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cache, monkeypatch):
+@pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
+def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(
+    real, own_cache, monkeypatch
+):
     """Without a compiler, on a full disk, in a forked process, then in this one."""
-    step = gs.Stepper(*made())
-    fixed = step.integrate(TOP.q0, TOP.p0, **RUN)
+    step = gs.Stepper(*made(real=real))
+    fixed = run(step)
     libraries = "heavy_top_*.so"
     assert len(list(own_cache.glob(libraries))) == 1
     monkeypatch.setenv("CC", "no-such-compiler")
     for call in (by_newton, guess):
         with pytest.raises(gs.CompilerError, match="no-such-compiler"):
             call(step)
-    assert np.array_equal(step.integrate(TOP.q0, TOP.p0, **RUN).q, fixed.q)
+    assert np.array_equal(run(step), fixed)
     monkeypatch.delenv("CC")
 
     def full(*_):
@@ -73,8 +81,8 @@ def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cac
     child.join()
     assert len(list(own_cache.glob(libraries))) == 2
     own = by_newton(step)
-    assert own.tobytes() == found
-    assert np.abs(own - fixed.q).max() < 1e-12
+    assert own.tolist() == found
+    assert np.abs(own - fixed).max() < 1e-12
     assert len(list(own_cache.glob(libraries))) == 2
 
 
