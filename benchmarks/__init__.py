@@ -10,6 +10,7 @@
     drift.py        energy and position over a long time: ``gyrospark bench drift``
     growth.py       chains of bodies: ``gyrospark bench bodies``, with ``joined_bodies.py`` and
                     ``batches.py``
+    scaling.py      bodies, stages, trajectories, stored numbers: ``gyrospark bench scale``
     storing.py      runs in memory and in a store: ``gyrospark bench store``
     sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
     events.py       events and states between steps: ``gyrospark bench events``

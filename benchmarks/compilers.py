@@ -47,12 +47,19 @@ from ..generator.pipeline import generate
 from ..generator.schemes.named_schemes import SchemeName
 from ..generator.spec import Spec
 from ..references.problem_registry import REFERENCES
-from ..runtime.compilation.compiler import SPEED_FLAGS, Compiler, compile_module, read_declarations
+from ..runtime.compilation.compiler import (
+    SPEED_FLAGS,
+    Compiler,
+    compile_module,
+    is_whole,
+    read_declarations,
+)
 from ..runtime.compilation.kernel_check import differences
 from ..runtime.compilation.manifest import read_manifest
 from ..runtime.compilation.object_files import (
     WITHOUT_PERMUTATIONS,
     Part,
+    has_newton_apart,
     has_permutation,
     objects_of,
 )
@@ -284,13 +291,15 @@ def compare_kernels(
     name = next(f[:-2] for f in source.files if f.endswith(".c"))
     manifest = read_manifest(name, source.files)
     parts: list[Part] = ["runs", "lanes"] if manifest["fast_path"]["available"] else ["runs"]
+    if not is_whole() and has_newton_apart(name, source.files):
+        parts.append("newton")
     for build in builds:
         compiler = Compiler((build.kind,), _version(build.kind))
         for part in parts:
             with tempfile.TemporaryDirectory() as folder:
                 path, checks = compile_module(name, dict(source.files), compiler, Path(folder),
                                               part, (*build.flags, "-Wno-error"))
-                found, kernels = differences(import_module(name, path), checks,
+                found, kernels = differences(import_module(name, path, part), checks,
                                              REALS[manifest["real"]], points - points % 16)
             entries = points * sum(kernels.values())
             yield KernelDifference(source.name, str(build), f"{len(kernels)} kernels of {part}",

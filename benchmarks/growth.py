@@ -9,7 +9,6 @@ A law is the slope of log(cost) against log(N): 0 for what does not grow, 1 for 
 
 from __future__ import annotations
 
-import os
 import statistics
 import tempfile
 import time
@@ -30,9 +29,9 @@ from ..generator.systems.repeated_structure import Structure
 from ..runtime.compilation.compiler import compile_module, find_compiler
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
-from .timing import Sample, alternate, repeated
+from .timing import Sample, alternate, repeated, stopwatch, with_children
 
-__all__ = ["COUNTS", "QUICK", "Size", "grow", "laws"]
+__all__ = ["COUNTS", "QUICK", "Size", "compile_seconds", "forget", "grow", "laws"]
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 100)
 QUICK = (1, 2, 4)
@@ -58,6 +57,8 @@ class Size:
         consistent start, to derive and emit the C, and to compile it.
     lines
         Of the C file.
+    call_s
+        Median CPU seconds of a call of ``integrate`` with one step.
     us_per_step, spread
         Median CPU time of a step in µs, and the rounds' median deviation, relative.
     sweeps, newton_steps
@@ -78,6 +79,7 @@ class Size:
     lines: int
     steps: int = 0
     us_per_step: float | None = None
+    call_s: float | None = None
     spread: float | None = None
     sweeps: float | None = None
     newton_steps: int = 0
@@ -135,7 +137,8 @@ def grow(
     for one in made:
         name = one.model.name
         try:
-            reports[name] = _report(one.run(steps))
+            reports[name] = _report(one.run(steps)) | {"call_s": statistics.median(
+                stopwatch(_job(one, 1)) for _ in range(5))}
             jobs[name], times[name] = repeated(_job(one, steps), least)
         except GyrosparkError as error:
             reports[name] = {"note": str(error), "failed": True}
@@ -162,7 +165,7 @@ def laws(sizes: Sequence[Size]) -> dict[str, float]:
 def _make(count: int, rounds: int) -> _GeneratedChain:
     seconds: dict[str, list[float]] = {"model_s": [], "generate_s": [], "compile_s": []}
     for _ in range(rounds):
-        _forget()
+        forget()
         start = time.process_time()
         model = chain(count)
         middle = time.process_time()
@@ -170,7 +173,7 @@ def _make(count: int, rounds: int) -> _GeneratedChain:
         end = time.process_time()
         seconds["model_s"].append(middle - start)
         seconds["generate_s"].append(end - middle)
-        seconds["compile_s"].append(_compile_seconds(made))
+        seconds["compile_s"].append(compile_seconds(made))
     files = made.source.files()
     text = files[f"{made.source.name}.c"]
     return _GeneratedChain(model, Stepper(made.source.name, files), {
@@ -184,7 +187,7 @@ def _generated(model: Model) -> Generated:
     return generate(Spec.checked("G-L", STAGES), system=model.system)
 
 
-def _forget() -> None:
+def forget() -> None:
     """Empty what remembers expressions, so that a chain does not profit from the last one."""
     from sympy.core.cache import clear_cache
 
@@ -192,16 +195,12 @@ def _forget() -> None:
     derivative.cache_clear()
 
 
-def _compile_seconds(made: Generated) -> float:
+def compile_seconds(made: Generated) -> float:
     """Return the CPU seconds, cffi's and the compilers', of a module that is then thrown away."""
-    start = _cpu_with_children()
+    start = with_children()
     with tempfile.TemporaryDirectory() as folder:
         compile_module(made.source.name, made.source.files(), find_compiler(), Path(folder))
-    return _cpu_with_children() - start
-
-
-def _cpu_with_children() -> float:
-    return sum(os.times()[:4])
+    return with_children() - start
 
 
 def _job(one: _GeneratedChain, steps: int) -> Callable[[], object]:

@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..benchmarks.gradients import GradientRow
     from ..benchmarks.growth import Size
     from ..benchmarks.joined_bodies import BodyRow
+    from ..benchmarks.scaling import Scale
     from ..benchmarks.steps import StepTiming
     from ..benchmarks.storing import StoreRow
     from ..benchmarks.sweeping import SweepRow
@@ -282,12 +283,23 @@ def _print_derivatives(rows: Sequence[DerivativeCost]) -> None:
     _show(grid)
 
 
+def _print_scales(rows: Sequence[Scale]) -> None:
+    from ..benchmarks.scaling import tables
+
+    for axis, (head, *lines) in tables(rows).items():
+        grid = _grid(f"Costs by {axis}", head[:1], head[1:])
+        for line in lines:
+            grid.add_row(*line)
+        _show(grid)
+
+
 #: Name of a result → what prints it.
 PRINT: dict[str, Callable[[Any], None]] = {
     "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
     "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
     "batches": _print_batches, "store": _print_store, "sweeps": _print_sweeps,
     "events": _print_events, "gradients": _print_gradients, "derivatives": _print_derivatives,
+    "scale": _print_scales,
 }
 
 
@@ -316,7 +328,9 @@ def _number(value: float | None, form: str) -> str:
 
 
 _WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps", "events",
-         "gradients")
+         "gradients", "scale")
+#: Axes of scale.
+_AXES = ("bodies", "stages", "trajectories", "numbers")
 #: What has more than one result.
 _PARTS = {"bodies": ("growth", "bodies", "batches"), "gradients": ("gradients", "derivatives")}
 
@@ -330,6 +344,8 @@ class _Choice:
     t_end: float | None
     rounds: int
     base: str | None
+    #: Axis of scale → its largest size.
+    largest: dict[str, int] = field(default_factory=dict)
 
     def limits(self, t_end: float) -> Limits:
         from ..benchmarks.contest import Limits
@@ -347,15 +363,17 @@ class _Choice:
 @click.option("--rounds", metavar="N", help="Timed runs of each (default 5; with --quick 3).")
 @click.option("--base", metavar="TEXT", help="Costs are given over the first row with TEXT in its "
               "name (default: the first).")
+@click.option("--largest", multiple=True, metavar="AXIS=N", help="Of scale: leave out sizes of "
+              "AXIS (bodies, stages, trajectories, numbers) above N.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Write DIR/bench.json and the pictures.")
 @json_option
 def bench(
     what: str, peers: str | None, quick: bool, t_end: str | None, rounds: str | None,
-    base: str | None, out: Path | None, as_json: bool,
+    base: str | None, largest: tuple[str, ...], out: Path | None, as_json: bool,
 ) -> int:
     """Measure WHAT: peers (default), step, ensemble, drift, store, sweeps (fast top), bodies,
-    events, gradients, all.
+    events, gradients, scale, all.
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
@@ -368,6 +386,8 @@ def bench(
     beside heyoka and SciPy.
     gradients: of a loss at the end of a run of the fast top, a four-bar and a chain of 8, beside
     heyoka, diffrax, CasADi and MuJoCo; what gradients and tangents cost over the run itself.
+    scale: how costs grow with bodies (to 1000), stages, trajectories (to 1e5) and stored numbers
+    (to 1e9); with --out a page, scale.md.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
     optional: pip install ".[bench]" in a checkout brings those that are on PyPI. For steady
@@ -385,10 +405,11 @@ def bench(
     gyrospark bench sweeps --out bench
     gyrospark bench events --peers gyrospark,heyoka
     gyrospark bench gradients --out bench
+    gyrospark bench scale --largest bodies=100 --out bench
     """
     if what not in (*_WHAT, "all"):
         raise unknown("benchmark", what, [*_WHAT, "all"])
-    choice = _checked(peers, quick, t_end, rounds, base)
+    choice = _checked(peers, quick, t_end, rounds, base, largest)
     if out is not None:  # before hours of work
         from ..runtime.plotting.trajectory_plots import figure_class
 
@@ -415,7 +436,7 @@ def bench(
 
 def _refuse_without_extras(names: Sequence[str], out: Path | None) -> None:
     """Say which extra is missing before anything is measured, not after."""
-    if {"store", "sweeps"} & set(names):
+    if {"store", "sweeps", "scale"} & set(names):
         from .. import storage  # noqa: F401
     if out is not None:
         from ..runtime.plotting.trajectory_plots import figure_class
@@ -424,7 +445,8 @@ def _refuse_without_extras(names: Sequence[str], out: Path | None) -> None:
 
 
 def _checked(
-    peers: str | None, quick: bool, t_end: str | None, rounds: str | None, base: str | None
+    peers: str | None, quick: bool, t_end: str | None, rounds: str | None, base: str | None,
+    largest: Sequence[str],
 ) -> _Choice:
     from ..benchmarks import reference_states
     from ..benchmarks.peers import chosen
@@ -437,7 +459,14 @@ def _checked(
     count = whole_number("--rounds", rounds) if rounds is not None else 3 if quick else 5
     if count < 1:
         raise InputError(f"--rounds {count} measures nothing; give 1 or more.")
-    return _Choice(chosen(peers), quick, seconds, count, base)
+    bounds = {}
+    for text in largest:
+        axis, equals, number = text.partition("=")
+        if not equals or axis not in _AXES:
+            raise InputError(f"--largest {text!r} names no axis; give AXIS=N with AXIS one of "
+                             f"{', '.join(_AXES)}, such as bodies=100.")
+        bounds[axis] = whole_number(f"--largest {axis}", number)
+    return _Choice(chosen(peers), quick, seconds, count, base, bounds)
 
 
 # ---------------------------------------------------------------- measure
@@ -561,12 +590,22 @@ def _measure_derivatives(
                                watch)
 
 
+def _measure_scales(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Scale]:
+    from ..benchmarks.scaling import QUICK, SIZES, compare_scales
+
+    if "gyrospark" not in choice.peers:
+        return []
+    sizes = {axis: tuple(size for size in some if size <= choice.largest.get(axis, size))
+             for axis, some in (QUICK if choice.quick else SIZES).items()}
+    return compare_scales(sizes, choice.rounds, choice.limits(1.0).least, watch)
+
+
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
     "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
     "batches": _measure_batches, "store": _measure_store, "sweeps": _measure_sweeps,
     "events": _measure_events, "gradients": _measure_gradients,
-    "derivatives": _measure_derivatives,
+    "derivatives": _measure_derivatives, "scale": _measure_scales,
 }
 
 
@@ -614,6 +653,14 @@ def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> Non
     )
 
     write_files({"bench.json": _json(results, choice)}, out)
+    if results.get("scale"):
+        from ..benchmarks.machine import about
+        from ..benchmarks.scaling import page
+
+        machine = "{processor}, {cores} cores, {compiler}".format(**about(()))
+        options = "".join(f" --largest {axis}={size}" for axis, size in choice.largest.items())
+        options += " --quick" * choice.quick + f" --rounds {choice.rounds}"
+        write_files({"scale.md": page(results["scale"], machine, options)}, out)
     if "peers" in results:
         draw_work_precision(results["peers"], out / "work_precision.png")
     if "drift" in results:

@@ -6,6 +6,7 @@ back the numbers that changed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -33,7 +34,7 @@ class QuadBinding(Binding):
     def _epsilon(self) -> float:
         return binary128.EPSILON
 
-    def function(self, name: str) -> Any:
+    def _function(self, name: str) -> Callable[..., Any]:
         """Return a function of the module that takes arrays and numbers as they are."""
         function = getattr(self.lib, f"{PREFIX}{self.name}_{name}")
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.real_types import REALS
+from ..compilation.newton_library import checked
 from .array_checks import as_array, as_numbers, converted_to
 from .inputs import Inputs
 from .real_numbers import aligned, rounding
@@ -64,6 +65,8 @@ class Compiled:
 
     def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
+        self._functions: dict[str, Callable[..., Any]] = {}
+        self._newton_apart = hasattr(self.lib, f"{name}_newton_table")
         real = REALS[manifest["real"]]
         self.c_type, self.dtype = real.c_type, real.dtype
         self._reals = None if self.dtype is object else self.ffi.typeof(f"{self.c_type}[]")
@@ -114,7 +117,14 @@ class Compiled:
 
     def function(self, name: str) -> Any:
         """Return a function of the module by its short name."""
-        function = getattr(self.lib, f"{self.name}_{name}")
+        found = self._functions.get(name)
+        if found is None:
+            made = self._function(name)
+            found = self._functions[name] = checked(made) if self._newton_apart else made
+        return found
+
+    def _function(self, name: str) -> Callable[..., Any]:
+        function: Callable[..., Any] = getattr(self.lib, f"{self.name}_{name}")
         if self.dtype is not np.longdouble:
             return function
         return lambda *arguments: function(*map(self._passed, arguments))

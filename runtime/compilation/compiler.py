@@ -21,12 +21,14 @@ import numpy as np
 
 from ...core.errors import CompilerError, InputError
 from ...core.real_types import REALS, Real
+from . import newton_library
 from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of
 from .object_files import (
     WITHOUT_PERMUTATIONS,
     Part,
     declarations_of,
+    has_newton_apart,
     has_permutation,
     objects_of,
     with_inline_functions,
@@ -50,6 +52,9 @@ WRAPPER_FLAGS = ["-O0", "-w", "-fPIC"]
 
 #: NumPy's types → the standard ones of C with the same numbers.
 _STANDARD = {np.float32: "float", np.float64: "double", np.longdouble: "long double"}
+
+#: Modules that call Newton's method.
+_WITH_NEWTON = ("runs", "lanes")
 
 #: Names the compiler's level of optimisation: lower ones build faster and run slower.
 OPTIMISE = "GYROSPARK_OPTIMISE"
@@ -213,7 +218,8 @@ def compile_module(
     running, linked = [], ["wrapper.o"]
     kernels = kernels_of(files[f"{name}.c"])
     checks: list[CheckFunction] = []
-    for made in objects_of(name, files, part, whole=is_whole()):
+    apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
+    for made in objects_of(name, files, part, whole=is_whole(), apart=apart):
         inside = folder / made.name
         inside.mkdir(exist_ok=True)
         (inside / f"{name}.h").write_text(made.header, encoding="utf-8")
@@ -231,8 +237,17 @@ def compile_module(
         linked.append(f"{made.name}.o")
     everything = is_whole() and part not in ("derivatives", "second")
     header = files[f"{name}.h"]
-    header = header if everything else declarations_of(name, header, part)
-    wrapper = _write_wrapper(name, header, checks, folder)
+    header = header if everything or part == "newton" else declarations_of(name, header, part)
+    if part == "newton":
+        wrapper = folder / "table.c"
+        (check,) = checks
+        wrapper.write_text(newton_library.table_text(name, header, check.declaration),
+                           encoding="utf-8")
+    else:
+        calls = newton_library.trampolines(
+            name, files[f"{name}.h"], public=part == "runs") if (
+                apart and part in _WITH_NEWTON) else ""
+        wrapper = _write_wrapper(name, header, checks, folder, calls)
     include = sysconfig.get_paths()["include"]
     running.append(_start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
                            wrapper.name, "-o", "wrapper.o"], folder))
@@ -257,9 +272,12 @@ def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
 
 
 def _write_wrapper(
-    name: str, header: str, checks: Sequence[CheckFunction], folder: Path
+    name: str, header: str, checks: Sequence[CheckFunction], folder: Path, calls: str = ""
 ) -> Path:
-    """Write cffi's C for a header and the functions of the check; return its path."""
+    """Write cffi's C for a header and the functions of the check; return its path.
+
+    ``calls`` are functions that call Newton's method in its library.
+    """
     declarations, functions, renamed = read_declarations(header), "", ""
     if is_quad(declarations):
         declarations, functions = wrap_declarations(declarations)
@@ -271,9 +289,11 @@ def _write_wrapper(
     checked = "\n".join(check.declaration for check in checks)
     declarations, pointers = _as_pointers(f"{declarations}\n{checked}")
     # Work memory is opaque to callers; how large it is, the C compiler tells cffi.
-    ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};")
+    ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};\n"
+             + (newton_library.declarations(name) if calls else ""))
     ffi.set_source(module_name(name), f'{renamed}#define {name.upper()}_WORK\n'
-                   f'#include "{name}.h"\n{functions}\n{checked}\n{pointers}', compiler_verbose=0)
+                   f'#include "{name}.h"\n{calls}{functions}\n{checked}\n{pointers}',
+                   compiler_verbose=0)
     wrapper = folder / f"{module_name(name)}.c"
     ffi.emit_c_code(str(wrapper))
     return wrapper

@@ -2,7 +2,8 @@
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
 side, on lanes, in another one that is made when they are first asked for, and so are tangents and
-adjoints, and second derivatives, whose texts have more kernels. Each module is linked of
+adjoints, and second derivatives, whose texts have more kernels. Newton's method is a library of its
+own, ``newton_library``, unless its steps need it in any case. Each module is linked of
 objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
 iteration, and for one trajectory beside what its run is set up with and learns. An object defines
 some of the public functions. The others are static in its header, so that the compiler drops them,
@@ -28,6 +29,7 @@ wrong, are compiled again without the passes that make permutations.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -35,11 +37,12 @@ from typing import Literal
 
 from .kernel_check import Kind
 
-__all__ = ["WITHOUT_PERMUTATIONS", "Object", "Part", "declarations_of", "has_permutation",
-           "objects_of", "with_inline_functions"]
+__all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Object", "Part", "declarations_of",
+           "has_newton_apart", "has_permutation", "newton_functions", "objects_of",
+           "with_inline_functions"]
 
 #: Which of the modules.
-Part = Literal["runs", "lanes", "derivatives", "second"]
+Part = Literal["runs", "lanes", "newton", "derivatives", "second"]
 
 #: Of both modules: how many trajectories lie side by side, and the size of work memory.
 _BOTH = {"lanes", "work_size"}
@@ -48,13 +51,18 @@ _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
 _DERIVATIVES = {"derivative_size", "keep", "frame_state", "integrate_and_keep", "tangent",
                 "adjoint", "integrate_tangent", "integrate_adjoint", "constraint_derivatives",
                 "quantities_by_state", "count_switches", *_BOTH}
+#: What objects call of Newton's method, and what Python calls.
+NEWTON_CALLS = ("object_newton", "object_simplified_newton", "object_advance")
+_NEWTON = {"T1", "T2", "guess", "residual", "jacobian", "increment_size", "satisfies_constraints",
+           "last_increment", "step_work"}
 #: Of the modules that are made when they are first asked for, whose text is their own.
 _LATER: dict[Part, set[str]] = {
     "derivatives": _DERIVATIVES,
     "second": {"second_size", "integrate_second", "constraint_second", *_BOTH}}
 #: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
 #: lanes.
-_CHECKS: dict[int, tuple[Kind, ...]] = {1: ("numbers",), 2: ("lanes",), 3: ("lanes",)}
+_CHECKS: dict[int, tuple[Kind, ...]] = {
+    1: ("numbers",), 2: ("lanes",), 3: ("lanes",), 5: ("numbers",)}
 #: Of objects that have functions which nothing in them calls.
 _FLAGS = ("-fvisibility=hidden", "-Wno-unused-function")
 
@@ -75,9 +83,11 @@ class Object:
 
 
 def objects_of(
-    name: str, files: Mapping[str, str], part: Part, *, whole: bool = False
+    name: str, files: Mapping[str, str], part: Part, *, whole: bool = False, apart: bool = False
 ) -> list[Object]:
     """Return the objects that a module is linked of, the slowest to compile first.
+
+    ``apart`` leaves Newton's method to the part "newton".
 
     ``whole`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
     each of several objects would take as long as the whole text.
@@ -95,11 +105,31 @@ def objects_of(
         own = _LANES if part == "lanes" else _functions(name, header) - (_LANES - _BOTH)
         checks: tuple[Kind, ...] = ("lanes",) if part == "lanes" else ("numbers",)
         return [Object(part, _only(name, header, own), _FLAGS, checks=checks)]
-    if part == "lanes":
-        made: dict[int, set[str]] = {3: _LANES, 1: set()}
-    else:
-        made = {2: _RUNS, 1: _functions(name, header) - _RUNS - _LANES, 4: set()}
+    once = _functions(name, header) - _RUNS - _LANES
+    made: dict[int, set[str]] = {
+        "newton": {1: once}, "lanes": {3: _LANES, 1: set()}, "runs": {2: _RUNS, 1: once, 4: set()},
+    }[part]
+    if apart and part != "newton":
+        made.pop(1)
+        made |= {5: once - _NEWTON} if part == "runs" else {}
     return [_object(name, header, number, functions) for number, functions in made.items()]
+
+
+def has_newton_apart(name: str, files: Mapping[str, str]) -> bool:
+    """Return whether Newton's method of a stepper can be a library of its own.
+
+    Not where its steps need it in any case, with velocity constraints, nor where objects share the
+    long kernels of object 1.
+    """
+    header = files[f"{name}.h"]
+    return (_has_lanes(name, header) and "T1" in _functions(name, header)
+            and not json.loads(files[f"{name}.json"])["system"].get("velocity_constraints")
+            and "NUMBERS_ELSEWHERE" not in files[f"{name}.c"])
+
+
+def newton_functions(name: str, header: str) -> set[str]:
+    """Return the public functions of Newton's method that a header declares."""
+    return _functions(name, header) & _NEWTON
 
 
 def declarations_of(name: str, header: str, part: Part) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from .build_cache import (
     publish,
 )
 from .compiler import Compiler, extension_suffix, find_compiler, is_whole
+from .newton_library import connect
 from .object_files import Part
 from .prebuilt import prebuilt_module, prebuilt_provenance
 from .verified_build import compile_verified, import_module, loaded
@@ -47,12 +49,19 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         if path := prebuilt_module(files, part):
             return import_module(name, path)
         raise
-    part = "runs" if part == "lanes" and is_whole() else part
+    whole = part == "lanes" and is_whole()
+    module = _load_compiled(name, files, compiler, "runs" if whole else part)
+    return module if part == "newton" else connect(
+        module, name, partial(load_module, name, files, "newton"))
+
+
+def _load_compiled(name: str, files: dict[str, str], compiler: Compiler, part: Part) -> Any:
     path = _path_of(name, files, compiler, part)
     if _is_whole(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
-            return import_module(name, path)
-    what = name + {"runs": "", "lanes": " for ensembles", "derivatives": ": derivatives",
+            return import_module(name, path, part)
+    what = name + {"runs": "", "lanes": " for ensembles", "newton": ": Newton's method",
+                   "derivatives": ": derivatives",
                    "second": ": second derivatives"}[part]
     with log_task(f"compiling {what}", f"compiled {what}"), build_folder() as folder:
         built, record = compile_verified(name, files, compiler, folder, part)
@@ -60,7 +69,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
         path = publish(built, path.name)  # elsewhere, if the folder cannot be used
         publish(proof, _record_of(path).name)
-    return loaded(name, path, compiler)
+    return loaded(name, path, compiler, part)
 
 
 def provenance(files: dict[str, str]) -> dict[str, str]:

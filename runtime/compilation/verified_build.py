@@ -8,7 +8,6 @@ import importlib.util
 import json
 import shlex
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from ...core.errors import CompilerError
@@ -16,6 +15,7 @@ from ...core.real_types import REALS
 from ...core.warnings import warn
 from .compiler import Compiler, compile_module, module_name
 from .kernel_check import KernelMismatch, differences
+from .newton_library import open_library
 from .object_files import Part
 
 __all__ = ["compile_verified", "import_module", "loaded"]
@@ -52,7 +52,7 @@ def compile_verified(
         inside = folder / str(number)
         inside.mkdir()
         built, checks = compile_module(name, files, compiler, inside, part, flags)
-        found, compared = differences(loaded(name, built, compiler), checks, real)
+        found, compared = differences(loaded(name, built, compiler, part), checks, real)
         if not found:
             if first:
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
@@ -73,10 +73,10 @@ def _listed(found: list[KernelMismatch]) -> str:
     return "; ".join(map(str, found[:3])) + more
 
 
-def loaded(name: str, path: Path, compiler: Compiler) -> ModuleType:
+def loaded(name: str, path: Path, compiler: Compiler, part: Part) -> Any:
     """Return a module that was just compiled; raise ``CompilerError`` if it does not load."""
     try:
-        return import_module(name, path)
+        return import_module(name, path, part)
     except ImportError as error:
         raise CompilerError(
             f"The C compiler made a module that does not load: {error}. It may be one for another "
@@ -84,8 +84,10 @@ def loaded(name: str, path: Path, compiler: Compiler) -> ModuleType:
         ) from error
 
 
-def import_module(name: str, path: Path) -> ModuleType:
-    """Return the extension module of a stepper in a file."""
+def import_module(name: str, path: Path, part: Part = "runs") -> Any:
+    """Return the extension module of a stepper in a file, or the library of Newton's method."""
+    if part == "newton":
+        return open_library(name, path, f"{name}_object1_evaluate_numbers")
     loader = importlib.machinery.ExtensionFileLoader(module_name(name), str(path))
     spec = importlib.util.spec_from_file_location(module_name(name), path, loader=loader)
     if spec is None:

@@ -174,10 +174,11 @@ def _draws(n: int) -> _Moves:
 def _is_plainly_consistent(binding: Binding, parameters: Any, q: Array, p: Array) -> bool:
     """Whether one state is within the bounds by few moves: in half of the time of ``_judged``."""
     moves, nudge, epsilons = _draws(binding.n), *_scales(binding)
-    states = []
+    double, states = binding.dtype is np.float64, []
     for x, move in ((q, moves.q), (p, moves.p)):
-        y = x.astype(float, copy=False)
-        states.append((x + nudge * math.sqrt(y @ y) * move).astype(binding.dtype, copy=False))
+        y = x if double else x.astype(float)
+        moved = x + nudge * math.sqrt(y @ y) * move
+        states.append(moved if double else moved.astype(binding.dtype))
     for d in binding.defects(parameters, *states):
         if 0 < d.size <= _FEW:  # in Python's floats: half of the time
             at, *moved = d.tolist()

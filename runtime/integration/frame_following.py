@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +85,7 @@ def follow_frame(stepper: Stepper, run: RunArguments) -> RunArguments:
         For a block of no steps.
     """
     parameters: Any = run.parameters
-    if not isinstance(parameters, Mapping) or not asks_for_frame(stepper, parameters):
+    if not isinstance(parameters, dict) or not asks_for_frame(stepper, parameters):
         return run
     given = any(symmetry.name in parameters for symmetry in stepper.symmetries)
     if parameters["frame"] == "auto" and stepper.binding.has_forces and not given:

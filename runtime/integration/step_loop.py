@@ -342,7 +342,7 @@ def trajectory_of(
 
     return Trajectory.of(
         states,
-        lambda: Report.read(report, q, p, forced=binding.has_forces),
+        _read=lambda: Report.read(report, q, p, forced=binding.has_forces),
         dt=run.dt,
         every=run.every,
         parameters=run.parameters,

@@ -117,19 +117,17 @@ class Trajectory(Shown):
     _read: Callable[[], Report] | None = field(default=None, repr=False)
 
     @classmethod
-    def of(
-        cls, states: Callable[[], States], report: Callable[[], Report], **others: Any
-    ) -> Self:
-        """Return the trajectory of states and a report; both are made when they are asked for.
+    def of(cls, states: States | Callable[[], States], **others: Any) -> Self:
+        """Return the trajectory of stored states; ``others`` are the fields beside its arrays.
 
-        ``others`` are the other fields beside its arrays.
+        States, and a report by ``_read`` in place of ``report``, may be made when asked for.
         """
-        return changed(object.__new__(cls), events={}, **others, _states=states, _read=report)
+        return changed(object.__new__(cls), **{"events": {}, **others, "_states": states})
 
     def of_states(self, states: States, **changes: Any) -> Self:
         """Return a trajectory with other states, and other values of some fields."""
         kept = {name: x for name, x in self.__dict__.items() if name not in _OUTPUTS}
-        return changed(object.__new__(type(self)), **kept | changes | {"_states": states})
+        return self.of(states, **kept | changes)
 
     if not TYPE_CHECKING:  # names that are no field stay errors to a type checker
 

@@ -153,7 +153,7 @@ def start_frame(
 def with_frame(stepper: Stepper, run: RunArguments, *, quiet: bool = False) -> RunArguments:
     """Return a run with ``"frame"`` among its parameters replaced by the rates it stands for."""
     parameters: Any = run.parameters
-    if not isinstance(parameters, Mapping) or not asks_for_frame(stepper, parameters):
+    if not isinstance(parameters, dict) or not asks_for_frame(stepper, parameters):
         return run
     asked = parameters["frame"]
     follows = isinstance(asked, str) and asked.startswith("follow ")  # so many steps each

@@ -188,7 +188,7 @@ def choose_gamma(
 def with_gamma(stepper: Stepper, run: RunArguments) -> RunArguments:
     """Return a run with every ``"auto"`` among its parameters replaced by its choice."""
     parameters: Any = run.parameters
-    if not isinstance(parameters, Mapping) or {*map(type, parameters.values())} == {float} or (
+    if not isinstance(parameters, dict) or {*map(type, parameters.values())} == {float} or (
             not any(map(_is_auto, parameters.values()))):
         return run
     pilot = run.pilot(min(max(run.steps, 2), PILOT_STEPS))

@@ -22,6 +22,7 @@ from gyrospark.benchmarks import (
     peers,
     pictures,
     reference_states,
+    scaling,
     steps,
     storing,
     sweeping,
@@ -290,6 +291,31 @@ def test_chains_grow(tmp_path):
     assert min(two.model_s, two.generate_s, two.compile_s) > 0
     assert max(two.constraint_max, two.momentum_constraint_max) < 1e-14
     assert drawn(pictures.draw_growth, [one, two], tmp_path)
+
+
+@pytest.mark.usefixtures("quick_builds")
+def test_scales_have_costs_and_slopes(tmp_path, monkeypatch):
+    """Every axis; a size that the disk has no room for is left out, and said to be."""
+    said: list[str] = []
+    sizes = {"bodies": (), "stages": (2,), "trajectories": (10, 20), "numbers": (10**3, 10**30)}
+    rows = scaling.compare_scales(sizes, 1, 1e-4, said.append, tmp_path)
+    assert [(row.axis, row.size) for row in rows] == [
+        ("stages", 2), ("trajectories", 10), ("trajectories", 20), ("numbers", 10**3),
+        ("numbers", 10**30)]
+    assert all(value > 0 for row in rows for value in row.costs.values())
+    assert not rows[-1].costs
+    assert "free" in rows[-1].note
+    assert not list(tmp_path.iterdir())
+    assert scaling.slopes(rows, "trajectories")["memory"] > 0
+    text = scaling.page(rows, "a machine", " --quick")
+    assert text.count("| slope |") == 3
+    assert "bench scale --quick" in text
+
+
+def test_a_slope_is_that_of_the_logarithms():
+    rows = [scaling.Scale("bodies", N, {"step": 2e-6 * N**1.5, "model": 3.0}) for N in (10, 40, 90)]
+    assert scaling.slopes(rows, "bodies") == pytest.approx({"step": 1.5, "model": 0.0}, abs=1e-12)
+    assert scaling.tables(rows)["bodies"][1] == ["10", "63.2 µs", "3 s"]
 
 
 def test_a_law_is_the_slope_of_large_chains():
@@ -593,7 +619,8 @@ def test_command_does_all(bench, tmp_path):
     document = json.loads(out)
     assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
                                "batches", "growth_laws", "store", "sweeps", "events",
-                               "gradients", "derivatives"}
+                               "gradients", "derivatives", "scale"}
+    assert (tmp_path / "new/bench/scale.md").read_text(encoding="utf-8").startswith("# How costs")
     for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png",
                     "gradients.png"):
         assert is_picture(tmp_path / "new/bench" / picture)
@@ -601,8 +628,10 @@ def test_command_does_all(bench, tmp_path):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["nonsense"],
-     "'nonsense'; choose peers, step, ensemble, drift, bodies, store, sweeps, events, gradients "
-     "or all"),
+     "'nonsense'; choose peers, step, ensemble, drift, bodies, store, sweeps, events, "
+     "gradients, scale or all"),
+    (["scale", "--largest", "planets=9"], "'planets=9'"),
+    (["scale", "--largest", "bodies=few"], "--largest bodies 'few'"),
     (["--peers", "gyrospark,matlab"], "'matlab'; choose gyrospark, "),
     (["--t-end", "3"], "1, 10, 100 or 1000"),
     (["--t-end", "soon"], "--t-end 'soon'"),

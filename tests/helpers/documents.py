@@ -39,7 +39,7 @@ SHORTER = [
     (r"^gyrospark verify$", "gyrospark verify --scheme G-L --stages 1",
      "all steppers of the paper, which a slow test of test_cli.py verifies"),
     (r"--t-end 20 (.*--animate)", r"--t-end 0.2 \1", "a film of twenty pictures, not 120"),
-    (r"^gyrospark bench(?! bodies)(?: --rounds \d)?((?: \w+)?)(?: --rounds \d)?",
+    (r"^gyrospark bench(?! bodies| scale)(?: --rounds \d)?((?: \w+)?)(?: --rounds \d)?",
      r"gyrospark bench\1 --quick --rounds 1 --peers gyrospark",
      "minutes, and more with the programs of the extra bench"),
     (r"^gyrospark reference (?!list).*", "gyrospark reference spherical-pendulum --quick",
@@ -57,8 +57,9 @@ NOT_RUN = [
     (r"^pytest ", "it writes to the repository"),
     (r"^gyrospark run examples/pumpjack.xml", "without optimisation seven seconds; test_mjcf.py "
                                               "puts the example together and runs another file"),
-    (r"^gyrospark bench bodies", "even quick it derives and compiles chains for a quarter of a "
-                                 "minute, as test_benchmarks.py does"),
+    (r"^gyrospark bench (bodies|scale)",
+     "even quick it derives and compiles chains for a quarter of a minute, as test_benchmarks.py "
+     "does"),
     (r"^gyrospark bench (events|gradients)\b", "even quick each is six seconds; "
                                               "test_benchmarks.py compares events and gradients"),
     (r"^gyrospark (run|build)$", "the name of a command without what it takes"),

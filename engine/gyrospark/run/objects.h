@@ -9,7 +9,8 @@
  * A parallel build compiles the generated file several times and links the objects.
  * GYROSPARK_OBJECT selects the contents: 1, Newton's method and the functions without iteration; 2,
  * runs of one trajectory; 3, runs of batches, in which a single trajectory uses Newton's method; 4,
- * functions that object 2 calls outside of its fixed-point iteration. Objects 2 to 4 call object 1
+ * functions that object 2 calls outside of its fixed-point iteration; 5, the functions without
+ * iteration alone, where object 1 is a library that is compiled later. Objects 2 to 4 call object 1
  * through:
  */
 #if defined(__GNUC__) && defined(GYROSPARK_OBJECT)

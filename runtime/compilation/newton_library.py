@@ -1,0 +1,162 @@
+"""Newton's method as a shared library of its own, compiled when a step first needs it.
+
+Most runs never leave the fixed-point iteration, and Newton's method takes a quarter of the time of
+the C compiler. So the module of a stepper has functions of the same names that call a table of
+pointers instead. The first of these calls asks Python for the table: the library is taken from the
+cache, or compiled into it. The object of the library is the same as in a module that contains it:
+its text, header and flags are, and therefore its bits.
+
+An error on the way (no compiler any more, a full disk) cannot pass through C: the functions return
+"not converged", or nothing, and the call from Python that led to them raises the error afterwards.
+The next call that needs the library tries again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cffi
+
+from .object_files import NEWTON_CALLS, newton_functions
+
+__all__ = ["CHECK", "checked", "connect", "declarations", "open_library", "table_text",
+           "trampolines"]
+
+#: The place of the check function in the table, behind the functions that objects call.
+CHECK = len(NEWTON_CALLS)
+_pending = threading.local()
+
+
+def declarations(name: str) -> str:
+    """Return what cffi is told of a module that calls the library."""
+    return f'extern void *{name}_newton_table;\nextern "Python+C" void {name}_load_newton(void);\n'
+
+
+def trampolines(name: str, header: str, *, public: bool) -> str:
+    """Return the C of functions that call those of the library, ``public`` ones or not."""
+    parts = [f"""
+typedef void (*newton_function)(void);
+const newton_function *{name}_newton_table = 0;
+void {name}_load_newton(void);
+
+static const newton_function *newton_table(void)
+{{
+    if (!{name}_newton_table)
+        {name}_load_newton();
+    return {name}_newton_table;
+}}
+"""]
+    found = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
+    for place, (function, declaration) in enumerate(_in_table(found)):
+        if function == "" or (declaration and not public):
+            continue
+        text = declaration or _internal(name, header, function)
+        kind = text.partition(f"{name}_")[0].strip()
+        called = f"((__typeof__(&{name}_{function}))table[{place}])({', '.join(_names(text))})"
+        end = {"void": f"        {called};\n", "int": f"        return {called};\n    return 1;\n"}
+        otherwise = f"        return {called};\n    return 0;\n"
+        parts.append(f"{text};\n{text}\n{{\n    const newton_function *table = newton_table();\n"
+                     f"    if (table)\n{end.get(kind, otherwise)}}}\n")
+    return "\n".join(parts)
+
+
+def table_text(name: str, header: str, check: str) -> str:
+    """Return the C of the table, compiled beside the library's object; ``check`` is declared."""
+    found = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
+    lines, entries = [], []
+    for function, declaration in _in_table(found):
+        if function and not declaration:
+            lines.append(f"{_internal(name, header, function)};")
+        target = f"{name}_{function}" if function else re.findall(r"\w+(?=\()", check)[0]
+        entries.append(f"    (newton_function){target},")
+    return (f'#include "{name}.h"\n{check}\n' + "\n".join(lines)
+            + "\ntypedef void (*newton_function)(void);\n"
+            f"extern const newton_function {name}_newton_table[];\n"
+            f"const newton_function {name}_newton_table[] = {{\n" + "\n".join(entries) + "\n};\n")
+
+
+def open_library(name: str, path: Path, check: str) -> Any:
+    """Return the library with the address of its table, and ``ffi`` and ``lib`` for its check.
+
+    Raises
+    ------
+    ImportError
+        If it cannot be loaded, or is another one.
+    """
+    try:
+        library = ctypes.CDLL(str(path))
+        table = (ctypes.c_void_p * (CHECK + 1)).in_dll(library, f"{name}_newton_table")
+    except (OSError, ValueError) as error:
+        raise ImportError(f"{path}: {error}") from error
+    ffi = cffi.FFI()
+    function = ffi.cast("void (*)(int, long, const double *, double *, double *, void *)",
+                        table[CHECK])
+    return SimpleNamespace(address=ctypes.addressof(table), library=library, ffi=ffi,
+                           lib=SimpleNamespace(**{check: function}))
+
+
+def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
+    """Return a module whose calls of the library first take it from ``load``."""
+    if not hasattr(module.lib, f"{name}_newton_table"):
+        return module
+
+    @module.ffi.def_extern(name=f"{name}_load_newton")  # type: ignore[untyped-decorator]
+    def load_newton() -> None:
+        try:
+            found = load()
+            module.newton = found  # stays open as long as the module
+            setattr(module.lib, f"{name}_newton_table", module.ffi.cast("void *", found.address))
+        except BaseException as error:  # raised by ``checked``
+            _pending.error = error
+
+    return module
+
+
+def checked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a compiled function that raises what has kept its library from being loaded."""
+    def call(*arguments: Any) -> Any:
+        value = function(*arguments)
+        error = getattr(_pending, "error", None)
+        if error is not None:
+            _pending.error = None
+            raise error
+        return value
+
+    return call
+
+
+def _in_table(found: dict[str, str]) -> list[tuple[str, str]]:
+    """Return function and declaration of each place; "" is the check."""
+    calls, public = ([(name, text) for name, text in found.items() if bool(text) is some]
+                     for some in (False, True))
+    return [*calls, ("", ""), *sorted(public)]
+
+
+def _declared(name: str, header: str) -> dict[str, str]:
+    """Return the public functions of the library and their declarations without semicolon."""
+    wanted = newton_functions(name, header)
+    return {found[1]: found[0][:-1] for found in re.finditer(
+        rf"^\w[\w ]*? \*?{name}_(\w+)\([^;]*;", header, re.MULTILINE) if found[1] in wanted}
+
+
+def _internal(name: str, header: str, function: str) -> str:
+    """Return the declaration of a function that objects call; its structs are not public."""
+    found = re.search(rf"^int {name}_T1\([^;]*?\b(\w[\w ]*?) dt\b", header, re.MULTILINE)
+    assert found is not None
+    real = found[1]
+    ends = (f"{real} *q1, {real} *p1, {real} *multipliers" if function == "object_advance"
+            else f"{real} *x")
+    return (f"int {name}_{function}(void *w, const void *options, {real} dt, const {real} *q, "
+            f"const {real} *p, {ends}, int *iterations)")
+
+
+def _names(declaration: str) -> list[str]:
+    """Return the names of a declaration's arguments."""
+    arguments = declaration[declaration.index("(") + 1 : declaration.rindex(")")]
+    return [re.findall(r"\w+", re.sub(r"\[[^\]]*\]", "", one))[-1] for one in arguments.split(",")]

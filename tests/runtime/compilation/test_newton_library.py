@@ -1,0 +1,100 @@
+"""Newton's method as a library that is compiled when a step first needs it."""
+
+from __future__ import annotations
+
+import errno
+import os
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark import api
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.compilation import newton_library, object_files, stepper_module
+from gyrospark.runtime.compilation.build_cache import CacheError
+
+TOP = gs.problems.fast_top()
+RUN = {"dt": 1e-3, "steps": 3, "parameters": TOP.parameters | {"gamma": "m"}}
+
+
+def made(**options):
+    files = api.files_of(Spec.checked("IMS", **options))
+    name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
+    return name, dict(files)
+
+
+@pytest.fixture
+def own_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "1")  # at -O0 one module has all
+    return tmp_path
+
+
+def run(step, solver="auto"):
+    start = step.project(TOP.q0, TOP.p0, parameters=RUN["parameters"])
+    return step.integrate(*start, solver=solver, **RUN).q
+
+
+def by_newton(step):
+    return run(step, "newton")
+
+
+def guess(step):
+    return step.guess(TOP.q0, TOP.p0, dt=1e-3, parameters=RUN["parameters"])
+
+
+def forked(step, results):
+    results.put(by_newton(step).tolist())
+
+
+@pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
+def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(
+    real, own_cache, monkeypatch
+):
+    """Without a compiler, on a full disk, in a forked process, then in this one."""
+    step = gs.Stepper(*made(real=real))
+    fixed = run(step)
+    libraries = "heavy_top_*.so"
+    assert len(list(own_cache.glob(libraries))) == 1
+    monkeypatch.setenv("CC", "no-such-compiler")
+    for call in (by_newton, guess):
+        with pytest.raises(gs.CompilerError, match="no-such-compiler"):
+            call(step)
+    assert np.array_equal(run(step), fixed)
+    monkeypatch.delenv("CC")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as changed:
+        changed.setattr(stepper_module, "publish", full)
+        with pytest.raises(CacheError, match="space"):
+            by_newton(step)
+    assert len(list(own_cache.glob(libraries))) == 1
+    context = get_context("fork")
+    results = context.Queue()
+    child = context.Process(target=forked, args=(step, results))
+    child.start()
+    found = results.get(timeout=120)
+    child.join()
+    assert len(list(own_cache.glob(libraries))) == 2
+    own = by_newton(step)
+    assert own.tolist() == found
+    assert np.abs(own - fixed).max() < 1e-12
+    assert len(list(own_cache.glob(libraries))) == 2
+
+
+def test_the_table_has_every_function_in_the_order_of_the_calls():
+    for real in ("double", "float", "long-double", "float128"):
+        name, files = made(real=real)
+        header = files[f"{name}.h"]
+        table = newton_library.table_text(name, header, "void check(int kernel);")
+        calls = newton_library.trampolines(name, header, public=True)
+        entries = [line.strip(" ,").removeprefix("(newton_function)")
+                   for line in table.splitlines() if line.startswith("    (newton_function)")]
+        assert entries[newton_library.CHECK] == "check"
+        assert len(entries) == 4 + len(object_files.newton_functions(name, header))
+        for place, function in enumerate(entries):
+            assert (f"(&{function}))table[{place}])" in calls) is (function != "check")
