@@ -36,6 +36,7 @@ from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from ..tableaux.velocity_rows import velocity_enclosures
 from .bytecode import Bytecode
 from .c_lines import fitted
+from .constant_loops import split_constants
 from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
@@ -167,6 +168,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
                                   parts.used_constants if parts else ())
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
     constants_c = {str(s): printer(e) for e, s in needed.items()}
+    single_constants, constant_loops = split_constants(constants_c)
     derivatives = (derivatives_of(derived, constants_c, parts, lanes) if derived.derivatives
                    else None)
     more = frozenset[str]().union(derivatives.functions if derivatives else (),
@@ -220,6 +222,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         quantity_kernel=quantities,
         constants={str(s): comment(e) for e, s in needed.items()},
         constants_c=constants_c,
+        single_constants=single_constants,
+        constant_loops=constant_loops,
         run_constants=plain.run_constants if plain else [],
         kernels=[*kernels, *own] if derived.profile == "control" else kernels,
         compensated=any(map(sums_products, known)),
