@@ -69,6 +69,8 @@ ENGINE_VERSION = 1
 _IDENTITY = "HASH OF THE FILES"
 #: Of the number of steps of a run, at most.
 _COUNTER_BITS = 53
+#: Coordinates of a system whose arrays of lanes take megabytes.
+_LARGE = 1000
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,6 @@ class Source:
             f"{self.name}.c": source,
             f"{self.name}.json": self.manifest,
         }
-
 
 def emit(derived: Derived, elements: bool | None = None) -> Source:
     """Return the C and the manifest.
@@ -182,6 +183,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         quantities.functions if quantities else (), more)
     tableau = scheme.tableau
     legendre = system if isinstance(system, LagrangianSystem) else None
+    place = {x: i for i, x in enumerate(system.q)}
     hidden = hidden_constraints(derived, parts)
     return Program(
         name=derived.name,
@@ -212,7 +214,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         unknowns_doc=_unknowns_doc(scheme),
         parameters=[str(p) for p in system.parameters],
         domains=[(str(p), domain_of(p)) for p in system.parameters],
-        quaternions=[[system.q.index(x) for x in body.q] for body in system.bodies if body.q],
+        quaternions=[[place[x] for x in body.q] for body in system.bodies if body.q],
         time=str(system.time) if system.is_nonautonomous else "",
         inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
         input_places=[list(constants_c).index(str(u)) for u in system.inputs
@@ -302,6 +304,7 @@ def _features(
         short_real=derived.real.bits < _COUNTER_BITS,
         wide_real=derived.real.wide,
         compensated_lanes=lanes is not None and lanes.compensated,
+        large=lanes is not None and elements is not None and system.n >= _LARGE,
         profile_run=profile == "run",
         profile_control=profile == "control",
     )

@@ -100,6 +100,7 @@ class Features:
     short_real: bool
     wide_real: bool
     compensated_lanes: bool
+    large: bool
     profile_run: bool
     profile_control: bool
 

@@ -6,7 +6,7 @@ import numpy as np
 
 import gyrospark as gs
 from gyrospark.api import _generate
-from gyrospark.generator.codegen import constant_loops
+from gyrospark.generator.codegen import constant_loops, emit
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation.kernel_text import kernels_of
 
@@ -16,11 +16,14 @@ def test_loops_have_the_constants_and_the_bits_of_single_assignments(monkeypatch
     spec, sources = Spec.checked("G-L", 1), []
     for few in (64, 3):
         monkeypatch.setattr(constant_loops, "_FEW", few)
+        monkeypatch.setattr(emit, "_LARGE", 7 * few)
         sources.append(_generate(spec, model.system, None, False).source)
     single, looped = (source.files() for source in sources)
     name = f"{sources[0].name}.c"
     assert "parameter_at" not in single[name]
     assert looped[name].count("parameter_at(par, ") > 2
+    assert "#define GS_LARGE 1" not in single[name]
+    assert "#define GS_LARGE 1" in looped[name]
 
     one, other = (kernels_of(files[name])[0] for files in (single, looped))
     assert one.name == other.name == "prepare"
