@@ -20,6 +20,7 @@ from ...core.projection import dependent_rows, solve_sparse
 from ...core.sparse_matrix import SparseMatrix, as_dense, entries_of
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.rounding_errors import rounding
+from ..symbolic.shared_subexpressions import name_of, symbols_of
 from .numeric_system import NumericConstraints
 from .system import System
 
@@ -177,26 +178,30 @@ def refuse_redundant_anywhere(system: System) -> None:
 
 def refuse_constant(what: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
     """Refuse constraints in which nothing can move: they hold always or never."""
-    for name, g in zip(names, constraints, strict=True):
-        if not g.free_symbols or (len(g.args) < 64 and not _varies(g) and sp.expand(g).is_number):
+    for name, g, varies in zip(names, constraints, _vary(constraints), strict=True):
+        if not g.free_symbols or (len(g.args) < 64 and not varies and sp.expand(g).is_number):
             value = sp.expand(g)
             says = "always holds; leave it out" if value == 0 else f"reads {value} = 0"
             raise InputError(f"The constraint {name!r} of {what!r} contains no coordinate and "
                              f"{says}.")
 
 
-def _varies(g: sp.Expr) -> bool:
-    """Whether an expression has clearly different values at random places: then it is no constant.
+def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
+    """Whether expressions have clearly different values at random places: then none is a constant.
 
     That is seen at once; the terms of a product of twelve sums are thousands.
     """
     rng = np.random.default_rng(21)
+    at = {x: rng.uniform(0.5, 1.5, 4) for x in sorted(symbols_of(constraints), key=name_of)}
+    if not at:
+        return [False] * len(constraints)
     try:
-        at = {x: rng.uniform(0.5, 1.5, 4) for x in g.free_symbols}
-        values, noise = evaluate([g], at), EPS * rounding([g], at, {})
+        values, noise = evaluate(constraints, at), EPS * rounding(constraints, at, {})
     except (InputError, TypeError, ArithmeticError):
-        return False
-    return bool(np.isfinite(values).all() and np.ptp(values) > 1e6 * noise.max())
+        return [False] if len(constraints) == 1 else [_vary([g])[0] for g in constraints]
+    varies: Sequence[bool] = (np.isfinite(values).all(axis=1)
+                              & (np.ptp(values, axis=1) > 1e6 * noise.max(axis=1))).tolist()
+    return varies
 
 
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
