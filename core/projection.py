@@ -298,7 +298,7 @@ def _along(
     except np.linalg.LinAlgError:
         condition = math.inf
     if not condition < 1 / EPS:
-        raise InputError(f"The state cannot be projected. {_singular(system, G)}")
+        raise InputError(f"The state cannot be projected. {_singular(system, as_dense(G))}")
     change: Array = G.T @ (scale * (inverse @ (scale * defect)))
     return change
 

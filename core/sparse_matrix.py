@@ -123,9 +123,8 @@ class BandCholesky:
     def solve(self, right: Array) -> Array:
         """Return the solution for one right side."""
         count, b = len(self._diagonal), self._b
-        x = np.zeros(count * b)
-        x[: self.size] = right
-        x = x.reshape(count, b)
+        x = np.zeros((count, b))
+        x.reshape(-1)[: self.size] = right
         for k in range(count):
             x[k] = np.linalg.solve(self._diagonal[k],
                                    x[k] - (self._below[k - 1] @ x[k - 1] if k else 0))

@@ -32,7 +32,7 @@ def split_constants(constants_c: Mapping[str, str]) -> tuple[dict[int, str], lis
     for place, text in enumerate(constants_c.values()):
         rows.setdefault(_PARAMETER.sub("par->", text), []).append(
             (place, tuple(_PARAMETER.findall(text))))
-    loops = []
+    loops: list[ConstantLoop] = []
     for formula, found in rows.items():
         if len(found) >= _FEW:
             name, *parts = f"constants{len(loops)}", *formula.split("par->")

@@ -246,7 +246,7 @@ class NumericLagrangian(NumericSystem):
         return velocity
 
     @property
-    def is_sparse(self) -> bool:  # type: ignore[override]
+    def is_sparse(self) -> bool:
         """Never: M⁻¹ is dense."""
         return False
 
