@@ -120,7 +120,8 @@ def stepper(
     if frame is None:
         frame = getattr(system, "frame", None) or None  # of a Model
     visuals = getattr(system, "visuals", {})
-    system = getattr(system, "system", system)
+    if getattr(system, "system_digest", None) is None:  # else of a Model whose system can wait
+        system = getattr(system, "system", system)
     as_flag("allow_invalid", allow_invalid)
     if isinstance(system, Path):
         system = str(system)
@@ -166,17 +167,19 @@ def _derived(
 
     from .generator.systems.system_digest import system_digest
 
-    of_system = system_digest(system, own_tableau)
-    key = "" if of_system is None else "system-" + _source_key(
-        spec, of_system, "" if spec.tableau is None else _text_of(spec.tableau), allow_invalid,
+    of_system = getattr(system, "system_digest", None) or system_digest(system)
+    of_tableau = system_digest(own_tableau)
+    key = "" if of_system is None or of_tableau is None else "system-" + _source_key(
+        spec, of_system, of_tableau,
+        "" if spec.tableau is None else _text_of(spec.tableau), allow_invalid,
         derivatives, second, sympy.__version__,
         *([] if model is None else [RunDefaults.of(model).as_json(), dict(model.units)]),
     ) + ".source.json"
     found = read_cache(key) if key else None
     if found is None:
         with capture_warnings() as captured:
-            source = _generate(spec, system, own_tableau, allow_invalid, derivatives=derivatives,
-                               second=second, model=model).source
+            source = _generate(spec, getattr(system, "system", system), own_tableau, allow_invalid,
+                               derivatives=derivatives, second=second, model=model).source
         found = [source.name, source.files(), captured]
         if key:
             write_cache(key, found)
@@ -371,6 +374,33 @@ def named_model_stepper(
     """
     return _cached_model(("named", name, allow_invalid, sorted(options.items())), spec,
                          partial(_named_model, spec, name, dict(options)), allow_invalid)
+
+
+def cached_model(name: str, options: Mapping[str, Any], make: Callable[[], Model]) -> Model:
+    """Return a model whose numbers are cached; its system is made when it is first asked for.
+
+    Parameters
+    ----------
+    name : str
+        The name of a function that makes models, and ``options`` its arguments, as JSON holds them.
+    make : callable
+        Makes the model where its numbers are not in the cache, or damaged.
+    """
+    import sympy
+
+    from .generator.multibody.model import Model
+    from .generator.systems.system_digest import system_digest
+
+    made_by = [name, options, sympy.__version__, _generator_fingerprint()]
+    key = f"model-{digest(made_by)}.source.json"
+    found = read_cache(key)
+    if found is not None:
+        return Model.of_numbers(RunDefaults.from_json(found[1]), found[0], make)
+    model = make()
+    of_system = system_digest(model.system)
+    if of_system is not None:
+        write_cache(key, [of_system, RunDefaults.of(model).as_json()])
+    return model
 
 
 def _named_model(spec: Spec, name: str, options: dict[str, Any]) -> tuple[Model, list[str]]:

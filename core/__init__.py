@@ -12,6 +12,7 @@
     registry       named systems, problems and models
     warnings       warnings about accepted but suspicious input
     projection     states projected onto the constraints
+    sparse_matrix  sparse matrices, their products and banded factors
     records        copies of frozen dataclasses, made without their checks
     html           tables and formulas as HTML for notebooks
     file_formats   the ending of a file's name

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
+from .sparse_matrix import BandCholesky, SparseMatrix, as_dense
 
 __all__ = ["Constrained", "Projection", "dependent_rows", "project"]
 
@@ -57,11 +58,11 @@ class Constrained(Protocol):
         """Return g(q), shape (m,)."""
         ...
 
-    def G(self, q: Array) -> Array:
+    def G(self, q: Array) -> Array | SparseMatrix:
         """Return g_q, shape (m, n)."""
         ...
 
-    def rows(self, q: Array) -> Array:
+    def rows(self, q: Array) -> Array | SparseMatrix:
         """Return g_q and below it A, shape (m + m', n)."""
         ...
 
@@ -69,7 +70,7 @@ class Constrained(Protocol):
         """Return g_q H_p, or what vanishes with it, then A H_p + a, shape (m + m',)."""
         ...
 
-    def W(self, q: Array, p: Array, rows: Array) -> Array:
+    def W(self, q: Array, p: Array, rows: Any) -> Array | SparseMatrix:
         """Return (∂f/∂p) rowsᵀ, shape (m + m', m + m')."""
         ...
 
@@ -204,12 +205,18 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
     )
 
 
-def dependent_rows(G: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[int], list[int]]:
+def dependent_rows(
+    G: Array | SparseMatrix, tolerance: float = RANK_TOLERANCE
+) -> tuple[list[int], list[int]]:
     """Return (all rows of G that depend on others, a smallest set of rows to leave out).
 
     Rows are taken at length one. Of dependent rows the later ones are left out, as a builder
     would who adds one joint after the other.
     """
+    if isinstance(G, SparseMatrix):
+        if G.shape[0] <= G.shape[1] and _has_independent_rows(G):
+            return [], []
+        G = G.toarray()
     largest = np.abs(G).max(axis=1, initial=0.0)  # first, for its square may be beyond 1e308
     rows = G / np.where(largest > 0, largest, 1.0)[:, None]
     sizes = np.linalg.norm(rows, axis=1)
@@ -249,10 +256,40 @@ def _is_well_conditioned(rows: Array) -> bool:
     return True
 
 
-def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
+def _has_independent_rows(G: SparseMatrix) -> bool:
+    """``_is_well_conditioned`` of a sparse matrix, whose rows it takes at length one."""
+    square = G @ G.T
+    sizes = np.sqrt(square.diagonal())
+    if not np.isfinite(sizes).all() or not sizes.all():
+        return False
+    square = square.scaled(1 / sizes, 1 / sizes)
+    try:
+        BandCholesky(square, 1e-10 * square.norm_1())
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def solve_sparse(W: SparseMatrix, defect: Array) -> Array:
+    """Return W⁻¹ defect; raise ``LinAlgError`` if W is not positive definite or nearly singular."""
+    scale = 1 / np.sqrt(np.maximum(np.abs(W.diagonal()), np.finfo(float).tiny))
+    scaled = W.scaled(scale, scale)
+    BandCholesky(scaled, EPS * scaled.norm_1())
+    return scale * BandCholesky(scaled).solve(scale * defect)
+
+
+def _along(
+    system: Constrained, G: Array | SparseMatrix, W: Array | SparseMatrix, defect: Array
+) -> Array:
     """Return Gᵀ W⁻¹ defect, or name the constraints that make W singular."""
     if not len(defect):
         return np.zeros(G.shape[1])
+    if isinstance(W, SparseMatrix):
+        try:
+            found: Array = G.T @ solve_sparse(W, defect)
+            return found
+        except np.linalg.LinAlgError:  # the dense matrix decides
+            G, W = as_dense(G), W.toarray()
     scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(W)), np.finfo(float).tiny))
     scaled = W * scale[:, None] * scale
     try:
@@ -261,7 +298,7 @@ def _along(system: Constrained, G: Array, W: Array, defect: Array) -> Array:
     except np.linalg.LinAlgError:
         condition = math.inf
     if not condition < 1 / EPS:
-        raise InputError(f"The state cannot be projected. {_singular(system, G)}")
+        raise InputError(f"The state cannot be projected. {_singular(system, as_dense(G))}")
     change: Array = G.T @ (scale * (inverse @ (scale * defect)))
     return change
 
@@ -289,9 +326,9 @@ def _listed(names: Any) -> str:
     return ", ".join(repr(name) for name in names)
 
 
-def _floor(G: Array, q: Array) -> float:
+def _floor(G: Array | SparseMatrix, q: Array) -> float:
     """Return the round-off level of |g|: 16 ε times the scale of g at q."""
-    return 16 * EPS * float(np.linalg.norm(np.abs(G) @ np.abs(q))) if G.size else 0.0
+    return 16 * EPS * float(np.linalg.norm(abs(G) @ np.abs(q))) if G.size else 0.0
 
 
 def _norm(x: Array) -> float:

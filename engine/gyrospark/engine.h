@@ -26,6 +26,7 @@
  *   SEPARATE(f)        SINGLE(f), which another object file contains if the build makes several
  *   KERNEL(f)          profiles: kernel f of the fixed-point iteration, where Newton's differs
  *   INLINE, NOINLINE   storage class with the attribute that keeps vectors in registers
+ *   INLINE_IF_SMALL    INLINE, but for a large system: arrays then leave the stack with the function
  */
 #ifndef GS_ENGINE_H
 #define GS_ENGINE_H
@@ -129,6 +130,9 @@
 #endif
 #ifndef GS_COMPENSATED_LANES /* kernels on lanes sum products in twice the working precision */
 #define GS_COMPENSATED_LANES 0
+#endif
+#ifndef GS_LARGE /* arrays of N lanes take megabytes of the stack */
+#define GS_LARGE 0
 #endif
 #ifndef GS_DERIVATIVES /* tangents and adjoints */
 #define GS_DERIVATIVES 0

@@ -10,6 +10,7 @@
     lane_iteration   the fixed-point iteration of profile full, on lanes
     plain_iteration  the fixed-point iteration of profiles control and run, on plain numbers
     splitting_flows  compositions of exact flows: tables, weights, kernels
+    constant_loops   constants of a run as loops over tables
     solver_costs     what an iteration of either solver costs, counted
     state_functions  functions of one state: energy, quantities, momenta of velocities
     numbers          roles, units and values of a stepper's numbers

@@ -36,6 +36,7 @@ from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from ..tableaux.velocity_rows import velocity_enclosures
 from .bytecode import Bytecode
 from .c_lines import fitted
+from .constant_loops import split_constants
 from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
 from .lane_iteration import lane_iteration
@@ -68,6 +69,8 @@ ENGINE_VERSION = 1
 _IDENTITY = "HASH OF THE FILES"
 #: Of the number of steps of a run, at most.
 _COUNTER_BITS = 53
+#: Coordinates of a system whose arrays of lanes take megabytes.
+_LARGE = 1000
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,6 @@ class Source:
             f"{self.name}.c": source,
             f"{self.name}.json": self.manifest,
         }
-
 
 def emit(derived: Derived, elements: bool | None = None) -> Source:
     """Return the C and the manifest.
@@ -167,6 +169,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
                                   parts.used_constants if parts else ())
     needed = {e: s for e, s in constants.definitions.items() if str(s) in used}
     constants_c = {str(s): printer(e) for e, s in needed.items()}
+    single_constants, constant_loops = split_constants(constants_c)
     derivatives = (derivatives_of(derived, constants_c, parts, lanes) if derived.derivatives
                    else None)
     more = frozenset[str]().union(derivatives.functions if derivatives else (),
@@ -180,6 +183,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         quantities.functions if quantities else (), more)
     tableau = scheme.tableau
     legendre = system if isinstance(system, LagrangianSystem) else None
+    place = {x: i for i, x in enumerate(system.q)}
     hidden = hidden_constraints(derived, parts)
     return Program(
         name=derived.name,
@@ -210,7 +214,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         unknowns_doc=_unknowns_doc(scheme),
         parameters=[str(p) for p in system.parameters],
         domains=[(str(p), domain_of(p)) for p in system.parameters],
-        quaternions=[[system.q.index(x) for x in body.q] for body in system.bodies if body.q],
+        quaternions=[[place[x] for x in body.q] for body in system.bodies if body.q],
         time=str(system.time) if system.is_nonautonomous else "",
         inputs=[str(u) for u in system.inputs] if derived.profile == "full" else [],
         input_places=[list(constants_c).index(str(u)) for u in system.inputs
@@ -220,6 +224,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         quantity_kernel=quantities,
         constants={str(s): comment(e) for e, s in needed.items()},
         constants_c=constants_c,
+        single_constants=single_constants,
+        constant_loops=constant_loops,
         run_constants=plain.run_constants if plain else [],
         kernels=[*kernels, *own] if derived.profile == "control" else kernels,
         compensated=any(map(sums_products, known)),
@@ -298,6 +304,7 @@ def _features(
         short_real=derived.real.bits < _COUNTER_BITS,
         wide_real=derived.real.wide,
         compensated_lanes=lanes is not None and lanes.compensated,
+        large=lanes is not None and elements is not None and system.n >= _LARGE,
         profile_run=profile == "run",
         profile_control=profile == "control",
     )

@@ -18,6 +18,7 @@ from ..schemes.start_kernels import StartKernels
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.system import System
+from .constant_loops import ConstantLoop
 from .profiles import ProfileName
 
 __all__ = [
@@ -99,6 +100,7 @@ class Features:
     short_real: bool
     wide_real: bool
     compensated_lanes: bool
+    large: bool
     profile_run: bool
     profile_control: bool
 
@@ -395,6 +397,9 @@ class Program:
     quantity_kernel: EmittedKernel | None
     constants: dict[str, str]
     constants_c: dict[str, str]
+    #: Of elements: the same by place, but for those that loops evaluate.
+    single_constants: dict[int, str]
+    constant_loops: list[ConstantLoop]
     run_constants: list[tuple[str, str]]
     # Kernels, and what they call.
     kernels: list[EmittedKernel]

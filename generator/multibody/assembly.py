@@ -68,6 +68,8 @@ class Assembly:
         self.store = components.values | self._body_values()
         with in_range(f"Multibody {components.name!r}"):
             self.poses = self._poses()
+            self._of_link = {link: list(link.equations(self.poses, self.store))
+                             for link in self.links}
             self.equations, self.velocity_equations = self._equations(without)
             self.q0, self.p0 = self._state()
 
@@ -116,7 +118,7 @@ class Assembly:
                 for body in self.components.bodies}
         for link in self.links:
             own = [frame for frame in link.frames if isinstance(frame, Body)]
-            rows[max(own, key=order.__getitem__)] += link.equations(self.poses, self.store)
+            rows[max(own, key=order.__getitem__)] += self._of_link[link]
         found = [equation for body in self.components.bodies for equation in rows[body]]
         slips = [equation for link in self.links if isinstance(link, Rolling)
                  for equation in link.velocity_equations(self.store)]
@@ -180,7 +182,7 @@ class Assembly:
         if unfelt:
             raise InputError(f"Input {str(unfelt[0])!r} of Multibody {self.components.name!r} is "
                              "in no force; write it where it acts, or remove it.")
-        kept, values = set(parameters), dict(store)
+        kept, values, there = set(parameters), dict(store), set(equations)
         for name in store.keys() - set(map(str, parameters)):
             del store[name]
         return System(
@@ -191,8 +193,8 @@ class Assembly:
             time=TIME if TIME in used else None, quantities=quantities,
             inputs=tuple(self.components.inputs),
             bodies=tuple(body_at(body, kept, values) for body in self.components.bodies if body.q),
-            joints=tuple(joint_at(link, self.poses, [e.name for e in equations], kept, values,
-                                  link.name in counted)
+            joints=tuple(joint_at(link, self.poses, [e for e in self._of_link[link] if e in there],
+                                  kept, values, link.name in counted)
                          for link in self.links
                          if not isinstance(link, Slide) and not any(
                              isinstance(frame, MovingPoint | Particle) for frame in link.frames)),
@@ -237,20 +239,19 @@ def body_at(body: Body, kept: set[sp.Symbol], values: Mapping[str, float]) -> Bo
 
 
 def joint_at(
-    link: Connection, poses: Poses, equations: Iterable[str], kept: set[sp.Symbol],
+    link: Connection, poses: Poses, equations: Iterable[Equation], kept: set[sp.Symbol],
     values: Mapping[str, float], counted: bool,
 ) -> JointLayout:
-    """Return the layout of a joint; ``equations`` are the names of the system's constraints.
+    """Return the layout of a joint; ``equations`` are those of its constraints that remain.
 
     ``counted``: the system depends on its angle, so that full turns count.
     """
     store: Store = {}  # of values that are known
-    there = set(equations)
     (on_a, on_b), (axis_a, axis_b) = link.places(store), link.axes(poses, store)
     zero = hinge_of(link).zero(poses, store) if counted else ()
     constraint_forces = [
         (equation.name, _force_entries(equation.constraint_force, kept, values))
-        for equation in link.equations(poses, store) if equation.name in there]
+        for equation in equations]
     return JointLayout(link.name, _name(link.a), _name(link.b), _entries(on_a, kept, values),
                    _entries(on_b, kept, values), _entries(axis_a, kept, values),
                    _entries(axis_b, kept, values), _entries(zero, kept, values),

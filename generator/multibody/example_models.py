@@ -15,6 +15,7 @@ Lengths in m, masses in kg, angles in rad, unless stated otherwise.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,8 @@ from numpy.typing import NDArray
 
 from ...core.arguments import shown, whole
 from ...core.errors import InputError
-from ...core.inertia import RepName, warn_of_degrees
+from ...core.inertia import REPS, RepName, warn_of_degrees
+from ...core.registry import function_of
 from .body import Body, Frame
 from .initial_poses import finite, rotation
 from .model import Model
@@ -39,6 +41,8 @@ Array = NDArray[Any]
 
 #: Of a chain: deriving it takes minutes.
 MOST_RODS = 1000
+#: Chains from this length on take so long that their numbers are cached.
+_MANY_RODS = 50
 #: Masses of O and H in u, and the bond in nm and the angle of H, O, H.
 _O, _H, _BOND, _ANGLE = 15.9994, 1.008, 0.09572, math.radians(104.52)
 #: 1/(4 π ε₀) in kJ nm/(mol e²), and R in kJ/(mol K).
@@ -165,12 +169,21 @@ def four_bar(*, rep: RepName = "gamma", rate: float = 3.0) -> Model:
 def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
     """Return a chain of equal rods on ball joints that hangs from a fixed point.
 
-    Every rod is a body with 7 coordinates, so that all joints and rods have one form.
+    Every rod is a body with 7 coordinates, so that all joints and rods have one form. The numbers
+    of a long chain are cached, and its system is made when it is first asked for.
     """
     rods = whole(count)
     if rods is None or not 1 <= rods <= MOST_RODS:
         raise InputError(f"A chain of {shown(count)} rods cannot be built; give a whole number "
                          f"from 1 to {MOST_RODS}.")
+    if rods < _MANY_RODS or rep not in REPS:
+        return _chain(rods, rep)
+    model: Model = function_of("api", "cached_model")(
+        "chain", {"count": rods, "rep": rep}, partial(_chain, rods, rep))
+    return model
+
+
+def _chain(rods: int, rep: RepName) -> Model:
     build = Multibody(f"chain_{rods}", dt=0.002, steps=1000,
                       description=f"{rods} rods on ball joints.")
     above: Frame = build.ground

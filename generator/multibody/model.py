@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,6 +76,41 @@ class Model:
     events: Sequence[Event] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
+
+    #: The digest of a system that is not made yet.
+    system_digest: ClassVar[str | None] = None
+
+    @classmethod
+    def of_numbers(cls, numbers: Any, system_digest: str, make: Callable[[], Model]) -> Model:
+        """Return a model from its numbers; its system is made when it is first asked for.
+
+        Parameters
+        ----------
+        numbers : RunDefaults
+            Those of the model that ``make`` returns, with its name and description.
+        system_digest : str
+            The digest of its system.
+        """
+        q0, p0 = np.array(numbers.q0), np.array(numbers.p0)
+        for state in (q0, p0):
+            state.setflags(write=False)
+        model = object.__new__(cls)
+        model.__dict__.update(
+            parameters=MappingProxyType(dict(numbers.parameters)), q0=q0, p0=p0,
+            bodies=MappingProxyType({name: as_moments_or_tensor(inertia)
+                                     for name, inertia in numbers.bodies.items()}),
+            dt=numbers.dt, steps=numbers.steps, description=numbers.description, frame="",
+            rules=MappingProxyType(dict(numbers.rules)), events=numbers.events,
+            units=MappingProxyType({}), system_digest=system_digest, _name=numbers.name,
+            _make=make)
+        return model
+
+    if not TYPE_CHECKING:
+        def __getattr__(self, name: str) -> Any:
+            """Return the system of a model from its numbers, made now."""
+            if name != "system" or "_make" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            return self.__dict__.setdefault("system", self._make().system)
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):
@@ -154,7 +189,8 @@ class Model:
     @property
     def name(self) -> str:
         """The system's name."""
-        return self.system.name
+        name: str = self.__dict__.get("_name") or self.system.name
+        return name
 
     def in_type(self, number: Callable[[Fraction], Any]) -> Model:
         """Return the model with all its numbers rounded once, to the type of ``number``."""

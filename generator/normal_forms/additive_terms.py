@@ -189,11 +189,12 @@ class HamiltonianTerms:
     def _potentials(self, terms: Terms) -> Iterator[Terms]:
         """Yield terms with coupled coordinates, and those of time alone."""
         blocks = {m: self.support.blocks(m) for m in terms}
-        for together in [*connected(blocks.values()), frozenset[int]()]:
-            part = {m: a for m, a in terms.items() if blocks[m] & together or (
-                not blocks[m] and not together)}
-            if part:
-                yield part
+        together = connected(blocks.values())
+        part_of = {a: i for i, part in enumerate(together) for a in part}
+        parts: list[Terms] = [{} for _ in range(len(together) + 1)]
+        for m, a in terms.items():
+            parts[part_of[min(blocks[m])] if blocks[m] else -1][m] = a
+        yield from filter(None, parts)
 
     def _potential(self, terms: Terms, constant: Terms) -> tuple[list[Addend], Terms]:
         """Return the addends of a potential, and the rest of the constant.

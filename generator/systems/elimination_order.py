@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 __all__ = ["Elimination", "Node", "connected", "eliminate", "reverse_cuthill_mckee"]
 
@@ -75,15 +76,25 @@ def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
     """
     left = {row: set(others) for row, others in neighbours.items()}
     order, below = [], []
+    heap = sorted((len(others), row) for row, others in left.items())
     while left:
-        candidates = sorted(left, key=lambda row: (len(left[row]), row))
-        pivot = next((row for row in candidates if _is_clique(left, left[row])), candidates[0])
+        passed: list[tuple[int, int]] = []
+        while heap:
+            size, row = heappop(heap)
+            if row in left and size == len(left[row]):  # else its neighbours have changed since
+                passed.append((size, row))
+                if _is_clique(left, left[row]):
+                    break
+        pivot = passed[-1][1] if _is_clique(left, left[passed[-1][1]]) else passed[0][1]
+        for entry in passed:
+            heappush(heap, entry)
         others = left.pop(pivot)
         order.append(pivot)
         below.append(others)
         for row in others:
             left[row] |= others
             left[row] -= {row, pivot}
+            heappush(heap, (len(left[row]), row))
     place = {row: k for k, row in enumerate(order)}
     slot_of = {(row, row): row for row in order}
     entries = len(order)

@@ -1,12 +1,15 @@
 """A system with its numbers, before anything is compiled: g, g_q, A, H_p in NumPy.
 
 g_q is Im g(q + iε e_k)/ε, exact to round-off: a way that shares nothing with the derived formulas.
+Of a large system g_q and H_pp are sparse: columns that no constraint, or term of H, has in common
+are found by one evaluation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +19,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_mapping, shown
 from ...core.errors import InputError
 from ...core.inertia import real_array
+from ...core.sparse_matrix import SparseMatrix, as_dense, find_colours
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
 from .lagrangian import LagrangianSystem
@@ -25,6 +29,43 @@ __all__ = ["NumericConstraints", "NumericSystem", "numeric"]
 
 Array = NDArray[Any]
 TINY = 1e-100  # ε of the complex step: its square vanishes beside 1
+#: Entries of g_q from which on it is sparse.
+_SPARSE = 200_000
+#: Step of the differences for H_pp, relative to the largest momentum.
+_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Entries of a Jacobian that are not always 0, by row and column, and colours of columns."""
+
+    rows: Array
+    columns: Array
+    colours: Array
+
+    @classmethod
+    def of(cls, expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]) -> Pattern:
+        """Return the pattern of the derivatives of expressions (rows) by symbols (columns)."""
+        place = {x: i for i, x in enumerate(symbols)}
+        inside = [sorted(place[s] for s in e.free_symbols if s in place) for e in expressions]
+        return cls(np.repeat(np.arange(len(inside)), list(map(len, inside))),
+                   np.array([i for entries in inside for i in entries], dtype=int),
+                   find_colours(inside, len(symbols)))
+
+    @property
+    def masks(self) -> Array:
+        """1 where a column has a colour, shape (columns, colours)."""
+        return np.equal.outer(self.colours, np.arange(self.colours.max(initial=0) + 1)) * 1.0
+
+    def slopes(
+        self, expressions: Sequence[sp.Expr], x: Array, at: Callable[[Array], dict[sp.Symbol, Any]]
+    ) -> Array:
+        """Return the entries at x, shape (n,) or (n, points): (entries,) or (entries, points)."""
+        steps = 1j * TINY * self.masks
+        moved = (x[:, None] + steps if x.ndim == 1 else x[:, None, :] + steps[:, :, None])
+        with np.errstate(over="ignore"):
+            found: Array = evaluate(expressions, at(moved)).imag / TINY
+        return found[self.rows, self.colours[self.columns]]
 
 
 class NumericConstraints:
@@ -54,12 +95,25 @@ class NumericConstraints:
         """Return g(q), shape (m,)."""
         return evaluate(self.expressions, self._at(q))
 
-    def G(self, q: Array) -> Array:
+    @cached_property
+    def is_sparse(self) -> bool:
+        """Whether g_q is sparse: it is large, and there are no velocity constraints."""
+        return not self._A and len(self.expressions) * len(self.coordinates) > _SPARSE
+
+    @cached_property
+    def _pattern(self) -> Pattern:
+        return Pattern.of(self.expressions, self._q)
+
+    def G(self, q: Array) -> Array | SparseMatrix:
         """Return g_q, shape (m, n); as for g, callers check that it is finite."""
+        if self.is_sparse:
+            columns, rows = self._pattern.columns, self._pattern.rows
+            slopes = self._pattern.slopes(self.expressions, q, self._at)
+            return SparseMatrix((len(self.expressions), len(q)), rows, columns, slopes)
         directions = q[:, None] + 1j * TINY * np.eye(len(q))
         with np.errstate(over="ignore"):
-            slopes: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
-        return slopes
+            dense: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
+        return dense
 
     def A(self, q: Array) -> Array:
         """Return the coefficients of the velocity constraints, shape (m', n)."""
@@ -73,9 +127,9 @@ class NumericConstraints:
         """Return g_t and below it a, shape (m + m',): ``rows`` q̇ + ``drift`` = 0."""
         return evaluate([*self._g_t, *self._a], self._at(q))
 
-    def rows(self, q: Array) -> Array:
+    def rows(self, q: Array) -> Array | SparseMatrix:
         """Return g_q and below it A, shape (m + m', n)."""
-        return np.vstack([self.G(q), self.A(q)]) if self._A else self.G(q)
+        return np.vstack([as_dense(self.G(q)), self.A(q)]) if self._A else self.G(q)
 
     @property
     def names(self) -> list[str]:
@@ -102,8 +156,13 @@ class NumericSystem(NumericConstraints):
             [*system.parameters, *filter(None, (system.time,))], values)
 
     def H_p(self, q: Array, p: Array) -> Array:
-        """Return the velocity, shape (n,)."""
-        return evaluate(self._velocity, self._state(q, p))
+        """Return the velocity, shape (n,), or (n, points) of momenta of many points."""
+        if not self.is_sparse:
+            return evaluate(self._velocity, self._state(q, p))
+        slopes = self._momenta_of_terms.slopes(self._terms, p, partial(self._state, q))
+        sums = np.zeros(p.shape)
+        np.add.at(sums, self._momenta_of_terms.columns, slopes)
+        return sums
 
     def f(self, q: Array, p: Array) -> Array:
         """Return g_q H_p + g_t and A H_p + a, shape (m + m',)."""
@@ -116,13 +175,51 @@ class NumericSystem(NumericConstraints):
         rates[: len(self.expressions)] += evaluate(self.expressions, later).imag / TINY
         return rates
 
-    def W(self, q: Array, p: Array, G: Array) -> Array:
-        """Return G H_pp Gᵀ, square, of rows G."""
+    def W(self, q: Array, p: Array, G: Any) -> Array | SparseMatrix:
+        """Return G H_pp Gᵀ, square, of rows G; with differences for H_pp where it is sparse."""
+        if isinstance(G, SparseMatrix):
+            product: SparseMatrix = G @ (self._second(q, p) @ G.T)
+            return product
         if not len(G):
             return np.zeros((0, 0))
         along = self._state(q[:, None], p[:, None] + 1j * TINY * G.T)
         matrix: Array = G @ evaluate(self._velocity, along).imag / TINY
         return matrix
+
+    @cached_property
+    def _terms(self) -> tuple[sp.Expr, ...]:
+        """The terms of H with momenta."""
+        momenta = {*self.system.p}
+        return tuple(term for term in sp.Add.make_args(self.system.H)
+                     if not momenta.isdisjoint(term.free_symbols))
+
+    @cached_property
+    def _momenta_of_terms(self) -> Pattern:
+        return Pattern.of(self._terms, self.system.p)
+
+    @cached_property
+    def _coupled(self) -> Pattern:
+        """The pattern of H_pp: momenta with a term of H in common."""
+        n, terms = self.system.n, self._momenta_of_terms
+        beside: list[set[int]] = [set() for _ in range(n)]
+        for some in np.split(terms.columns, np.flatnonzero(np.diff(terms.rows)) + 1):
+            for i in some.tolist():
+                beside[i].update(some.tolist())
+        inside = [sorted(entries) for entries in beside]
+        return Pattern(np.repeat(np.arange(n), list(map(len, inside))),
+                       np.array([i for entries in inside for i in entries], dtype=int),
+                       find_colours(inside, n))
+
+    def _second(self, q: Array, p: Array) -> SparseMatrix:
+        """Return H_pp by central differences of H_p, exact but for rounding where H is quadratic.
+
+        It is the matrix of a Newton step, of which it changes the rate alone.
+        """
+        at, n = self._coupled, self.system.n
+        step = _STEP * (float(np.abs(p).max()) or 1.0)
+        masks = step * at.masks
+        rates = (self.H_p(q, p[:, None] + masks) - self.H_p(q, p[:, None] - masks)) / (2 * step)
+        return SparseMatrix((n, n), at.rows, at.columns, rates[at.rows, at.colours[at.columns]])
 
     @cached_property
     def _velocity(self) -> list[sp.Expr]:
@@ -148,7 +245,12 @@ class NumericLagrangian(NumericSystem):
         velocity: Array = np.linalg.solve(self._mass(q), p - b)
         return velocity
 
-    def W(self, q: Array, p: Array, G: Array) -> Array:
+    @property
+    def is_sparse(self) -> bool:
+        """Never: M⁻¹ is dense."""
+        return False
+
+    def W(self, q: Array, p: Array, G: Any) -> Array:
         """Return G M⁻¹ Gᵀ, shape (m, m)."""
         matrix: Array = G @ np.linalg.solve(self._mass(q), G.T)
         return matrix

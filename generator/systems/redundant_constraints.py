@@ -16,9 +16,11 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.projection import dependent_rows
+from ...core.projection import dependent_rows, solve_sparse
+from ...core.sparse_matrix import SparseMatrix, as_dense, entries_of
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.rounding_errors import rounding
+from ..symbolic.shared_subexpressions import name_of, symbols_of
 from .numeric_system import NumericConstraints
 from .system import System
 
@@ -104,7 +106,8 @@ def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redu
         return Redundancy(what, ())
     found = nearest_point(constraints, q)
     slopes = constraints.rows(q if found is None else found)
-    if not np.isfinite(slopes).all():
+    if not np.isfinite(entries_of(slopes)).all():
+        slopes = as_dense(slopes)
         endless = [i for i, row in enumerate(slopes) if not np.isfinite(row).all()]
         raise InputError(
             f"The constraints {_listed(names, endless)} of {what!r} have no finite gradient at the "
@@ -154,7 +157,7 @@ def refuse_redundant_anywhere(system: System) -> None:
             q = rng.standard_normal(system.n)
             found = nearest_point(constraints, q)
             slopes = constraints.rows(q if found is None else found)
-            if not np.isfinite(slopes).all():
+            if not np.isfinite(entries_of(slopes)).all():
                 return
             involved, left_out = dependent_rows(slopes)
             if found is not None and not involved:
@@ -175,26 +178,30 @@ def refuse_redundant_anywhere(system: System) -> None:
 
 def refuse_constant(what: str, constraints: Sequence[sp.Expr], names: Sequence[str]) -> None:
     """Refuse constraints in which nothing can move: they hold always or never."""
-    for name, g in zip(names, constraints, strict=True):
-        if not g.free_symbols or (len(g.args) < 64 and not _varies(g) and sp.expand(g).is_number):
+    for name, g, varies in zip(names, constraints, _vary(constraints), strict=True):
+        if not g.free_symbols or (len(g.args) < 64 and not varies and sp.expand(g).is_number):
             value = sp.expand(g)
             says = "always holds; leave it out" if value == 0 else f"reads {value} = 0"
             raise InputError(f"The constraint {name!r} of {what!r} contains no coordinate and "
                              f"{says}.")
 
 
-def _varies(g: sp.Expr) -> bool:
-    """Whether an expression has clearly different values at random places: then it is no constant.
+def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
+    """Whether expressions have clearly different values at random places: then none is a constant.
 
     That is seen at once; the terms of a product of twelve sums are thousands.
     """
     rng = np.random.default_rng(21)
+    at = {x: rng.uniform(0.5, 1.5, 4) for x in sorted(symbols_of(constraints), key=name_of)}
+    if not at:
+        return [False] * len(constraints)
     try:
-        at = {x: rng.uniform(0.5, 1.5, 4) for x in g.free_symbols}
-        values, noise = evaluate([g], at), EPS * rounding([g], at, {})
+        values, noise = evaluate(constraints, at), EPS * rounding(constraints, at, {})
     except (InputError, TypeError, ArithmeticError):
-        return False
-    return bool(np.isfinite(values).all() and np.ptp(values) > 1e6 * noise.max())
+        return [False] if len(constraints) == 1 else [_vary([g])[0] for g in constraints]
+    varies: Sequence[bool] = (np.isfinite(values).all(axis=1)
+                              & (np.ptp(values, axis=1) > 1e6 * noise.max(axis=1))).tolist()
+    return varies
 
 
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
@@ -205,12 +212,12 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
         g = constraints.g(q)
         for _ in range(60):
             G = constraints.G(q)
-            if not (np.isfinite(G).all() and np.isfinite(g).all()):
+            if not (np.isfinite(entries_of(G)).all() and np.isfinite(g).all()):
                 return None
-            floor = 64 * EPS * (np.abs(G) @ np.abs(q) + EPS).max()
+            floor = 64 * EPS * (abs(G) @ np.abs(q) + EPS).max()
             if np.abs(g).max() <= floor:
                 return q
-            step = np.linalg.lstsq(G, g, rcond=1e-10)[0]
+            step = _least_squares(G, g)
             fraction = 1.0
             while fraction > 1e-4:
                 q_new, g_new = q - fraction * step, constraints.g(q - fraction * step)
@@ -221,6 +228,18 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
                 return None
             q, g = q_new, g_new
     return None
+
+
+def _least_squares(G: Array | SparseMatrix, g: Array) -> Array:
+    """Return the shortest x of those with the smallest |G x − g|."""
+    if isinstance(G, SparseMatrix):
+        try:
+            found: Array = G.T @ solve_sparse(G @ G.T, g)
+            return found
+        except np.linalg.LinAlgError:
+            G = G.toarray()
+    shortest: Array = np.linalg.lstsq(G, g, rcond=1e-10)[0]
+    return shortest
 
 
 def somewhere(
@@ -248,7 +267,7 @@ def somewhere(
 
 def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:
     """Whether dependent rows of A q̇ + a = 0 are independent with a as one more column."""
-    rows = np.column_stack([constraints.rows(q), constraints.drift(q)])
+    rows = np.column_stack([as_dense(constraints.rows(q)), constraints.drift(q)])
     return len(dependent_rows(rows)[1]) < len(left_out)
 
 
@@ -257,7 +276,7 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
     rng = np.random.default_rng(21)
     largest = np.abs(q).max() or 1.0  # taken out of the root of squares, which may be beyond 1e308
     mean_size = largest * np.linalg.norm(q / largest) / np.sqrt(len(q))
-    slopes = constraints.G(q)
+    slopes = as_dense(constraints.G(q))
     for _ in range(3):
         way = rng.standard_normal(len(q))
         way -= np.linalg.lstsq(slopes, slopes @ way, rcond=1e-10)[0]  # along g = 0

@@ -201,12 +201,16 @@ class Structure:
         instance = Instance(tuple(q), tuple(p), tuple(self._constants[c] for c in constants), rows)
         return expressions, instance
 
+    @cached_property
+    def _anonymous(self) -> dict[sp.Symbol, sp.Symbol]:
+        return dict.fromkeys(self._constants, sp.Symbol("_"))
+
     def _in_order(self, expressions: Sequence[sp.Expr]) -> list[sp.Symbol]:
         """Return the constants in their order in the expressions.
 
         The order does not depend on names, so that equal templates get equal symbols.
         """
-        anonymous = dict.fromkeys(self._constants, sp.Symbol("_"))
+        anonymous = self._anonymous
         found: dict[sp.Symbol, None] = {}
 
         def visit(e: sp.Expr) -> None:

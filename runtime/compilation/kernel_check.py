@@ -116,10 +116,18 @@ class CheckFunction:
         """Return the C that calls a kernel on inputs in x and has its outputs in y."""
         lines = [f"{kernel.constants} c;", "clear(&c, sizeof c);"]
         if kernel.name == "prepare":
+            fields, places = (", ".join(f"offsetof({kind}, {name})" for name in names)
+                              for kind, names in (("parameters_t", kernel.inputs),
+                                                  ("constants", kernel.outputs)))
             lines += ["parameters_t par;", "clear(&par, sizeof par);",
-                      *(f"par.{name} = x[{e}];" for e, name in enumerate(kernel.inputs)),
+                      f"static const size_t fields[{max(len(kernel.inputs), 1)}] = "
+                      f"{{ {fields or 0} }};",
+                      f"static const size_t places[{len(kernel.outputs)}] = {{ {places} }};",
+                      "for (int e = 0; e < size[0]; ++e)",
+                      "    *(real *)(void *)((char *)&par + fields[e]) = x[e];",
                       "prepare(&par, &c);",
-                      *(f"y[{e}] = c.{name};" for e, name in enumerate(kernel.outputs))]
+                      "for (int e = 0; e < size[1]; ++e)",
+                      "    y[e] = *(const real *)(const void *)((const char *)&c + places[e]);"]
             return _block(number, lines)
         lines += [f"c.{name} = x[{e}];" for e, name in enumerate(kernel.fields)]
         if kernel.on_lanes:

@@ -30,6 +30,10 @@ _KERNEL = re.compile(
 _PREPARE = re.compile(
     r"^static void prepare\(const parameters_t \*par, constants \*c\)\n{\n(?P<body>.*?)^}\n",
     re.MULTILINE | re.DOTALL)
+#: A loop of ``prepare`` over the rows of a table.
+_LOOP = re.compile(r"^ *for \(int i = 0; i < \d+; \+\+i\)\n(?P<statement>[^;]*;\n)", re.MULTILINE)
+_ROW = re.compile(r"{ (\d+)(.*) }")
+_FIELD = re.compile(r"offsetof\(parameters_t, (\w+)\)")
 _ARRAY = re.compile(r"(const )?[\w ]+ (\w+)((?:\[\d+\])+)")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 #: A token of an expression: a number, a name with its indices, a sign.
@@ -97,12 +101,27 @@ def kernels_of(source: str) -> list[KernelText]:
     prepare = _PREPARE.search(source)
     if prepare is None:
         return readable
-    body = prepare["body"]
+    body = _LOOP.sub(lambda loop: _unroll(loop["statement"], source), prepare["body"])
     outputs: dict[str, tuple[int, ...]] = dict.fromkeys(
         re.findall(r"^ *c->(\w+(?:\[\d+\])?) =", body, re.MULTILINE), ())
     names: dict[str, tuple[int, ...]] = dict.fromkeys(re.findall(r"par->(\w+)", body), ())
     made = KernelText("prepare", "void", "constants", names, outputs, (), body)
     return [made, *readable] if outputs else readable
+
+
+def _unroll(statement: str, source: str) -> str:
+    """Return the statement of a loop once for each row of its table."""
+    statement = re.sub(r"\s+", " ", statement)  # lines may be broken
+    table = re.search(r"(\w+)\[i\]", statement)
+    assert table is not None
+    _, _, rows = source.partition(f"static const size_t {table[1]}[")
+    made = []
+    for place, fields in _ROW.findall(rows[: rows.index("};")]):
+        row = f"{statement}\n".replace(f"{table[1]}[i][0]", place)
+        for k, name in enumerate(_FIELD.findall(fields), start=1):
+            row = row.replace(f"parameter_at(par, {table[1]}[i][{k}])", f"par->{name}")
+        made.append(row)
+    return "".join(made)
 
 
 def _kernel(match: re.Match[str]) -> KernelText | None:

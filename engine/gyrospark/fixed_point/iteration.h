@@ -77,7 +77,7 @@ NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
 }
 
 /* T2: the end of the step from the converged stages, in compensated sums. */
-INLINE void SOLVER(finish)(SOLVER(t) *w)
+INLINE_IF_SMALL void SOLVER(finish)(SOLVER(t) *w)
 {
     IF_FRAME(const SOLVER(state) before = SOLVER(current_state)(w);)
     lanes dq[N], dp[N], q[N], p[N];

@@ -426,7 +426,7 @@ NOINLINE void SOLVER(estimate_round_off)(SOLVER(t) *w)
 }
 
 /* The end of the step, by compensated summation. */
-INLINE void SOLVER(finish)(SOLVER(t) *w)
+INLINE_IF_SMALL void SOLVER(finish)(SOLVER(t) *w)
 {
     IF_FRAME(const SOLVER(state) before = SOLVER(current_state)(w);)
     lanes q[N], p[N];

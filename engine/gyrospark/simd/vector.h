@@ -45,6 +45,11 @@ enum { LANES = sizeof(lanes)/sizeof(real) };
 #else
 #define NOINLINE static
 #endif
+#if GS_LARGE
+#define INLINE_IF_SMALL NOINLINE
+#else
+#define INLINE_IF_SMALL INLINE
+#endif
 
 INLINE lanes splat(real x)
 {

@@ -1,0 +1,72 @@
+"""Models whose numbers are cached: equal to new ones, and their systems wait."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from gyrospark.generator.multibody import example_models
+from gyrospark.runtime.compilation.build_cache import entries
+
+
+@pytest.fixture
+def pair(tmp_path, monkeypatch):
+    """A chain as it is made, and from the cache."""
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
+    monkeypatch.setattr(example_models, "_MANY_RODS", 2)
+    return gs.models.chain(2), gs.models.chain(2)
+
+
+def _numbers(model: gs.Model) -> dict[str, object]:
+    return {field.name: getattr(model, field.name) for field in fields(model)
+            if field.name not in ("system", "q0", "p0")}
+
+
+def test_a_cached_model_has_the_numbers_and_the_system_of_a_new_one(pair, monkeypatch):
+    new, cached = pair
+    assert "system" not in vars(cached)
+    assert cached.name == new.name
+    assert _numbers(cached) == _numbers(new)
+    assert np.array_equal(cached.q0, new.q0)
+    assert np.array_equal(cached.p0, new.p0)
+    assert not cached.q0.flags.writeable
+    copy = replace(cached, steps=3)
+    assert (copy.steps, copy.system) == (3, new.system)
+    assert "system" in vars(cached)
+    assert cached.system is cached.system
+    with pytest.raises(AttributeError):
+        _ = cached.systems
+
+
+def test_a_stepper_of_a_cached_model_does_not_make_its_system(pair, monkeypatch):
+    new, _ = pair
+    files = gs.stepper("G-L", 1, system=new).files
+    cached = gs.models.chain(2)
+    step = gs.stepper("G-L", 1, system=cached)
+    run = step.integrate(cached.q0, cached.p0, dt=1e-3, steps=2, parameters=cached.parameters)
+    assert "system" not in vars(cached)
+    assert step.files == files
+    assert run.q.shape == (3, 14)
+    assert gs.stepper("G-L", 1, system=cached.system).files == files
+
+
+def test_damaged_numbers_are_made_anew(pair):
+    new, _ = pair
+    (kept,) = [path for path in entries() if path.name.startswith("model-")]
+    kept.write_text(kept.read_text().replace("0.2", "0.3", 1))
+    again = gs.models.chain(2)
+    assert "system" in vars(again)
+    assert _numbers(again) == _numbers(new)
+    assert "system" not in vars(gs.models.chain(2))
+
+
+def test_other_arguments_have_other_numbers(pair):
+    new, _ = pair
+    assert gs.models.chain(3).q0.shape == (21,)
+    assert "b0_alpha" in gs.models.chain(2, rep="alpha").bodies
+    assert "b0_gamma" in new.bodies
+    with pytest.raises(gs.InputError):
+        gs.models.chain(2, rep="delta")

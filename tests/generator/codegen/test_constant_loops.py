@@ -1,0 +1,39 @@
+"""Constants of a run that loops evaluate: the same numbers as one assignment for each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import gyrospark as gs
+from gyrospark.api import _generate
+from gyrospark.generator.codegen import constant_loops, emit
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.compilation.kernel_text import kernels_of
+
+
+def test_loops_have_the_constants_and_the_bits_of_single_assignments(monkeypatch):
+    model = gs.models.chain(3)
+    spec, sources = Spec.checked("G-L", 1), []
+    for few in (64, 3):
+        monkeypatch.setattr(constant_loops, "_FEW", few)
+        monkeypatch.setattr(emit, "_LARGE", 7 * few)
+        sources.append(_generate(spec, model.system, None, False).source)
+    single, looped = (source.files() for source in sources)
+    name = f"{sources[0].name}.c"
+    assert "parameter_at" not in single[name]
+    assert looped[name].count("parameter_at(par, ") > 2
+    assert ["#define INLINE_IF_SMALL NOINLINE" in files[name] for files in (single, looped)] == [
+        False, True]
+
+    one, other = (kernels_of(files[name])[0] for files in (single, looped))
+    assert one.name == other.name == "prepare"
+    assert sorted(map(repr, one.statements)) == sorted(map(repr, other.statements))
+    assert {*one.outputs} == {*other.outputs}
+    assert len(one.outputs) > 20
+
+    runs = [gs.Stepper(sources[0].name, files).integrate(
+        model.q0, model.p0, dt=1e-3, steps=5, parameters=model.parameters)
+        for files in (single, looped)]
+    assert np.array_equal(runs[0].q, runs[1].q)
+    assert np.array_equal(runs[0].p, runs[1].p)
+    assert np.abs(runs[0].q[-1] - runs[0].q[0]).max() > 1e-4
