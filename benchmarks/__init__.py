@@ -18,6 +18,7 @@
     fits.py         fits to noisy data from many seeds: ``python -m gyrospark.benchmarks.fits``
     make_digits.py  digits of reference problems two ways: ``exact_motions_mp.py``, ``loops.py``,
                     ``equations.py``, ``extrapolation.py``
+    long_runs.py    mechanisms with closed loops over many steps: ``gyrospark reference robots``
     derivative_accuracy.py  derivatives of one step of every problem and model
     callgrind.py    instructions of one step, which guard the speed in CI
 

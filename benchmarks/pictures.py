@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from .contest import ContestRow
 from .drift import DriftRun
 from .growth import Size, laws
 from .joined_bodies import BodyRow
+from .long_runs import DT, MECHANISMS, LongRun
 
 if TYPE_CHECKING:
     from .gradients import GradientRow
@@ -197,6 +198,35 @@ def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], 
     figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=8,
                   ncols=min(len(named), 3 * columns))
     figure.savefig(path, dpi=80)
+
+
+def draw_long_runs(measured: Mapping[str, Sequence[LongRun]], path: Path) -> None:
+    """Draw the deviation of the energy against time, a panel for each mechanism.
+
+    Raises
+    ------
+    MissingDependencyError
+        Without matplotlib.
+    """
+    figure = figure_class()(figsize=(3.2 * len(measured) + 1, 3.4), layout="constrained")
+    named: dict[str, Any] = {}
+    for number, (mechanism, runs) in enumerate(measured.items(), start=1):
+        axes = figure.add_subplot(1, len(measured), number)
+        axes.set_title(MECHANISMS[mechanism], fontsize=8)
+        for run in runs:
+            program, own = run.name, run.program == "gyrospark"
+            seconds = DT * run.steps * np.arange(1, len(run.drift) + 1) / max(len(run.drift), 1)
+            line, = axes.plot(seconds, np.maximum(run.drift, _ROUNDED), lw=1.2 if own else 0.8,
+                              color=_COLOURS[len(named) if program not in named
+                                             else list(named).index(program)],
+                              linestyle="-" if own else "--")
+            named.setdefault(program, line)
+        axes.set(xscale="log", yscale="log")
+        axes.tick_params(labelsize=6)
+    figure.supxlabel("time (s)", fontsize=8)
+    figure.supylabel("deviation of the energy (J)", fontsize=8)
+    figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=7, ncols=4)
+    figure.savefig(path, dpi=90)
 
 
 def _lines(runs: Sequence[WorkPrecisionRun]) -> list[list[tuple[float, float]]]:

@@ -20,7 +20,7 @@ __all__ = ["reference"]
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("name", metavar="list|NAME|all", default="list")
+@click.argument("name", metavar="list|NAME|all|robots", default="list")
 @click.option("--quick", is_flag=True, help="The first scheme of each problem alone, timed once.")
 @click.option("--peers", is_flag=True, help="SciPy, heyoka, exudyn, MuJoCo too, where they can go.")
 @click.option("--plot", metavar="FILE.png", type=click.Path(path_type=Path),
@@ -40,6 +40,11 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     gyrospark reference all --json
     gyrospark reference neumann --peers
     gyrospark reference all --peers --out docs/references.md --plot docs/references.png
+    gyrospark reference robots --quick
+
+    \b
+    robots runs mechanisms with closed loops for a million steps (--quick: 1,000): constraints,
+    energy, error and cost.
     """
     import json
 
@@ -56,6 +61,9 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
         check_ending("--out", out, (".md",))
     if plot is not None:
         check_picture(plot)
+    if name == "robots":
+        _robots(quick, peers, plot, out, as_json)
+        return 0
     problems = [named(known) for known in (names() if name == "all" else [name])]
     rounds = 1 if quick else 3
     measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
@@ -83,6 +91,31 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     if missed:
         click.echo(f"reference: no scheme has the digits of {', '.join(missed)}.", err=True)
     return 1 if missed else 0
+
+
+def _robots(quick: bool, peers: bool, plot: Path | None, out: Path | None, as_json: bool) -> None:
+    import json
+
+    from ..benchmarks.long_runs import MECHANISMS, long_runs_page, measure_long_runs
+
+    measured = {name: list(measure_long_runs(name, steps=1000 if quick else 1_000_000, peers=peers,
+                                             watch=_note)) for name in MECHANISMS}
+    if as_json:
+        click.echo(json.dumps([run.as_dict() for runs in measured.values() for run in runs],
+                              indent=2))
+    for name, runs in measured.items() if not as_json else ():
+        click.echo(f"{MECHANISMS[name]} (gs.models.{name})")
+        for run in runs:
+            click.echo(f"  {run.name:<32} {run.steps:>9,} steps {run.cpu_seconds * 1e6:9.3g} µs each"
+                       f"  constraints {run.constraint:.0e}  energy {run.energy:.0e} J"
+                       f"  error {run.error:.0e} m" + (f"  ({run.note})" if run.note else ""))
+    if plot is not None:
+        from ..benchmarks.pictures import draw_long_runs
+
+        draw_long_runs(measured, plot)
+    if out is not None:
+        picture = "" if plot is None else Path(os.path.relpath(plot, out.parent)).as_posix()
+        write_files({out.name: long_runs_page(measured, picture)}, out.parent)
 
 
 def _note(text: str) -> None:

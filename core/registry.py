@@ -85,7 +85,8 @@ SYSTEMS = _entries("system", "generator.multibody.rigid_body", "heavy_top", "fre
 PROBLEMS = _entries("problem", "runtime.rigid_body.problems", "fast-top", "regular-precession",
                     "free-body")
 MODELS = _entries("model", "generator.multibody.example_models", "lagrange_top", "satellite",
-                  "double_pendulum", "double_top", "gimbal", "four_bar", "chain", "waters")
+                  "double_pendulum", "double_top", "gimbal", "four_bar", "delta_robot",
+                  "stewart_platform", "chain", "waters")
 
 
 @dataclass(frozen=True)

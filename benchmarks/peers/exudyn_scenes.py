@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import io
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -68,11 +68,24 @@ class ExudynScene:
         Unavailable
             If a step finds no solution.
         """
-        settings = self._settings(seconds, steps)
+        return self._run(method, self._settings(seconds, steps), go_on=False)
+
+    def pieces(
+        self, method: str, dt: float, steps: int, count: int
+    ) -> Iterator[Mapping[str, SceneMotion]]:
+        """Yield how the bodies move at the end of each of ``count`` pieces of a run.
+
+        It raises ``Unavailable`` as ``run`` does.
+        """
+        fresh = ExudynScene(self._scene, lie_group=self._lie_group)
+        for _ in range(count):
+            yield fresh._run(method, fresh._settings(steps * dt, steps), go_on=True)
+
+    def _run(self, method: str, settings: Any, *, go_on: bool) -> Mapping[str, SceneMotion]:
         kind = getattr(self.exudyn.DynamicSolverType, (IMPLICIT | EXPLICIT)[method])
         try:
             with contextlib.redirect_stdout(io.StringIO()):  # of which the first line is raised
-                self._main.SolveDynamic(settings, solverType=kind, updateInitialValues=False)
+                self._main.SolveDynamic(settings, solverType=kind, updateInitialValues=go_on)
         except (RuntimeError, ValueError) as error:
             raise Unavailable(f"{method}: {str(error).strip().splitlines()[0]}") from error
         return {name: self._read(body, self._made[name]["nodeNumber"])

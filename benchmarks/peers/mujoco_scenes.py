@@ -7,7 +7,9 @@ the hinge holds its axis by a second point of that. The step loop is its own, in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -19,7 +21,7 @@ from ..scenes import GROUND, Array, ReferenceScene, SceneJoint, SceneMotion
 from .mujoco_bodies import STIFFEST, text
 from .optional import Unavailable, need
 
-__all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene"]
+__all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene", "tree_of"]
 
 PACKAGE = "mujoco"
 INTEGRATORS = ("RK4", "implicit")
@@ -39,30 +41,45 @@ class MujocoScene:
                            for name, body in scene.bodies.items()} | {GROUND: np.eye(3)}
         self._origins = {name: body.start.x for name, body in scene.bodies.items()} | {
             GROUND: np.zeros(3)}
-        self._text = self._scene_text(*_tree(scene))
+        self._text = self._scene_text(*tree_of(scene))
 
     def prepare(self, integrator: str, seconds: float, steps: int) -> Run:
         """Return what takes so many steps from the start and returns how the bodies move.
 
         It raises ``Unavailable`` where MuJoCo finds the motion unstable.
         """
-        mujoco, model = self._mujoco, self._model(integrator, seconds / steps)
-        data = mujoco.MjData(model)
+        model = self._model(integrator, seconds / steps)
+        data = self._mujoco.MjData(model)
         speeds = self._speeds(model, data)
-        torques = {model.body(name).id: torque for name, torque in self._scene.torques.items()}
+        return lambda: next(self._moved(integrator, model, data, speeds, steps))
 
-        def run() -> Mapping[str, SceneMotion]:
-            mujoco.mj_resetData(model, data)
-            data.qvel[:] = speeds
-            for body, torque in torques.items():
-                data.xfrc_applied[body, 3:] = torque
+    def pieces(
+        self, integrator: str, dt: float, steps: int, count: int
+    ) -> Iterator[Mapping[str, SceneMotion]]:
+        """Yield how the bodies move at the end of each of ``count`` pieces of a run.
+
+        It raises ``Unavailable`` as ``prepare`` does.
+        """
+        model = self._model(integrator, dt)
+        data = self._mujoco.MjData(model)
+        moved = self._moved(integrator, model, data, self._speeds(model, data), steps)
+        return itertools.islice(moved, count)
+
+    def _moved(self, integrator: str, model: Any, data: Any, speeds: Array,
+               steps: int) -> Iterator[Mapping[str, SceneMotion]]:
+        """Yield how the bodies move after each so many steps from the start."""
+        mujoco = self._mujoco
+        mujoco.mj_resetData(model, data)
+        data.qvel[:] = speeds
+        for name, torque in self._scene.torques.items():
+            data.xfrc_applied[model.body(name).id, 3:] = torque
+        for done in itertools.count(steps, steps):
             mujoco.mj_step(model, data, steps)
             if any(found.number for found in data.warning):
-                raise Unavailable(f"{integrator} is unstable in {steps} steps")
-            mujoco.mj_forward(model, data)  # what a step leaves is of its beginning
-            return {name: self._read(model, data, name) for name in self._scene.bodies}
-
-        return run
+                raise Unavailable(f"{integrator} is unstable in {done} steps")
+            seen = copy(data)
+            mujoco.mj_forward(model, seen)  # what a step leaves is of its beginning
+            yield {name: self._read(model, seen, name) for name in self._scene.bodies}
 
     def _model(self, integrator: str, dt: float) -> Any:
         mujoco = self._mujoco
@@ -193,7 +210,7 @@ def _principal(inertia: Array) -> tuple[Array, Array]:
     return moments, axes
 
 
-def _tree(
+def tree_of(
     scene: ReferenceScene
 ) -> tuple[list[tuple[str, str, SceneJoint | None]], list[SceneJoint]]:
     """Return (parent, body, joint) from the ground on, and the joints that close loops.

@@ -6,6 +6,8 @@
     double_top              a top on a top                                n = 11, m =  5
     gimbal                  outer ring, inner ring, rotor                 n = 12, m =  9
     four_bar                crank, coupler, rocker: a closed loop         n = 21, m = 20
+    delta_robot             three arms, six rods, a platform: five loops  n = 70, m = 61
+    stewart_platform        a platform on six legs that slide             n = 91, m = 79
     chain(N)                N rods on ball joints                         n = 7N, m = 4N
     waters(N)               a drop of N rigid waters                      n = 7N, m =  N
 
@@ -33,8 +35,8 @@ from .molecules import MOST_MOLECULES, Molecule, molecules
 from .multibody import Multibody
 
 __all__ = [
-    "chain", "double_pendulum", "double_top", "four_bar", "gimbal", "lagrange_top", "satellite",
-    "waters",
+    "chain", "delta_robot", "double_pendulum", "double_top", "four_bar", "gimbal", "lagrange_top",
+    "satellite", "stewart_platform", "waters",
 ]
 
 Array = NDArray[Any]
@@ -166,6 +168,72 @@ def four_bar(*, rep: RepName = "gamma", rate: float = 3.0) -> Model:
     return build.model(without=("hinge3: z", "hinge3: axis 1", "hinge3: axis 2"))
 
 
+def delta_robot(*, rep: RepName = "gamma") -> Model:
+    """Return a delta robot on springs: three arms and six rods carry a platform that never turns.
+
+    The platform starts at rest beside the middle. Each rod is on two ball joints and free to turn
+    about itself: 12 freedoms, of which six are such turns.
+    """
+    build = Multibody("delta_robot", dt=0.002, steps=2000,
+                      description="Delta robot whose arms hang on springs.")
+    base, arm, rod, wide, apart = 0.2, 0.3, 0.6, 0.06, 0.05
+    middle = np.array([0.06, -0.03, -0.55])
+    platform = build.body("platform", mass=0.6, inertia=(0.0011, 0.0011, 0.002), rep=rep,
+                          position=middle)
+    for k in range(3):
+        turned = 2 * math.pi * k / 3
+        out, side = (np.array([math.cos(turned), math.sin(turned), 0.0]),
+                     np.array([-math.sin(turned), math.cos(turned), 0.0]))
+        end = middle + wide * out
+        # The elbow is where the arm's circle about the shoulder meets the rods' sphere.
+        away = end - base * out
+        x, z, off = away @ out, away[2], away @ side
+        distance = math.hypot(x, z)
+        cosine = (arm**2 + distance**2 - rod**2 + off**2) / (2 * arm * distance)
+        raised = math.atan2(z, x) + math.acos(cosine)
+        shoulder = base * out
+        elbow = shoulder + arm * (math.cos(raised) * out + np.array([0, 0, math.sin(raised)]))
+        upper = _rod(build, f"arm{k}", shoulder, elbow, 0.3, rep)
+        build.revolute(f"shoulder{k}", build.ground, upper, axis_in_space=side, at=shoulder)
+        build.spring(f"spring{k}", build.ground, upper, stiffness=40.0, length=0.2,
+                     on_a=(base + arm) * out + (0, 0, 0.3), on_b=(arm / 2, 0, 0))
+        for name, at in (("left", apart), ("right", -apart)):
+            lower = _rod(build, f"rod{k}_{name}", elbow + at * side, end + at * side, 0.08, rep)
+            build.ball(f"elbow{k}_{name}", upper, lower, at=elbow + at * side)
+            build.ball(f"wrist{k}_{name}", lower, platform, at=end + at * side)
+    return build.model()
+
+
+def stewart_platform(*, rep: RepName = "gamma") -> Model:
+    """Return a platform on six sprung legs, each a tube with a rod that slides in it.
+
+    The platform starts at rest, tilted, beside the middle. Each leg is on two ball joints and free
+    to turn about itself: 12 freedoms, of which six are such turns.
+    """
+    build = Multibody("stewart_platform", dt=0.002, steps=2000,
+                      description="Stewart platform on six sprung legs.")
+    middle, attitude = np.array([0.04, 0.02, 0.6]), turn((0.6, 0.8, 0.0), 0.15)
+    platform = build.body("platform", mass=5.0, inertia=(0.08, 0.08, 0.15), rep=rep,
+                          position=middle, quaternion=attitude)
+    frame = rotation(attitude)
+    for k in range(6):
+        side = 1 if k % 2 else -1
+        foot, head = (radius * np.array([math.cos(angle), math.sin(angle), 0.0])
+                      for radius, angle in (
+                          (0.5, 2 * math.pi * (k // 2) / 3 + 0.2 * side),
+                          (0.3, 2 * math.pi * (k // 2) / 3 + (math.pi / 3 - 0.2) * side)))
+        top = middle + frame @ head
+        along = (top - foot) / np.linalg.norm(top - foot)
+        tube = _rod(build, f"tube{k}", foot, foot + 0.35 * along, 0.5, rep)
+        rod = _rod(build, f"rod{k}", top - 0.35 * along, top, 0.3, rep)
+        build.ball(f"foot{k}", build.ground, tube, at=foot)
+        build.prismatic(f"slide{k}", tube, rod, axis_on_body=(1, 0, 0), at=foot)
+        build.ball(f"head{k}", rod, platform, at=top)
+        build.spring(f"spring{k}", build.ground, platform, stiffness=4000.0, length=0.68,
+                     on_a=foot, on_b=head)
+    return build.model()
+
+
 def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
     """Return a chain of equal rods on ball joints that hangs from a fixed point.
 
@@ -268,6 +336,17 @@ def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) ->
         position=(start + end) / 2,
         rotation=np.array([[e[0], -e[1], 0], [e[1], e[0], 0], [0, 0, 1]]),
     )
+
+
+def _rod(build: Multibody, name: str, start: Array, end: Array, mass: float, rep: RepName) -> Body:
+    """Add a uniform rod of 1 cm radius between two points, along its axis 1."""
+    length = float(np.linalg.norm(end - start))
+    e = (end - start) / length
+    f = np.cross(e, np.eye(3)[int(np.abs(e).argmin())])
+    f /= np.linalg.norm(f)
+    across = mass * (length**2 / 12 + 0.01**2 / 4)
+    return build.body(name, mass=mass, inertia=(mass * 0.01**2 / 2, across, across), rep=rep,
+                      position=(start + end) / 2, rotation=np.stack([e, f, np.cross(e, f)], axis=1))
 
 
 def _loop_rates(points: Array, rate: float) -> tuple[float, float, float]:

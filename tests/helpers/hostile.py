@@ -142,6 +142,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("double_top", gs.models.double_top, rep="gamma"),
         plain("gimbal", gs.models.gimbal, rep="gamma"),
         plain("four_bar", gs.models.four_bar, rate=1.0),
+        plain("delta_robot", gs.models.delta_robot, rep="gamma"),
+        plain("stewart_platform", gs.models.stewart_platform, rep="gamma"),
         plain("chain", gs.models.chain, count=1, rep="gamma"),
         plain("waters", gs.models.waters, count=2, rep="gamma", spacing=0.31, temperature=300.0,
               seed=0),
