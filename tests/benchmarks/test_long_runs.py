@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -18,10 +19,14 @@ from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 def test_a_linkage_and_its_page():
     (run,) = measure_long_runs("four_bar", steps=1000, stages=(2,))
-    assert run.constraint < 1e-14 and run.energy < 1e-6 and 0 < run.error < 1e-6
-    assert len(run.drift) == 100 and max(run.drift) == run.energy
+    assert run.constraint < 1e-14
+    assert run.energy < 1e-6
+    assert 0 < run.error < 1e-6
+    assert len(run.drift) == 100
+    assert max(run.drift) == run.energy
     page = long_runs_page({"four_bar": [run]}, "a.png")
-    assert "2-G-L | 1,000" in page and "](a.png)" in page
+    assert "2-G-L | 1,000" in page
+    assert "](a.png)" in page
 
 
 @pytest.mark.parametrize("name", ["delta_robot", "stewart_platform"])
@@ -36,7 +41,8 @@ def test_mechanisms_start_at_rest_on_their_constraints(name):
     scene = scene_of(model)
     assert len(scene.joints) == len(joints) - len(scene.springs)
     loops = mujoco_scenes.tree_of(scene)[1]
-    assert len(loops) == 5 and name in MECHANISMS
+    assert len(loops) == 5
+    assert name in MECHANISMS
     ours, others = _accelerations(model), _newton_euler(scene)
     assert np.abs(ours - others).max() <= 1e-11 * np.abs(others).max()
 
@@ -109,5 +115,5 @@ def test_other_programs_find_the_same_motion(name):
     for steps in (100, 200, 400):
         (end,) = pinocchio_scenes.PinocchioScene(scene).pieces(0.1 / steps, steps, 1)
         ends.append(np.concatenate([end[body].x for body in scene.bodies]))
-    first, second = (np.abs(a - b).max() for a, b in zip(ends, ends[1:], strict=False))
+    first, second = (np.abs(a - b).max() for a, b in itertools.pairwise(ends))
     assert math.log2(first / second) == pytest.approx(1, abs=0.3)
