@@ -237,9 +237,9 @@ writes this page: the constraints, the energy, the error and the cost of one ste
 of programs that robots are simulated with. Each receives the bodies, joints, springs and gravity of
 a model of `gs.models`, without friction, damping, contact and motors, and takes steps of 1 ms.
 
-Constraints and energy are evaluated by the equations of the model at 100 states of each run, for all
-programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation of H.
-The error is the largest distance of a body from its position after 1 s by 3-stage Gauss-Lobatto in
+Constraints and energy are evaluated by the equations of the model at 100 states of each run, for
+all programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation
+of H. The error is the largest distance of a body from its position after 1 s by 3-stage Gauss-Lobatto in
 steps of 0.2 ms. Times are CPU seconds of one run on a machine that does other work too. Runs of a
 program that would take more than a minute have fewer steps.
 
@@ -256,7 +256,8 @@ def long_runs_page(measured: Mapping[str, Sequence[LongRun]], picture: str = "")
     """Return the page of all mechanisms, with a picture of a file name."""
     parts = [_HEAD]
     if picture:
-        parts.append(f"![Deviation of the energy over time, a panel for each mechanism]({picture})\n")
+        alternative = "Deviation of the energy over time, a panel for each mechanism"
+        parts.append(f"![{alternative}]({picture})\n")
     for mechanism, runs in measured.items():
         parts.append(f"## {MECHANISMS[mechanism]}\n\n`gs.models.{mechanism}()`\n")
         parts.append("| program | steps | µs a step | constraints | energy (J) | error (m) |\n"

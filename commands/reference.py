@@ -106,8 +106,8 @@ def _robots(quick: bool, peers: bool, plot: Path | None, out: Path | None, as_js
     for name, runs in measured.items() if not as_json else ():
         click.echo(f"{MECHANISMS[name]} (gs.models.{name})")
         for run in runs:
-            click.echo(f"  {run.name:<32} {run.steps:>9,} steps {run.cpu_seconds * 1e6:9.3g} µs each"
-                       f"  constraints {run.constraint:.0e}  energy {run.energy:.0e} J"
+            click.echo(f"  {run.name:<32} {run.steps:>9,} steps {run.cpu_seconds * 1e6:9.3g} µs"
+                       f" each  constraints {run.constraint:.0e}  energy {run.energy:.0e} J"
                        f"  error {run.error:.0e} m" + (f"  ({run.note})" if run.note else ""))
     if plot is not None:
         from ..benchmarks.pictures import draw_long_runs
