@@ -239,9 +239,9 @@ a model of `gs.models`, without friction, damping, contact and motors, and takes
 
 Constraints and energy are evaluated by the equations of the model at 100 states of each run, for
 all programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation
-of H. The error is the largest distance of a body from its position after 1 s by 3-stage Gauss-Lobatto in
-steps of 0.2 ms. Times are CPU seconds of one run on a machine that does other work too. Runs of a
-program that would take more than a minute have fewer steps.
+of H. The error is the largest distance of a body from its position after 1 s by 3-stage
+Gauss-Lobatto in steps of 0.2 ms. Times are CPU seconds of one run on a machine that does other work
+too. Runs of a program that would take more than a minute have fewer steps.
 
 MuJoCo closes loops by soft constraints, at their largest stiffness for the time step, and exudyn by
 multipliers. Pinocchio has no integrator: here semi-implicit Euler in Python, with Baumgarte's
