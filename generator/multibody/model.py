@@ -101,7 +101,8 @@ class Model:
                                      for name, inertia in numbers.bodies.items()}),
             dt=numbers.dt, steps=numbers.steps, description=numbers.description, frame="",
             rules=MappingProxyType(dict(numbers.rules)), events=numbers.events,
-            units=MappingProxyType({}), system_digest=system_digest, _name=numbers.name,
+            units=MappingProxyType({}), visuals=MappingProxyType(dict(numbers.visuals)),
+            system_digest=system_digest, _name=numbers.name,
             _make=make)
         return model
 
