@@ -47,7 +47,7 @@ SYNONYMS = {
     "long_runs": "resume, store, zarr, checkpoint",
     "models": "urdf, robot, toml, model file",
     "python#ensembles": "batch, monte carlo, parallel, simd",
-    "results#animation": "animation, video, movie, 3d view",
+    "results#pictures-and-animations-of-bodies": "animation, video, movie, 3d view",
     "results": "reaction force, constraint force, csv, pandas, output",
     "solving": "newton, convergence, fixed point, iteration",
     "stability": "version, deprecation, semantic versioning, api changes",

@@ -141,7 +141,7 @@ def run(
     **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
-    (.toml); or a robot (.urdf, .xml, .sdf). Without --scheme by (DEFAULT), and a single body's γ
+    (.toml); or a robot (.urdf, .xml, .sdf). Without a scheme by (DEFAULT), and a single body's γ
     then by pilot runs.
 
     \b
