@@ -50,7 +50,7 @@ SHORTER = [
 
 #: What is not typed here: pattern, reason.
 NOT_RUN = [
-    (r"^pip install ", "test_bare_machine.py installs what pip makes of the project, and "
+    (r"^pip (install|freeze)\b", "test_bare_machine.py installs what pip makes of the project, and "
                        "test_packaging.py compares the extras that are named"),
     (r"^make (test|generated|docs)", "the first runs these tests, the second writes to the "
                                       "repository, the third is typed by test_site.py"),

@@ -11,7 +11,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.benchmarks import reference_bodies, scenes
-from gyrospark.benchmarks.peers.mujoco_scenes import _tree
+from gyrospark.benchmarks.peers.mujoco_scenes import tree_of
 from gyrospark.benchmarks.peers.optional import Unavailable
 from gyrospark.benchmarks.reference_bodies import measure_bodies
 from gyrospark.benchmarks.reference_scenes import andrews, at_start, scene_reference
@@ -111,11 +111,11 @@ def test_steps_that_fail_are_said_and_more_are_tried(monkeypatch):
 
 
 def test_loops_are_closed_by_balls_where_there_are():
-    tree, loops = _tree(scene_reference(REFERENCES["slider-crank"]).scene)
+    tree, loops = tree_of(scene_reference(REFERENCES["slider-crank"]).scene)
     assert [joint.kind for joint in loops] == ["ball"]
     assert [(parent, body) for parent, body, _ in tree] == [
         ("", "slider"), ("", "crank"), ("slider", "conrod")]
-    tree, loops = _tree(scene_reference(REFERENCES["four-bar"]).scene)
+    tree, loops = tree_of(scene_reference(REFERENCES["four-bar"]).scene)
     assert len(tree) == 5
     assert [(joint.a, joint.b) for joint in loops] == [("c1", "v1"), ("c2", "v2")]
 
