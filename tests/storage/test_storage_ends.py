@@ -104,6 +104,8 @@ def test_signal_ends_a_run_at_a_commit(number, code, onward, whole, tmp_path):
 
 def test_second_signal_ends_it_at_once(tmp_path):
     """Without a commit, and both are there before the first is heard: what was stored is whole."""
+    made = cli(*TOP, "--steps", "2", "--solver", "python", cwd=tmp_path, **FAST)
+    assert made.returncode == 0  # Newton's method is compiled now, and not while signals come
     process = begin([*SLOW, *OUT], tmp_path)
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGTERM)
