@@ -21,7 +21,7 @@ test: .venv/ready lint
 lint: .venv/ready
 	$(BIN)/ruff check .
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
-	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands core engine generator interop references runtime storage studies sweeps) \
+	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands core engine generator interop references runtime storage studies sweeps targets) \
 	    $(addprefix -m gyrospark.,__main__ api exact)
 
 # The site, in build/site, with a line for each page that is read; warnings are errors, outputs of

@@ -73,6 +73,7 @@ def _stl(content: bytes) -> Array:
 
 
 def _obj(content: bytes) -> Array:
+    _check_number(content.count(b"\nf "))
     vertices: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     try:

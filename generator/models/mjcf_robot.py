@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
+from ...core.mesh_files import read_triangles
 from .bounded_xml import Element
-from .closed_mesh import Volume, convex_hull, mesh_volume, read_triangles
+from .closed_mesh import Volume, convex_hull, mesh_volume
 from .mjcf_document import Document, Given
 from .mjcf_geoms import Geom, geom_mass, geom_shape
 from .urdf_robot import IDENTITY, Placement, RobotLink

@@ -452,7 +452,8 @@ def _as_parameter(
 @lru_cache(maxsize=16)
 def _names_with_inertia(parameters: tuple[str, ...]) -> list[str]:
     """Return the names of γ and α, of those of all parameters."""
-    return [name for name in parameters if has_inertia(name, dict.fromkeys(parameters))]
+    known = dict.fromkeys(parameters)
+    return [name for name in parameters if has_inertia(name, known)]
 
 
 def warn_of_negative(parameters: Mapping[str, Any]) -> None:

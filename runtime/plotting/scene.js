@@ -202,14 +202,14 @@ const drawing = (() => {
           high[j] = Math.max(high[j], point[j]);
         }
       };
-      const wander = [[Infinity, -Infinity], [Infinity, -Infinity]];
+      const extents = [[Infinity, -Infinity], [Infinity, -Infinity]];
       for (const poses of samples) bodies.forEach((body, i) => {
         const tip = pointOf(poses[i], body.tip);
         for (const end of drawn[i].ends) reach(pointOf(poses[i], end));
         reach(tip);
         [first, second].forEach((e, j) => {
-          wander[j][0] = Math.min(wander[j][0], dot(e, tip));
-          wander[j][1] = Math.max(wander[j][1], dot(e, tip));
+          extents[j][0] = Math.min(extents[j][0], dot(e, tip));
+          extents[j][1] = Math.max(extents[j][1], dot(e, tip));
         });
       });
       for (const tie of ties) {
@@ -223,7 +223,7 @@ const drawing = (() => {
       target = times(0.5, add(low, high));
       radius = 0.5 * Math.hypot(...minus(high, low)) || 1;
       floor = dot(up, target) - Math.abs(dot(up, times(0.5, minus(high, low))));
-      const spread = wander.map(([from, to]) => to - from);
+      const spread = extents.map(([from, to]) => to - from);
       // A motion in a plane is seen from before it.
       const flat = spread[1] < 0.02 * radius && spread[0] > 0.02 * radius ? -1.25
         : spread[0] < 0.02 * radius && spread[1] > 0.02 * radius ? 0.3 : -1.05;
