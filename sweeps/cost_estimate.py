@@ -92,16 +92,17 @@ def _seconds_a_step(study: Study, tile: Tile) -> float:
     """
     if study.steps is not None and study.steps <= 2 * _STEPS:
         short = replace(study, every=None)
+        _time(short, tile)  # for caches
         return _time(short, tile) / study.steps / math.prod(tile.shape)
     once, twice = (replace(study, steps=n, duration=None, every=None)
                    for n in (_STEPS, 2 * _STEPS))
+    _time(once, tile)  # for caches
     seconds = max(_time(twice, tile) - _time(once, tile), 0.0)
     return seconds / _STEPS / math.prod(tile.shape)
 
 
 def _time(study: Study, tile: Tile) -> float:
     fields = fields_of(study, [])
-    compute(study, fields, tile)  # once for caches
     began = time.thread_time()
     compute(study, fields, tile)
     return time.thread_time() - began

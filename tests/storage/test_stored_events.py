@@ -140,12 +140,12 @@ def test_store_after_each_file_that_is_written(ends, tmp_path, monkeypatch) -> N
     counts = set()
     for number, path in enumerate(copies[1:]):
         found = gs.open_recording(path)
+        events = found.events
         for name in ("dip", "side"):
-            one = found.events[name]
-            counts.add(len(one))
-            assert np.array_equal(one.t, whole.events[name].t[: len(one)])
+            counts.add(len(events[name]))
+            assert np.array_equal(events[name].t, whole.events[name].t[: len(events[name])])
         if number % 23 == 0 or number == len(copies) - 2:
-            assert found.dataset.sizes["event_dip"] == len(found.events["dip"])
+            assert found.dataset.sizes["event_dip"] == len(events["dip"])
             again = gs.record(step, out=path, resume=True, **run)
             assert_same(again.trajectory(), whole)
             assert_same_bytes(path, out)
