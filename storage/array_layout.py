@@ -217,9 +217,12 @@ def consolidate(
 
 
 def open_group(path: Path, *, write: bool = False) -> zarr.Group:
-    """Return the group of a store; to read, with the metadata of its arrays, not of the root."""
+    """Return the group of a store, with the metadata of its arrays, not those of the root.
+
+    A process that was killed leaves the copies in the root behind those of the arrays.
+    """
     return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r",
-                           use_consolidated=write)
+                           use_consolidated=False)
 
 
 def attributes_of(group: zarr.Group) -> dict[str, Any]:

@@ -47,7 +47,12 @@ class EventStore:
         return [chunk for name, rows in parts.items()
                 for chunk in _behind(self._arrays[name], begun, rows)]
 
-    def grow(self, counts: Mapping[str, int]) -> list[str]:
+    @property
+    def names(self) -> set[str]:
+        """The names of the arrays."""
+        return set(self._arrays)
+
+    def grow(self, counts: Mapping[str, int]) -> set[str]:
         """Resize the arrays of each event, and drop later rows.
 
         Returns the names of those that had not as many.
@@ -57,7 +62,7 @@ class EventStore:
         for one, count in changed:
             array = self._arrays[one]
             array.resize((count, *array.shape[1:]))
-        return [one for one, _ in changed]
+        return {one for one, _ in changed}
 
 
 def _behind(array: zarr.Array[Any], begun: int, rows: Array) -> list[Chunk]:

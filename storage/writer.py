@@ -70,6 +70,8 @@ class Writer:
         about = attributes_of(group)
         self._manifest = about["manifest"]
         self._happened = EventStore(group, self._manifest, list(about.get("events", {})))
+        # A process that was killed may have left what the root says of these behind.
+        self._changed = self._happened.names
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
         self._queue: queue.Queue[Batch | None] = queue.Queue(maxsize=1)
@@ -114,10 +116,11 @@ class Writer:
         """Write rows, then checkpoint, then attributes: these never claim more than is stored."""
         states = self._chunks(batch) if batch.count else []
         write_chunks(self._path, states + self._happened.chunks(batch.counts, batch.found))
-        grown = self._happened.grow({name: batch.counts[name] + len(crossings)
-                                     for name, crossings in batch.found.items()})
+        self._changed |= self._happened.grow({name: batch.counts[name] + len(crossings)
+                                              for name, crossings in batch.found.items()})
         write_chunks(self._path, [Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
-        consolidate(self._path, grown, batch.attributes)  # in one go, and in one file
+        consolidate(self._path, self._changed, batch.attributes)  # in one go, and in one file
+        self._changed = set()
 
     def _chunks(self, batch: Batch) -> list[Chunk]:
         """Return the batch as the chunks of all arrays."""

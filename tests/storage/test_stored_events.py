@@ -6,6 +6,7 @@ import contextlib
 import csv
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,8 +130,8 @@ def test_store_after_each_file_that_is_written(ends, tmp_path, monkeypatch) -> N
 
     def copy(folder) -> None:
         if out.exists():
-            copies.append(tmp_path / f"{len(copies)}.zarr")
-            shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
+            copies.append((tmp_path / f"{len(copies)}.zarr", Path(folder).parts))
+            shutil.copytree(out, copies[-1][0], ignore=shutil.ignore_patterns("*.part"))
 
     with monkeypatch.context() as patch:
         patch.setattr("gyrospark.storage.chunks._AT_ONCE", 1)
@@ -138,13 +139,14 @@ def test_store_after_each_file_that_is_written(ends, tmp_path, monkeypatch) -> N
         gs.record(step, out=out, **run)
     assert len(copies) > 40
     counts = set()
-    for number, path in enumerate(copies[1:]):
+    for number, (path, written) in enumerate(copies[1:]):
         found = gs.open_recording(path)
         events = found.events
         for name in ("dip", "side"):
             counts.add(len(events[name]))
             assert np.array_equal(events[name].t, whole.events[name].t[: len(events[name])])
-        if number % 23 == 0 or number == len(copies) - 2:
+        # After a checkpoint the root of the store does not tell of it yet.
+        if array_layout.CHECKPOINT in written or number % 37 == 0 or number == len(copies) - 2:
             assert found.dataset.sizes["event_dip"] == len(events["dip"])
             again = gs.record(step, out=path, resume=True, **run)
             assert_same(again.trajectory(), whole)
