@@ -90,6 +90,10 @@ class EnsembleStates:
         """Return the running record of a trajectory."""
         return self.reports[i // self.batch][i % self.batch] if self.in_lanes else self.reports[i]
 
+    def final_report(self, i: int) -> Any:
+        """Return the record of a trajectory that has ended; it owns its memory."""
+        return self.binding.copy_of(self.report(i)) if self.in_lanes else self.reports[i]
+
     @property
     def stored(self) -> list[int]:
         """The stored states of each trajectory, its start among them; once all are done."""
