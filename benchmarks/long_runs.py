@@ -15,7 +15,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache, partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,22 +23,76 @@ import numpy as np
 from ..core.registry import MODELS
 from .peers import exudyn_scenes, mujoco_scenes, pinocchio_scenes
 from .peers.optional import Unavailable, version
+from .reference_scenes import andrews_released
 from .scenes import Array, ReferenceScene, SceneMotion, scene_of
 
 if TYPE_CHECKING:
+    from ..generator.multibody.model import Model
     from ..runtime.steppers.stepper import Stepper
 
-__all__ = ["MECHANISMS", "LongRun", "long_runs_page", "measure_long_runs"]
+__all__ = ["MECHANISMS", "LongRun", "Mechanism", "long_runs_page", "measure_long_runs"]
 
-#: Models of ``gs.models`` → titles.
-MECHANISMS = {"four_bar": "Four-bar linkage", "delta_robot": "Delta robot on springs",
-              "stewart_platform": "Stewart platform on springs"}
-#: Seconds of a step, of all programs, and of the shorter run whose end is compared.
-DT, COMPARED = 1e-3, 1.0
 #: States that are looked at, evenly over a run.
 SAMPLES = 100
+#: Steps of the shorter run whose end is compared.
+COMPARED = 1000
 #: Pieces of a run: how the bodies move at the end of each.
 Pieces = Callable[[int, int], Iterator[Mapping[str, SceneMotion]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """Bodies on joints that programs run.
+
+    Attributes
+    ----------
+    name, title : str
+    source : str
+        Where it is from, in Markdown.
+    make : callable
+        Returns the model.
+    dt : float
+        Of a step, in s.
+    """
+
+    name: str
+    title: str
+    source: str
+    make: Callable[[], Model]
+    dt: float = 1e-3
+
+    @cached_property
+    def scene(self) -> ReferenceScene:
+        """Its bodies and joints, and the model."""
+        return scene_of(self.make())
+
+    @cached_property
+    def _steppers(self) -> dict[int, Stepper]:
+        return {}
+
+    def stepper(self, stages: int) -> Stepper:
+        """Return our G-L of some stages."""
+        from ..api import stepper
+
+        if stages not in self._steppers:
+            self._steppers[stages] = stepper("G-L", stages, system=self.scene.model)
+        return self._steppers[stages]
+
+
+def _of_models(name: str, title: str) -> Mechanism:
+    return Mechanism(name, title, f"`gs.models.{name}()`", MODELS[name].make)
+
+
+#: Name → mechanism.
+MECHANISMS = {mechanism.name: mechanism for mechanism in (
+    _of_models("four_bar", "Four-bar linkage"),
+    _of_models("delta_robot", "Delta robot on springs"),
+    _of_models("stewart_platform", "Stewart platform on springs"),
+    Mechanism("andrews", "Andrews' squeezing mechanism",
+              "Seven bodies and ten hinges with the numbers of "
+              "[examples/andrews.py](../examples/andrews.py), which start at the reference "
+              "solution at t = 0.03 s with its crank at 1140 rad/s; the torque is 0 from then on",
+              andrews_released, dt=5e-5))}
 
 
 @dataclass(frozen=True)
@@ -48,8 +102,10 @@ class LongRun:
     Attributes
     ----------
     mechanism, program, method : str
+    dt : float
+        Of a step, in s.
     steps : int
-        Of ``DT`` seconds; fewer than asked for where they take too long.
+        Fewer than asked for where they take too long.
     cpu_seconds : float
         Of a step.
     constraint, energy : float
@@ -57,7 +113,7 @@ class LongRun:
     drift : sequence of float
         \\|H − H₀\\| at each of these states.
     error : float
-        Largest distance in m of a body's origin from where it is at ``COMPARED`` seconds.
+        Largest distance in m of a body's origin from where it is after ``COMPARED`` steps.
     note : str
         Why it ended early.
     """
@@ -65,6 +121,7 @@ class LongRun:
     mechanism: str
     program: str
     method: str
+    dt: float
     steps: int
     cpu_seconds: float
     constraint: float
@@ -84,16 +141,16 @@ class LongRun:
 
 
 def measure_long_runs(
-    mechanism: str, *, steps: int = 1_000_000, stages: Sequence[int] = (2, 3),
+    mechanism: Mechanism, *, steps: int = 1_000_000, stages: Sequence[int] = (2, 3),
     peers: bool = False, most_seconds: float = 60.0,
     watch: Callable[[str], None] = lambda text: None,
 ) -> Iterator[LongRun]:
-    """Yield the runs of one of ``MECHANISMS``.
+    """Yield the runs of a mechanism.
 
     Parameters
     ----------
     steps : int
-        Of ``DT`` seconds each.
+        Of the mechanism's ``dt`` each.
     stages : sequence of int
         Of our G-L; ends are compared with that of the last, in steps of a fifth.
     peers : bool
@@ -103,20 +160,20 @@ def measure_long_runs(
     watch : callable
         Is told what is at work, and what is left out.
     """
-    scene = _scene(mechanism)
-    follow = partial(_followed, scene, _true_end(mechanism, stages[-1]), steps, most_seconds)
+    true = _true_end(mechanism, stages[-1])
+    follow = partial(_followed, mechanism, true, steps, most_seconds)
     for s in stages:
-        watch(f"{mechanism}, {s}-G-L")
-        yield follow("gyrospark", f"{s}-G-L", partial(_ours, scene, s))
+        watch(f"{mechanism.name}, {s}-G-L")
+        yield follow("gyrospark", f"{s}-G-L", partial(_ours, mechanism, s))
     if not peers:
         return
     for program, ways in (("MuJoCo", _mujoco), ("exudyn", _exudyn), ("Pinocchio", _pinocchio)):
         try:
-            for method, pieces in ways(scene):
-                watch(f"{mechanism}, {program} {method}")
+            for method, pieces in ways(mechanism):
+                watch(f"{mechanism.name}, {program} {method}")
                 yield follow(f"{program} {version(_PACKAGES[program])}", method, pieces)
         except Unavailable as missing:
-            watch(f"{program} is left out of {mechanism}: {missing}.")
+            watch(f"{program} is left out of {mechanism.name}: {missing}.")
 
 
 _PACKAGES = {"MuJoCo": "mujoco", "exudyn": "exudyn", "Pinocchio": "pin"}
@@ -125,54 +182,44 @@ _PACKAGES = {"MuJoCo": "mujoco", "exudyn": "exudyn", "Pinocchio": "pin"}
 # ---------------------------------------------------------------- programs
 
 
-@cache
-def _scene(mechanism: str) -> ReferenceScene:
-    return scene_of(MODELS[mechanism].make())
-
-
-@cache
-def _stepper(mechanism: str, stages: int) -> Stepper:
-    from ..api import stepper
-
-    return stepper("G-L", stages, system=_scene(mechanism).model)
-
-
-def _ours(scene: ReferenceScene, stages: int, steps: int, count: int) -> Iterator[Any]:
+def _ours(mechanism: Mechanism, stages: int, steps: int, count: int) -> Iterator[Any]:
     """Yield (q, p); a run is one run, whose compensated sums go on from piece to piece."""
-    model, step = scene.model, _stepper(scene.name, stages)
-    sim = step.start(model.q0, model.p0, dt=DT, parameters=model.parameters)
+    model, step = mechanism.scene.model, mechanism.stepper(stages)
+    sim = step.start(model.q0, model.p0, dt=mechanism.dt, parameters=model.parameters)
     for _ in range(count):
         sim.advance(steps)
         yield np.array(sim.q), np.array(sim.p)
 
 
-def _mujoco(scene: ReferenceScene) -> Iterator[tuple[str, Pieces]]:
-    machine = mujoco_scenes.MujocoScene(scene)
+def _mujoco(mechanism: Mechanism) -> Iterator[tuple[str, Pieces]]:
+    machine = mujoco_scenes.MujocoScene(mechanism.scene)
     for method in ("Euler", "implicitfast", "implicit", "RK4"):
-        yield method, partial(machine.pieces, method, DT)
+        yield method, partial(machine.pieces, method, mechanism.dt)
 
 
-def _exudyn(scene: ReferenceScene) -> Iterator[tuple[str, Pieces]]:
-    machine = exudyn_scenes.ExudynScene(scene)
+def _exudyn(mechanism: Mechanism) -> Iterator[tuple[str, Pieces]]:
+    machine = exudyn_scenes.ExudynScene(mechanism.scene)
     for method in exudyn_scenes.IMPLICIT:
-        yield method, partial(machine.pieces, method, DT)
+        yield method, partial(machine.pieces, method, mechanism.dt)
 
 
-def _pinocchio(scene: ReferenceScene) -> Iterator[tuple[str, Pieces]]:
-    yield "Euler, Baumgarte", partial(pinocchio_scenes.PinocchioScene(scene).pieces, DT)
+def _pinocchio(mechanism: Mechanism) -> Iterator[tuple[str, Pieces]]:
+    machine = pinocchio_scenes.PinocchioScene(mechanism.scene)
+    yield "Euler, Baumgarte", partial(machine.pieces, mechanism.dt)
 
 
 # ---------------------------------------------------------------- what is measured
 
 
-def _followed(scene: ReferenceScene, true: Mapping[str, Array], steps: int, most_seconds: float,
+def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int, most_seconds: float,
               program: str, method: str, pieces: Any) -> LongRun:
+    scene, step = mechanism.scene, mechanism.stepper(2)
+    model = scene.model
     end, cpu = _compared(scene, pieces)
     error = max(float(np.linalg.norm(end[name] - at)) for name, at in true.items())
-    trial = round(COMPARED / DT)
-    steps = min(steps, max(trial, int(most_seconds / cpu) * trial))
+    steps = min(steps, max(COMPARED, int(most_seconds / cpu) * COMPARED))
     piece, drift, constraint, note = max(1, steps // SAMPLES), [], 0.0, ""
-    energy = _energy(scene, *_at_start(scene))
+    energy = step.energy(model.q0, model.p0, parameters=model.parameters)
     start = time.thread_time()
     spent, done = 0.0, 0
     try:
@@ -180,31 +227,30 @@ def _followed(scene: ReferenceScene, true: Mapping[str, Array], steps: int, most
             spent += time.thread_time() - start
             done += piece
             q, p = _state(scene, found)
-            g, _ = _stepper(scene.name, 2).defects(q, p, parameters=scene.model.parameters)
-            drift.append(abs(_energy(scene, q, p) - energy))
+            g, _ = step.defects(q, p, parameters=model.parameters)
+            drift.append(abs(float(step.energy(q, p, parameters=model.parameters) - energy)))
             constraint = max(constraint, float(np.abs(g).max()))
             start = time.thread_time()
     except Unavailable as failure:
         note = str(failure)
-    return LongRun(scene.name, program, method, done, spent / max(done, 1), constraint,
-                   max(drift, default=math.inf), tuple(drift), error, note)
+    return LongRun(mechanism.name, program, method, mechanism.dt, done, spent / max(done, 1),
+                   constraint, max(drift, default=math.inf), tuple(drift), error, note)
 
 
 def _compared(scene: ReferenceScene, pieces: Any) -> tuple[dict[str, Array], float]:
-    """Return where the bodies are at ``COMPARED`` seconds, and the CPU seconds it takes."""
+    """Return where the bodies are after ``COMPARED`` steps, and their CPU seconds."""
     start = time.thread_time()
-    (found,) = pieces(round(COMPARED / DT), 1)
+    (found,) = pieces(COMPARED, 1)
     return _places(scene, found), time.thread_time() - start
 
 
-@cache
-def _true_end(mechanism: str, stages: int) -> dict[str, Array]:
-    """Return where the bodies are at ``COMPARED`` seconds, by G-L in steps of a fifth."""
-    scene = _scene(mechanism)
-    step, model, parts = _stepper(mechanism, stages), scene.model, 5 * round(COMPARED / DT)
-    run = step.integrate(model.q0, model.p0, dt=COMPARED / parts, steps=parts, every=parts,
-                         parameters=model.parameters)
-    return _places(scene, (run.q[-1], run.p[-1]))
+def _true_end(mechanism: Mechanism, stages: int) -> dict[str, Array]:
+    """Return where the bodies are after ``COMPARED`` steps, by G-L in steps of a fifth."""
+    model, parts = mechanism.scene.model, 5 * COMPARED
+    run = mechanism.stepper(stages).integrate(
+        model.q0, model.p0, dt=mechanism.dt / 5, steps=parts, every=parts,
+        parameters=model.parameters)
+    return _places(mechanism.scene, (run.q[-1], run.p[-1]))
 
 
 def _places(scene: ReferenceScene, found: Any) -> dict[str, Array]:
@@ -220,14 +266,6 @@ def _state(scene: ReferenceScene, found: Any) -> tuple[Array, Array]:
     return end.q[0], end.p[0]
 
 
-def _at_start(scene: ReferenceScene) -> tuple[Array, Array]:
-    return np.asarray(scene.model.q0, dtype=float), np.asarray(scene.model.p0, dtype=float)
-
-
-def _energy(scene: ReferenceScene, q: Array, p: Array) -> float:
-    return float(_stepper(scene.name, 2).energy(q, p, parameters=scene.model.parameters))
-
-
 # ---------------------------------------------------------------- the page
 
 _HEAD = """# Mechanisms with closed loops over many steps
@@ -235,31 +273,31 @@ _HEAD = """# Mechanisms with closed loops over many steps
 `gyrospark reference robots --peers --out docs/reference_robots.md --plot docs/reference_robots.png`
 writes this page: the constraints, the energy, the error and the cost of one step, of gyrospark and
 of programs that robots are simulated with. Each receives the bodies, joints, springs and gravity of
-a model of `gs.models`, without friction, damping, contact and motors, and takes steps of 1 ms.
+a model, without friction, damping, contact and motors.
 
 Constraints and energy are evaluated by the equations of the model at 100 states of each run, for
 all programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation
-of H. The error is the largest distance of a body from its position after 1 s by 3-stage
-Gauss-Lobatto in steps of 0.2 ms. Times are CPU seconds of one run on a machine that does other work
-too. Runs of a program that would take more than a minute have fewer steps.
+of H. The error is the largest distance of a body after 1000 steps from its position by 3-stage
+Gauss-Lobatto in steps of a fifth. Times are CPU seconds of one run on a machine that also does
+other work. Runs of a program that would take more than a minute have fewer steps.
 
 MuJoCo closes loops by soft constraints, at their largest stiffness for the time step, and exudyn by
 multipliers. Pinocchio has no integrator: here semi-implicit Euler in Python, with Baumgarte's
 stabilization of five steps, so that its time is that of Python.
 
-`gs.models.four_bar()`, `gs.models.delta_robot()` and `gs.models.stewart_platform()` are the models;
-`gyrospark run delta_robot --view delta.html` shows one.
+`gyrospark run delta_robot --view delta.html` shows one of the models.
 """
 
 
-def long_runs_page(measured: Mapping[str, Sequence[LongRun]], picture: str = "") -> str:
+def long_runs_page(measured: Mapping[Mechanism, Sequence[LongRun]], picture: str = "") -> str:
     """Return the page of all mechanisms, with a picture of a file name."""
     parts = [_HEAD]
     if picture:
         alternative = "Deviation of the energy over time, a panel for each mechanism"
         parts.append(f"![{alternative}]({picture})\n")
     for mechanism, runs in measured.items():
-        parts.append(f"## {MECHANISMS[mechanism]}\n\n`gs.models.{mechanism}()`\n")
+        parts.append(f"## {mechanism.title}\n\n{mechanism.source}; "
+                     f"steps of {mechanism.dt * 1e3:g} ms.\n")
         parts.append("| program | steps | µs a step | constraints | energy (J) | error (m) |\n"
                      "| --- | --- | --- | --- | --- | --- |\n" + "".join(
             f"| {run.name} | {run.steps:,} | {run.cpu_seconds * 1e6:.3g} | {run.constraint:.0e} "

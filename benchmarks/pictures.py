@@ -15,7 +15,7 @@ from .contest import ContestRow
 from .drift import DriftRun
 from .growth import Size, laws
 from .joined_bodies import BodyRow
-from .long_runs import DT, MECHANISMS, LongRun
+from .long_runs import LongRun, Mechanism
 
 if TYPE_CHECKING:
     from .gradients import GradientRow
@@ -200,7 +200,7 @@ def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], 
     figure.savefig(path, dpi=80)
 
 
-def draw_long_runs(measured: Mapping[str, Sequence[LongRun]], path: Path) -> None:
+def draw_long_runs(measured: Mapping[Mechanism, Sequence[LongRun]], path: Path) -> None:
     """Draw the deviation of the energy against time, a panel for each mechanism.
 
     Raises
@@ -212,10 +212,10 @@ def draw_long_runs(measured: Mapping[str, Sequence[LongRun]], path: Path) -> Non
     named: dict[str, Any] = {}
     for number, (mechanism, runs) in enumerate(measured.items(), start=1):
         axes = figure.add_subplot(1, len(measured), number)
-        axes.set_title(MECHANISMS[mechanism], fontsize=8)
+        axes.set_title(mechanism.title, fontsize=8)
         for run in runs:
             program, own = run.name, run.program == "gyrospark"
-            seconds = DT * run.steps * np.arange(1, len(run.drift) + 1) / max(len(run.drift), 1)
+            seconds = run.dt * run.steps * np.arange(1, len(run.drift) + 1) / max(len(run.drift), 1)
             line, = axes.plot(seconds, np.maximum(run.drift, _ROUNDED), lw=1.2 if own else 0.8,
                               color=_COLOURS[len(named) if program not in named
                                              else list(named).index(program)],

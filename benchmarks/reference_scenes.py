@@ -20,14 +20,17 @@ from ..generator.multibody.model import Model
 from ..generator.multibody.multibody import Multibody
 from ..references.mechanisms import EXAMPLES
 from ..references.problem import Reference
+from ..references.problem_registry import reference
 from ..runtime.rigid_body.quaternion import rotation_matrix
 from .peers.optional import Unavailable
 from .scenes import GROUND, ReferenceScene, SceneBody, SceneJoint, SceneMotion, scene_of
 
-__all__ = ["SceneReference", "andrews", "at_start", "scene_reference"]
+__all__ = ["SceneReference", "andrews", "andrews_released", "at_start", "scene_reference"]
 
 Motions = Mapping[str, SceneMotion]
 Numbers = Mapping[str, Sequence[float]]
+#: ε of derivatives by complex numbers.
+_STEP = 1e-30
 
 @dataclass(frozen=True)
 class SceneReference:
@@ -96,27 +99,33 @@ def _pendulum(model: Model) -> ReferenceScene:
 # ---------------------------------------------------------------- Andrews
 
 
-def andrews(values: Mapping[str, float], angles: Sequence[float]) -> Multibody:
-    """Return the seven bodies of Andrews' mechanism in a plane, K1 to K7, at rest.
+def andrews(
+    values: Mapping[str, float], angles: Sequence[float], rates: Sequence[float] = (0.0,) * 7
+) -> Multibody:
+    """Return the seven bodies of Andrews' mechanism in a plane, K1 to K7, without its torque.
 
     Parameters
     ----------
-    values, angles
-        Parameters and β, Θ, γ, φ, δ, Ω, ε as in ``examples/andrews.py``.
+    values, angles, rates
+        Parameters, β, Θ, γ, φ, δ, Ω, ε and their rates as in ``examples/andrews.py``.
     """
     v = values
-    beta, theta, gamma, phi, delta, omega, epsilon = angles
+    # f(x + iεẋ) = f(x) + iε df/dt: the imaginary parts are velocities, to all digits.
+    beta, theta, gamma, phi, delta, omega, epsilon = (
+        np.asarray(angles) + 1j * _STEP * np.asarray(rates))
     A, B = (v["xa"], v["ya"]), (v["xb"], v["yb"])
     build = Multibody("andrews_of_bodies", gravity=(0, 0, 0))
     at: dict[str, tuple[Any, Any]] = {}
 
-    def link(number: int, hinge: Any, turn: float, centre: tuple[float, float]) -> None:
+    def link(number: int, hinge: Any, turn: complex, centre: tuple[float, float]) -> None:
         """Add K_number, turned about a hinge, its centre of mass in its own axes from there."""
-        R = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-        at[f"K{number}"] = np.asarray(hinge, dtype=float), R
+        R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        at[f"K{number}"] = np.asarray(hinge), R
+        place, about_z = hinge + R @ centre, np.eye(3)
+        about_z[:2, :2] = R.real
         build.body(f"K{number}", mass=v[f"m{number}"], inertia=(v[f"I{number}"],) * 3,
-                   position=(*(hinge + R @ centre), 0),
-                   quaternion=(math.cos(turn / 2), 0, 0, math.sin(turn / 2)))
+                   position=(*place.real, 0), velocity=(*(place.imag / _STEP), 0),
+                   rotation=about_z, angular_velocity=(0, 0, turn.imag / _STEP))
 
     def point(name: str, x: float, y: float) -> Any:
         hinge, R = at[name]
@@ -135,11 +144,20 @@ def andrews(values: Mapping[str, float], angles: Sequence[float]) -> Multibody:
             ("B", "ground", "K3", B), ("A5", "ground", "K5", A), ("H", "K5", "K4", at["K4"][0]),
             ("A7", "ground", "K7", A), ("G", "K7", "K6", at["K6"][0]), ("E3", "K2", "K3", E),
             ("E4", "K2", "K4", E), ("E6", "K2", "K6", E)):
-        build.revolute(name, a, b, axis=(0, 0, 1), at=(*where, 0))
+        build.revolute(name, a, b, axis=(0, 0, 1), at=(*np.real(where), 0))
     centre = np.array([v["sb"], -v["sa"]])
     build.spring("spring", "K3", "ground", stiffness=v["c0"], length=v["l0"],
                  on_a=(*((v["sd"], -v["sc"]) - centre), 0), on_b=(v["xc"], v["yc"], 0))
     return build
+
+
+def andrews_released() -> Model:
+    """Return Andrews' mechanism at t = 0.03 s of the reference solution, its torque then off."""
+    problem = reference("andrews")
+    angles, rates = ([float(problem.truth.value(name)) for name in problem.groups[group]]
+                     for group in ("positions", "velocities"))
+    build = andrews(problem.make().in_type(float).parameters, angles, rates)
+    return build.model(redundant="leave out")
 
 
 def _andrews(problem: Reference, model: Model) -> SceneReference:

@@ -98,13 +98,14 @@ def _robots(quick: bool, peers: bool, plot: Path | None, out: Path | None, as_js
 
     from ..benchmarks.long_runs import MECHANISMS, long_runs_page, measure_long_runs
 
-    measured = {name: list(measure_long_runs(name, steps=1000 if quick else 1_000_000, peers=peers,
-                                             watch=_note)) for name in MECHANISMS}
+    measured = {mechanism: list(measure_long_runs(
+        mechanism, steps=1000 if quick else 1_000_000, peers=peers, watch=_note))
+        for mechanism in MECHANISMS.values()}
     if as_json:
         click.echo(json.dumps([run.as_dict() for runs in measured.values() for run in runs],
                               indent=2))
-    for name, runs in measured.items() if not as_json else ():
-        click.echo(f"{MECHANISMS[name]} (gs.models.{name})")
+    for mechanism, runs in measured.items() if not as_json else ():
+        click.echo(f"{mechanism.title} ({mechanism.name})")
         for run in runs:
             click.echo(f"  {run.name:<32} {run.steps:>9,} steps {run.cpu_seconds * 1e6:9.3g} µs"
                        f" each  constraints {run.constraint:.0e}  energy {run.energy:.0e} J"

@@ -13,18 +13,21 @@ import gyrospark as gs
 from gyrospark.benchmarks.long_runs import MECHANISMS, long_runs_page, measure_long_runs
 from gyrospark.benchmarks.peers import mujoco_scenes, pinocchio_scenes
 from gyrospark.benchmarks.scenes import scene_of
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import numeric
+from gyrospark.references.problem_registry import REFERENCES
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 
 def test_a_linkage_and_its_page():
-    (run,) = measure_long_runs("four_bar", steps=1000, stages=(2,))
+    four_bar = MECHANISMS["four_bar"]
+    (run,) = measure_long_runs(four_bar, steps=1000, stages=(2,))
     assert run.constraint < 1e-14
     assert run.energy < 1e-6
     assert 0 < run.error < 1e-6
     assert len(run.drift) == 100
     assert max(run.drift) == run.energy
-    page = long_runs_page({"four_bar": [run]}, "a.png")
+    page = long_runs_page({four_bar: [run]}, "a.png")
     assert "2-G-L | 1,000" in page
     assert "](a.png)" in page
 
@@ -45,6 +48,23 @@ def test_mechanisms_start_at_rest_on_their_constraints(name):
     assert name in MECHANISMS
     ours, others = _accelerations(model), _newton_euler(scene)
     assert np.abs(ours - others).max() <= 1e-11 * np.abs(others).max()
+
+
+def test_andrews_starts_with_the_work_of_the_torque_until_then():
+    """H is that of rest with 0.033 N m on the crank, −mom β in it, and no torque is left."""
+    model, problem = MECHANISMS["andrews"].scene.model, REFERENCES["andrews"]
+    start = problem.make().in_type(float)
+    work = start.parameters["mom"] * float(problem.truth.value("beta"))
+    assert _energy(model) == pytest.approx(_energy(start) + work, rel=1e-12)
+    assert not any(model.system.forces)
+    assert (model.system.n, model.system.m) == (49, 48)
+
+
+def _energy(model):
+    values = dict.fromkeys(model.system.velocities, 0.0)  # of a Lagrangian, here at rest
+    values |= {x: float(model.parameters[str(x)]) for x in model.system.parameters}
+    at = zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True)
+    return evaluate([model.system.H], values | {x: float(e) for x, e in at})[0]
 
 
 def _accelerations(model):
@@ -110,10 +130,10 @@ def _newton_euler(scene):
 def test_other_programs_find_the_same_motion(name):
     """Errors of an explicit step of order 1 go down in proportion to it."""
     pytest.importorskip("pinocchio", exc_type=ImportError)
-    scene = scene_of(getattr(gs.models, name)())
+    scene, seconds = MECHANISMS[name].scene, 100 * MECHANISMS[name].dt
     ends = []
     for steps in (100, 200, 400):
-        (end,) = pinocchio_scenes.PinocchioScene(scene).pieces(0.1 / steps, steps, 1)
+        (end,) = pinocchio_scenes.PinocchioScene(scene).pieces(seconds / steps, steps, 1)
         ends.append(np.concatenate([end[body].x for body in scene.bodies]))
     first, second = (np.abs(a - b).max() for a, b in itertools.pairwise(ends))
     assert math.log2(first / second) == pytest.approx(1, abs=0.3)
