@@ -142,6 +142,10 @@ class QuadBinding(Binding):
         block.write(0, bytes(self.ffi.buffer(held, block.size)))
         return _Record(block, 0)
 
+    def copy_of(self, report: Any) -> Any:
+        """Return the running record itself: it owns its memory."""
+        return report
+
     def image(self, struct: Any) -> NDArray[np.uint8]:
         """Return the bytes of a running record or of work memory, to read and to write."""
         block = struct.block if isinstance(struct, _Record) else struct

@@ -178,6 +178,10 @@ class Compiled:
         """Return the running record of the trajectory that work memory holds: a copy."""
         return self.ffi.new(f"{self.name}_report *", self.function("report_of")(work)[0])
 
+    def copy_of(self, report: Any) -> Any:
+        """Return a copy of a running record; an entry of ``reports`` does not own its memory."""
+        return self.ffi.new(f"{self.name}_report *", report)
+
     def image(self, struct: Any) -> NDArray[np.uint8]:
         """Return the bytes of a running record or of work memory, to read and to write."""
         return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)

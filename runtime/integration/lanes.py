@@ -90,6 +90,11 @@ class EnsembleStates:
         """Return the running record of a trajectory."""
         return self.reports[i // self.batch][i % self.batch] if self.in_lanes else self.reports[i]
 
+    def final_report(self, i: int) -> Any:
+        """Return the record of a trajectory that has ended; it owns its memory."""
+        report = self.report(i)
+        return self.binding.copy_of(report) if self.in_lanes else report
+
     @property
     def stored(self) -> list[int]:
         """The stored states of each trajectory, its start among them; once all are done."""

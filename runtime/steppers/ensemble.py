@@ -320,7 +320,7 @@ def _ensemble(
 
     def member(i: int) -> Trajectory:
         made = trajectory_of(binding, stepper.manifest, runs[i], computed.rows_of(i),
-                             computed.report(i), computed.q[i], computed.p[i])
+                             computed.final_report(i), computed.q[i], computed.p[i])
         return changed(made, events=crossings[i] if crossings else {},
                        _origin=Origin(runs[i], asked))
 

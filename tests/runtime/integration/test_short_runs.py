@@ -54,6 +54,18 @@ def test_a_late_report_is_of_its_own_run(gl3) -> None:
     assert equal(kept, runs[1])
 
 
+def test_a_member_outlives_its_ensemble(gl3) -> None:
+    """Its record is its own: memory of the ensemble's records is used for others."""
+    def run():
+        return gl3.integrate_ensemble(TOP.q0[None], TOP.p0[None], dt=1e-3, steps=3,
+                                      parameters=PARAMETERS)
+
+    left = [run().members[0] for _ in range(20)]
+    held = run()
+    assert all(member.report == held.members[0].report for member in left)
+    assert all(equal(member, held.members[0]) for member in left)
+
+
 # ---------------------------------------------------------------- memory
 
 
