@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,8 @@ ACTUATORS = ("general", "motor", "position", "velocity", "damper", "intvelocity"
 _SHARED = ("gear", "ctrllimited", "ctrlrange", "forcelimited", "forcerange")
 COMMON: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     kind: {other: _SHARED for other in ACTUATORS if other != kind} for kind in ACTUATORS}
+#: What a geom without a colour has in MuJoCo; such a colour gives way to that of its material.
+_GREY = (0.5, 0.5, 0.5, 1.0)
 KINDS = ("hinge", "slide", "ball", "free")
 
 
@@ -72,6 +75,7 @@ class MjcfJoint:
     rest: float
     damping: float
     armature: float
+    range: tuple[float, float] | None
     given: Given
 
     @property
@@ -97,7 +101,8 @@ class MjcfBody:
 class MjcfActuator:
     """An effort on Σ coefficient · coordinate of joints, the length of what it acts on.
 
-    effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate)
+    effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate); with a damping
+    ``ratio`` ζ, bias₂ = −2 ζ √(−bias₁ m), m being the inertia that it has to move.
     """
 
     name: str
@@ -106,6 +111,7 @@ class MjcfActuator:
     gain: float
     bias: tuple[float, float, float]
     drag: float
+    ratio: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +161,7 @@ class MjcfRobot:
     dt: float = 0.002
     off: frozenset[str] = frozenset()
     extras: Counter[str] = field(default_factory=Counter)
+    limits: float | None = None  # stiffness of the ends of ranges of joints
 
     def limb(self, body: int) -> int:
         """Return the body it moves with: the nearest one at or above that has joints."""
@@ -299,6 +306,8 @@ class _Reader:
         shape = geom_shape(given, self.document.settings)
         if shape.mesh:
             shape = self._with_file(given, shape)
+        if "material" in given and shape.colour in (None, _GREY):
+            shape = replace(shape, colour=self._material(given.text("material")))
         if body >= 0 and self.weigh:
             link = geom_mass(given, shape, self.document.settings, self._volume)
             if link is not None:
@@ -334,15 +343,14 @@ class _Reader:
         joint = MjcfJoint(
             name, kind, body, place.R @ given.direction("axis", (0.0, 0.0, 1.0)),
             place.x + place.R @ given.vector("pos", (0.0, 0.0, 0.0)), ref, stiffness,
-            given.number("springref", 0.0) * turns, damping, given.number("armature", 0.0), given)
+            given.number("springref", 0.0) * turns, damping, given.number("armature", 0.0),
+            self._range(given, kind, turns), given)
         if "springref" not in given:
             joint.rest = 0.0
         if joint.armature < 0:
             raise given.error(f"has armature={joint.armature:g}; it must be 0 or more.")
         owner.joints.append(joint)
         robot.joints[name] = joint
-        if kind != "free" and "limit" not in robot.off:
-            robot.extras["limits"] += self._limited(given, "limited", "range")
         robot.extras["limits"] += self._limited(given, "actuatorfrclimited", "actuatorfrcrange")
         if "frictionloss" not in robot.off:
             robot.extras["friction"] += given.number("frictionloss", 0.0) != 0
@@ -355,6 +363,13 @@ class _Reader:
         if first < 0:
             raise given.error(f"has {key}={first:g}; it must be 0 or more.")
         return first
+
+    def _range(self, given: Given, kind: str, turns: float) -> tuple[float, float] | None:
+        if kind == "free" or "limit" in self.robot.off or not self._limited(
+                given, "limited", "range"):
+            return None
+        lower, upper = given.numbers("range", 2, default=[0.0, 0.0])
+        return lower * turns, upper * turns
 
     def _limited(self, given: Given, flag: str, key: str) -> bool:
         said = given.choice(flag, ("true", "false", "auto"), "auto")
@@ -375,9 +390,34 @@ class _Reader:
             raise given.error(f"has mesh={shown(shape.mesh)}, which no <asset> has"
                               f"{proposal(shape.mesh, self.meshes)}; correct it.")
         mesh = self.document.given(self.meshes[shape.mesh])
-        path = self.document.folder / self.document.settings.meshes / mesh.text("file", "")
+        path = Path(self.document.settings.meshes) / mesh.text("file", "")
+        R, x = self._reference(mesh)
         return replace(shape, file=str(path) if "file" in mesh else "",
+                       inner=Placement(-R.T @ x, R.T),
                        scale=tuple(mesh.numbers("scale", 3, default=[1.0] * 3)))
+
+    def _reference(self, mesh: Given) -> tuple[Array, Array]:
+        """Return refquat as a matrix, and refpos: the axes of a mesh in those of its file."""
+        turned = mesh.numbers("refquat", 4, default=[1.0, 0, 0, 0])
+        at = Given(mesh.tag, mesh.line, {"quat": " ".join(map(str, turned))})
+        return at.place(self.document.settings).R, mesh.vector("refpos", (0.0, 0.0, 0.0))
+
+    def _material(self, name: str) -> tuple[float, ...] | None:
+        """Return the colour of a material of <asset> and its texture, if it has one."""
+        assets = {(e.name, e.attributes.get("name", "")): e
+                  for e in self.document.sections("asset")}
+        try:
+            given = self.document.given(assets["material", name])
+            colour = given.numbers("rgba", 4, default=[1.0] * 4)
+            if "texture" in given:
+                texture = self.document.given(assets["texture", given.text("texture")])
+                if "builtin" not in texture:
+                    return tuple(colour) if "rgba" in given else None
+                tint = texture.numbers("rgb1", 3, default=[0.8] * 3)
+                colour = [*np.multiply(colour[:3], tint), colour[3]]
+            return tuple(colour)
+        except (InputError, KeyError):
+            return None
 
     def _volume(self, geom: Given, name: str) -> Volume:
         """Return the volume of a mesh of <asset>."""
@@ -402,9 +442,8 @@ class _Reader:
                               "model; move it there.")
         try:
             corners = read_triangles(path) * given.numbers("scale", 3, default=[1.0] * 3)
-            turned = given.numbers("refquat", 4, default=[1.0, 0, 0, 0])
-            at = Given(given.tag, given.line, {"quat": " ".join(map(str, turned))}).place(settings)
-            corners = (corners - given.vector("refpos", (0.0, 0.0, 0.0))) @ at.R
+            R, x = self._reference(given)
+            corners = (corners - x) @ R
             return mesh_volume(convex_hull(corners) if way == "convex" else corners)
         except InputError as error:
             raise given.error(f"gives mass to a body, and its file {shown(file)} is not usable: "
@@ -507,13 +546,19 @@ class _Reader:
             ranges.append(("ctrllimited", "ctrlrange"))
         robot.extras["limits"] += any(self._limited(given, *pair) for pair in ranges)
         gain, bias, drag = law
+        ratio = given.number("dampratio", 0.0)
+        if given.tag == "general" and gain == -bias[1] and bias[2] > 0:
+            ratio, bias = bias[2], (bias[0], bias[1], 0.0)
+        gear = given.numbers("gear", 1, 6, [1.0])[0]
+        if ratio and (ratio < 0 or not gear or bias[1] > 0 or bias[2]):
+            raise given.error(f"has dampratio={ratio:g}; it must be above 0, without kv and with a "
+                              "gear and a kp above 0.")
         name = given.text("name", "") or f"u{len(robot.actuators) + 1}"
-        robot.actuators.append(MjcfActuator(
-            name, acts, given.numbers("gear", 1, 6, [1.0])[0], gain, bias, drag))
+        robot.actuators.append(MjcfActuator(name, acts, gear, gain, bias, drag, ratio))
 
     def _law(self, given: Given) -> tuple[float, tuple[float, float, float], float] | None:
         """Return gain, bias and drag of an actuator; None where its effort is another one."""
-        if given.number("timeconst", 0.0) or "dampratio" in given:
+        if given.number("timeconst", 0.0):
             return None
         if given.tag == "motor":
             return 1.0, (0.0, 0.0, 0.0), 0.0

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_path
 from ...core.errors import InputError
 from ...core.inertia import RepName
+from ...core.mesh_files import located
 from ...core.warnings import warn
 from ..multibody.body import GROUND
 from ..multibody.model import Model
@@ -59,7 +60,7 @@ def read_urdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", loops: str | Path | None = None,
+    rep: RepName = "gamma", loops: str | Path | None = None, limits: float | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a URDF file, to which more can be added.
 
@@ -86,6 +87,9 @@ def read_urdf(
         Inertia representation.
     loops : path, optional
         A TOML file with the joints that close loops, which URDF has not (``loops``).
+    limits : float, optional
+        Stiffness of elastic ends of the ranges of joints, N m/rad or N/m: one-sided springs as
+        those of ``joint_spring``, in place of limits that are refused or ignored.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def read_urdf(
     """
     return _read(path, loops, base=base, angles=angles, rates=rates, ignore=ignore,
                  gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-                 angular_velocity=angular_velocity, rep=rep)[0]
+                 angular_velocity=angular_velocity, rep=rep, limits=limits)[0]
 
 
 def load_urdf(
@@ -110,7 +114,7 @@ def load_urdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", loops: str | Path | None = None,
+    rep: RepName = "gamma", loops: str | Path | None = None, limits: float | None = None,
 ) -> Model:
     """Return the model of a robot in URDF: ``read_urdf(...).model()``, with its arguments.
 
@@ -126,7 +130,7 @@ def load_urdf(
     build, closing, loop = _read(
         path, loops, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
         position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep)
+        angular_velocity=angular_velocity, rep=rep, limits=limits)
     if closing is not None:
         return closing.model(build)
     return _without_redundant(build, path) if loop else build.model()
@@ -136,6 +140,7 @@ def read_mjcf(
     path: str | Path, *, keyframe: str | int | None = None,
     angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
+    limits: float | None = None,
 ) -> Multibody:
     """Return the bodies, joints and actuators of an MJCF file, to which more can be added.
 
@@ -157,13 +162,16 @@ def read_mjcf(
         In space; by default that of <option>.
     rep : {"gamma", "alpha"}
         Inertia representation.
+    limits : float, optional
+        Stiffness of elastic ends of the ranges of joints, as for ``read_urdf``. Ranges of tendons
+        and efforts are among the limits to ignore still.
 
     Returns
     -------
     Multibody
         Bodies named as the first of those that move as one, in whose axes they are; joints, and
         an input for each actuator, named as in the file with ``_`` for what no name in C has.
-        ``geoms`` has what can be drawn. Equalities are exact constraints here, and soft in MuJoCo.
+        Geoms of groups 0 to 2 are drawn. Equalities are exact constraints here, and soft in MuJoCo.
 
     Raises
     ------
@@ -171,14 +179,16 @@ def read_mjcf(
         With file, line, and cure.
     """
     file = as_path("path", path, "robot.xml")
-    return parse_mjcf(model_text(file), file, keyframe=keyframe, angles=angles, rates=rates,
-                      ignore=ignore, gravity=gravity, rep=rep)
+    return _located(parse_mjcf(model_text(file), file, keyframe=keyframe, angles=angles,
+                               rates=rates, ignore=ignore, gravity=gravity, rep=rep,
+                               limits=limits), file)
 
 
 def load_mjcf(
     path: str | Path, *, keyframe: str | int | None = None,
     angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
+    limits: float | None = None,
 ) -> Model:
     """Return the model of a robot in MJCF: ``read_mjcf(...).model()``, with its arguments.
 
@@ -191,7 +201,8 @@ def load_mjcf(
         With file, line, and cure.
     """
     return _without_redundant(read_mjcf(path, keyframe=keyframe, angles=angles, rates=rates,
-                                        ignore=ignore, gravity=gravity, rep=rep), path)
+                                        ignore=ignore, gravity=gravity, rep=rep,
+                                        limits=limits), path)
 
 
 def read_sdf(
@@ -201,7 +212,7 @@ def read_sdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma",
+    rep: RepName = "gamma", limits: float | None = None,
 ) -> Multibody:
     """Return the bodies and joints of an SDF file with one model, to which more can be added.
 
@@ -223,7 +234,7 @@ def read_sdf(
         In space; by default that of the file's world, else (0, 0, -9.81).
     position, quaternion : optional
         Where the frame of the model is in space.
-    velocity, angular_velocity, rep : optional
+    velocity, angular_velocity, rep, limits : optional
         As for ``read_urdf``.
 
     Raises
@@ -232,9 +243,10 @@ def read_sdf(
         With file, line, link or joint, and cure.
     """
     file = as_path("path", path, "robot.sdf")
-    return parse_sdf(model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
-                     gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-                     angular_velocity=angular_velocity, rep=rep)
+    return _located(parse_sdf(
+        model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
+        gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
+        angular_velocity=angular_velocity, rep=rep, limits=limits), file)
 
 
 def load_sdf(
@@ -244,7 +256,7 @@ def load_sdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma",
+    rep: RepName = "gamma", limits: float | None = None,
 ) -> Model:
     """Return the model of a robot in SDF: ``read_sdf(...).model()``, with its arguments.
 
@@ -258,7 +270,7 @@ def load_sdf(
     return _without_redundant(read_sdf(
         path, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
         position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep), path)
+        angular_velocity=angular_velocity, rep=rep, limits=limits), path)
 
 
 def robot_model(
@@ -304,6 +316,13 @@ def _without_redundant(builder: Multibody, path: str | Path) -> Model:
     return model
 
 
+def _located(builder: Multibody, path: Path) -> Multibody:
+    """Return bodies and joints with the paths of meshes that the file at ``path`` names."""
+    builder._visuals = {name: [located(shape, path) for shape in shapes]
+                        for name, shapes in builder._visuals.items()}
+    return builder
+
+
 def _read(
     path: str | Path, loops: str | Path | None, **options: Any
 ) -> tuple[Multibody, Loops | None, bool]:
@@ -312,8 +331,7 @@ def _read(
     closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
     close = None if closing is None else closing.close
     text = model_text(file)
-    return (parse_urdf(text, file, close=close, meshes_of=file, **options), closing,
-            _LOOP in text)
+    return _located(parse_urdf(text, file, close=close, **options), file), closing, _LOOP in text
 
 
 @dataclass(frozen=True)

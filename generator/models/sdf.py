@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_text, choose, listed, proposal, shown
 from ...core.errors import InputError
+from ...core.shapes import Shape
 from ..multibody.initial_poses import attitude, rotation, vector
 from ..multibody.multibody import Multibody
 from .bounded_xml import Element, read_xml
+from .robot_visuals import LinkLooks, add_visuals, colour_of, looks_of, shape_of
 from .urdf import BASES, Names, build_robot
 from .urdf_robot import (
     IDENTITY,
@@ -35,6 +37,7 @@ from .urdf_robot import (
     RobotLink,
     refuse_extras,
     root_of,
+    stiffness_of_limits,
     turn,
 )
 from .urdf_tree import LoopJoint, Mount
@@ -72,6 +75,7 @@ def parse_sdf(
     text: str, path: str | Path, *, base: Any = None, angles: Any = None, rates: Any = None,
     ignore: Any = (), gravity: Any = None, position: Any = (0.0, 0.0, 0.0),
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
+    limits: Any = None,
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``read_sdf``."""
     if base is not None:
@@ -79,15 +83,23 @@ def parse_sdf(
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
+    stiffness = stiffness_of_limits(limits)
     try:
         top = read_xml(text)
         model = _only_model(top)
-        refuse_extras(Counter(_extras(model)), EXTRAS, left_out)
+        extras = Counter(_extras(model))
+        if stiffness is not None:
+            del extras["limits"]
+        refuse_extras(extras, EXTRAS, left_out)
         graph = _read(model, str(top.attributes.get("version", "1.6")))
+        before = dict(graph.places)
         tree, closing = _tree(graph)
-        return _build(graph, tree, closing, base, pose.then(graph.places[tree.root]),
-                      (angles, rates, velocity, angular_velocity),
-                      _gravity(top) if gravity is None else gravity, rep)
+        tree = replace(tree, limits=stiffness)
+        builder, mounts = _build(graph, tree, closing, base, pose.then(graph.places[tree.root]),
+                                 (angles, rates, velocity, angular_velocity),
+                                 _gravity(top) if gravity is None else gravity, rep)
+        add_visuals(builder, _looks(model, before, graph.places), mounts, Path(path))
+        return builder
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
 
@@ -121,12 +133,20 @@ def _extras(model: Element) -> Iterator[str]:
                 yield "collision"
             if part.name != "axis" or element.attributes.get("type") not in TYPES[:3]:
                 continue
-            limit, dynamics = part.first("limit"), part.first("dynamics")
-            if limit is not None and any(abs(_number(limit, key, _UNLIMITED)) < _UNLIMITED
-                                         for key in ("lower", "upper")):
+            if _range(part) is not None:
                 yield "limits"
+            dynamics = part.first("dynamics")
             if dynamics is not None and _number(dynamics, "friction", 0.0):
                 yield "friction"
+
+
+def _range(axis: Element) -> tuple[float, float] | None:
+    """Return the range of a joint, None where it has none."""
+    limit = axis.first("limit")
+    if limit is None:
+        return None
+    lower, upper = _number(limit, "lower", -_UNLIMITED), _number(limit, "upper", _UNLIMITED)
+    return (lower, upper) if min(abs(lower), abs(upper)) < _UNLIMITED else None
 
 
 # ---------------------------------------------------------------- reading
@@ -241,7 +261,8 @@ def _joint(
         0.0 if dynamics is None else _number(dynamics, key, 0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
     return RobotJoint(name, kind, _text(element, "parent"), _text(element, "child"), places[name],
-                      along / size, damping, None, stiffness, rest)
+                      along / size, damping, None, stiffness, rest,
+                      None if axis is None or kind not in TYPES[:3] else _range(axis))
 
 
 # ---------------------------------------------------------------- the tree, and what closes loops
@@ -273,7 +294,8 @@ def _tree(graph: Graph) -> tuple[Robot, list[RobotJoint]]:
             joints[name] = RobotJoint(
                 name, joint.kind, joint.parent, joint.child,
                 Placement(above.R.T @ (here.x - above.x), above.R.T @ here.R),
-                here.R.T @ joint.axis, joint.damping, None, joint.stiffness, joint.rest)
+                here.R.T @ joint.axis, joint.damping, None, joint.stiffness, joint.rest,
+                joint.range)
     robot = Robot(graph.name, links, joints, root_of(links, joints))
     return robot, [joint for name, joint in graph.joints.items() if name not in tree]
 
@@ -281,7 +303,7 @@ def _tree(graph: Graph) -> tuple[Robot, list[RobotJoint]]:
 def _build(
     graph: Graph, tree: Robot, closing: list[RobotJoint], base: str | None, pose: Placement,
     start: tuple[Any, Any, Any, Any], gravity: Any, rep: Any,
-) -> Multibody:
+) -> tuple[Multibody, dict[str, Mount]]:
     chosen = base or ("fixed" if tree.root == "world" else "floating")
     angles, rates, velocity, angular_velocity = start
     builder, mounts = build_robot(tree, chosen, pose, angles, rates, velocity, angular_velocity,
@@ -289,7 +311,7 @@ def _build(
     names = Names()
     for joint in closing:
         _close(builder, names.free(f"{joint.name}_loop"), joint, graph.places, mounts)
-    return builder
+    return builder, mounts
 
 
 def _close(
@@ -304,6 +326,43 @@ def _close(
     if (joint.damping or joint.stiffness) and joint.kind in TYPES[:3]:
         builder.joint_spring(f"{name}_damper", name, damping=joint.damping,
                              stiffness=joint.stiffness, rest=joint.rest)
+
+
+# ---------------------------------------------------------------- looks
+
+
+def _looks(
+    model: Element, before: Mapping[str, Placement], places: Mapping[str, Placement]
+) -> Iterator[LinkLooks]:
+    """Yield what links look like, in their frames in the tree, which are at their joints."""
+    for link in model.all("link"):
+        name = link.attributes["name"]
+        shift = places[name].R.T @ (before[name].x - places[name].x)
+
+        def place(element: Element, shift: Array = shift) -> Placement:
+            return Placement(shift, np.eye(3)).then(_pose(element.first("pose")))
+
+        seen, colliding = (looks_of(link, kind, place, _shape, _colour)
+                           for kind in ("visual", "collision"))
+        yield name, seen, colliding
+
+
+def _shape(element: Element, colour: str) -> Shape | None:
+    """Return a shape whose numbers are elements."""
+    told = {part.name: part.text.strip() for part in element.children}
+    told["filename"] = told.get("uri", "")
+    return shape_of(Element(element.name, told, element.line), colour)
+
+
+def _colour(element: Element) -> str:
+    """Return <diffuse>, or <ambient>, of <material>."""
+    material = element.first("material")
+    for name in ("diffuse", "ambient") if material is not None else ():
+        part = material.first(name) if material is not None else None
+        words = [] if part is None else part.text.split()
+        if len(words) >= 3 and all(NUMBER.fullmatch(word) for word in words):
+            return colour_of([*map(float, words)])
+    return ""
 
 
 # ---------------------------------------------------------------- text and numbers
