@@ -50,19 +50,41 @@ def test_tables_of_the_toy_are_those_of_the_generator():
     assert (TOY / "tables.h").read_text(encoding="ascii") == tables(2)
 
 
+def is_guarded(path):
+    """Whether a header guards itself; others are templates, included under several names."""
+    guard = "GS_" + "_".join(path.relative_to(FOLDER / "gyrospark").with_suffix("").parts).upper()
+    return f"#ifndef {guard}_H\n#define {guard}_H\n" in path.read_text(encoding="ascii")
+
+
+def assert_compiles(flags, headers, *more):
+    done = call([*compiler(MAIN), "-fsyntax-only", "-x", "c", "-Werror", *FLAGS, "-include",
+                 "toy.h", *flags, *more, *headers])
+    assert done.returncode == 0, f"{' '.join(flags)}\n{done.stderr}"
+
+
 @pytest.mark.parametrize("folder", sorted({path.parent for path in HEADERS}),
                          ids=lambda path: path.name)
 def test_headers_compile_alone(folder, other_tables):
-    """Beside the toy, in each variant that the header's text tells apart."""
+    """Beside the toy; templates in each variant that their text tells apart."""
     together = defaultdict(list)
     for header in HEADERS:
         if header.parent == folder:
-            for macros in variants(header).values():
+            first, *others = variants(header).values()
+            for macros in [first] if is_guarded(header) else [first, *others]:
                 together[tuple(sorted(defined(macros)))].append(header)
     for flags, headers in together.items():
-        done = call([*compiler(MAIN), "-fsyntax-only", "-x", "c", "-Werror", *FLAGS,
-                     f"-I{other_tables}", "-include", "toy.h", *flags, *headers])
-        assert done.returncode == 0, f"{' '.join(flags)}\n{done.stderr}"
+        assert_compiles(flags, headers, f"-I{other_tables}")
+
+
+def test_headers_compile_in_each_variant(other_tables):
+    """Those that guard themselves: of each variant that their text tells apart in one unit."""
+    together = defaultdict(list)
+    for header in filter(is_guarded, HEADERS):
+        for macros in list(variants(header).values())[1:]:
+            together[tuple(sorted(defined(macros)))].append(header)
+    for flags, (*before, last) in together.items():
+        assert_compiles(flags, [last], f"-I{other_tables}",
+                        *(word for header in before for word in ("-include", header)))
 
 
 def test_an_editor_opens_headers_without_errors():
@@ -80,10 +102,8 @@ def test_an_editor_opens_headers_without_errors():
 def test_headers_are_guarded_or_templates(path):
     """A template is included several times, under other names, and guards nothing."""
     text = path.read_text(encoding="ascii")
-    guard = "GS_" + "_".join(path.relative_to(FOLDER / "gyrospark").with_suffix("").parts).upper()
-    guarded = f"#ifndef {guard}_H\n#define {guard}_H\n" in text
     is_template = re.search(r"\b(TYPED|SOLVER)\(\w+\)\(|#define TYPED", text)
-    assert guarded or is_template
+    assert is_guarded(path) or is_template
     assert text.startswith("/*")
     assert text.endswith("\n")
     assert not text.endswith("\n\n")
