@@ -20,7 +20,7 @@ from .build_cache import (
     is_trusted,
     publish,
 )
-from .compiler import Compiler, extension_suffix, find_compiler, is_whole
+from .compiler import Compiler, extension_suffix, find_compiler
 from .newton_library import connect
 from .object_files import Part
 from .prebuilt import prebuilt_module, prebuilt_provenance
@@ -49,8 +49,7 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         if path := prebuilt_module(files, part):
             return import_module(name, path)
         raise
-    whole = part == "lanes" and is_whole()
-    module = _load_compiled(name, files, compiler, "runs" if whole else part)
+    module = _load_compiled(name, files, compiler, part)
     return module if part == "newton" else connect(
         module, name, partial(load_module, name, files, "newton"))
 
