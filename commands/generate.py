@@ -60,15 +60,15 @@ def generate(
     """Write DIR/<name>.h, .c and .json for a stepper, and compile it.
 
     \b
-    generate --scheme G-L --stages 3 --rep gamma
-    generate --scheme EMS --rep alpha --no-compile --out exported
-    generate --scheme G-L --stages 2 --system examples/pendulum.toml
-    generate --tableau examples/tableaux/gauss_lobatto_2.json
-    generate --scheme G-L --stages 2 --real float --profile control
-    generate --scheme G-L --stages 3 --frame symmetries
-    generate --scheme G-L --stages 3 --profile run --derivatives
-    generate --scheme G-L --stages 3 --energy
-    generate --check --all
+    gyrospark generate --scheme G-L --stages 3 --rep gamma
+    gyrospark generate --scheme EMS --rep alpha --no-compile --out exported
+    gyrospark generate --scheme G-L --stages 2 --system examples/pendulum.toml
+    gyrospark generate --tableau examples/tableaux/gauss_lobatto_2.json
+    gyrospark generate --scheme G-L --stages 2 --real float --profile control
+    gyrospark generate --scheme G-L --stages 3 --frame symmetries
+    gyrospark generate --scheme G-L --stages 3 --profile run --derivatives
+    gyrospark generate --scheme G-L --stages 3 --energy
+    gyrospark generate --check --all
     """
     chosen = any([*choice.values(), profile])
     if everything or (check and not chosen):

@@ -18,11 +18,11 @@ LOGGER = logging.getLogger(__name__)
 #: Page, and a heading of it where the answer is not at its top → words, at most one place each.
 SYNONYMS = {
     "bodies": "joint, hinge, revolute, pin joint, slider, spherical joint, rigid body, multibody, "
-              "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel, armature, "
-              "fixed, fixed joint, weld, joint limit, end stop",
+              "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel, "
+              "armature, fixed, fixed joint, weld, joint limit, end stop",
     "benchmarks": "speed, performance, benchmark",
     "build": "export, library, rust, c++, octave, arduino",
-    "c": "microcontroller, embedded, c code, misra",
+    "c": "microcontroller, embedded, c code, misra, export c",
     "chaotic_motion": "lyapunov, lyapunov exponent, chaos, chaotic, poincaré section, "
                       "poincare section, megno",
     "cheat_sheet": "cheat sheet, overview, quick start, quickstart, commands",
@@ -42,19 +42,22 @@ SYNONYMS = {
                           "least squares, fitting parameters",
     "glossary": "degrees of freedom, degree of freedom, dof, glossary, holonomic, "
                          "nonholonomic",
-    "install": "installation, compiler, pip, windows, conda, gyrospark_cache",
+    "install": "getting started, installation, compiler, pip, windows, conda, gyrospark_cache",
     "lagrangian": "lagrangian, mass matrix, kane, sympy mechanics",
     "limits": "limits, limitations, contact, collision, friction, impact, flexible",
     "long_runs": "resume, store, zarr, checkpoint",
     "models": "toml, model file",
-    "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, robot arm, "
-                                  "humanoid, load robot",
+    "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, "
+                                  "robot arm, humanoid, load robot",
     "models#robots-in-mjcf": "mjcf, load_mjcf, mujoco xml, keyframe, dampratio",
     "models#robots-in-sdf": "sdf, load_sdf, gazebo",
     "models#robots-in-urdf": "urdf, load_urdf, ros, xacro",
     "python#ensembles": "batch, monte carlo, parallel, simd",
     "results#pictures-and-animations-of-bodies": "animation, video, movie, 3d view",
     "results": "reaction force, constraint force, csv, pandas, output",
+    "results#accelerations": "acceleration, accelerations, qacc, inverse dynamics, "
+                             "gravity compensation",
+    "results#pictures": "plot, figure",
     "solving": "newton, convergence, fixed point, iteration",
     "stability": "version, deprecation, semantic versioning, api changes",
     "sweeps": "parameter sweep, parameter scan, grid, study",

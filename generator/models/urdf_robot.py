@@ -182,8 +182,9 @@ def refuse_extras(
                          for name, count in left.items())
         wanted = [*ignore, *left]
         raise InputError(f"it has {told}, which no model here has; to run without, write "
-                         f"ignore={wanted}, or on the command line --set ignore="
-                         f"{','.join(wanted)}.")
+                         f"ignore={wanted} in Python, --set ignore="
+                         f"{','.join(wanted)} after run or build; other commands need a "
+                         "file without.")
 
 
 def _extras(top: Element) -> Iterator[str]:

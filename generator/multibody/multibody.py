@@ -824,8 +824,16 @@ class Multibody:
         return made
 
     def quantity(self, name: str, expression: Any) -> None:
-        """Have an expression computed along trajectories under a name."""
-        self._components.quantities[as_text("name of a quantity", name)] = as_expression(expression)
+        """Have an expression computed along trajectories under a name.
+
+        Warns of a constant, such as a derivative by ``time``: the symbols of bodies and joints are
+        those of one instant, and do not contain it.
+        """
+        found = as_expression(expression)
+        if found.is_number:
+            warn(f"Quantity {shown(name)} is {found} at any time. The symbols of bodies and joints "
+                 "do not contain the time: a derivative by it is 0.")
+        self._components.quantities[as_text("name of a quantity", name)] = found
 
     # ------------------------------------------------------------ measures of joints
 

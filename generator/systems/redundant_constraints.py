@@ -69,8 +69,8 @@ class Redundancy:
             return f"The {len(self.constraints)} constraints of {self.model!r} are independent."
         verb = "is" if len(self.left_out) == 1 else "are"
         return (f"{len(self.left_out)} of the {len(self.constraints)} constraints of "
-                f"{self.model!r} {verb} redundant. Leave out {_quoted(self.left_out)}; these "
-                f"depend on each other: {_quoted(self.involved)}.")
+                f"{self.model!r} {verb} redundant: the others imply {_quoted(self.left_out)}. "
+                f"These depend on each other: {_quoted(self.involved)}.")
 
     def refuse(self) -> None:
         """Refuse constraints that others imply.
@@ -81,7 +81,8 @@ class Redundancy:
             With the names of all that take part, and of a smallest set to leave out.
         """
         if self.left_out:
-            raise InputError(str(self))
+            raise InputError(f"{self} Leave out {_quoted(self.left_out)}; the motion stays the "
+                             "same.")
 
 
 def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redundancy:

@@ -153,7 +153,8 @@ class System:
         if count > len(self.q) - (self.clock is None):
             raise InputError(
                 f"System {self.name!r} has {count} constraints on {len(self.q)} "
-                "coordinates; fewer constraints than coordinates must remain."
+                "coordinates; fewer constraints than coordinates must remain. If drives determine "
+                "the whole motion, add a body that moves freely, such as build.point_mass(...)."
             )
         for what, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
             if len(names := getattr(self, f"{what}_names")) != count:

@@ -9,6 +9,7 @@ samples, about as many as determine all unknowns, are fitted first, then twice a
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -115,7 +116,8 @@ class Fit:
         starts = sum(name not in self.parameters for name in self.names)
         if starts:
             lines.append(f"  start: {starts} coordinates")
-        lines += [f"  undetermined: {spelt(one)}" for one in self.undetermined]
+        for words, times in Counter(map(spelt, self.undetermined)).items():
+            lines.append(f"  undetermined: {words}" + f" ({times} directions)" * (times > 1))
         return "\n".join(lines) + ">"
 
 

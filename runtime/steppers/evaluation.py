@@ -251,7 +251,7 @@ class Evaluation:
             if np.asarray(q, dtype=object).ndim != 2:
                 raise
             raise InputError(f"{error} Many starts at once, a row each, are integrated by "
-                             "integrate_ensemble.") from None
+                             "integrate_ensemble; other functions take one at a time.") from None
 
     def _state_rows(
         self, q: ArrayLike, p: ArrayLike, second: str = "p"

@@ -162,7 +162,7 @@ def test_plain_c_example_agrees_with_python(tmp_path):
     shutil.copy(ROOT / "examples" / "plain_c" / "main.c", tmp_path)
     write(files_of(spec), tmp_path)
     page = (ROOT / "docs" / "c.md").read_text(encoding="utf-8")
-    command = re.search(r"^cd examples/plain_c && (cc .*) && \./top$", page, re.MULTILINE)
+    command = re.search(r"^cd plain_c && (cc .*) && \./top$", page, re.MULTILINE)
     assert command
     run(command[1].split(), tmp_path)
     lines = run([tmp_path / "top"], tmp_path).splitlines()
