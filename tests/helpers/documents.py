@@ -32,8 +32,12 @@ SHORTER = [
     (r' --base "heyoka default"', "", "heyoka is one of the programs of the extra bench"),
     (r"^(gyrospark run waters) --set count=1000 (.*) --steps 1000$",
      r"\1 --set count=8 \2 --steps 50", "without optimisation a minute"),
-    (r"^(gyrospark verify --model double_pendulum .*)", r"\1 --steps 20",
-     "without optimisation orders are measured for six seconds"),
+    (r"^(gyrospark verify --model (?:double_pendulum|examples/double_pendulum.toml) .*)",
+     r"\1 --steps 20", "without optimisation orders are measured for six seconds"),
+    (r"^(gyrospark run) double_top (--picture)", r"\1 double_pendulum \2",
+     "test_model_files.py derives and runs it, and here the pendulum is compiled"),
+    (r"^(gyrospark lyapunov .*) --t-end 60\b", r"\1 --t-end 6", "ten times as long"),
+    (r"^(cd examples/.* && cc .*) -O2\b", r"\1 -O0", "compilers take three seconds to optimise"),
     (r"^gyrospark verify$", "gyrospark verify --scheme G-L --stages 1",
      "all steppers of the paper, which a slow test of test_cli.py verifies"),
     (r"--t-end 20 (.*--animate)", r"--t-end 0.2 \1", "a film of twenty pictures, not 120"),
@@ -60,6 +64,8 @@ NOT_RUN = [
      "does"),
     (r"^gyrospark bench (events|gradients)\b", "even quick each is six seconds; "
                                               "test_benchmarks.py compares events and gradients"),
+    (r"^gyrospark run delta_robot\b", "five seconds to derive and compile; "
+                                      "test_models_command.py runs it"),
     (r"^gyrospark run examples/crane.urdf", "twelve seconds to derive; a slow test of test_site.py "
                                             "runs the crane, test_cli.py a file of a robot"),
     (r"^gyrospark (run|build)$", "the name of a command without what it takes"),

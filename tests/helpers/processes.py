@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import subprocess
@@ -11,11 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import gyrospark
+from warm_python import PATIENCE, WarmPython
 
 ROOT = Path(gyrospark.__file__).resolve().parent
 HELPERS, DATA = (ROOT / "tests" / name for name in ("helpers", "data"))
-#: Nothing here takes a tenth of it; a hang shall not stop the whole run.
-PATIENCE = 300
 
 FAST_TOP = """
 import gyrospark as gs
@@ -49,6 +49,18 @@ def python(code: str, *, cwd: Path | None = None, **changes: str | None) -> str:
     return done.stdout
 
 
+@functools.cache
+def _warm_python() -> WarmPython:
+    return WarmPython(sys.executable, environment())
+
+
+def warm_call(
+    words: Sequence[str | Path], *, cwd: Path | None = None, **changes: str | None
+) -> subprocess.CompletedProcess[str]:
+    """Run ``python WORDS`` to its end, packages imported before it begins where that can be."""
+    return _warm_python().call(words, environment(**changes), cwd=cwd)
+
+
 def gyrospark_command(*arguments: str | Path) -> list[str]:
     """Return the command line of ``gyrospark ARGUMENTS``, console scripts installed or not."""
     return [sys.executable, "-m", "gyrospark", *map(str, arguments)]
@@ -58,7 +70,7 @@ def cli(
     *arguments: str | Path, cwd: Path | None = None, **changes: str | None
 ) -> subprocess.CompletedProcess[str]:
     """Run ``gyrospark ARGUMENTS`` as a process."""
-    return call(gyrospark_command(*arguments), cwd=cwd, **changes)
+    return warm_call(gyrospark_command(*arguments)[1:], cwd=cwd, **changes)
 
 
 def catches(process: subprocess.Popen[str], number: int) -> bool:

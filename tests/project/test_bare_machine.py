@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from gyrospark.core.extras import install
 from gyrospark.studies.study_registry import chosen
 from gyrospark.sweeps.study_file import load_study
 from processes import PATIENCE, ROOT, call, environment
+from warm_python import WarmPython
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = {name: packages for name, packages in PROJECT["optional-dependencies"].items()
@@ -43,8 +45,12 @@ for where, text in json.load(sys.stdin):
         exec(compile(text, where, "exec"), namespace)
     except Exception as error:
         stopped.append([where, type(error).__name__, getattr(error, "name", None), str(error)])
-json.dump(stopped, open("stopped.json", "w"))
+with open("stopped.json", "w") as file:
+    json.dump(stopped, file)
 """
+#: What the programs of the package do.
+PROGRAMS = {"gyrospark": ["-m", "gyrospark"],
+            "generate": ["-c", "from gyrospark.__main__ import main_generate; main_generate()"]}
 
 
 #: What the blocks of a page have made: files, and names that are looked at after them.
@@ -141,12 +147,16 @@ def test_tests_of_the_source_archive_find_what_they_read(archives, tmp_path):
 # ---------------------------------------------------------------- environments
 
 
-@dataclass(frozen=True)
+@dataclass
 class Machine:
     """An environment, and an empty folder to type in."""
 
     bin: Path
     folder: Path
+
+    def __post_init__(self) -> None:
+        self.warm = WarmPython(self.bin / "python", self.environment())
+        self.typed: set[str] = set()
 
     def environment(self) -> dict[str, str]:
         return environment(PATH=f"{self.bin}{os.pathsep}{os.environ['PATH']}", PYTHONPATH=None,
@@ -154,15 +164,20 @@ class Machine:
 
     def type(self, command: str) -> subprocess.CompletedProcess[str]:
         """Type a command into a shell."""
+        program, *rest = shlex.split(command)
+        if program in self.typed and not re.search("[&|;<>$*]", command):
+            return self.warm.call([*PROGRAMS[program], *rest], self.environment(),
+                                  cwd=self.folder)
+        self.typed.update({program} & set(PROGRAMS))
         return subprocess.run(command, shell=True, cwd=self.folder, env=self.environment(),
                               text=True, capture_output=True, stdin=subprocess.DEVNULL,
                               timeout=PATIENCE, check=False, encoding="utf-8")
 
     def read(self, blocks: list[documents.Typed]) -> list[list[str]]:
         """Type blocks of Python into one interpreter; return what stopped which."""
-        subprocess.run([self.bin / "python", "-c", READER], cwd=self.folder, text=True, check=True,
-                       env=self.environment(), timeout=PATIENCE, encoding="utf-8",
-                       input=json.dumps([[block.where, block.text] for block in blocks]))
+        done = self.warm.call(["-c", READER], self.environment(), cwd=self.folder,
+                              text=json.dumps([[block.where, block.text] for block in blocks]))
+        assert done.returncode == 0, done.stderr
         found: list[list[str]] = json.loads((self.folder / "stopped.json").read_text("utf-8"))
         return found
 
@@ -183,10 +198,11 @@ def furnish(folder: Path) -> Path:
 def bare(archives, tmp_path_factory):
     """An environment with the wheel and what it asks for."""
     folder = tmp_path_factory.mktemp("bare")
-    made = call([sys.executable, "-m", "venv", folder / "venv"])
+    made = call([sys.executable, "-m", "venv", "--without-pip", folder / "venv"])
     assert made.returncode == 0, made.stderr
-    made = call([folder / "venv" / "bin" / "pip", "install", "--quiet", "--no-compile",
-                 "--disable-pip-version-check", archives[1]], PYTHONWARNINGS=None, PYTHONPATH=None)
+    made = call([sys.executable, "-m", "pip", "--python", folder / "venv" / "bin" / "python",
+                 "install", "--quiet", "--no-compile", "--disable-pip-version-check",
+                 archives[1]], PYTHONWARNINGS=None, PYTHONPATH=None)
     assert made.returncode == 0, made.stderr
     return Machine(folder / "venv" / "bin", furnish(tmp_path_factory.mktemp("typed")))
 
