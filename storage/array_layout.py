@@ -178,8 +178,8 @@ def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str,
     A process may end between any two files: until all is done the store has the attribute
     ``EXTENDS``, and its arrays have their old number of rows or the new one.
     """
+    consolidate(path, (), {EXTENDS: rows})
     group = open_group(path, write=True)
-    group.update_attributes({EXTENDS: rows})
     for name in names:
         array = array_of(group, name)
         array.resize((rows, *array.shape[1:]))
@@ -231,14 +231,17 @@ def attributes_of(group: zarr.Group) -> dict[str, Any]:
 
 
 def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
-    """Return an array of a store.
+    """Return an array of a store, which a group opens once.
 
     Raises
     ------
     KeyError
         If it is not there.
     """
-    found = group[name]
-    if not isinstance(found, zarr.Array):
-        raise KeyError(name)
-    return found
+    opened: dict[str, zarr.Array[Any]] = vars(group).setdefault("opened_arrays", {})
+    if name not in opened:
+        found = group[name]
+        if not isinstance(found, zarr.Array):
+            raise KeyError(name)
+        opened[name] = found
+    return opened[name]

@@ -75,7 +75,8 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.attributes = checked_attributes(path, self.group())
+        self._group = self.group()
+        self.attributes = checked_attributes(path, self._group)
         self.status: str = self.attributes["status"]
         self.steps_done: int = self.attributes["steps_done"]
         self.states: int = self.attributes["states"]
@@ -110,7 +111,7 @@ class Recording:
 
         ``events["height"].t``, ``.q``, ``.p``, as of a trajectory; read anew each time.
         """
-        return crossings_in(self.path, self.group(), self.attributes["manifest"],
+        return crossings_in(self.path, self._group, self.attributes["manifest"],
                             self.attributes["events"])
 
     @property
@@ -123,7 +124,7 @@ class Recording:
         """
         import xarray
 
-        refuse_missing_blocks(self.path, self.group(), 0, self.states)
+        refuse_missing_blocks(self.path, self._group, 0, self.states)
         try:  # reads the times
             whole = xarray.open_zarr(self.path)
         except UNREADABLE as error:
@@ -161,9 +162,10 @@ class Recording:
             raise InputError(f"{str(self.path)!r} holds no state yet; resume its run first.")
         first = as_positive_count("first", first)
         thin = as_positive_count("thin", thin, least=1)
-        group, manifest, run = self.group(), self.attributes["manifest"], self.attributes["run"]
+        group, manifest, run = self._group, self.attributes["manifest"], self.attributes["run"]
         refuse_missing_blocks(self.path, group, first, self.states)
-        missing = [name for one in OUTPUTS for name in parts(one, manifest) if name not in group]
+        stored: list[str] = self.attributes["arrays"]
+        missing = [name for one in OUTPUTS for name in parts(one, manifest) if name not in stored]
         if missing:
             raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
         real = REALS[manifest["real"]]
@@ -171,7 +173,7 @@ class Recording:
 
         def read(name: str, *, after_start: bool = False) -> Array:
             """Return an array's rows in the stepper's type."""
-            exact = wide and wide_name(name) in group
+            exact = wide and wide_name(name) in stored
             array = array_of(group, wide_name(name) if exact else name)
             if thin == 1:
                 values = stored_values(array, first, self.states - first, exact, dtype)

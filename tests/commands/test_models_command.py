@@ -22,8 +22,9 @@ def test_every_name_is_listed_with_a_sentence(gyrospark):
         assert f"  {name} " in said
 
 
-#: test_run_names.py runs these by their names, and compares the bits.
-RUN_ELSEWHERE = ("lagrange_top", "double_pendulum", "chain")
+#: test_run_names.py runs three of these by their names and compares the bits; the last, of seven
+#: bodies, takes seven seconds.
+SLOW = ("lagrange_top", "double_pendulum", "chain", "stewart_platform")
 
 
 def test_the_list_is_that_of_python():
@@ -32,7 +33,7 @@ def test_the_list_is_that_of_python():
 
 
 @pytest.mark.parametrize("name", [*PROBLEMS, *(
-    pytest.param(name, marks=[pytest.mark.slow] if name in RUN_ELSEWHERE else [])
+    pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
     for name in MODELS)])
 def test_every_problem_and_model_is_run_by_its_name(name, gyrospark):
     scheme = ("splitting", "--order", "2") if name == "waters" else ("IMS",)

@@ -18,7 +18,7 @@ import pytest
 
 import documents
 import gyrospark as gs
-from processes import PATIENCE, ROOT, call, environment
+from processes import PATIENCE, ROOT, call, environment, warm_call
 
 DOCS = ROOT / "docs"
 CELL = re.compile(r"^```\{code-cell\} python\n(?:---\n.*?^---\n|(?::.*\n)*)(.*?)^```$",
@@ -69,7 +69,7 @@ LONG_PAGES = {f"gallery/{name}" for name in (
     pytest.param(path, marks=[pytest.mark.slow] if names(path) in LONG_PAGES else [])
     for path in PAGES], ids=names)
 def test_cells_of_a_page(path, tmp_path):
-    done = call([sys.executable, "-c", RUNNER, json.dumps(cells(path))], cwd=tmp_path)
+    done = warm_call(["-c", RUNNER, json.dumps(cells(path))], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
