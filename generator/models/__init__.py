@@ -9,7 +9,6 @@
     system_file       any Hamiltonian system
     bounded_xml       elements of XML, bounded in size, number and depth
     urdf_robot        links and joints of a URDF file, each number checked
-    urdf_visuals      what a URDF file says its links look like
     urdf_tree         positions of links; links on fixed joints become one body
     urdf              a URDF file to bodies and joints
     mjcf_document     an MJCF file with its includes, default classes and compiler settings
@@ -18,5 +17,6 @@
     mjcf_robot        bodies, joints, actuators and equalities of an MJCF file
     mjcf              an MJCF file to bodies and joints
     sdf               an SDF file to bodies and joints, some of which close loops
+    robot_visuals     what a robot's file says its parts look like
     robots            MJCF; SDF; URDF, and a TOML file that closes a robot's loops
 """

@@ -28,7 +28,6 @@ from ..multibody.initial_poses import clean, optional_vector, rotation, unit
 from ..multibody.joints import Align, Connection
 from ..multibody.multibody import Multibody
 from .mjcf_document import Given, read_document
-from .mjcf_geoms import Geom
 from .mjcf_robot import (
     COMMON,
     EXTRAS,
@@ -38,6 +37,7 @@ from .mjcf_robot import (
     MjcfTendon,
     read_mjcf_robot,
 )
+from .robot_visuals import Look, draw
 from .urdf import Names, coordinate_value, plain_name, system_name
 from .urdf_robot import IDENTITY, Placement, refuse_extras, turn
 from .urdf_tree import combine
@@ -63,7 +63,7 @@ def parse_mjcf(
         refuse_extras(robot.extras, EXTRAS, left_out)
         if weight is not None:
             robot.gravity = weight
-        return _Builder(robot, _start(robot, keyframe, angles, rates), rep).build()
+        return _Builder(robot, _start(robot, keyframe, angles, rates), rep, file).build()
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
 
@@ -267,8 +267,8 @@ def _velocities(
 class _Builder:
     """Bodies, joints, springs, motors and equalities of a robot, one after the other."""
 
-    def __init__(self, robot: MjcfRobot, start: _Start, rep: Any) -> None:
-        self.robot, self.start, self.rep = robot, start, rep
+    def __init__(self, robot: MjcfRobot, start: _Start, rep: Any, file: Path) -> None:
+        self.robot, self.start, self.rep, self.file = robot, start, rep, file
         self.poses = _placed(robot, start.values)
         self.at_reference = _placed(
             robot, {name: _reference(robot, joint) for name, joint in robot.joints.items()})
@@ -302,7 +302,8 @@ class _Builder:
         for equality in robot.equalities:
             self._equality(equality)
         self._compensate_gravity()
-        self.builder.geoms = self._geoms()
+        for limb in self.frames:
+            self._draw(limb)
         return self.builder
 
     # ------------------------------------------------------------ bodies
@@ -340,19 +341,21 @@ class _Builder:
         found: Array = here.R.T @ (point - here.x) - self.centres[limb]
         return found
 
-    def _geoms(self) -> dict[str, tuple[Geom, ...]]:
-        """Return what can be drawn of each body, and of the ground."""
-        found: dict[str, list[Geom]] = {"ground": [*self.robot.geoms]}
-        for k, body in enumerate(self.robot.bodies):
-            limb = self.robot.limb(k)
-            frame = self.frames[limb]
-            name = frame.name if isinstance(frame, Body) else "ground"
-            inner = self._inner(k, limb) if limb >= 0 else self.poses.bodies[k]
-            for geom in body.geoms:
-                at = inner.then(Placement(geom.position, geom.rotation))
-                found.setdefault(name, []).append(
-                    geom.moved(at.x - self.centres[limb], at.R))
-        return {name: tuple(geoms) for name, geoms in found.items()}
+    def _draw(self, limb: int) -> None:
+        """Draw a body, or the ground, with its geoms of groups 0 to 2, else with the others."""
+        robot = self.robot
+        looks: tuple[list[Look], list[Look]] = ([], [])
+        for k in range(-1, len(robot.bodies)):
+            if robot.limb(k) != limb:
+                continue
+            inner = self._inner(k, limb)
+            for geom in robot.geoms if k < 0 else robot.bodies[k].geoms:
+                if geom.look is not None:
+                    place, shape = geom.look
+                    looks[geom.group > 2].append((inner.then(place), shape))
+        seen, colliding = looks
+        draw(self.builder, self.frames[limb], Placement(-self.centres[limb], np.eye(3)),
+             seen or colliding, colliding, self.file)
 
     # ------------------------------------------------------------ joints
 

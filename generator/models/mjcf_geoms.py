@@ -19,10 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.shapes import Shape, ShapeKind
 from ..multibody.initial_poses import onto, rotation
 from .closed_mesh import Volume
 from .mjcf_document import Given, Settings
-from .urdf_robot import Placement, RobotLink
+from .robot_visuals import Look, colour_of
+from .urdf_robot import IDENTITY, Placement, RobotLink
 
 __all__ = ["KINDS", "Geom", "geom_mass", "geom_shape"]
 
@@ -31,6 +33,8 @@ Array = NDArray[np.float64]
 #: Type of a geom → how many sizes it has, and the fewest that have to be given.
 KINDS: Mapping[str, int] = {"sphere": 1, "ellipsoid": 3, "box": 3, "cylinder": 2, "capsule": 2,
                             "plane": 0, "hfield": 0, "mesh": 0, "sdf": 0}
+_DRAWN: Mapping[str, ShapeKind] = {"sphere": "sphere", "ellipsoid": "sphere", "box": "box",
+                                   "cylinder": "disc", "capsule": "bar"}
 #: Density of what says none, in kg/m³: that of water.
 _WATER = 1000.0
 
@@ -50,9 +54,11 @@ class Geom:
     mesh : str
         Name of the mesh, "" where there is none.
     file : str
-        Path of its file.
+        Its file, from the folder of the model.
     scale : tuple of three float
         Of the mesh.
+    inner : Placement
+        Where the axes of the file are in those of the geom.
     colour : tuple of four float, or None
         Red, green, blue and opacity, from 0 to 1.
     group : int
@@ -66,12 +72,28 @@ class Geom:
     mesh: str = ""
     file: str = ""
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    inner: Placement = IDENTITY
     colour: tuple[float, ...] | None = None
     group: int = 0
 
     def moved(self, position: Array, rotation: Array) -> Geom:
         """Return the geom elsewhere."""
         return replace(self, position=position, rotation=rotation)
+
+    @property
+    def look(self) -> Look | None:
+        """What it is drawn with; None for planes, and for what is not to be seen."""
+        place = Placement(self.position, self.rotation)
+        if self.colour is not None and self.colour[3] == 0:
+            return None
+        colour = "" if self.colour is None else colour_of(self.colour)
+        if self.file and all(self.scale):
+            return place.then(self.inner), Shape("mesh", np.array(self.scale), colour=colour,
+                                                 file=self.file)
+        if self.kind not in _DRAWN or not all(self.size):
+            return None
+        size = [*[self.size[0]] * (3 - len(self.size)), *self.size]
+        return place, Shape(_DRAWN[self.kind], np.array(size), colour=colour)
 
 
 def geom_shape(given: Given, settings: Settings) -> Geom:

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,8 @@ ACTUATORS = ("general", "motor", "position", "velocity", "damper", "intvelocity"
 _SHARED = ("gear", "ctrllimited", "ctrlrange", "forcelimited", "forcerange")
 COMMON: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     kind: {other: _SHARED for other in ACTUATORS if other != kind} for kind in ACTUATORS}
+#: What a geom without a colour has in MuJoCo; such a colour gives way to that of its material.
+_GREY = (0.5, 0.5, 0.5, 1.0)
 KINDS = ("hinge", "slide", "ball", "free")
 
 
@@ -299,6 +302,8 @@ class _Reader:
         shape = geom_shape(given, self.document.settings)
         if shape.mesh:
             shape = self._with_file(given, shape)
+        if "material" in given and shape.colour in (None, _GREY):
+            shape = replace(shape, colour=self._material(given.text("material")))
         if body >= 0 and self.weigh:
             link = geom_mass(given, shape, self.document.settings, self._volume)
             if link is not None:
@@ -375,9 +380,34 @@ class _Reader:
             raise given.error(f"has mesh={shown(shape.mesh)}, which no <asset> has"
                               f"{proposal(shape.mesh, self.meshes)}; correct it.")
         mesh = self.document.given(self.meshes[shape.mesh])
-        path = self.document.folder / self.document.settings.meshes / mesh.text("file", "")
+        path = Path(self.document.settings.meshes) / mesh.text("file", "")
+        R, x = self._reference(mesh)
         return replace(shape, file=str(path) if "file" in mesh else "",
+                       inner=Placement(-R.T @ x, R.T),
                        scale=tuple(mesh.numbers("scale", 3, default=[1.0] * 3)))
+
+    def _reference(self, mesh: Given) -> tuple[Array, Array]:
+        """Return refquat as a matrix, and refpos: the axes of a mesh in those of its file."""
+        turned = mesh.numbers("refquat", 4, default=[1.0, 0, 0, 0])
+        at = Given(mesh.tag, mesh.line, {"quat": " ".join(map(str, turned))})
+        return at.place(self.document.settings).R, mesh.vector("refpos", (0.0, 0.0, 0.0))
+
+    def _material(self, name: str) -> tuple[float, ...] | None:
+        """Return the colour of a material of <asset> and its texture, if it has one."""
+        assets = {(e.name, e.attributes.get("name", "")): e
+                  for e in self.document.sections("asset")}
+        try:
+            given = self.document.given(assets["material", name])
+            colour = given.numbers("rgba", 4, default=[1.0] * 4)
+            if "texture" in given:
+                texture = self.document.given(assets["texture", given.text("texture")])
+                if "builtin" not in texture:
+                    return tuple(colour) if "rgba" in given else None
+                tint = texture.numbers("rgb1", 3, default=[0.8] * 3)
+                colour = [*np.multiply(colour[:3], tint), colour[3]]
+            return tuple(colour)
+        except (InputError, KeyError):
+            return None
 
     def _volume(self, geom: Given, name: str) -> Volume:
         """Return the volume of a mesh of <asset>."""
@@ -402,9 +432,8 @@ class _Reader:
                               "model; move it there.")
         try:
             corners = read_triangles(path) * given.numbers("scale", 3, default=[1.0] * 3)
-            turned = given.numbers("refquat", 4, default=[1.0, 0, 0, 0])
-            at = Given(given.tag, given.line, {"quat": " ".join(map(str, turned))}).place(settings)
-            corners = (corners - given.vector("refpos", (0.0, 0.0, 0.0))) @ at.R
+            R, x = self._reference(given)
+            corners = (corners - x) @ R
             return mesh_volume(convex_hull(corners) if way == "convex" else corners)
         except InputError as error:
             raise given.error(f"gives mass to a body, and its file {shown(file)} is not usable: "

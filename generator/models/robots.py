@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_path
 from ...core.errors import InputError
 from ...core.inertia import RepName
+from ...core.mesh_files import located
 from ...core.warnings import warn
 from ..multibody.body import GROUND
 from ..multibody.model import Model
@@ -163,7 +164,7 @@ def read_mjcf(
     Multibody
         Bodies named as the first of those that move as one, in whose axes they are; joints, and
         an input for each actuator, named as in the file with ``_`` for what no name in C has.
-        ``geoms`` has what can be drawn. Equalities are exact constraints here, and soft in MuJoCo.
+        Geoms of groups 0 to 2 are drawn. Equalities are exact constraints here, and soft in MuJoCo.
 
     Raises
     ------
@@ -171,8 +172,8 @@ def read_mjcf(
         With file, line, and cure.
     """
     file = as_path("path", path, "robot.xml")
-    return parse_mjcf(model_text(file), file, keyframe=keyframe, angles=angles, rates=rates,
-                      ignore=ignore, gravity=gravity, rep=rep)
+    return _located(parse_mjcf(model_text(file), file, keyframe=keyframe, angles=angles,
+                               rates=rates, ignore=ignore, gravity=gravity, rep=rep), file)
 
 
 def load_mjcf(
@@ -232,9 +233,10 @@ def read_sdf(
         With file, line, link or joint, and cure.
     """
     file = as_path("path", path, "robot.sdf")
-    return parse_sdf(model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
-                     gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-                     angular_velocity=angular_velocity, rep=rep)
+    return _located(parse_sdf(
+        model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
+        gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
+        angular_velocity=angular_velocity, rep=rep), file)
 
 
 def load_sdf(
@@ -304,6 +306,13 @@ def _without_redundant(builder: Multibody, path: str | Path) -> Model:
     return model
 
 
+def _located(builder: Multibody, path: Path) -> Multibody:
+    """Return bodies and joints with the paths of meshes that the file at ``path`` names."""
+    builder._visuals = {name: [located(shape, path) for shape in shapes]
+                        for name, shapes in builder._visuals.items()}
+    return builder
+
+
 def _read(
     path: str | Path, loops: str | Path | None, **options: Any
 ) -> tuple[Multibody, Loops | None, bool]:
@@ -312,8 +321,7 @@ def _read(
     closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
     close = None if closing is None else closing.close
     text = model_text(file)
-    return (parse_urdf(text, file, close=close, meshes_of=file, **options), closing,
-            _LOOP in text)
+    return _located(parse_urdf(text, file, close=close, **options), file), closing, _LOOP in text
 
 
 @dataclass(frozen=True)

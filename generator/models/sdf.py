@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_text, choose, listed, proposal, shown
 from ...core.errors import InputError
+from ...core.shapes import Shape
 from ..multibody.initial_poses import attitude, rotation, vector
 from ..multibody.multibody import Multibody
 from .bounded_xml import Element, read_xml
+from .robot_visuals import LinkLooks, add_visuals, colour_of, looks_of, shape_of
 from .urdf import BASES, Names, build_robot
 from .urdf_robot import (
     IDENTITY,
@@ -84,10 +86,13 @@ def parse_sdf(
         model = _only_model(top)
         refuse_extras(Counter(_extras(model)), EXTRAS, left_out)
         graph = _read(model, str(top.attributes.get("version", "1.6")))
+        before = dict(graph.places)
         tree, closing = _tree(graph)
-        return _build(graph, tree, closing, base, pose.then(graph.places[tree.root]),
-                      (angles, rates, velocity, angular_velocity),
-                      _gravity(top) if gravity is None else gravity, rep)
+        builder, mounts = _build(graph, tree, closing, base, pose.then(graph.places[tree.root]),
+                                 (angles, rates, velocity, angular_velocity),
+                                 _gravity(top) if gravity is None else gravity, rep)
+        add_visuals(builder, _looks(model, before, graph.places), mounts, Path(path))
+        return builder
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
 
@@ -281,7 +286,7 @@ def _tree(graph: Graph) -> tuple[Robot, list[RobotJoint]]:
 def _build(
     graph: Graph, tree: Robot, closing: list[RobotJoint], base: str | None, pose: Placement,
     start: tuple[Any, Any, Any, Any], gravity: Any, rep: Any,
-) -> Multibody:
+) -> tuple[Multibody, dict[str, Mount]]:
     chosen = base or ("fixed" if tree.root == "world" else "floating")
     angles, rates, velocity, angular_velocity = start
     builder, mounts = build_robot(tree, chosen, pose, angles, rates, velocity, angular_velocity,
@@ -289,7 +294,7 @@ def _build(
     names = Names()
     for joint in closing:
         _close(builder, names.free(f"{joint.name}_loop"), joint, graph.places, mounts)
-    return builder
+    return builder, mounts
 
 
 def _close(
@@ -304,6 +309,42 @@ def _close(
     if (joint.damping or joint.stiffness) and joint.kind in TYPES[:3]:
         builder.joint_spring(f"{name}_damper", name, damping=joint.damping,
                              stiffness=joint.stiffness, rest=joint.rest)
+
+
+# ---------------------------------------------------------------- looks
+
+
+def _looks(
+    model: Element, before: Mapping[str, Placement], places: Mapping[str, Placement]
+) -> Iterator[LinkLooks]:
+    """Yield what links look like, in their frames in the tree, which are at their joints."""
+    for link in model.all("link"):
+        name = link.attributes["name"]
+        shift = places[name].R.T @ (before[name].x - places[name].x)
+
+        def place(element: Element, shift: Array = shift) -> Placement:
+            return Placement(shift, np.eye(3)).then(_pose(element.first("pose")))
+
+        yield (name, *(looks_of(link, kind, place, _shape, _colour)
+                       for kind in ("visual", "collision")))
+
+
+def _shape(element: Element, colour: str) -> Shape | None:
+    """Return a shape whose numbers are elements."""
+    told = {part.name: part.text.strip() for part in element.children}
+    told["filename"] = told.get("uri", "")
+    return shape_of(Element(element.name, told, element.line), colour)
+
+
+def _colour(element: Element) -> str:
+    """Return <diffuse>, or <ambient>, of <material>."""
+    material = element.first("material")
+    for name in ("diffuse", "ambient") if material is not None else ():
+        part = material.first(name) if material is not None else None
+        words = [] if part is None else part.text.split()
+        if len(words) >= 3 and all(NUMBER.fullmatch(word) for word in words):
+            return colour_of([*map(float, words)])
+    return ""
 
 
 # ---------------------------------------------------------------- text and numbers

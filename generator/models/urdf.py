@@ -30,9 +30,9 @@ from ..parsing.exact_expressions import parse_number
 from ..parsing.grammar import ANGLES, RATES
 from ..parsing.reserved_names import KEYWORDS
 from .bounded_xml import read_xml
+from .robot_visuals import add_visuals, urdf_looks
 from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
 from .urdf_tree import LoopJoint, Mount, RobotBody, placed, robot_bodies
-from .urdf_visuals import add_visuals
 
 __all__ = ["BASES", "Close", "Names", "build_robot", "coordinate_value", "parse_urdf", "plain_name",
            "read_settings", "system_name"]
@@ -62,12 +62,11 @@ def parse_urdf(
     text: str, path: str | Path, *, base: Any = "fixed", angles: Any = None, rates: Any = None,
     ignore: Any = (), gravity: Any = (0.0, 0.0, -9.81), position: Any = (0.0, 0.0, 0.0),
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
-    close: Close | None = None, meshes_of: Path | None = None,
+    close: Close | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``read_urdf``.
 
-    ``close`` may add to them what closes loops, knowing where each link is. Files of meshes are
-    searched for where the file ``meshes_of`` is given.
+    ``close`` may add to them what closes loops, knowing where each link is.
     """
     choose("base", base, BASES)
     left_out = [ignore] if isinstance(ignore, str) else [
@@ -77,7 +76,7 @@ def parse_urdf(
         top = read_xml(text)
         builder, mounts = build_robot(read_robot(top, left_out), base, pose, angles, rates,
                                       velocity, angular_velocity, gravity, rep)
-        add_visuals(builder, top, mounts, meshes_of)
+        add_visuals(builder, urdf_looks(top), mounts, Path(path))
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
     if close is not None:

@@ -107,8 +107,6 @@ class Multibody:
         After ``model()``: the projection of the initial state onto the constraints.
     redundancy : Redundancy or None
         After ``model(redundant="leave out")``: the constraints left out, and those that imply them.
-    geoms : mapping of str to tuple
-        Name of a body, or "ground" → what a file says of its looks.
 
     Examples
     --------
@@ -132,7 +130,6 @@ class Multibody:
         self.time = TIME
         self.start: Projection | None = None
         self.redundancy: Redundancy | None = None
-        self.geoms: Mapping[str, tuple[Any, ...]] = {}
         values: dict[str, float] = {}
         weight = named_vector("gravity", vector("gravity", gravity).tolist(), values)
         self._components = Components(self.name, weight, values)

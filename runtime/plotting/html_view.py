@@ -147,8 +147,8 @@ def with_visuals(
     remarks = [f"The mesh {Path(file).name} is not shown: {why}" for file, why in refused.items()]
     for remark in remarks:
         warn(remark)
-    parts = [replace(part, shapes=known[part.name], glass=False) if known.get(part.name) else part
-             for part in scene.parts]
+    parts = [replace(part, shapes=known[part.name], glass=False, own=True)
+             if known.get(part.name) else part for part in scene.parts]
     return replace(scene, parts=parts, ground=known.get("", []),
                    remarks=[*scene.remarks, *remarks]), found
 
@@ -205,6 +205,7 @@ def _content(
             "axes": part.axes.T.tolist(), "tip": part.tip.tolist(),
             "sizes": {kind: size.tolist() for kind, size in part.sizes.items()},
             "scaled": part.to_scale, "shapes": shapes(part.shapes), "glass": part.glass,
+            "own": part.own,
         } for part in scene.parts],
         "ties": [{
             "name": tie.name, "kind": tie.kind, "slides": tie.slides, "a": tie.a, "b": tie.b,

@@ -348,14 +348,10 @@ def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
                    colour_of(shape.colour or _own_colour(i)), alpha)
     reach = _reach(scene, frame)
     for tie in scene.ties:
-        if any(i >= 0 and _has_mesh(scene.parts[i]) for i in (tie.a, tie.b)):
-            continue  # its joints are in the mesh
+        if any(i >= 0 and scene.parts[i].own for i in (tie.a, tie.b)):
+            continue  # its joints are in its shapes
         for mesh, colour in _tie_meshes(scene, tie, frame, reach):
             yield replace(mesh, light=0 * mesh.light), colour_of(colour), 1.0
-
-
-def _has_mesh(part: ScenePart) -> bool:
-    return any(shape.file for shape in part.shapes)
 
 
 def _reach(scene: Scene, frame: int) -> float:
@@ -370,7 +366,7 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
     up, metal = scene.up, colour_of(STAND)
     r = _JOINT * _reach(scene, frame)
     for part, pivot, axis in _pivots(scene):
-        if _has_mesh(part):
+        if part.own:
             continue
         below = float(np.max(part.at(part.centre)[:, 0] @ up)) < pivot @ up
         R = rotation_matrix(part.q[frame])

@@ -138,7 +138,7 @@ const drawing = (() => {
         const { triangles, mesh } = meshOf(shapes, body.colour);
         const sides = kind === "auto" && body.glass ? shapesOf(body, "box") : [];
         return { mesh, glass: meshOf(sides, body.colour), count: triangles.index.length,
-          isMesh: shapes.some((shape) => shape.kind === "mesh"),
+          isOwn: kind === "auto" && body.own,
           ends: solids.extremesOf(triangles.points),
           faces: faces.length ? faces : solids.facesOf(shapesOf(body, "box"), body.colour) };
       });
@@ -395,7 +395,7 @@ const drawing = (() => {
           placed(joints[i], { q: towards(minus(to, from)), x: times(0.5, add(from, to)) });
         } else if (tie.slides) {
           placed(joints[i], a);
-        } else if (![tie.a, tie.b].some((k) => drawn[k]?.isMesh)) {  // nearer to the eye by a little: it sits in a body
+        } else if (![tie.a, tie.b].some((k) => drawn[k]?.isOwn)) {  // nearer to the eye by a little: it sits in a body
           placed(joints[i], { q: b.q, x: add(b.x, times(0.05 * radius, unit(minus(view.eyeAt, to)))) });
         }
       });

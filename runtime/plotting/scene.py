@@ -74,6 +74,8 @@ class ScenePart:
         What it is drawn with, in body axes; none for the box of its inertia.
     glass : bool
         Whether it is a frame around other bodies, with sides of glass.
+    own : bool
+        Whether its model says what it looks like: its joints are not drawn then.
     """
 
     name: str
@@ -87,6 +89,7 @@ class ScenePart:
     plate: tuple[float, Array] | None = None
     shapes: list[Shape] = field(default_factory=list)
     glass: bool = False
+    own: bool = False
 
     def at(self, points: Array) -> Array:
         """Return where points of the body are, shape (frames, number of points, 3)."""

@@ -89,7 +89,7 @@ const solids = (() => {
         ([corners, normals, tint]) => ({
           corners: corners.map((p) => add(centre, combine(p.map((x, k) => x * scale[k]), axes))),
           normals: normals.map((n) => unit(combine(n.map((x, k) => x / scale[k]), axes))),
-          colour: lighter(colour, tint),
+          colour: lighter(colour, shape.colour ? 0 : tint),
         }));
     });
   }

@@ -382,7 +382,7 @@ def test_the_example_is_what_it_says():
     assert {link.name for link in build._components.connections} >= {
         "crank_joint", "pin", "saddle", "rope", "loop", "crank_rotor", "drive_motor"}
     assert build._components.values["drive"] == 2.0
-    assert [geom.kind for geom in build.geoms["beam"]] == ["capsule", "box"]
+    assert [shape.kind for shape in build._visuals["beam"]] == ["bar", "box"]
 
 
 # ---------------------------------------------------------------- files
@@ -395,7 +395,7 @@ def test_files_are_included_from_their_folder(tmp_path):
     build = gs.read_mjcf(written(
         tmp_path, '<worldbody><include file="parts/leg.xml"/></worldbody>'))
     assert [body.name for body in build._components.bodies] == ["b"]
-    assert [geom.kind for geom in build.geoms["b"]] == ["sphere"]
+    assert [shape.kind for shape in build._visuals["b"]] == ["sphere"]
 
 
 ONE = '<worldbody><body name="b"><joint name="j"/><geom size=".1"/></body></worldbody>'
@@ -483,3 +483,44 @@ def test_the_command_runs_it(tmp_path, gyrospark):
         assert failed.code == 2
         assert failed.stderr.count("\n") == 1
         assert said in failed.stderr
+
+
+# ---------------------------------------------------------------- looks
+
+LOOKS = """<asset>
+  <texture name="flat" type="2d" builtin="flat" rgb1="1 .5 0"/><material name="tan" texture="flat"/>
+  <material name="blue" rgba="0 0 1 1"/>
+  <mesh file="meshes/a.stl" scale="2 1 1" refpos="1 0 0" refquat="0 0 0 1"/></asset>
+<worldbody><geom type="plane" size="1 1 1"/><geom type="box" size=".1 .2 .3" pos="0 0 1"/>
+  <body name="b" pos="0 0 2"><joint/><inertial pos=".5 0 0" mass="1" diaginertia="1 1 1"/>
+    <geom type="ellipsoid" size=".1 .2 .3" rgba="1 0 0 1" material="blue"/>
+    <geom type="capsule" fromto="0 0 0 0 0 2" size=".1" material="tan"/>
+    <geom type="cylinder" size=".1 .2" group="3"/><geom size=".1" rgba="1 1 1 0"/>
+    <body name="c" pos="1 0 0"><geom type="mesh" mesh="a" material="blue" mass="0"/></body></body>
+  <body name="d"><joint/><inertial mass="1" diaginertia="1 1 1"/>
+    <geom size=".2" group="3"/></body></worldbody>"""
+
+
+def test_bodies_look_as_their_geoms(tmp_path):
+    """Groups 0 to 2 are drawn, materials have colours, a mesh is where its reference puts it."""
+    (tmp_path / "meshes").mkdir()
+    path = written(tmp_path, LOOKS)
+    tetrahedron = np.array([[[0, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 1]],
+                            [[0, 0, 0], [0, 0, 1], [0, 1, 0]], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]])
+    (tmp_path / "meshes" / "a.stl").write_text("".join(
+        f"vertex {x} {y} {z}\n" for x, y, z in tetrahedron.reshape(-1, 3).tolist()))
+    found = gs.read_mjcf(path, ignore="all")._visuals
+    (box,) = found[""]
+    assert (box.kind, box.size.tolist(), box.centre.tolist()) == ("box", [0.1, 0.2, 0.3], [0, 0, 1])
+    ellipsoid, capsule, mesh = found["b"]
+    assert (ellipsoid.kind, ellipsoid.size.tolist(), ellipsoid.colour) == (
+        "sphere", [0.1, 0.2, 0.3], "#ff0000")
+    assert ellipsoid.centre.tolist() == [-0.5, 0, 0]  # from the centre of mass
+    assert (capsule.kind, capsule.size.tolist(), capsule.colour) == (
+        "bar", [0.1, 0.1, 1.0], "#ff8000")
+    assert (mesh.file, mesh.colour) == (str(tmp_path / "meshes" / "a.stl"), "#0000ff")
+    corner = mesh.centre + mesh.axes @ (mesh.size * [1, 0, 0])
+    assert corner == pytest.approx([0.5 + 1 - 2, 0, 0], abs=1e-15)  # (2 − 1) turned by 180°
+    assert [shape.kind for shape in found["d"]] == ["sphere"]  # of nothing else to be seen
+    (tmp_path / "meshes" / "a.stl").unlink()
+    assert [shape.kind for shape in gs.read_mjcf(path, ignore="all")._visuals["b"]] == ["disc"]

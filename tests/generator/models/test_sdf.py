@@ -95,3 +95,21 @@ def test_bad_files_are_refused(tmp_path, inside, said):
         gs.load_sdf(written(tmp_path, inside))
     assert "bars.sdf" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_links_look_as_their_file_says(tmp_path):
+    """Shapes and colours of <visual>, where their poses put them in the axes of the body."""
+    visual = ("<visual name='v'><pose>.1 0 0 0 0 0</pose><geometry><cylinder><radius>.1</radius>"
+              "<length>.4</length></cylinder></geometry><material><diffuse>0 1 0 1</diffuse>"
+              "</material></visual><visual name='w'><geometry><box><size>2 4 6</size></box>"
+              "</geometry></visual><visual name='x'><geometry><mesh><uri>a.stl</uri><scale>2 2 2"
+              "</scale></mesh></geometry></visual>")
+    pinned = '<joint name="crank_pin" type="revolute"><pose>.3 0 0 0 0 0</pose>'
+    path = written(tmp_path, LINKS.replace("</inertial></link>", "</inertial>" + visual + "</link>")
+                   + JOINTS.replace('<joint name="crank_pin" type="revolute">', pinned))
+    (tmp_path / "a.stl").write_text("vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n")
+    disc, box, mesh = gs.read_sdf(path)._visuals["crank"]
+    assert (disc.kind, disc.size.tolist(), disc.colour) == ("disc", [0.1, 0.1, 0.2], "#00ff00")
+    assert disc.centre == pytest.approx([0.1 - 0.2, 0, 0], abs=1e-15)  # from the centre of mass
+    assert box.size.tolist() == [1, 2, 3]
+    assert (mesh.file, mesh.size.tolist()) == (str(tmp_path / "a.stl"), [2, 2, 2])

@@ -1,0 +1,132 @@
+"""What a robot's file says its parts look like: URDF and SDF <visual>, shown geoms of MJCF.
+
+    box, sphere, ellipsoid   boxes and spheres
+    cylinder, capsule        discs and bars
+    mesh                     STL and OBJ files
+
+Shapes that collide are drawn where those to be seen have files that cannot be read. They move
+nothing, so what cannot be read at all is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.mesh_files import READABLE, located
+from ...core.shapes import Shape
+from ..multibody.body import Frame
+from ..multibody.multibody import Multibody
+from .bounded_xml import Element
+from .urdf_robot import Placement, numbers_of, place_of
+from .urdf_tree import Mount
+
+__all__ = ["LinkLooks", "Look", "add_visuals", "colour_of", "draw", "looks_of", "shape_of",
+           "urdf_looks"]
+
+Array = NDArray[np.float64]
+#: A shape, and where it is in its link or body.
+Look = tuple[Placement, Shape]
+#: Name of a link, what is to be seen of it, and what collides.
+LinkLooks = tuple[str, Sequence[Look], Sequence[Look]]
+
+
+def draw(
+    builder: Multibody, frame: Frame, at: Placement, seen: Sequence[Look],
+    colliding: Sequence[Look], path: Path,
+) -> None:
+    """Draw what a file at ``path`` says of a part that is ``at`` a place in a body's frame."""
+    if colliding and not all(_is_readable(shape, path) for _, shape in seen) and all(
+            _is_readable(shape, path) for _, shape in colliding):
+        seen = colliding
+    for place, shape in seen:
+        here = at.then(place).then(Placement(shape.centre, shape.axes))
+        builder.visual(frame, replace(shape, centre=here.x, axes=here.R))
+
+
+def add_visuals(
+    builder: Multibody, looks: Iterable[LinkLooks], mounts: Mapping[str, Mount], path: Path
+) -> None:
+    """Draw links, by the places of these."""
+    for name, seen, colliding in looks:
+        if name in mounts:
+            draw(builder, mounts[name].frame, mounts[name].inner, seen, colliding, path)
+
+
+def _is_readable(shape: Shape, path: Path) -> bool:
+    file = Path(located(shape, path).file)
+    return not shape.file or (file.suffix.lower() in READABLE and file.is_file())
+
+
+def colour_of(rgba: Sequence[float]) -> str:
+    """Return numbers from 0 to 1 as a colour of shapes."""
+    return "#" + "".join(f"{round(255 * min(max(x, 0), 1)):02x}" for x in rgba[:3])
+
+
+# ---------------------------------------------------------------- URDF
+
+
+def urdf_looks(top: Element) -> Iterator[LinkLooks]:
+    """Yield the looks of the links of a URDF file."""
+    colours = {material.attributes.get("name", ""): _colour(material)
+               for material in top.all("material")}
+
+    def colour(element: Element) -> str:
+        material = element.first("material")
+        return "" if material is None else _colour(material) or colours.get(
+            material.attributes.get("name", ""), "")
+
+    for link in top.all("link"):
+        yield (link.attributes.get("name", ""),
+               *(looks_of(link, kind, place_of, shape_of, colour)
+                 for kind in ("visual", "collision")))
+
+
+def looks_of(
+    link: Element, kind: str, place: Callable[[Element], Placement],
+    shape: Callable[[Element, str], Shape | None], colour: Callable[[Element], str],
+) -> list[Look]:
+    """Return the shapes of a link, those of <visual> or <collision>."""
+    found = []
+    for element in link.all(kind):
+        geometry = element.first("geometry")
+        for one in [] if geometry is None else geometry.children:
+            try:
+                made = shape(one, colour(element))
+                if made is not None:
+                    found.append((place(element), made))
+            except InputError:
+                continue
+    return found
+
+
+def shape_of(element: Element, colour: str) -> Shape | None:
+    """Return a shape of <geometry>; None for what is none of ours."""
+    if element.name == "box":
+        return Shape("box", np.array(numbers_of(element, "size", 3)) / 2, colour=colour)
+    if element.name == "sphere":
+        return Shape("sphere", np.full(3, numbers_of(element, "radius", 1)[0]), colour=colour)
+    if element.name == "ellipsoid":
+        return Shape("sphere", np.array(numbers_of(element, "radii", 3)), colour=colour)
+    if element.name in ("cylinder", "capsule"):
+        r, length = (numbers_of(element, key, 1)[0] for key in ("radius", "length"))
+        return Shape("disc" if element.name == "cylinder" else "bar",
+                     np.array([r, r, length / 2]), colour=colour)
+    if element.name == "mesh":
+        scale = numbers_of(element, "scale", 3, [1.0, 1.0, 1.0])
+        return Shape("mesh", np.array(scale), colour=colour,
+                     file=element.attributes.get("filename", ""))
+    return None
+
+
+def _colour(material: Element) -> str:
+    element = material.first("color")
+    try:
+        return "" if element is None else colour_of(numbers_of(element, "rgba", 4))
+    except InputError:
+        return ""
