@@ -82,9 +82,9 @@ def urdf_looks(top: Element) -> Iterator[LinkLooks]:
             material.attributes.get("name", ""), "")
 
     for link in top.all("link"):
-        yield (link.attributes.get("name", ""),
-               *(looks_of(link, kind, place_of, shape_of, colour)
-                 for kind in ("visual", "collision")))
+        seen, colliding = (looks_of(link, kind, place_of, shape_of, colour)
+                           for kind in ("visual", "collision"))
+        yield link.attributes.get("name", ""), seen, colliding
 
 
 def looks_of(

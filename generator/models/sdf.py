@@ -325,8 +325,9 @@ def _looks(
         def place(element: Element, shift: Array = shift) -> Placement:
             return Placement(shift, np.eye(3)).then(_pose(element.first("pose")))
 
-        yield (name, *(looks_of(link, kind, place, _shape, _colour)
-                       for kind in ("visual", "collision")))
+        seen, colliding = (looks_of(link, kind, place, _shape, _colour)
+                           for kind in ("visual", "collision"))
+        yield name, seen, colliding
 
 
 def _shape(element: Element, colour: str) -> Shape | None:
