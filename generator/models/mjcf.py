@@ -31,6 +31,7 @@ from .mjcf_document import Given, read_document
 from .mjcf_robot import (
     COMMON,
     EXTRAS,
+    MjcfActuator,
     MjcfEquality,
     MjcfJoint,
     MjcfRobot,
@@ -39,7 +40,7 @@ from .mjcf_robot import (
 )
 from .robot_visuals import Look, draw
 from .urdf import Names, coordinate_value, plain_name, system_name
-from .urdf_robot import IDENTITY, Placement, refuse_extras, turn
+from .urdf_robot import IDENTITY, Placement, refuse_extras, stiffness_of_limits, turn
 from .urdf_tree import combine
 
 __all__ = ["parse_mjcf", "read_mjcf_settings"]
@@ -51,15 +52,19 @@ _SAME = 1e-12
 
 def parse_mjcf(
     text: str, path: str | Path, *, keyframe: Any = None, angles: Any = None, rates: Any = None,
-    ignore: Any = (), gravity: Any = None, rep: Any = "gamma",
+    ignore: Any = (), gravity: Any = None, rep: Any = "gamma", limits: Any = None,
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``read_mjcf``."""
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
-    weight = optional_vector("gravity", gravity)
+    weight, stiffness = optional_vector("gravity", gravity), stiffness_of_limits(limits)
     file = Path(path)
     try:
         robot = read_mjcf_robot(read_document(text, file, COMMON), file.stem)
+        robot.limits = stiffness
+        robot.extras["limits"] += sum(
+            joint.range is not None and (stiffness is None or joint.kind == "ball")
+            for joint in robot.joints.values())
         refuse_extras(robot.extras, EXTRAS, left_out)
         if weight is not None:
             robot.gravity = weight
@@ -73,9 +78,9 @@ def read_mjcf_settings(
 ) -> Multibody:
     """Return the bodies and joints of a text, with settings as a command has them.
 
-    ``keyframe=home``, ``ignore=limits,contact``, ``gravity=0,0,-1.62``, ``JOINT=0.5`` or
-    ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``; ball and free joints take several
-    numbers, ``root=0,0,1,1,0,0,0``.
+    ``keyframe=home``, ``ignore=limits,contact``, ``limits=1000``, ``gravity=0,0,-1.62``,
+    ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``; ball and free
+    joints take several numbers, ``root=0,0,1,1,0,0,0``.
     """
     options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
     for key, value in settings.items():
@@ -85,6 +90,8 @@ def read_mjcf_settings(
             options[key] = [name.strip() for name in value.split(",")]
         elif key == "gravity":
             options[key] = _numbers(value)
+        elif key == "limits":
+            options[key] = _number(value)
         else:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
@@ -499,19 +506,24 @@ class _Builder:
                 self.builder.quantity(f"{plain_name(joint.name)}_{what}", symbol)
 
     def _springs(self, joint: MjcfJoint) -> None:
-        """Add spring and damper of a joint; refuse those of one without a coordinate."""
+        """Add spring, damper and limits of a joint; refuse those of one without a coordinate."""
         build = self.builder
+        limited = None not in (self.robot.limits, joint.range) and joint.kind != "ball"
         if joint.name in self.coordinates:
             if joint.stiffness or joint.damping:
                 build.joint_spring(
                     self.names.free(f"{joint.name}_spring"), self.coordinates[joint.name],
                     stiffness=joint.stiffness, damping=joint.damping, rest=joint.rest)
+            if limited:
+                build.joint_spring(
+                    self.names.free(f"{joint.name}_limits"), self.coordinates[joint.name],
+                    stiffness=self.robot.limits or 0.0, rest=joint.range or (0.0, 0.0))
             return
-        if joint.kind == "ball" and joint.damping and not (joint.stiffness or joint.armature):
+        told = " and ".join([key for key in ("stiffness", "damping", "armature")
+                             if getattr(joint, key)] + ["range"] * limited)
+        if joint.kind == "ball" and told == "damping":
             self._ball_damper(joint)
-        elif joint.stiffness or joint.damping or joint.armature:
-            told = " and ".join(key for key in ("stiffness", "damping", "armature")
-                                if getattr(joint, key))
+        elif told:
             row = "" if joint.kind in ("ball", "free") else " in a row without armature"
             raise joint.given.error(f"has {told}, which a {joint.kind} joint{row} has not here; "
                                     "write 0, or armature for each joint of its body.")
@@ -530,7 +542,7 @@ class _Builder:
 
     # ------------------------------------------------------------ actuators and equalities
 
-    def _actuator(self, actuator: Any) -> None:
+    def _actuator(self, actuator: MjcfActuator) -> None:
         build, gear = self.builder, actuator.gear
         length, rate = (gear * e for e in self._length(
             f"actuator {shown(actuator.name)}", actuator.joints))
@@ -539,8 +551,41 @@ class _Builder:
         if actuator.gain or actuator.drag:
             u = build.input(label, self.start.controls[actuator.name])
         b0, b1, b2 = actuator.bias
+        if actuator.ratio:
+            b2 = -2 * actuator.ratio * float(np.sqrt(-b1 * self._inertia(actuator)))
         effort = gear * (actuator.gain * u + b0 + b1 * length + (b2 + actuator.drag * u) * rate)
         self._pull(label, actuator.joints, effort)
+
+    def _inertia(self, actuator: MjcfActuator) -> float:
+        """Return 1/(J M⁻¹ Jᵀ) of an actuator where the file places all bodies: what it has to move.
+        """
+        rows: dict[str, Array] = {}  # joint → 6 × n: angular velocity, velocity of the origin
+        for name, joint in self.robot.joints.items():
+            axes = self.at_reference.bodies[joint.body].R.T  # of balls and free joints
+            if joint.kind in ("hinge", "slide"):
+                axes = self.at_reference.axes[name][None]
+            still = np.zeros((3, 3)) if joint.kind == "free" else np.zeros_like(axes)
+            moved = np.cross(self.at_reference.points[name], axes)
+            rows[name] = np.hstack([still, axes] if joint.kind == "slide" else [axes, moved])
+            if joint.kind == "free":
+                rows[name] = np.vstack([np.hstack([still, np.eye(3)]), rows[name]])
+        sizes = [len(rows[name]) for name in rows]
+        mass = np.diag(np.repeat([j.armature for j in self.robot.joints.values()], sizes))
+        for k, body in enumerate(self.robot.bodies):
+            here, link = self.at_reference.bodies[k], body.link
+            J = np.vstack([row * self._carries(self.robot.joints[name].body, k)
+                           for name, row in rows.items()])
+            w, v = J[:, :3], J[:, 3:] + np.cross(J[:, :3], here.x + here.R @ link.centre)
+            mass += w @ here.R @ link.inertia @ here.R.T @ w.T + link.mass * v @ v.T
+        told = dict(actuator.joints)
+        J = actuator.gear * np.repeat([told.get(name, 0.0) for name in rows], sizes)
+        return 1 / float(J @ np.linalg.solve(mass, J))
+
+    def _carries(self, body: int, other: int) -> bool:
+        """Return whether ``other`` is the body or hangs on it."""
+        while other > body:
+            other = self.robot.bodies[other].above
+        return other == body
 
     def _tendon(self, name: str, tendon: MjcfTendon) -> None:
         """Add the spring and the damper of a fixed tendon."""

@@ -75,6 +75,7 @@ class MjcfJoint:
     rest: float
     damping: float
     armature: float
+    range: tuple[float, float] | None
     given: Given
 
     @property
@@ -100,7 +101,8 @@ class MjcfBody:
 class MjcfActuator:
     """An effort on Σ coefficient · coordinate of joints, the length of what it acts on.
 
-    effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate)
+    effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate); with a damping
+    ``ratio`` ζ, bias₂ = −2 ζ √(−bias₁ m), m being the inertia that it has to move.
     """
 
     name: str
@@ -109,6 +111,7 @@ class MjcfActuator:
     gain: float
     bias: tuple[float, float, float]
     drag: float
+    ratio: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +161,7 @@ class MjcfRobot:
     dt: float = 0.002
     off: frozenset[str] = frozenset()
     extras: Counter[str] = field(default_factory=Counter)
+    limits: float | None = None  # stiffness of the ends of ranges of joints
 
     def limb(self, body: int) -> int:
         """Return the body it moves with: the nearest one at or above that has joints."""
@@ -339,15 +343,14 @@ class _Reader:
         joint = MjcfJoint(
             name, kind, body, place.R @ given.direction("axis", (0.0, 0.0, 1.0)),
             place.x + place.R @ given.vector("pos", (0.0, 0.0, 0.0)), ref, stiffness,
-            given.number("springref", 0.0) * turns, damping, given.number("armature", 0.0), given)
+            given.number("springref", 0.0) * turns, damping, given.number("armature", 0.0),
+            self._range(given, kind, turns), given)
         if "springref" not in given:
             joint.rest = 0.0
         if joint.armature < 0:
             raise given.error(f"has armature={joint.armature:g}; it must be 0 or more.")
         owner.joints.append(joint)
         robot.joints[name] = joint
-        if kind != "free" and "limit" not in robot.off:
-            robot.extras["limits"] += self._limited(given, "limited", "range")
         robot.extras["limits"] += self._limited(given, "actuatorfrclimited", "actuatorfrcrange")
         if "frictionloss" not in robot.off:
             robot.extras["friction"] += given.number("frictionloss", 0.0) != 0
@@ -360,6 +363,13 @@ class _Reader:
         if first < 0:
             raise given.error(f"has {key}={first:g}; it must be 0 or more.")
         return first
+
+    def _range(self, given: Given, kind: str, turns: float) -> tuple[float, float] | None:
+        if kind == "free" or "limit" in self.robot.off or not self._limited(
+                given, "limited", "range"):
+            return None
+        lower, upper = given.numbers("range", 2, default=[0.0, 0.0])
+        return lower * turns, upper * turns
 
     def _limited(self, given: Given, flag: str, key: str) -> bool:
         said = given.choice(flag, ("true", "false", "auto"), "auto")
@@ -536,13 +546,19 @@ class _Reader:
             ranges.append(("ctrllimited", "ctrlrange"))
         robot.extras["limits"] += any(self._limited(given, *pair) for pair in ranges)
         gain, bias, drag = law
+        ratio = given.number("dampratio", 0.0)
+        if given.tag == "general" and gain == -bias[1] and bias[2] > 0:
+            ratio, bias = bias[2], (bias[0], bias[1], 0.0)
+        gear = given.numbers("gear", 1, 6, [1.0])[0]
+        if ratio and (ratio < 0 or not gear or bias[1] > 0 or bias[2]):
+            raise given.error(f"has dampratio={ratio:g}; it must be above 0, without kv and with a "
+                              "gear and a kp above 0.")
         name = given.text("name", "") or f"u{len(robot.actuators) + 1}"
-        robot.actuators.append(MjcfActuator(
-            name, acts, given.numbers("gear", 1, 6, [1.0])[0], gain, bias, drag))
+        robot.actuators.append(MjcfActuator(name, acts, gear, gain, bias, drag, ratio))
 
     def _law(self, given: Given) -> tuple[float, tuple[float, float, float], float] | None:
         """Return gain, bias and drag of an actuator; None where its effort is another one."""
-        if given.number("timeconst", 0.0) or "dampratio" in given:
+        if given.number("timeconst", 0.0):
             return None
         if given.tag == "motor":
             return 1.0, (0.0, 0.0, 0.0), 0.0

@@ -272,8 +272,9 @@ def _force(
         return
     if kind in ("spring", "joint_spring"):
         table.require("name", *(["stiffness"] if kind == "spring" else []))
-        numbers = {key: table.number(key) for key in FORCES[kind] if key in table
-                   and key not in POINTS}
+        numbers = {key: tuple(table.vector(key, 2)) if isinstance(table.content[key], list)
+                   and key == "rest" else table.number(key)
+                   for key in FORCES[kind] if key in table and key not in POINTS}
         ends: Sequence[Frame | str] = (
             _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
         getattr(builder, kind)(table.symbol("name", table.text("name")), *ends,

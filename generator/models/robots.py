@@ -60,7 +60,7 @@ def read_urdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", loops: str | Path | None = None,
+    rep: RepName = "gamma", loops: str | Path | None = None, limits: float | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a URDF file, to which more can be added.
 
@@ -87,6 +87,9 @@ def read_urdf(
         Inertia representation.
     loops : path, optional
         A TOML file with the joints that close loops, which URDF has not (``loops``).
+    limits : float, optional
+        Stiffness of elastic ends of the ranges of joints, N m/rad or N/m: one-sided springs as
+        those of ``joint_spring``, in place of limits that are refused or ignored.
 
     Returns
     -------
@@ -101,7 +104,7 @@ def read_urdf(
     """
     return _read(path, loops, base=base, angles=angles, rates=rates, ignore=ignore,
                  gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-                 angular_velocity=angular_velocity, rep=rep)[0]
+                 angular_velocity=angular_velocity, rep=rep, limits=limits)[0]
 
 
 def load_urdf(
@@ -111,7 +114,7 @@ def load_urdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", loops: str | Path | None = None,
+    rep: RepName = "gamma", loops: str | Path | None = None, limits: float | None = None,
 ) -> Model:
     """Return the model of a robot in URDF: ``read_urdf(...).model()``, with its arguments.
 
@@ -127,7 +130,7 @@ def load_urdf(
     build, closing, loop = _read(
         path, loops, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
         position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep)
+        angular_velocity=angular_velocity, rep=rep, limits=limits)
     if closing is not None:
         return closing.model(build)
     return _without_redundant(build, path) if loop else build.model()
@@ -137,6 +140,7 @@ def read_mjcf(
     path: str | Path, *, keyframe: str | int | None = None,
     angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
+    limits: float | None = None,
 ) -> Multibody:
     """Return the bodies, joints and actuators of an MJCF file, to which more can be added.
 
@@ -158,6 +162,9 @@ def read_mjcf(
         In space; by default that of <option>.
     rep : {"gamma", "alpha"}
         Inertia representation.
+    limits : float, optional
+        Stiffness of elastic ends of the ranges of joints, as for ``read_urdf``. Ranges of tendons
+        and efforts are among the limits to ignore still.
 
     Returns
     -------
@@ -173,13 +180,15 @@ def read_mjcf(
     """
     file = as_path("path", path, "robot.xml")
     return _located(parse_mjcf(model_text(file), file, keyframe=keyframe, angles=angles,
-                               rates=rates, ignore=ignore, gravity=gravity, rep=rep), file)
+                               rates=rates, ignore=ignore, gravity=gravity, rep=rep,
+                               limits=limits), file)
 
 
 def load_mjcf(
     path: str | Path, *, keyframe: str | int | None = None,
     angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
+    limits: float | None = None,
 ) -> Model:
     """Return the model of a robot in MJCF: ``read_mjcf(...).model()``, with its arguments.
 
@@ -192,7 +201,8 @@ def load_mjcf(
         With file, line, and cure.
     """
     return _without_redundant(read_mjcf(path, keyframe=keyframe, angles=angles, rates=rates,
-                                        ignore=ignore, gravity=gravity, rep=rep), path)
+                                        ignore=ignore, gravity=gravity, rep=rep,
+                                        limits=limits), path)
 
 
 def read_sdf(
@@ -202,7 +212,7 @@ def read_sdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma",
+    rep: RepName = "gamma", limits: float | None = None,
 ) -> Multibody:
     """Return the bodies and joints of an SDF file with one model, to which more can be added.
 
@@ -224,7 +234,7 @@ def read_sdf(
         In space; by default that of the file's world, else (0, 0, -9.81).
     position, quaternion : optional
         Where the frame of the model is in space.
-    velocity, angular_velocity, rep : optional
+    velocity, angular_velocity, rep, limits : optional
         As for ``read_urdf``.
 
     Raises
@@ -236,7 +246,7 @@ def read_sdf(
     return _located(parse_sdf(
         model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
         gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep), file)
+        angular_velocity=angular_velocity, rep=rep, limits=limits), file)
 
 
 def load_sdf(
@@ -246,7 +256,7 @@ def load_sdf(
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
     position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
     velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma",
+    rep: RepName = "gamma", limits: float | None = None,
 ) -> Model:
     """Return the model of a robot in SDF: ``read_sdf(...).model()``, with its arguments.
 
@@ -260,7 +270,7 @@ def load_sdf(
     return _without_redundant(read_sdf(
         path, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
         position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep), path)
+        angular_velocity=angular_velocity, rep=rep, limits=limits), path)
 
 
 def robot_model(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from .urdf_robot import (
     RobotLink,
     refuse_extras,
     root_of,
+    stiffness_of_limits,
     turn,
 )
 from .urdf_tree import LoopJoint, Mount
@@ -74,6 +75,7 @@ def parse_sdf(
     text: str, path: str | Path, *, base: Any = None, angles: Any = None, rates: Any = None,
     ignore: Any = (), gravity: Any = None, position: Any = (0.0, 0.0, 0.0),
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
+    limits: Any = None,
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``read_sdf``."""
     if base is not None:
@@ -81,13 +83,18 @@ def parse_sdf(
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
+    stiffness = stiffness_of_limits(limits)
     try:
         top = read_xml(text)
         model = _only_model(top)
-        refuse_extras(Counter(_extras(model)), EXTRAS, left_out)
+        extras = Counter(_extras(model))
+        if stiffness is not None:
+            del extras["limits"]
+        refuse_extras(extras, EXTRAS, left_out)
         graph = _read(model, str(top.attributes.get("version", "1.6")))
         before = dict(graph.places)
         tree, closing = _tree(graph)
+        tree = replace(tree, limits=stiffness)
         builder, mounts = _build(graph, tree, closing, base, pose.then(graph.places[tree.root]),
                                  (angles, rates, velocity, angular_velocity),
                                  _gravity(top) if gravity is None else gravity, rep)
@@ -126,12 +133,20 @@ def _extras(model: Element) -> Iterator[str]:
                 yield "collision"
             if part.name != "axis" or element.attributes.get("type") not in TYPES[:3]:
                 continue
-            limit, dynamics = part.first("limit"), part.first("dynamics")
-            if limit is not None and any(abs(_number(limit, key, _UNLIMITED)) < _UNLIMITED
-                                         for key in ("lower", "upper")):
+            if _range(part) is not None:
                 yield "limits"
+            dynamics = part.first("dynamics")
             if dynamics is not None and _number(dynamics, "friction", 0.0):
                 yield "friction"
+
+
+def _range(axis: Element) -> tuple[float, float] | None:
+    """Return the range of a joint, None where it has none."""
+    limit = axis.first("limit")
+    if limit is None:
+        return None
+    lower, upper = _number(limit, "lower", -_UNLIMITED), _number(limit, "upper", _UNLIMITED)
+    return (lower, upper) if min(abs(lower), abs(upper)) < _UNLIMITED else None
 
 
 # ---------------------------------------------------------------- reading
@@ -246,7 +261,8 @@ def _joint(
         0.0 if dynamics is None else _number(dynamics, key, 0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
     return RobotJoint(name, kind, _text(element, "parent"), _text(element, "child"), places[name],
-                      along / size, damping, None, stiffness, rest)
+                      along / size, damping, None, stiffness, rest,
+                      None if axis is None or kind not in TYPES[:3] else _range(axis))
 
 
 # ---------------------------------------------------------------- the tree, and what closes loops
@@ -278,7 +294,8 @@ def _tree(graph: Graph) -> tuple[Robot, list[RobotJoint]]:
             joints[name] = RobotJoint(
                 name, joint.kind, joint.parent, joint.child,
                 Placement(above.R.T @ (here.x - above.x), above.R.T @ here.R),
-                here.R.T @ joint.axis, joint.damping, None, joint.stiffness, joint.rest)
+                here.R.T @ joint.axis, joint.damping, None, joint.stiffness, joint.rest,
+                joint.range)
     robot = Robot(graph.name, links, joints, root_of(links, joints))
     return robot, [joint for name, joint in graph.joints.items() if name not in tree]
 

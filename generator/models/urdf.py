@@ -31,7 +31,14 @@ from ..parsing.grammar import ANGLES, RATES
 from ..parsing.reserved_names import KEYWORDS
 from .bounded_xml import read_xml
 from .robot_visuals import add_visuals, urdf_looks
-from .urdf_robot import MOVING, Placement, Robot, RobotJoint, read_robot
+from .urdf_robot import (
+    MOVING,
+    Placement,
+    Robot,
+    RobotJoint,
+    read_robot,
+    stiffness_of_limits,
+)
 from .urdf_tree import LoopJoint, Mount, RobotBody, placed, robot_bodies
 
 __all__ = ["BASES", "Close", "Names", "build_robot", "coordinate_value", "parse_urdf", "plain_name",
@@ -62,7 +69,7 @@ def parse_urdf(
     text: str, path: str | Path, *, base: Any = "fixed", angles: Any = None, rates: Any = None,
     ignore: Any = (), gravity: Any = (0.0, 0.0, -9.81), position: Any = (0.0, 0.0, 0.0),
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
-    close: Close | None = None,
+    limits: Any = None, close: Close | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``read_urdf``.
 
@@ -72,10 +79,12 @@ def parse_urdf(
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
+    stiffness = stiffness_of_limits(limits)
     try:
         top = read_xml(text)
-        builder, mounts = build_robot(read_robot(top, left_out), base, pose, angles, rates,
-                                      velocity, angular_velocity, gravity, rep)
+        robot = read_robot(top, left_out, stiffness)
+        builder, mounts = build_robot(robot, base, pose, angles, rates, velocity,
+                                      angular_velocity, gravity, rep)
         add_visuals(builder, urdf_looks(top), mounts, Path(path))
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
@@ -91,8 +100,8 @@ def read_settings(
     """Return the bodies and joints of a text, with settings as a command has them.
 
     ``base=floating``, ``ignore=limits,collision``, ``gravity=0,0,-1.62`` (and position, quaternion,
-    velocity, angular_velocity), ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel,
-    ``JOINT.rate=1``. ``parse`` reads another format.
+    velocity, angular_velocity), ``limits=1000``, ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle
+    or travel, ``JOINT.rate=1``. ``parse`` reads another format.
     """
     options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
     for key, value in settings.items():
@@ -102,6 +111,8 @@ def read_settings(
             options[key] = [name.strip() for name in value.split(",")]
         elif key in _VECTORS:
             options[key] = [_number(key, part) for part in value.split(",")]
+        elif key == "limits":
+            options[key] = _number(key, value)
         else:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
@@ -194,6 +205,9 @@ def build_robot(
             leader, ratio, offset = joint.follows
             builder.couple(names.free(f"{name}_mimic"), joined[leader], joined[name], ratio=ratio,
                            offset=offset)
+        if robot.limits is not None and joint.range is not None and name in joined:
+            builder.joint_spring(names.free(f"{name}_limits"), joined[name], rest=joint.range,
+                                 stiffness=robot.limits)
         if (joint.damping or joint.stiffness) and name in joined:
             builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping,
                                  stiffness=joint.stiffness, rest=joint.rest)

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from ...core.arguments import listed, proposal, shown
 from ...core.errors import InputError
 from ...core.warnings import warn
+from ..multibody.initial_poses import positive
 from .bounded_xml import Element
 
 __all__ = ["EXTRAS", "IDENTITY", "MOVING", "NUMBER", "Placement", "Robot", "RobotJoint",
            "RobotLink", "RobotLoop", "numbers_of", "place_of", "read_robot", "refuse_extras",
-           "root_of", "turn"]
+           "root_of", "stiffness_of_limits", "turn"]
 
 Array = NDArray[np.float64]
 Read = TypeVar("Read")
@@ -93,6 +94,7 @@ class RobotJoint:
     follows: tuple[str, float, float] | None
     stiffness: float = 0.0
     rest: float = 0.0
+    range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +120,12 @@ class Robot:
     joints: dict[str, RobotJoint]
     root: str
     loops: tuple[RobotLoop, ...] = ()
+    limits: float | None = None  # stiffness of the ends of ranges of joints
 
 
-def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
+def read_robot(
+    top: Element, ignore: Collection[str] = (), limits: float | None = None
+) -> Robot:
     """Return the robot of a URDF's outermost element.
 
     Parameters
@@ -129,6 +134,8 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
         <robot>.
     ignore : collection of str
         Which of ``EXTRAS`` the model is to do without, or "all" of them.
+    limits : float, optional
+        Stiffness of the ends of ranges of joints.
 
     Raises
     ------
@@ -142,7 +149,10 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
     if macros is not None:
         raise InputError(f"line {macros.line}: <{macros.name}> is a macro; expand the file with "
                          "xacro first.")
-    refuse_extras(Counter(_extras(top)), EXTRAS, ignore)
+    extras = Counter(_extras(top))
+    if limits is not None:
+        del extras["limits"]
+    refuse_extras(extras, EXTRAS, ignore)
     links, joints = _read_all(top, "link", _link), _read_all(top, "joint", _joint)
     if not links:
         raise InputError("it has no <link>; write one at least.")
@@ -150,7 +160,7 @@ def read_robot(top: Element, ignore: Collection[str] = ()) -> Robot:
         raise InputError(f"it has {len(links)} links and at most {MAX_LINKS} are allowed.")
     _check_followed(joints)
     return Robot(top.attributes.get("name", "robot"), links, joints, root_of(links, joints),
-                 tuple(_read_all(top, "constraint", partial(_loop, links)).values()))
+                 tuple(_read_all(top, "constraint", partial(_loop, links)).values()), limits)
 
 
 # ---------------------------------------------------------------- what is left out
@@ -184,11 +194,19 @@ def _extras(top: Element) -> Iterator[str]:
         for part in element.children:
             if part.name in ("collision", "contact", "safety_controller"):
                 yield part.name
-            if (part.name == "limit" and element.attributes.get("type") in ("revolute", "prismatic")
-                    and {"lower", "upper"} & part.attributes.keys()):
+            if part.name == "limit" and _is_limited(element.attributes.get("type", ""), part):
                 yield "limits"
             if part.name == "dynamics" and numbers_of(part, "friction", 1, [0.0])[0] != 0:
                 yield "friction"
+
+
+def _is_limited(kind: str, limit: Element) -> bool:
+    return kind in ("revolute", "prismatic") and bool({"lower", "upper"} & limit.attributes.keys())
+
+
+def stiffness_of_limits(given: Any) -> float | None:
+    """Return the stiffness of the ends of ranges of joints, None where they are refused."""
+    return None if given is None else positive("limits, a stiffness in N m/rad and N/m", given)
 
 
 # ---------------------------------------------------------------- links and joints
@@ -239,6 +257,7 @@ def _joint(name: str, element: Element) -> RobotJoint:
                          f"{proposal(kind, TYPES)}.")
     parent, child = (_text(element, end, "link") for end in ("parent", "child"))
     dynamics, mimic = element.first("dynamics"), element.first("mimic")
+    limit = element.first("limit")
     if mimic is not None and kind not in MOVING:
         warn(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
         mimic = None
@@ -247,7 +266,9 @@ def _joint(name: str, element: Element) -> RobotJoint:
         0.0 if dynamics is None else numbers_of(dynamics, "damping", 1, [0.0])[0],
         None if mimic is None else (
             _attribute(mimic, "joint"), numbers_of(mimic, "multiplier", 1, [1.0])[0],
-            numbers_of(mimic, "offset", 1, [0.0])[0]))
+            numbers_of(mimic, "offset", 1, [0.0])[0]),
+        range=None if limit is None or not _is_limited(kind, limit) else (
+            numbers_of(limit, "lower", 1, [0.0])[0], numbers_of(limit, "upper", 1, [0.0])[0]))
 
 
 def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> RobotLoop:

@@ -46,6 +46,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ..symbolic.switching_functions import Max
 from ..systems.body_layout import ConstraintForce
 from .body import Body, Frame, GeneralisedForce, Vector, dot
 from .initial_poses import Pose, clean, conjugate, direction, normals, product
@@ -682,18 +683,26 @@ class Motor(Connection):
 
 @dataclass(eq=False, repr=False)
 class JointSpring(Connection):
-    """V = ½ k (c − c₀)² of the coordinate of a joint, and a damper."""
+    """V = ½ k d² of the coordinate of a joint, d being how far it is from rest, and a damper.
+
+    ``rest`` is a number, or an interval, in which the spring is slack.
+    """
 
     what: str = field(kw_only=True)
     coordinate: sp.Symbol = field(kw_only=True)
     rate: sp.Symbol = field(kw_only=True)
     stiffness: float = 0.0
     damping: float = 0.0
-    rest: float = 0.0
+    rest: float | tuple[float, float] = 0.0
 
     def energy(self, store: Store) -> sp.Expr:
         """Return V; values of its parameters go into ``store``."""
         k = named_number(f"{self.name}_stiffness", self.stiffness, store)
+        if isinstance(self.rest, tuple):
+            lower, upper = (named_number(f"{self.name}_{end}", value, store)
+                            for end, value in zip(("lower", "upper"), self.rest, strict=True))
+            return k * (Max(0, self.coordinate - upper) ** 2
+                        + Max(0, lower - self.coordinate) ** 2) / 2
         rest = named_number(f"{self.name}_rest", self.rest, store)
         return k * (self.coordinate - rest) ** 2 / 2
 

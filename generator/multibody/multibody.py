@@ -25,7 +25,7 @@ from ...core.arguments import (
     whole,
 )
 from ...core.errors import InputError
-from ...core.inertia import Inertia, RepName, as_inertia, is_tensor, moments_of
+from ...core.inertia import Inertia, RepName, as_inertia, is_tensor, moments_of, real_array
 from ...core.projection import Projection, project
 from ...core.shapes import Shape
 from ...core.warnings import warn
@@ -785,11 +785,14 @@ class Multibody:
 
     def joint_spring(
         self, name: str, joint: Connection | str, *, stiffness: float = 0.0,
-        damping: float = 0.0, rest: float = 0.0,
+        damping: float = 0.0, rest: float | tuple[float, float] = 0.0,
     ) -> JointSpring:
         """Add V = ½ k (c − rest)² of a joint's coordinate c, its angle or travel, and a damper.
 
-        In N m/rad and N m s/rad about an axis, N/m and N s/m along one.
+        In N m/rad and N m s/rad about an axis, N/m and N s/m along one. Where ``rest`` is an
+        interval, (lower, upper), the spring is slack in it and pushes back from beyond: elastic
+        ends of the range of a joint. The force is continuous and its slope is not, so that a step
+        across an end has an error of O(Δt²), with any scheme.
         """
         held = self._components.joint(joint, f"Spring {name!r}")
         what = _coordinate(held)
@@ -798,7 +801,7 @@ class Multibody:
             coordinate=self._measure(held, what), rate=self._measure(held, RATE_OF[what]),
             stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
             damping=float(finite(f"damping of {name!r}", damping, ())),
-            rest=float(finite(f"rest of {name!r}", rest, ()))))
+            rest=_rest(f"rest of {name!r}", rest)))
 
     def moving_point(self, name: str, path: Sequence[Any]) -> MovingPoint:
         """Return a moving point of the ground, for joints, rods and springs.
@@ -1010,6 +1013,17 @@ def _direction(name: str, what: str, given: ArrayLike) -> Array:
     if not found.any():
         raise InputError(f"The {what} of {name!r} is zero; give its direction.")
     return unit(found)
+
+
+def _rest(what: str, given: Any) -> float | tuple[float, float]:
+    """Return where a spring is at rest: a number, or an interval."""
+    array = real_array(given)
+    if array is None or array.shape != (2,):
+        return float(finite(what, given, ()))
+    lower, upper = finite(what, given, (2,)).tolist()
+    if lower > upper:
+        raise InputError(f"The {what} is {shown(given)}; give the lower end first.")
+    return lower, upper
 
 
 def _coordinate(joint: Connection) -> str:

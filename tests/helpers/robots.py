@@ -91,6 +91,9 @@ class Motion:
     def value(self, quantity):
         return evaluate([self.system.quantities[quantity]], self._at(self.q, self.p))[0]
 
+    def energy(self):
+        return evaluate([self.system.H], self._at(self.q, self.p))[0]
+
     def _rate(self, expressions, dp):
         ahead = self._at(self.q + 1j * TINY * self.dq, self.p + 1j * TINY * dp)
         return evaluate(expressions, ahead).imag / TINY

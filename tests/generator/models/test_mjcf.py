@@ -524,3 +524,36 @@ def test_bodies_look_as_their_geoms(tmp_path):
     assert [shape.kind for shape in found["d"]] == ["sphere"]  # of nothing else to be seen
     (tmp_path / "meshes" / "a.stl").unlink()
     assert [shape.kind for shape in gs.read_mjcf(path, ignore="all")._visuals["b"]] == ["disc"]
+
+
+# ---------------------------------------------------------------- limits, damping ratios
+
+
+def test_ranges_are_elastic_on_wish(tmp_path):
+    """V = ½ k d² beyond a range in degrees: energy, and the force that a deflected hinge feels."""
+    path = written(tmp_path, hinged('<geom size=".1" pos="0 0 -1"/>', '<joint name="j" '
+                                    'axis="0 1 0" range="-10 20"/>'))
+    with pytest.raises(gs.InputError, match="limits"):
+        gs.read_mjcf(path)
+    still = Motion(gs.load_mjcf(path, ignore="limits", angles={"j": "30 deg"}))
+    limited = Motion(gs.load_mjcf(path, limits=50.0, angles={"j": "30 deg"}))
+    mass = 4 / 3 * math.pi * 0.1**3 * 1000
+    inertia = mass * (0.4 * 0.1**2 + 1)
+    assert limited.acceleration("j_rate") - still.acceleration("j_rate") == pytest.approx(
+        -50 * math.radians(10) / inertia, rel=1e-12)
+    inside = [Motion(gs.load_mjcf(path, angles={"j": 0.1}, **told)).acceleration("j_rate")
+              for told in ({"limits": 50.0}, {"ignore": "all"})]
+    assert inside[0] == inside[1]
+
+
+def test_a_damping_ratio_of_one_is_critical(tmp_path):
+    """Of a slide of mass 3 with a gear: kv = 2 ζ √(kp m), and none beside a kv."""
+    inside = ('<worldbody><body><joint name="j" type="slide"/><geom size=".1" mass="3"/></body>'
+              '</worldbody><actuator><position joint="j" kp="12" dampratio="0.5" gear="2"{}/>'
+              '</actuator>')
+    motion = Motion(gs.load_mjcf(written(tmp_path, inside.format("")), gravity=(0, 0, 0),
+                                 rates={"j": 1.0}))
+    assert motion.acceleration("j_speed") == pytest.approx(
+        -2 * 2 * 0.5 * 2 * math.sqrt(12 * 3 / 4) / 3, rel=1e-12)
+    with pytest.raises(gs.InputError, match="dampratio"):
+        gs.read_mjcf(written(tmp_path, inside.format(' kv="1"')))

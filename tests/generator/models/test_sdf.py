@@ -113,3 +113,15 @@ def test_links_look_as_their_file_says(tmp_path):
     assert disc.centre == pytest.approx([0.1 - 0.2, 0, 0], abs=1e-15)  # from the centre of mass
     assert box.size.tolist() == [1, 2, 3]
     assert (mesh.file, mesh.size.tolist()) == (str(tmp_path / "a.stl"), [2, 2, 2])
+
+
+def test_ranges_are_elastic_on_wish(tmp_path):
+    """V = ½ k d² beyond one end; a range of 1e16 has none."""
+    limited = JOINTS.replace("<dynamics>", "<limit><lower>-1e16</lower><upper>0.5</upper></limit>"
+                             "<dynamics>")
+    free, held = (Motion(gs.load_sdf(written(tmp_path, LINKS + joints), limits=limits,
+                                     angles={"coupler_pin": 0.7, "rocker_pin": -0.7}))
+                  for joints, limits in ((JOINTS, None), (limited, 40.0)))
+    assert held.energy() - free.energy() == pytest.approx(40 * 0.2**2 / 2, rel=1e-12)
+    with pytest.raises(gs.InputError, match="limits"):
+        gs.load_sdf(written(tmp_path, LINKS + limited))

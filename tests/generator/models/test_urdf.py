@@ -393,3 +393,12 @@ def test_bad_loops_are_refused(tmp_path, text, said):
     assert said in str(told.value)
     assert "\n" not in str(told.value)
     assert "loops.toml" in str(told.value)
+
+
+def test_ranges_are_elastic_on_wish(arm):
+    """Beyond its range, which is that of the file, a shoulder has V = ½ k d² more."""
+    free, held = (Motion(gs.load_urdf(arm, angles={"shoulder": 2.9}, **told))
+                  for told in ({"ignore": "limits"}, {"limits": 40.0}))
+    assert held.energy() - free.energy() == pytest.approx(40 * 0.9**2 / 2, rel=1e-12)
+    with pytest.raises(gs.InputError, match="limits"):
+        gs.load_urdf(arm, limits=-1)

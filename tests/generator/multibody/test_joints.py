@@ -266,7 +266,7 @@ def test_files_have_what_acts_on_joints(tmp_path):
         build.revolute(f"axle_{name}", "ground", name, axis=(0, 0, 1), at=(x, 0, 0),
                        angle=math.pi / 6 if name == "one" else 0.0)
     build.gear("mesh", "axle_one", "axle_two", teeth=(1, 2))
-    build.joint_spring("coil", "axle_one", damping=0.1)
+    build.joint_spring("coil", "axle_one", damping=0.1, stiffness=2, rest=(-1, 9))
     build.motor("drive", "axle_two", torque=sp.Rational(1, 4) - build.angle("axle_one"))
     build.quantity("turned", build.angle("axle_one"))
     made = build.model()
@@ -319,6 +319,8 @@ name = "coil"
 type = "joint_spring"
 joints = ["axle_one"]
 damping = 0.1
+stiffness = 2
+rest = [-1, 9]
 [[forces]]
 name = "drive"
 type = "motor"
@@ -327,3 +329,23 @@ torque = "1/4 - axle_one_angle"
 [quantities]
 turned = "axle_one_angle"
 """
+
+
+def test_a_spring_is_slack_in_an_interval():
+    """V = ½ k d² on both sides; EMS conserves H across the ends to round-off."""
+    build = builder(gravity=(0, 0, 0))
+    build.body("box", **BOX)
+    slide = build.prismatic("slide", "ground", "box", axis=(1, 0, 0), at=(0, 0, 0), speed=1.0)
+    build.joint_spring("ends", slide, stiffness=800.0, rest=(-0.05, 0.1))
+    build.quantity("s", build.travel(slide))
+    model = build.model()
+    step = gs.stepper("EMS", system=model)
+    done = step.integrate(model.q0, model.p0, parameters=model.parameters, dt=1e-3, t_end=0.6)
+    energy = done.energy()
+    assert np.abs(energy - energy[0]).max() < 1e-13 * energy[0]
+    s = np.asarray(done.quantity("s"))
+    w = np.sqrt(800 / 2.0)  # it goes in by v/ω
+    assert s.max() == pytest.approx(0.1 + 1 / w, abs=1e-5)
+    assert s.min() == pytest.approx(-0.05 - 1 / w, abs=1e-5)
+    with pytest.raises(gs.InputError, match="lower"):
+        build.joint_spring("ends_too", slide, stiffness=1.0, rest=(0.1, 0))
