@@ -18,7 +18,8 @@ LOGGER = logging.getLogger(__name__)
 #: Page, and a heading of it where the answer is not at its top → words, at most one place each.
 SYNONYMS = {
     "bodies": "joint, hinge, revolute, pin joint, slider, spherical joint, rigid body, multibody, "
-              "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel",
+              "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel, armature, "
+              "fixed, fixed joint, weld, joint limit, end stop",
     "benchmarks": "speed, performance, benchmark",
     "build": "export, library, rust, c++, octave, arduino",
     "c": "microcontroller, embedded, c code, misra",
@@ -45,7 +46,12 @@ SYNONYMS = {
     "lagrangian": "lagrangian, mass matrix, kane, sympy mechanics",
     "limits": "limits, limitations, contact, collision, friction, impact, flexible",
     "long_runs": "resume, store, zarr, checkpoint",
-    "models": "urdf, robot, toml, model file",
+    "models": "toml, model file",
+    "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, robot arm, "
+                                  "humanoid, load robot",
+    "models#robots-in-mjcf": "mjcf, load_mjcf, mujoco xml, keyframe, dampratio",
+    "models#robots-in-sdf": "sdf, load_sdf, gazebo",
+    "models#robots-in-urdf": "urdf, load_urdf, ros, xacro",
     "python#ensembles": "batch, monte carlo, parallel, simd",
     "results#pictures-and-animations-of-bodies": "animation, video, movie, 3d view",
     "results": "reaction force, constraint force, csv, pandas, output",
@@ -54,7 +60,7 @@ SYNONYMS = {
     "sweeps": "parameter sweep, parameter scan, grid, study",
     "systems": "hamiltonian, own system, constraint, dae, index 3, "
                "differential-algebraic equation",
-    "systems#events": "event, zero crossing, root finding, stop condition, joint limit",
+    "systems#events": "event, zero crossing, root finding, stop condition",
     "systems#forces": "force, drag, damping, external force",
     "systems#inputs": "input, control input, actuation",
     "theory/symplecticity": "symplectic, symplecticity, energy drift",
