@@ -18,8 +18,8 @@ LOGGER = logging.getLogger(__name__)
 #: Page, and a heading of it where the answer is not at its top → words, at most one place each.
 SYNONYMS = {
     "bodies": "joint, hinge, revolute, pin joint, slider, spherical joint, rigid body, multibody, "
-              "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel, armature, "
-              "fixed, fixed joint, weld, joint limit, end stop",
+              "spring, damper, gear, motor, actuator, linkage, mechanism, rotor, flywheel, "
+              "armature, fixed, fixed joint, weld, joint limit, end stop",
     "benchmarks": "speed, performance, benchmark",
     "build": "export, library, rust, c++, octave, arduino",
     "c": "microcontroller, embedded, c code, misra",
@@ -47,8 +47,8 @@ SYNONYMS = {
     "limits": "limits, limitations, contact, collision, friction, impact, flexible",
     "long_runs": "resume, store, zarr, checkpoint",
     "models": "toml, model file",
-    "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, robot arm, "
-                                  "humanoid, load robot",
+    "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, "
+                                  "robot arm, humanoid, load robot",
     "models#robots-in-mjcf": "mjcf, load_mjcf, mujoco xml, keyframe, dampratio",
     "models#robots-in-sdf": "sdf, load_sdf, gazebo",
     "models#robots-in-urdf": "urdf, load_urdf, ros, xacro",

@@ -1,19 +1,26 @@
-"""A trajectory as a film: bodies, traces and the energy error, drawn by matplotlib."""
+"""A trajectory as a film: bodies and traces as in pictures, and the energy error."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arguments import as_path, choose, shown
 from ...core.errors import InputError, MissingDependencyError
 from ...core.file_formats import ending_of, format_of, result_file
 from ...core.inertia import real_array
-from .scene import SHAPES, Scene, ScenePart, ShapeName, scene_of
+from ...core.shapes import Shape, ShapeKind
+from .html_view import with_visuals
+from .meshes import IndexedMesh
+from .picture import SceneDrawing
+from .scene import DRAWN, DrawnName, Scene, ShapeName, scene_of
+from .solids import COLOURS
 from .trajectory_plots import figure_class, thin
 
 if TYPE_CHECKING:
@@ -21,17 +28,18 @@ if TYPE_CHECKING:
 
 __all__ = ["animate", "check_film"]
 
-Array = NDArray[Any]
-
 _MOST_FRAMES = 2000
-#: Rings and slices of an ellipsoid.
-_RINGS, _SLICES = 8, 12
-_LIGHTER = 0.45
+#: Pixels of the bodies; the energy below has a quarter of the height.
+_SIZE, _DPI = (480, 360), 80
+#: Frames that the camera has in view, and bytes of meshes: each frame is drawn anew.
+_IN_VIEW, _BUDGET = 24, 60_000
+#: States of a trace.
+_TRACE = 1000
 
 
 def animate(
     trajectory: Trajectory, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
-    shape: ShapeName = "box",
+    shape: DrawnName = "auto",
 ) -> Path:
     """Write a film of the whole run, so many seconds long, and return its path.
 
@@ -45,8 +53,8 @@ def animate(
         How long the film is.
     fps : int
         Pictures a second, each a stored state; where fewer are stored it has fewer pictures.
-    shape : {"box", "ellipsoid"}
-        Of the bodies.
+    shape : {"auto", "box", "ellipsoid"}
+        Of the bodies: as ``picture`` draws them, or the box or ellipsoid of their inertia.
 
     Raises
     ------
@@ -59,14 +67,21 @@ def animate(
         If the file cannot be written.
     """
     target = check_film(path)
-    choose("shape", shape, SHAPES)
+    choose("shape", shape, DRAWN)
     frames, writer = _frames(seconds, fps), _writer(target, fps)
-    scene = scene_of(trajectory, frames)
-    figure = figure_class()(figsize=(6, 5.6), layout="constrained")
-    stage = _Stage(figure, scene, shape)
+    scene = scene_of(trajectory, max(frames, _TRACE))
+    shown_frames = np.unique(np.linspace(0, len(scene.t) - 1, frames).astype(int)).tolist()
+    meshes: dict[str, IndexedMesh] = {}
+    if shape == "auto":
+        scene, meshes = with_visuals(trajectory, scene, "small", _BUDGET)
+    else:
+        scene = _plain(scene, shape)
+    width, height = _SIZE
+    figure = figure_class()(figsize=(width / _DPI, height * 1.25 / _DPI), dpi=_DPI)
+    stage = _Stage(figure, scene, meshes, shown_frames)
     stage.draw_energy(trajectory)
-    with result_file(target, "The film") as part, writer.saving(figure, part, dpi=80):
-        for frame in range(len(scene.t)):
+    with result_file(target, "The film") as part, writer.saving(figure, part, dpi=_DPI):
+        for frame in shown_frames:
             stage.show(frame)
             writer.grab_frame()
     return target
@@ -113,33 +128,25 @@ def _writer(target: Path, fps: int) -> Any:
 
 
 class _Stage:
-    """The axes and artists of a film, which are updated for each frame."""
+    """The picture of the bodies and the energy of a film, which are updated for each frame."""
 
-    def __init__(self, figure: Any, scene: Scene, shape: ShapeName) -> None:
+    def __init__(self, figure: Any, scene: Scene, meshes: Mapping[str, IndexedMesh],
+                 frames: list[int]) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+        from matplotlib.patches import Patch
 
         FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(2, 1, height_ratios=(5, 1))
-        self.scene, self.axes = scene, figure.add_subplot(grid[0], projection="3d")
-        self.energy = figure.add_subplot(grid[1])
+        self.scene = scene
+        in_view = [*frames[::max(1, len(frames) // _IN_VIEW)], frames[-1]]
+        self.drawing = SceneDrawing(scene, meshes, in_view, size=_SIZE)
+        self.image = figure.figimage(np.zeros((*_SIZE[::-1], 3), np.uint8), 0, _SIZE[1] // 4)
+        self.energy = figure.add_axes((0.14, 0.085, 0.83, 0.08))
         self.now = self.energy.axvline(scene.t[0], color="#c0392b", linewidth=1)
-        self.turn = _upright(scene.up)
-        self.bodies, self.traces, reach = [], [], []
-        for k, part in enumerate(scene.parts):
-            faces = _faces(part, shape)
-            points = part.at(faces.reshape(-1, 3)).reshape(len(scene.t), -1, 4, 3) @ self.turn.T
-            colours = _colours(f"C{k % 10}", shape, len(faces))
-            solid = Poly3DCollection(points[0], facecolors=colours, edgecolors="#00000030",
-                                     linewidths=0.4)
-            self.axes.add_collection3d(solid)
-            trace = part.at(part.tip)[:, 0] @ self.turn.T
-            (line,) = self.axes.plot(*trace[:1].T, color=f"C{k % 10}", linewidth=1.2,
-                                     label=part.name)
-            self.bodies.append((solid, points))
-            self.traces.append((line, trace))
-            reach += [points.reshape(-1, 3), trace]
-        self._frame_around(np.concatenate(reach))
+        own = [(part.name, colour) for part, colour in zip(scene.parts, cycle(COLOURS))
+               if not part.own]
+        if 1 < len(own) <= 10:
+            figure.legend(handles=[Patch(color=colour, label=name) for name, colour in own],
+                          fontsize=8, loc="upper right", framealpha=0.5)
         figure.suptitle(scene.title, fontsize=11)
 
     def draw_energy(self, trajectory: Trajectory) -> None:
@@ -148,64 +155,19 @@ class _Stage:
         self.energy.plot(trajectory.t[some].astype(float),
                          trajectory.energy_error()[some].astype(float), linewidth=0.8)
         self.energy.set_title("energy error H − H₀ − W", fontsize=9)
-        self.energy.set_xlabel("t [s]", fontsize=9)
+        self.energy.set_xlabel("t [s]", fontsize=8, labelpad=0)
+        self.energy.tick_params(labelsize=7)
         self.energy.grid(alpha=0.3)
 
-    def _frame_around(self, points: Array) -> None:
-        low, high = points.min(axis=0), points.max(axis=0)
-        half = max((high - low).max() / 2, 1e-12)
-        for set_limits, middle in zip((self.axes.set_xlim, self.axes.set_ylim, self.axes.set_zlim),
-                                      (low + high) / 2, strict=True):
-            set_limits(middle - half, middle + half)
-        self.axes.set_box_aspect((1, 1, 1), zoom=1.45)
-        self.axes.set_axis_off()
-        # A motion in a plane is seen from before it.
-        flat = int(np.argmin(high - low)) if (high - low).min() < 0.2 * 2 * half else -1
-        self.axes.view_init(elev=18, azim={0: 15, 1: -75}.get(flat, -55))
-        if len(self.scene.parts) > 1 and len(self.scene.parts) <= 10:
-            self.axes.legend(fontsize=8, loc="upper right")
-
     def show(self, frame: int) -> None:
-        """Bring bodies, traces and the mark in the energy to a frame."""
-        for solid, points in self.bodies:
-            solid.set_verts(points[frame])
-        for line, trace in self.traces:
-            line.set_data_3d(*trace[: frame + 1].T)
+        """Bring the picture and the mark in the energy to a frame."""
+        self.image.set_data(self.drawing.pixels(frame))
         self.now.set_xdata([self.scene.t[frame]] * 2)
 
 
-def _upright(up: Array) -> Array:
-    """Return the rotation after which ``up`` is the third axis."""
-    first = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 1.0, 0])
-    first = first - (first @ up) * up
-    first = first / np.linalg.norm(first)
-    return np.stack([first, np.cross(up, first), up])
-
-
-def _faces(part: ScenePart, shape: ShapeName) -> Array:
-    """Return the faces of a body in body axes, shape (number, 4, 3)."""
-    if shape == "box":
-        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-        unit = np.stack([np.insert(corners, k, side, axis=1) for k in range(3)
-                         for side in (-1, 1)]).astype(float)
-    else:
-        theta, phi = np.linspace(0, np.pi, _RINGS + 1), np.linspace(0, 2 * np.pi, _SLICES + 1)
-        ball = np.stack([np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)),
-                         np.outer(np.cos(theta), np.ones_like(phi))], axis=-1)
-        unit = np.stack([ball[:-1, :-1], ball[1:, :-1], ball[1:, 1:], ball[:-1, 1:]],
-                        axis=2).reshape(-1, 4, 3)
-    faces: Array = part.centre + (unit * part.sizes[shape]) @ part.axes.T
-    return faces
-
-
-def _colours(colour: str, shape: ShapeName, faces: int) -> Array:
-    """Return a colour for each face: some are lighter, so that turning is seen."""
-    from matplotlib.colors import to_rgb
-
-    base = np.array(to_rgb(colour))
-    numbers = np.arange(faces)
-    lighter = numbers == 1 if shape == "box" else numbers % _SLICES * 4 // _SLICES % 2 == 0
-    shade = np.array([0.75, 1.0, 0.85, 0.9, 0.8, 0.95])[numbers % 6] if shape == "box" else 1.0
-    mixed = np.where(lighter[:, None], base + _LIGHTER * (1 - base), base)
-    found: Array = mixed * np.broadcast_to(shade, faces)[:, None]
-    return found
+def _plain(scene: Scene, shape: ShapeName) -> Scene:
+    """Return a scene of boxes or ellipsoids."""
+    kind: ShapeKind = "box" if shape == "box" else "sphere"
+    return replace(scene, parts=[
+        replace(part, shapes=[Shape(kind, part.sizes[shape], part.centre, part.axes)], glass=False)
+        for part in scene.parts])

@@ -18,7 +18,7 @@ from ...core.arguments import as_path, choose
 from ...core.file_formats import format_of, result_file
 from ...core.shapes import Shape
 from ...core.warnings import warn
-from .meshes import MESHES, IndexedMesh, MeshesName, encoded, read_meshes
+from .meshes import BUDGET, MESHES, IndexedMesh, MeshesName, encoded, read_meshes
 from .scene import DRAWN, DrawnName, Scene, scene_of
 
 if TYPE_CHECKING:
@@ -136,12 +136,15 @@ def check_page(path: str | os.PathLike[str]) -> Path:
 
 
 def with_visuals(
-    trajectory: Trajectory, scene: Scene, meshes: MeshesName
+    trajectory: Trajectory, scene: Scene, meshes: MeshesName, budget: int = BUDGET
 ) -> tuple[Scene, dict[str, IndexedMesh]]:
-    """Return a scene whose bodies look as their model says, and its meshes by their files."""
+    """Return a scene whose bodies look as their model says, and its meshes by their files.
+
+    Small meshes have so many bytes together.
+    """
     visuals = getattr(trajectory._stepper, "visuals", {})
     found, refused = read_meshes((shape.file for shapes in visuals.values() for shape in shapes
-                                  if shape.file), meshes)
+                                  if shape.file), meshes, budget)
     known = {name: [shape for shape in shapes if not shape.file or shape.file in found]
              for name, shapes in visuals.items()}
     remarks = [f"The mesh {Path(file).name} is not shown: {why}" for file, why in refused.items()]

@@ -77,12 +77,12 @@ def _unique_rows(rows: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int6
 
 
 def read_meshes(
-    files: Iterable[str], meshes: MeshesName
+    files: Iterable[str], meshes: MeshesName, budget: int = BUDGET
 ) -> tuple[dict[str, IndexedMesh], dict[str, str]]:
     """Return meshes by their files, and why others cannot be shown.
 
-    ``"small"`` ones are clustered until all together are in the budget of a page; of ``"none"``
-    there are none.
+    ``"small"`` ones are clustered until all together are in a budget of bytes, by default that of
+    a page; of ``"none"`` there are none.
     """
     found: dict[str, IndexedMesh] = {}
     refused: dict[str, str] = {}
@@ -94,9 +94,9 @@ def read_meshes(
     if meshes == "full" or not found:
         return found, refused
     cells, longest = 0.0, max(mesh.extent for mesh in found.values())
-    while (size := sum(len(encoded(mesh)["data"]) for mesh in found.values())) > BUDGET:
+    while (size := sum(len(encoded(mesh)["data"]) for mesh in found.values())) > budget:
         # triangles are as the square of the cells along a side
-        cells = cells * min(0.8, 0.95 * (BUDGET / size) ** 0.5) if cells else _CELLS
+        cells = cells * min(0.8, 0.95 * (budget / size) ** 0.5) if cells else _CELLS
         if cells < 1:
             break
         found = {file: mesh.clustered(max(min(longest / cells, mesh.extent / _LEAST), 1e-12))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,8 @@ from .solids import COLOURS, Mesh, colour_of, mesh_of, mesh_of_file, tube
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["BackgroundName", "RenderedPicture", "check_picture_file", "draw_picture", "draw_scene"]
+__all__ = ["BackgroundName", "RenderedPicture", "SceneDrawing", "check_picture_file",
+           "draw_picture", "draw_scene"]
 
 Array = NDArray[np.float64]
 
@@ -177,35 +178,59 @@ def draw_scene(
     background: BackgroundName = "light", traces: bool = True,
 ) -> RenderedPicture:
     """Return a picture of a frame of a scene, its meshes by their files; see ``draw_picture``."""
-    width, height = _size(size)
     shown_frame = _widest(scene) if frame is None else frame
-    points = _paths(scene)
-    facing, tilt = _direction(scene, points)
-    if azimuth is not None:
-        facing = np.radians(_number("azimuth", azimuth, -1e9, 1e9, "an angle in degrees"))
-    if elevation is not None:
-        tilt = np.radians(_number("elevation", elevation, -90, 90, "degrees from -90 to 90"))
-    meshes = list(_meshes(scene, shown_frame, files or {}))
-    solid = _triangles(meshes)
-    if facing is None:
-        facing = _best_azimuth(solid.corners, scene.up, tilt)
-    traced = _traced(scene, points) if traces else []
-    lines = [points[: shown_frame + 1, i] for i in traced]
-    floor = None
-    if scene.gravity:
-        some = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
-        low = [solid.corners @ scene.up, _joint_points(scene, some) @ scene.up,
-               *(line @ scene.up for line in lines)]
-        floor = float(min(heights.min() for heights in low))
-        stands = list(_stands(scene, shown_frame, floor))
-        solid = _triangles(meshes + stands) if stands else solid
-    framed = np.concatenate([solid.corners.reshape(-1, 3), *lines])
-    camera, reach, centre = _camera(framed, scene.up, facing, tilt, width, height)
-    ribbons = _ribbons(camera, lines, [colour_of(_own_colour(i)) for i in traced],
-                       _TRACE * height / 480)
-    pixels = render(solid, ribbons, camera, (width, height), up=scene.up, floor=floor,
-                    cell=_cell(reach), background=background, centre=centre, reach=reach)
-    return RenderedPicture(scene.title, pixels, float(scene.t[shown_frame]))
+    drawing = SceneDrawing(scene, files or {}, [shown_frame], size=size, azimuth=azimuth,
+                           elevation=elevation, background=background, traces=traces)
+    return RenderedPicture(scene.title, drawing.pixels(shown_frame), float(scene.t[shown_frame]))
+
+
+class SceneDrawing:
+    """A scene before one camera, which has some of its frames in view; see ``draw_picture``."""
+
+    def __init__(
+        self, scene: Scene, files: Mapping[str, IndexedMesh], frames: Sequence[int], *,
+        size: tuple[int, int], azimuth: float | None = None, elevation: float | None = None,
+        background: BackgroundName = "light", traces: bool = True,
+    ) -> None:
+        self.scene, self.files, self.size, self.background = scene, files, _size(size), background
+        self.paths = _paths(scene)
+        facing, tilt = _direction(scene, self.paths)
+        if azimuth is not None:
+            facing = np.radians(_number("azimuth", azimuth, -1e9, 1e9, "an angle in degrees"))
+        if elevation is not None:
+            tilt = np.radians(_number("elevation", elevation, -90, 90,
+                                      "degrees from -90 to 90"))
+        self._meshes = {frame: list(_meshes(scene, frame, files)) for frame in frames}
+        solid = _triangles([mesh for meshes in self._meshes.values() for mesh in meshes])
+        if facing is None:
+            facing = _best_azimuth(solid.corners, scene.up, tilt)
+        self.traced = _traced(scene, self.paths) if traces else []
+        lines = self._lines(max(frames))
+        self.floor: float | None = None
+        self.stands: list[tuple[Mesh, Array, float]] = []
+        if scene.gravity:
+            some = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
+            low = [solid.corners @ scene.up, _joint_points(scene, some) @ scene.up,
+                   *(line @ scene.up for line in lines)]
+            self.floor = float(min(heights.min() for heights in low))
+            self.stands = list(_stands(scene, frames[0], self.floor))
+        framed = np.concatenate([solid.corners.reshape(-1, 3), *lines]
+                                + [mesh.points for mesh, _, _ in self.stands])
+        self.camera, self.reach, self.centre = _camera(framed, scene.up, facing, tilt, *self.size)
+
+    def pixels(self, frame: int) -> NDArray[np.uint8]:
+        """Return a frame, shape (height, width, 3)."""
+        meshes = self._meshes.get(frame) or list(_meshes(self.scene, frame, self.files))
+        ribbons = _ribbons(self.camera, self._lines(frame),
+                           [colour_of(_own_colour(i)) for i in self.traced],
+                           _TRACE * self.size[1] / 480)
+        return render(_triangles(meshes + self.stands), ribbons, self.camera, self.size,
+                      up=self.scene.up, floor=self.floor, cell=_cell(self.reach),
+                      background=self.background, centre=self.centre, reach=self.reach)
+
+    def _lines(self, frame: int) -> list[Array]:
+        """Return the traces up to a frame."""
+        return [self.paths[: frame + 1, i] for i in self.traced]
 
 
 def _number(name: str, value: Any, low: float, high: float, allowed: str) -> float:

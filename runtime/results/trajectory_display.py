@@ -13,7 +13,7 @@ from ...core.html import card, curve, table
 from ..plotting.html_view import View, view
 from ..plotting.meshes import MeshesName
 from ..plotting.picture import BackgroundName, RenderedPicture, draw_picture
-from ..plotting.scene import DrawnName, ShapeName
+from ..plotting.scene import DrawnName
 from . import trajectory_tables
 from .body_motion import FrameName
 from .run_arrays import OUTPUTS, parts
@@ -155,7 +155,7 @@ class Shown:
         return export_gltf(self._run, path, meshes=meshes)
 
     def animate(self, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
-                shape: ShapeName = "box") -> Path:
+                shape: DrawnName = "auto") -> Path:
         """Write the run as a film, .gif or .mp4, and return its path; see ``plotting.animation``.
 
         Examples
