@@ -15,7 +15,7 @@ from ...core.inertia import Inertia
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
 from .body import GROUND, Body, Frame, GeneralisedForce, MovingPoint, Vector
-from .coordinates import Arm, Coordinate, FlywheelBody
+from .coordinates import Arm, FlywheelBody
 from .initial_poses import InitialState
 from .joints import Connection
 
@@ -112,9 +112,9 @@ class Components:
         """Return a joint that has an angle."""
         found = self.joint(joint, f"Gear {name!r}")
         self.refuse_measure(found, "angle")
-        if isinstance(found, Arm | Coordinate):
-            raise InputError(f"{name!r} needs a joint of bodies, and {found.name!r} is a "
-                             "coordinate; name another joint, or write a law or couple.")
+        if isinstance(found, Arm):
+            raise InputError(f"{name!r} needs a joint with a hinge, and {found.name!r} is an arm "
+                             "of a universal joint; name another joint, or write a law or couple.")
         return found
 
     def refuse_measure(self, joint: Connection, what: str) -> None:

@@ -92,6 +92,12 @@ class Coordinate(Connection):
         assert isinstance(body, FlywheelBody)
         return body.x[0] if what == self.kind else body.rate
 
+    def turned(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
+        """Return cos kθ and sin kθ of its turn θ since the start."""
+        begin = named_number(f"{self.name}_start", self.value, store)
+        angle = count * (self.measure(self.kind, poses, store) - begin)
+        return sp.cos(angle), sp.sin(angle)
+
     def generalised_forces(
         self, what: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:

@@ -154,6 +154,10 @@ class Connection:
         """Return one of its ``MEASURES`` as an expression."""
         raise InputError(f"{self.name!r} has no {what}.")
 
+    def turned(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
+        """Return cos kθ and sin kθ of its turn θ since the start, of a joint with an angle."""
+        return multiple(count, *cosine_and_sine(hinge_of(self), poses, store))
+
     def generalised_forces(
         self, what: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
@@ -605,9 +609,8 @@ class Gear(Connection):
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
-        (c1, s1), (c2, s2) = (
-            multiple(z, *cosine_and_sine(hinge_of(joint), poses, store))
-            for z, joint in zip(self.teeth, self.joints, strict=True))
+        (c1, s1), (c2, s2) = (joint.turned(z, poses, store)
+                              for z, joint in zip(self.teeth, self.joints, strict=True))
         yield Equation(f"{self.name}: mesh", s1 * c2 + c1 * s2)
 
 
@@ -660,9 +663,8 @@ class Coupling(Connection):
         """Return sin(n θ₂ − z θ₁ − φ) for a ratio z/n: 0 whatever the number of turns."""
         first, second = self.joints
         z, n = ratio.numerator, ratio.denominator
-        (c1, s1), (c2, s2) = (
-            multiple(k, *cosine_and_sine(hinge_of(joint), poses, store))
-            for k, joint in ((-z, first), (n, second)))
+        (c1, s1), (c2, s2) = (joint.turned(k, poses, store)
+                              for k, joint in ((-z, first), (n, second)))
         sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
         left = n * self.offset + z * hinge_of(first).angle - n * hinge_of(second).angle
         phase = named_number(f"{self.name}_phase", left, store)

@@ -521,8 +521,8 @@ class Multibody:
     ) -> Gear:
         """Let two joints turn as gears in mesh: one constraint, ``name: mesh``.
 
-        z₁ θ₁ + z₂ θ₂ is constant, for any number of turns. ``teeth`` are z₁ and
-        z₂; for a ring gear, whose teeth are inside, with a minus.
+        z₁ θ₁ + z₂ θ₂ is constant, for any number of turns, of hinges and of flywheels. ``teeth``
+        are z₁ and z₂; for a ring gear, whose teeth are inside, with a minus.
         """
         counts = [whole(z) for z in np.ravel(np.asarray(teeth, dtype=object)).tolist()]
         if len(counts) != 2 or not all(counts):
@@ -685,12 +685,13 @@ class Multibody:
 
         Parameters
         ----------
-        joint : what ``revolute`` or ``align`` returned, or its name
+        joint : what ``revolute`` or ``align`` returned, a flywheel on it, or its name
         angle : expression of ``time`` and parameters
             φ of the second body against the first about the axis, rad: f(0) is the joint's angle
             where the bodies start, and f'(0) its rate. Its multiplier is
             the torque about the axis that the drive exerts on the second body, as a motor's, and
-            back on the first, N m; ``trajectory.joint(name).torque()`` has it in space axes.
+            back on the first, N m; ``trajectory.joint(name).torque()`` has it in space axes. The
+            angle of a flywheel is ``ratio`` times that of its joint, which is driven.
 
         Raises
         ------
@@ -699,6 +700,12 @@ class Multibody:
             or angle.
         """
         driven = self._components.turning_joint(name, joint)
+        if isinstance(driven, Flywheel):
+            angle = as_expression(angle) / driven.ratio
+            driven = driven.joints[0]
+        if isinstance(driven, Coordinate):
+            raise InputError(f"The drive {name!r} needs a joint of bodies, and {driven.name!r} is "
+                             "one of a chain; name another joint, or write a motor.")
         law = self._law(f"angle of {name!r}", angle)
         begin, rate = self._components.initial_value_and_rate(f"angle of {name!r}", law)
         hinge = hinge_of(driven)

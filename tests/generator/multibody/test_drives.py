@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
 from gyrospark.core.errors import InputError
+from robots import Motion
 from strategies import EPS
 
 MASS, INERTIA, ARM, GRAVITY = 0.8, 0.05, 0.4, 9.81
@@ -432,3 +433,29 @@ def test_dampers_know_how_fast_a_point_moves(connect):
     place = model.system.q.index(sp.Symbol("b_z", real=True))
     assert abs(run.q[-1, place] - z[0]) <= 1e-12
     assert abs(run.quantity("speed")[-1] - (z[1] - np.cos(5.0))) <= 1e-11
+
+
+def test_gears_and_drives_act_on_flywheels():
+    """A gear of a geared rotor adds its inertia; a drive of a rotor turns its joint."""
+    build = gs.Multibody("geared", gravity=(0, 0, 0))
+    for k, rate in ((1, 1.0), (2, -4.0)):
+        build.body(f"b{k}", mass=1, inertia=(0.1, 0.1, 0.2), position=(k, 0, 0))
+        build.revolute(f"h{k}", "ground", f"b{k}", axis_in_space=(0, 0, 1), at=(k, 0, 0), angle=k,
+                       rate=rate)
+        build.quantity(f"w{k}", build.rate(f"h{k}"))
+    build.flywheel("rotor", "h1", inertia=0.01, ratio=2.0)
+    build.gear("mesh", "rotor", "h2", teeth=(2, 1))
+    build.motor("push", "h1", torque=3.0)
+    motion = Motion(build.model())
+    wanted = 3 / (0.2 + 0.01 * 2**2 + 0.2 * 4**2)
+    assert motion.acceleration("w1") == pytest.approx(wanted, rel=1e-12)
+    assert motion.acceleration("w2") == pytest.approx(-4 * wanted, rel=1e-12)
+
+    build = gs.Multibody("driven", gravity=(0, 0, 0))
+    build.body("b", mass=1, inertia=(0.1, 0.1, 0.2))
+    build.revolute("h", "ground", "b", axis_in_space=(0, 0, 1), at=(0, 0, 0))
+    build.flywheel("rotor", "h", inertia=0.01, ratio=5.0)
+    build.drive("drive", "rotor", angle=3 * build.time + 10 * build.time**2)
+    build.quantity("w", build.rate("h"))
+    motion = Motion(build.model())
+    assert motion.value("w") == pytest.approx(3 / 5, rel=1e-14)
