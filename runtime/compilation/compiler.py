@@ -182,7 +182,7 @@ def optimisation() -> str:
 
 
 def is_whole() -> bool:
-    """Whether a module is one object: at -O0, where several take longer."""
+    """Whether a stepper is one object and one module: at -O0, where several take longer."""
     return optimisation() == "-O0"
 
 
@@ -227,16 +227,17 @@ def compile_module(
         checks += own_checks
         source = files[f"{name}.c"]
         (inside / f"{name}.c").write_text(
-            (with_inline_functions(source) if made.sparse else source)
-            + check_text(own_checks, source), encoding="utf-8")
+            with_inline_functions(source) if made.sparse
+            else source + check_text(own_checks, source), encoding="utf-8")
         on_duals = compiler.is_gcc and "typedef _Complex" in source
         own = [*made.flags, *(compiler.seldom_flags if made.seldom else ()), *more_flags,
                *(DUAL_FLAGS if on_duals else ())]
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
+    everything = is_whole() and part not in ("derivatives", "second")
     header = files[f"{name}.h"]
-    header = header if part == "newton" else declarations_of(name, header, part)
+    header = header if everything or part == "newton" else declarations_of(name, header, part)
     if part == "newton":
         wrapper = folder / "table.c"
         (check,) = checks

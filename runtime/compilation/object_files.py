@@ -89,8 +89,8 @@ def objects_of(
 
     ``apart`` leaves Newton's method to the part "newton".
 
-    ``whole`` asks for one object. At -O0 gcc keeps static functions that nothing calls if they are
-    not inline, and each of several objects would take most of the time of one.
+    ``whole`` asks for one object. At -O0 gcc keeps static functions that nothing calls, so that
+    each of several objects would take as long as the whole text.
     """
     header = files[f"{name}.h"]
     if part in _LATER:
@@ -99,11 +99,10 @@ def objects_of(
                        seldom=part == "second", sparse=whole)]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
-    own = _LANES if part == "lanes" else _functions(name, header) - (_LANES - _BOTH)
     if whole:
-        return [Object("whole", with_inline_functions(_only(name, header, own)), _FLAGS,
-                       checks=("numbers", "lanes"), sparse=True)]
+        return [Object("whole", header, _FLAGS, checks=("numbers", "lanes"))]
     if "T1" not in _functions(name, header):  # nothing is solved: a module is one object
+        own = _LANES if part == "lanes" else _functions(name, header) - (_LANES - _BOTH)
         checks: tuple[Kind, ...] = ("lanes",) if part == "lanes" else ("numbers",)
         return [Object(part, _only(name, header, own), _FLAGS, checks=checks)]
     once = _functions(name, header) - _RUNS - _LANES
@@ -161,8 +160,7 @@ def _only(name: str, header: str, functions: set[str]) -> str:
 
 def with_inline_functions(text: str) -> str:
     """Return C whose static functions are inline: at -O0 gcc drops no others, called or not."""
-    return _STATIC_FUNCTION.sub(r"\1static inline ", text).replace(
-        "static __attribute__((noinline))\n", "static inline\n")
+    return _STATIC_FUNCTION.sub(r"\1static inline ", text)
 
 
 def _has_lanes(name: str, header: str) -> bool:

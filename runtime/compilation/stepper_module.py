@@ -20,7 +20,7 @@ from .build_cache import (
     is_trusted,
     publish,
 )
-from .compiler import Compiler, extension_suffix, find_compiler
+from .compiler import Compiler, extension_suffix, find_compiler, is_whole
 from .newton_library import connect
 from .object_files import Part
 from .prebuilt import prebuilt_module, prebuilt_provenance
@@ -49,7 +49,8 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
         if path := prebuilt_module(files, part):
             return import_module(name, path)
         raise
-    module = _load_compiled(name, files, compiler, part)
+    whole = part == "lanes" and is_whole()
+    module = _load_compiled(name, files, compiler, "runs" if whole else part)
     return module if part == "newton" else connect(
         module, name, partial(load_module, name, files, "newton"))
 

@@ -28,7 +28,7 @@ def made(**options):
 @pytest.fixture
 def own_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", "1")  # at -O0 runs have it
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "1")  # at -O0 one module has all
     return tmp_path
 
 
