@@ -40,7 +40,14 @@ from .mjcf_robot import (
 )
 from .robot_visuals import Look, draw
 from .urdf import Names, coordinate_value, plain_name, system_name
-from .urdf_robot import IDENTITY, Placement, refuse_extras, stiffness_of_limits, turn
+from .urdf_robot import (
+    IDENTITY,
+    Placement,
+    RobotLink,
+    refuse_extras,
+    stiffness_of_limits,
+    turn,
+)
 from .urdf_tree import combine
 
 __all__ = ["parse_mjcf", "read_mjcf_settings"]
@@ -331,6 +338,9 @@ class _Builder:
         if not parts:
             raise InputError(f"body {shown(body.name)} moves and has no mass, nor has what is "
                              "fixed to it; give it an <inertial>, or geoms with mass.")
+        extra = body.joints[0].armature if body.joints[0].kind == "free" else 0.0
+        if extra:  # ½ a (|v|² + |ω|²) of the origin of its axes
+            parts.append((IDENTITY, RobotLink(body.name, extra, np.zeros(3), extra * np.eye(3))))
         mass, centre, inertia = combine(parts)
         inertia = clean(inertia)  # moments cost less than a tensor
         v, w = motion
@@ -383,7 +393,10 @@ class _Builder:
             value = float(self.start.values[first.name][0])
             where: dict[str, Any] = {"at": points[0]}
             if first.kind == "ball":
-                build.ball(name, *ends, **where)
+                ball = build.ball(name, *ends, **where)
+                if first.armature:
+                    build.flywheel(self.names.free(f"{first.name}_rotor"), ball,
+                                   inertia=first.armature)
                 return
             where["axis_in_space"] = axes[0]
             self._know(first, build.revolute(name, *ends, **where, angle=value)
@@ -519,8 +532,10 @@ class _Builder:
                     self.names.free(f"{joint.name}_limits"), self.coordinates[joint.name],
                     stiffness=self.robot.limits or 0.0, rest=joint.range or (0.0, 0.0))
             return
-        told = " and ".join([key for key in ("stiffness", "damping", "armature")
-                             if getattr(joint, key)] + ["range"] * limited)
+        own = joint.kind in ("ball", "free") and len(self.robot.bodies[joint.body].joints) == 1
+        told = " and ".join(
+            [key for key in ("stiffness", "damping", "armature")
+             if getattr(joint, key) and not (own and key == "armature")] + ["range"] * limited)
         if joint.kind == "ball" and told == "damping":
             self._ball_damper(joint)
         elif told:
@@ -693,15 +708,20 @@ class _Builder:
         self.builder.law(name, links, law)
 
     def _compensate_gravity(self) -> None:
-        """Add the potential gravcomp m g·x of each body that has it."""
-        g = self.robot.gravity
+        """Add the potential gravcomp m g·x of each body that has it, and of armature a g·x."""
         for k, body in enumerate(self.robot.bodies):
             limb = self.robot.limb(k)
-            frame = self.frames[limb]
-            if not (body.gravcomp and g.any() and body.link.mass) or frame is GROUND:
-                continue
             at = self._inner(k, limb)
-            point = at.x + at.R @ body.link.centre - self.centres[limb]
-            weight = self.builder.parameter(self.names.free(f"{body.name}_gravcomp"),
-                                           body.gravcomp * body.link.mass)
-            self.builder.potential(weight * dot(self.builder.gravity, frame.point(point.tolist())))
+            self._lift(f"{body.name}_gravcomp", limb, at.x + at.R @ body.link.centre,
+                       body.gravcomp * body.link.mass)
+            for joint in body.joints:
+                if joint.kind == "free":
+                    self._lift(f"{joint.name}_weightless", limb, np.zeros(3), joint.armature)
+
+    def _lift(self, name: str, limb: int, point: Array, mass: float) -> None:
+        """Take the weight of a mass at a point away from a body."""
+        frame = self.frames[limb]
+        if mass and self.robot.gravity.any() and frame is not GROUND:
+            weight = self.builder.parameter(self.names.free(name), mass)
+            self.builder.potential(weight * dot(
+                self.builder.gravity, frame.point((point - self.centres[limb]).tolist())))

@@ -26,7 +26,7 @@ from ..systems.system import System
 from ..systems.velocity_coefficients import coefficients_of
 from .body import GROUND, Body, Frame, MovingPoint, Particle, dot
 from .components import TIME, Components
-from .coordinates import Arm, Coordinate, Law, Slide
+from .coordinates import Arm, BallFlywheel, Coordinate, Law, Slide
 from .initial_poses import Pose, in_range, propagate_all
 from .joints import (
     Connection,
@@ -107,7 +107,7 @@ class Assembly:
         for link in rolling:
             link.refuse_off_ground(self.store, poses)
         for coordinate in self.links:
-            if isinstance(coordinate, Coordinate):
+            if isinstance(coordinate, Coordinate | BallFlywheel):
                 coordinate.begin(poses)
         return poses
 

@@ -2,6 +2,7 @@
 
     flywheel   T = p²/(2a) of the angle φ = nθ that a joint's gear turns it by, without gyroscopic
                effect; sin(φ/n − θ) = 0, on a joint that slides φ/n − s = 0            one
+               on a ball T = p·p/(8a) of four coordinates z with z = q̄_a q_b, |ω|² = 4|ż|²  four
     chain      joints in a row without bodies between: R_b = R_a Π R(φ_i), x_b = …      six
     law        f(c₁, c₂, …) = 0 of coordinates of joints                               one
 
@@ -44,22 +45,23 @@ from .joints import (
     unit_vector,
 )
 
-__all__ = ["Arm", "Chain", "Coordinate", "Flywheel", "FlywheelBody", "Law", "Link", "Slide",
-           "Translation"]
+__all__ = ["Arm", "BallFlywheel", "Chain", "Coordinate", "Flywheel", "FlywheelBody", "Law", "Link",
+           "Slide", "Translation"]
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FlywheelBody(Particle):
-    """One coordinate φ with p = a φ'; it has no place in space."""
+    """One coordinate φ with p = a φ', or four; they have no place in space."""
 
     @classmethod
-    def of(cls, name: str) -> FlywheelBody:
-        """Return the coordinate ``name_phi`` with the inertia ``name_inertia``."""
+    def of(cls, name: str, numbers: Sequence[str] = ("",)) -> FlywheelBody:
+        """Return the coordinates ``name_phi`` with the inertia ``name_inertia``."""
         zero = (sp.Integer(0),) * 3
-        return cls(f"{name}_phi", "gamma", (), (), (sp.Symbol(f"{name}_phi", real=True),),
-                   (sp.Symbol(f"{name}_pphi", real=True),), zero, zero,
+        x, p = (tuple(sp.Symbol(f"{name}_{what}{k}", real=True) for k in numbers)
+                for what in ("phi", "pphi"))
+        return cls(f"{name}_phi", "gamma", (), (), x, p, zero, zero,
                    sp.Symbol(f"{name}_inertia", positive=True), (), sp.Symbol(f"{name}_gamma"))
 
     @property
@@ -144,6 +146,29 @@ class Flywheel(Coordinate):
         self.value *= self.ratio
         self.speed = self.ratio * float(hinge.axis @ turned)
         super().begin(poses)
+
+
+@dataclass(eq=False, repr=False)
+class BallFlywheel(Connection):
+    """A flywheel that turns as a ball joint does, about any axis: T = ½ a |ω_b − ω_a|²."""
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield z = q̄_a q_b."""
+        (joint,) = self.joints
+        assert isinstance(self.b, FlywheelBody)
+        turned = product(conjugate(joint.a.attitude), joint.b.attitude)
+        for k, (z, e) in enumerate(zip(self.b.x, turned, strict=True)):
+            yield Equation(f"{self.name}: {k}", z - e)
+
+    def begin(self, poses: Poses) -> None:
+        """Set z and ż = ½ z (0, R_bᵀ(Ω_b − Ω_a)) at the start: those of its joint."""
+        (joint,) = self.joints
+        a, b = poses[joint.a], poses[joint.b]
+        assert a.spin is not None
+        assert b.spin is not None
+        z = product(conjugate(a.q), b.q)
+        rate = product(z, [0.0, *(b.R.T @ (b.spin - a.spin))])
+        poses[self.b].x, poses[self.b].v = np.array(z), np.array(rate) / 2
 
 
 def _slip(joint: Joint, a: Pose, b: Pose) -> Array:

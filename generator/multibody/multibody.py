@@ -36,7 +36,7 @@ from ..systems.redundant_constraints import Redundancy
 from .assembly import Assembly
 from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
 from .components import TIME, Components
-from .coordinates import Chain, Coordinate, Flywheel, FlywheelBody, Law, Link
+from .coordinates import BallFlywheel, Chain, Coordinate, Flywheel, FlywheelBody, Law, Link
 from .initial_poses import (
     InitialState,
     attitude,
@@ -550,8 +550,11 @@ class Multibody:
 
     def flywheel(
         self, name: str, joint: Connection | str, *, inertia: float, ratio: float = 1.0
-    ) -> Flywheel:
+    ) -> Flywheel | BallFlywheel:
         """Have a joint turn a flywheel, T = p²/(2a): one coordinate, one constraint ``ratio``.
+
+        A ball joint turns it about any axis, T = ½ a |ω|² of its relative angular velocity: four
+        coordinates, four constraints, ratio 1.
 
         What robots have as rotor inertia, and MuJoCo as ``armature``: a n² is added to the joint's
         entry of the mass matrix. Its axis turns with no body, so that it has no gyroscopic effect;
@@ -560,7 +563,7 @@ class Multibody:
         Parameters
         ----------
         joint : joint
-            A joint with an angle or a travel.
+            A joint with an angle or a travel, or a ball joint.
         inertia : float
             a in kg m², or in kg where the joint slides and ``ratio`` is 1.
         ratio : float
@@ -570,14 +573,22 @@ class Multibody:
         -------
         Flywheel
             A joint whose ``angle`` or ``travel`` is n times that of the joint, followed over any
-            number of turns; motors and springs may act on it.
+            number of turns; motors and springs may act on it. That of a ball has neither.
 
         Raises
         ------
         InputError
-            For names used twice, an inertia that is not above 0, and a ratio 0.
+            For names used twice, an inertia that is not above 0, a ratio 0, and other ratios than
+            1 on a ball.
         """
         held = self._components.joint(joint, f"Flywheel {name!r}")
+        if type(held) is Joint:
+            if ratio != 1:
+                raise InputError(f"Flywheel {name!r} is on the ball joint {held.name!r} with the "
+                                 f"ratio {shown(ratio)}; leave the ratio out, or scale the "
+                                 "inertia by its square.")
+            four = self._flywheel_body(name, inertia, 4.0, "0123")
+            return self._join(BallFlywheel(name, held.b, four, joints=(held,)))
         kind = _coordinate(held)
         if not isinstance(held, Align | HingedJoint):
             raise InputError(f"Flywheel {name!r} is on {held.name!r}, which is no joint of bodies "
@@ -639,13 +650,16 @@ class Multibody:
                                                          ())),
             speed=float(finite(f"{rate} of {name!r}", keys.get(rate, 0.0), ()))), axis, at)
 
-    def _flywheel_body(self, name: str, inertia: float) -> FlywheelBody:
-        """Return a coordinate with an inertia."""
-        body = FlywheelBody.of(name)
+    def _flywheel_body(
+        self, name: str, inertia: float, times: float = 1.0, numbers: Sequence[str] = ("",)
+    ) -> FlywheelBody:
+        """Return coordinates with so many times an inertia."""
+        body = FlywheelBody.of(name, numbers)
         self._components.claim(body.name)
-        self._components.values[str(body.mass)] = positive(f"inertia of {name!r}", inertia)
+        self._components.values[str(body.mass)] = times * positive(f"inertia of {name!r}", inertia)
+        zero = np.zeros(len(numbers))
         self._components.bodies[body] = InitialState(
-            np.array([1.0, 0, 0, 0]), np.zeros(1), np.zeros(1), np.zeros(3))
+            np.array([1.0, 0, 0, 0]), zero, zero, np.zeros(3))
         return body
 
     def law(

@@ -146,6 +146,25 @@ def test_an_armature_adds_to_the_inertia(tmp_path):
     assert motion.acceleration("j_rate") == pytest.approx(wanted, rel=1e-14)
 
 
+def test_armatures_of_balls_and_free_joints(tmp_path):
+    """Of the ground's ball a on each moment; of a free body a mass a without weight, too."""
+    shape = '<inertial pos="0 0 0" mass="2" diaginertia="1 2 2.5"/>'
+    w, a = np.array([0.3, -0.5, 0.7]), 0.4
+    path = written(tmp_path, hinged(shape, f'<joint name="j" type="ball" armature="{a}"/>'))
+    build = gs.read_mjcf(path, rates={"j": w})
+    for k in range(3):
+        build.quantity(f"w{k}", build._components.body(
+            "b", "it").angular_velocity[k])
+    motion = Motion(build.model())
+    J = np.diag([1, 2, 2.5]) + a * np.eye(3)
+    wanted = np.linalg.solve(J, np.cross(J @ w, w))
+    assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(wanted, rel=1e-12)
+    path = written(tmp_path, hinged(shape, f'<joint name="j" type="free" armature="{a}"/>'))
+    build = gs.read_mjcf(path)
+    build.quantity("v", build._components.body("b", "it").velocity[2])
+    assert Motion(build.model()).acceleration("v") == pytest.approx(-9.81 * 2 / 2.4, rel=1e-12)
+
+
 def test_a_slide_with_a_position_actuator(tmp_path):
     """m s'' = kp (u − s) − kv s' − g m sin 30° with a + m in place of m, along a tilted axis."""
     path = written(tmp_path, hinged(
@@ -409,7 +428,7 @@ BAD = [
     (ONE.replace("size", "siez"), "siez.*size"), (ONE.replace(".1", "-1"), "size='-1'"),
     (ONE.replace(".1", "nan"), "'nan'"), (ONE.replace('"j"', '"j" class="x"'), "'x'"),
     (ONE.replace('"j"', '"j" type="hing"'), "'hing'.*hinge"),
-    (ONE.replace('"j"', '"j" type="ball" armature="1"'), "armature"),
+    (ONE.replace('"j"', '"j" type="ball" stiffness="1"'), "stiffness"),
     (ONE.replace('<geom size=".1"/>', ""), "'b'.*mass"), ("<worldbody/>", "nothing moves"),
     (ONE.replace('<joint name="j"/>', ""), "nothing moves"),
     (ONE.replace('<joint name="j"/>', '<joint name="j"/><joint name="k" axis="1 0 1"/>'),

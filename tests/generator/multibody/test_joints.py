@@ -7,8 +7,10 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
+from robots import Motion
 
 BOX = {"mass": 2.0, "inertia": (0.3, 0.4, 0.5)}
 EPS = np.finfo(float).eps
@@ -350,3 +352,25 @@ def test_a_spring_is_slack_in_an_interval():
     assert s.min() == pytest.approx(-0.05 - 1 / w, abs=1e-5)
     with pytest.raises(gs.InputError, match="lower"):
         build.joint_spring("ends_too", slide, stiffness=1.0, rest=(0.1, 0))
+
+
+def test_a_ball_turns_a_flywheel():
+    """T = ½ a |ω_b − ω_a|²: from rest, j₂ ω₂' + a (ω₂' − ω₁') = τ and j₁ ω₁' = a (ω₂' − ω₁')."""
+    build = builder(gravity=(0, 0, 0))
+    j1, j2, a, torque = 0.3, 0.2, 0.1, np.array([1.0, -2.0, 0.5])
+    first = build.body("first", mass=1, inertia=(j1,) * 3, position=(1, 0, 0))
+    second = build.body("second", mass=1, inertia=(j2,) * 3, quaternion=(0.1, 0.7, -0.5, 0.5))
+    ball = build.ball("ball", first, second, on_a=(0, 0, 0), on_b=(0, 0, 0))
+    build.flywheel("rotor", ball, inertia=a)
+    build.torque(second, torque)
+    for k in range(3):
+        build.quantity(f"u{k}", first.angular_velocity[k])
+        build.quantity(f"w{k}", second.angular_velocity[k])
+    motion = Motion(build.model())
+    w = torque * (j1 + a) / (j1 * j2 + a * (j1 + j2))
+    R = Rotation.from_quat([0.7, -0.5, 0.5, 0.1]).as_matrix()
+    assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(w, rel=1e-12)
+    assert [motion.acceleration(f"u{k}") for k in range(3)] == pytest.approx(
+        R @ w * a / (j1 + a), rel=1e-12)
+    with pytest.raises(gs.InputError, match="ratio"):
+        build.flywheel("another", ball, inertia=a, ratio=2.0)
