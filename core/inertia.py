@@ -54,8 +54,8 @@ def real_array(value: Any) -> Array | None:
         return None
     try:
         given = np.asarray(value)
-        if given.dtype.kind not in "fiuO" or any(
-                isinstance(x, (str, bytes, bool, type(None))) for x in given.ravel().tolist()):
+        if given.dtype.kind not in "fiuO" or (given.dtype.kind == "O" and any(
+                isinstance(x, (str, bytes, bool, type(None))) for x in given.flat)):
             return None
         return np.array(given, dtype=float)
     except (TypeError, ValueError, OverflowError):  # ragged, symbols, beyond 1e308

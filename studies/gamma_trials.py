@@ -59,10 +59,15 @@ class TrialBody:
     dt: float
     steps: int
 
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem, made once: the motion of a free body is computed to forty digits."""
+        return self.make()
+
     @property
     def symmetric(self) -> bool:
         """Whether I₁ = I₂."""
-        return self.make().inertia[0] == self.make().inertia[1]
+        return self.problem.inertia[0] == self.problem.inertia[1]
 
 
 def _top(inertia: tuple[float, float, float], mgl: float, theta: float, *omega: float
@@ -110,18 +115,18 @@ class Trial:
         return self._choice("energy", {"steps": self.body.steps})
 
     def _choice(self, aim: Aim, options: dict[str, int]) -> GammaChoice:
-        problem = self.body.make()
+        problem = self.body.problem
         return choose_gamma(stepper(self.scheme, self.stages), problem.q0, problem.p0,
                             dt=self.body.dt, parameters=problem.parameters,
                             bodies={"gamma": problem.inertia}, aim=aim, **options)
 
     def rule(self, name: str) -> float:
         """Return a recommendation, "γ_m" for example, for this body."""
-        return MEANS_BY_SYMBOL[name](self.body.make().inertia)
+        return MEANS_BY_SYMBOL[name](self.body.problem.inertia)
 
     def run(self, gamma: float, steps: int, every: int = 1) -> Trajectory:
         """Return the run with this γ."""
-        problem = self.body.make()
+        problem = self.body.problem
         return stepper(self.scheme, self.stages).integrate(
             problem.q0, problem.p0, dt=self.body.dt, steps=steps, every=every,
             parameters=problem.parameters | {"gamma": gamma})
@@ -191,7 +196,7 @@ def _energy_error(trial: Trial, gamma: float, times: int) -> float:
 @cache
 def _exact(body: TrialBody, steps: int) -> tuple[MotionError, int]:
     """Return what compares with the true motion, every so many steps."""
-    problem = body.make()
+    problem = body.problem
     every = _KEPT if steps > 2000 else 1
     run = stepper("G-L", 6).integrate(
         problem.q0, problem.p0, dt=body.dt / 2, steps=2 * steps, every=2 * every,
