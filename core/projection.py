@@ -29,6 +29,8 @@ EPS = float(np.finfo(float).eps)
 
 #: Singular values of G (rows of length one) below this, relative to the largest, count as zero.
 RANK_TOLERANCE = 1e-9
+#: A row is left out only with at least this share of the largest part in a dependency.
+SHARE = 0.1
 
 
 class Constrained(Protocol):
@@ -211,7 +213,8 @@ def dependent_rows(
     """Return (all rows of G that depend on others, a smallest set of rows to leave out).
 
     Rows are taken at length one. Of dependent rows the later ones are left out, as a builder
-    would who adds one joint after the other.
+    would who adds one joint after the other, but none that others imply by large factors: of a
+    planar loop whose normal is nearly y, z would soon be independent.
     """
     if isinstance(G, SparseMatrix):
         if G.shape[0] <= G.shape[1] and _has_independent_rows(G):
@@ -228,16 +231,13 @@ def dependent_rows(
     null = U[:, rank:]
     involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(tolerance)]
     left_out: list[int] = []
-    basis = np.zeros((0, null.shape[1]))
-    for i in reversed(involved):
-        if len(left_out) == null.shape[1]:
-            break
-        rest = null[i] - (basis @ null[i]) @ basis
-        size = np.linalg.norm(rest)
-        if size > np.sqrt(tolerance):  # the null vectors, seen at these rows only, are independent
-            rest -= (basis @ rest) @ basis
-            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
-            left_out.append(i)
+    rest = null[involved]  # the null vectors, seen at these rows
+    for _ in range(null.shape[1]):
+        sizes = np.linalg.norm(rest, axis=1)
+        at = np.flatnonzero(sizes > SHARE * sizes.max())[-1]
+        left_out.append(involved[at])
+        direction = rest[at] / sizes[at]
+        rest = rest - np.outer(rest @ direction, direction)
     return involved, sorted(left_out)
 
 

@@ -118,6 +118,8 @@ def test_dependent_rows():
     assert dependent_rows(rows) == ([0, 1, 3, 5, 6], [5, 6])
     assert dependent_rows(free) == ([], [])
     assert dependent_rows(np.zeros((1, 3))) == ([0], [0])
+    nearly = np.array([[0, 1, 0], [0.01, 1, 0], [1, 0, 0]])
+    assert dependent_rows(nearly) == ([0, 1, 2], [1])  # x is 100 times y − y'
 
 
 def test_an_angle_may_be_a_constraint():
