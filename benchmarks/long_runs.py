@@ -16,15 +16,19 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.errors import StepFailed
 from ..core.registry import MODELS
 from .peers import exudyn_scenes, mujoco_scenes, pinocchio_scenes
+from .peers.mujoco_files import MujocoFile
 from .peers.optional import Unavailable, version
 from .reference_scenes import andrews_released
-from .scenes import Array, ReferenceScene, SceneMotion, scene_of
+from .robot_files import conservative_text, model_of
+from .scenes import Array, ReferenceScene, SceneMotion, bodies_of, scene_of
 
 if TYPE_CHECKING:
     from ..generator.multibody.model import Model
@@ -53,6 +57,10 @@ class Mechanism:
         Returns the model.
     dt : float
         Of a step, in s.
+    most_seconds : float
+        CPU seconds of a run; a program that needs more takes fewer steps.
+    mjcf : str
+        The text that it was read from, for MuJoCo alone.
     """
 
     name: str
@@ -60,11 +68,31 @@ class Mechanism:
     source: str
     make: Callable[[], Model]
     dt: float = 1e-3
+    most_seconds: float = 60.0
+    mjcf: str = ""
+
+    @classmethod
+    def of_file(cls, path: Path) -> Mechanism:
+        """Return the robot of an MJCF file, in steps of a tenth of the file's.
+
+        Raises
+        ------
+        InputError
+            For a file that cannot be used.
+        """
+        text = conservative_text(path)
+        model = model_of(path, text)
+        assert model.dt is not None
+        title, source = _FILES.get(model.name, (model.name, f"`{path.name}`"))
+        return cls(path.stem, title, source, lambda: model, model.dt / 10, 300.0, text)
 
     @cached_property
     def scene(self) -> ReferenceScene:
-        """Its bodies and joints, and the model."""
-        return scene_of(self.make())
+        """Its bodies and joints, and the model; of a file its bodies alone."""
+        model = self.make().in_type(float)
+        if self.mjcf:
+            return ReferenceScene(model.name, model, np.zeros(3), bodies_of(model))
+        return scene_of(model)
 
     @cached_property
     def _steppers(self) -> dict[int, Stepper]:
@@ -83,6 +111,12 @@ def _of_models(name: str, title: str) -> Mechanism:
     return Mechanism(name, title, f"`gs.models.{name}()`", MODELS[name].make)
 
 
+_MENAGERIE = "https://github.com/google-deepmind/mujoco_menagerie/blob/main"
+#: Name of a model in MJCF → title and source.
+_FILES = {name: (title, f"[{path}]({_MENAGERIE}/{path}) of MuJoCo Menagerie{more}")
+          for name, title, path, more in (
+    ("cassie", "Cassie", "agility_cassie/cassie.xml", ", hung by its pelvis, four loops"),
+    ("robotiq_2f85", "Robotiq 2F-85", "robotiq_2f85/2f85.xml", ", two loops and a coupling"))}
 #: Name → mechanism.
 MECHANISMS = {mechanism.name: mechanism for mechanism in (
     _of_models("four_bar", "Four-bar linkage"),
@@ -142,8 +176,7 @@ class LongRun:
 
 def measure_long_runs(
     mechanism: Mechanism, *, steps: int = 1_000_000, stages: Sequence[int] = (2, 3),
-    peers: bool = False, most_seconds: float = 60.0,
-    watch: Callable[[str], None] = lambda text: None,
+    peers: bool = False, watch: Callable[[str], None] = lambda text: None,
 ) -> Iterator[LongRun]:
     """Yield the runs of a mechanism.
 
@@ -155,19 +188,19 @@ def measure_long_runs(
         Of our G-L; ends are compared with that of the last, in steps of a fifth.
     peers : bool
         Other programs too, of those that are installed.
-    most_seconds : float
-        CPU seconds of a run; a program that needs more takes fewer steps.
     watch : callable
         Is told what is at work, and what is left out.
     """
     true = _true_end(mechanism, stages[-1])
-    follow = partial(_followed, mechanism, true, steps, most_seconds)
+    follow = partial(_followed, mechanism, true, steps)
     for s in stages:
         watch(f"{mechanism.name}, {s}-G-L")
         yield follow("gyrospark", f"{s}-G-L", partial(_ours, mechanism, s))
     if not peers:
         return
-    for program, ways in (("MuJoCo", _mujoco), ("exudyn", _exudyn), ("Pinocchio", _pinocchio)):
+    for program, ways in _PROGRAMS.items():
+        if mechanism.mjcf and program != "MuJoCo":
+            continue
         try:
             for method, pieces in ways(mechanism):
                 watch(f"{mechanism.name}, {program} {method}")
@@ -192,7 +225,8 @@ def _ours(mechanism: Mechanism, stages: int, steps: int, count: int) -> Iterator
 
 
 def _mujoco(mechanism: Mechanism) -> Iterator[tuple[str, Pieces]]:
-    machine = mujoco_scenes.MujocoScene(mechanism.scene)
+    machine = (MujocoFile(mechanism.mjcf, mechanism.scene) if mechanism.mjcf
+               else mujoco_scenes.MujocoScene(mechanism.scene))
     for method in ("Euler", "implicitfast", "implicit", "RK4"):
         yield method, partial(machine.pieces, method, mechanism.dt)
 
@@ -208,16 +242,19 @@ def _pinocchio(mechanism: Mechanism) -> Iterator[tuple[str, Pieces]]:
     yield "Euler, Baumgarte", partial(machine.pieces, mechanism.dt)
 
 
+_PROGRAMS = {"MuJoCo": _mujoco, "exudyn": _exudyn, "Pinocchio": _pinocchio}
+
+
 # ---------------------------------------------------------------- what is measured
 
 
-def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int, most_seconds: float,
+def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
               program: str, method: str, pieces: Any) -> LongRun:
     scene, step = mechanism.scene, mechanism.stepper(2)
     model = scene.model
     end, cpu = _compared(scene, pieces)
     error = max(float(np.linalg.norm(end[name] - at)) for name, at in true.items())
-    steps = min(steps, max(COMPARED, int(most_seconds / cpu) * COMPARED))
+    steps = min(steps, max(COMPARED, int(mechanism.most_seconds / cpu) * COMPARED))
     piece, drift, constraint, note = max(1, steps // SAMPLES), [], 0.0, ""
     energy = step.energy(model.q0, model.p0, parameters=model.parameters)
     start = time.thread_time()
@@ -231,8 +268,8 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int, most_
             drift.append(abs(float(step.energy(q, p, parameters=model.parameters) - energy)))
             constraint = max(constraint, float(np.abs(g).max()))
             start = time.thread_time()
-    except Unavailable as failure:
-        note = str(failure)
+    except (Unavailable, StepFailed) as failure:
+        note = str(failure).partition(". ")[0]
     return LongRun(mechanism.name, program, method, mechanism.dt, done, spent / max(done, 1),
                    constraint, max(drift, default=math.inf), tuple(drift), error, note)
 
@@ -270,22 +307,34 @@ def _state(scene: ReferenceScene, found: Any) -> tuple[Array, Array]:
 
 _HEAD = """# Mechanisms with closed loops over many steps
 
-`gyrospark reference robots --peers --out docs/reference_robots.md --plot docs/reference_robots.png`
-writes this page: the constraints, the energy, the error and the cost of one step, of gyrospark and
-of programs that robots are simulated with. Each receives the bodies, joints, springs and gravity of
-a model, without friction, damping, contact and motors.
+The constraints, the energy, the error and the cost of one step, of gyrospark and of programs that
+robots are simulated with. This command writes the page:
+
+```
+gyrospark reference robots --peers --mjcf cassie.xml --mjcf 2f85.xml \\
+    --out docs/reference_robots.md --plot docs/reference_robots.png
+```
+
+Each program receives the bodies, joints, springs and gravity of a model, without friction, damping,
+contact and motors. The two files, `agility_cassie/cassie.xml` and `robotiq_2f85/2f85.xml`, are of
+[MuJoCo Menagerie](https://github.com/google-deepmind/mujoco_menagerie), which gyrospark does not
+contain; their meshes are not needed. Any other MJCF file of one robot with `<inertial>` elements
+may follow `--mjcf`; its base is held, it starts at its first keyframe, and steps are a tenth of its
+`timestep`.
 
 Constraints and energy are evaluated by the equations of the model at 100 states of each run, for
 all programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation
 of H. The error is the largest distance of a body after 1000 steps from its position by 3-stage
 Gauss-Lobatto in steps of a fifth. Times are CPU seconds of one run on a machine that also does
-other work. Runs of a program that would take more than a minute have fewer steps.
+other work. Runs that would take more than a minute, five minutes for files, have fewer steps.
 
 MuJoCo closes loops by soft constraints, at their largest stiffness for the time step, and exudyn by
 multipliers. Pinocchio has no integrator: here semi-implicit Euler in Python, with Baumgarte's
-stabilization of five steps, so that its time is that of Python.
+stabilization of five steps, so that its time is that of Python. A file runs in gyrospark and
+MuJoCo.
 
-`gyrospark run delta_robot --view delta.html` shows one of the models.
+`gyrospark run delta_robot --view delta.html` shows one of the models, and `gyrospark run cassie.xml
+--set ignore=all --set keyframe=home --view cassie.html` a file.
 """
 
 

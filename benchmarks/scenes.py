@@ -23,7 +23,7 @@ from ..runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotat
 from .peers.optional import Unavailable
 
 __all__ = ["GROUND", "ReferenceScene", "SceneBody", "SceneJoint", "SceneMotion", "SceneSpring",
-           "scene_of"]
+           "bodies_of", "scene_of"]
 
 Array = NDArray[np.float64]
 GROUND = ""
@@ -167,8 +167,7 @@ def scene_of(model: Model) -> ReferenceScene:
     if not model.system.bodies:
         raise Unavailable(f"{model.name} has no record of bodies")
     model = model.in_type(float)
-    values = dict(model.parameters)
-    bodies = {at.name: _body(at, model) for at in model.system.bodies}
+    values, bodies = dict(model.parameters), bodies_of(model)
     gravity = np.array([values.get(f"gravity_{axis}", 0.0) for axis in "xyz"])
     if all(at.mass is None for at in model.system.bodies):
         gravity = np.array([0.0, 0.0, -_pull(model)])
@@ -182,6 +181,11 @@ def scene_of(model: Model) -> ReferenceScene:
 
 
 # ---------------------------------------------------------------- bodies
+
+
+def bodies_of(model: Model) -> dict[str, SceneBody]:
+    """Return the bodies of a model in double precision at t = 0."""
+    return {at.name: _body(at, model) for at in model.system.bodies}
 
 
 def _body(at: BodyLayout, model: Model) -> SceneBody:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..core.errors import InputError
 from .generate import write_files
 from .options import check_ending, check_picture, check_writable, json_option
 
@@ -27,9 +28,11 @@ __all__ = ["reference"]
               help="Draw error against CPU time, a panel for each problem.")
 @click.option("--out", metavar="FILE.md", type=click.Path(path_type=Path),
               help="Write a page with digits and runs, as docs/references.md is.")
+@click.option("--mjcf", metavar="FILE.xml", type=click.Path(path_type=Path), multiple=True,
+              help="With robots: a robot in MJCF too, such as Cassie; may be repeated.")
 @json_option
 def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path | None,
-              as_json: bool) -> int:
+              mjcf: tuple[Path, ...], as_json: bool) -> int:
     """Run problems of the field with known digits: error against CPU seconds for our schemes.
 
     Exits with 1 unless one of the schemes has the digits of each problem to 1e-12.
@@ -41,10 +44,13 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     gyrospark reference neumann --peers
     gyrospark reference all --peers --out docs/references.md --plot docs/references.png
     gyrospark reference robots --quick
+    gyrospark reference robots --peers --mjcf cassie.xml --mjcf 2f85.xml
 
     \b
     robots runs mechanisms with closed loops for a million steps (--quick: 1,000): constraints,
-    energy, error and cost.
+    energy, error and cost. cassie.xml and 2f85.xml are files of MuJoCo Menagerie,
+    github.com/google-deepmind/mujoco_menagerie, in agility_cassie and robotiq_2f85; others with
+    the mass and inertia of each body may be given, too.
     """
     import json
 
@@ -62,8 +68,11 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     if plot is not None:
         check_picture(plot)
     if name == "robots":
-        _robots(quick, peers, plot, out, as_json)
+        _robots(quick, peers, plot, out, mjcf, as_json)
         return 0
+    if mjcf:
+        raise InputError(f"--mjcf gives robots, and {name!r} is another problem; write "
+                         "reference robots.")
     problems = [named(known) for known in (names() if name == "all" else [name])]
     rounds = 1 if quick else 3
     measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
@@ -93,14 +102,16 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     return 1 if missed else 0
 
 
-def _robots(quick: bool, peers: bool, plot: Path | None, out: Path | None, as_json: bool) -> None:
+def _robots(quick: bool, peers: bool, plot: Path | None, out: Path | None,
+            files: Sequence[Path], as_json: bool) -> None:
     import json
 
-    from ..benchmarks.long_runs import MECHANISMS, long_runs_page, measure_long_runs
+    from ..benchmarks.long_runs import MECHANISMS, Mechanism, long_runs_page, measure_long_runs
 
+    mechanisms = [*MECHANISMS.values(), *map(Mechanism.of_file, files)]
     measured = {mechanism: list(measure_long_runs(
         mechanism, steps=1000 if quick else 1_000_000, peers=peers, watch=_note))
-        for mechanism in MECHANISMS.values()}
+        for mechanism in mechanisms}
     if as_json:
         click.echo(json.dumps([run.as_dict() for runs in measured.values() for run in runs],
                               indent=2))

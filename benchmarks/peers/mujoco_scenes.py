@@ -21,7 +21,8 @@ from ..scenes import GROUND, Array, ReferenceScene, SceneJoint, SceneMotion
 from .mujoco_bodies import STIFFEST, text
 from .optional import Unavailable, need
 
-__all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene", "tree_of"]
+__all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene", "configure", "moved", "mujoco_module",
+           "tree_of"]
 
 PACKAGE = "mujoco"
 INTEGRATORS = ("RK4", "implicit")
@@ -34,8 +35,7 @@ class MujocoScene:
     """A scene in MuJoCo."""
 
     def __init__(self, scene: ReferenceScene) -> None:
-        self._mujoco = need(PACKAGE)
-        self._mujoco.set_mju_user_warning(lambda text: None)  # else it writes a file
+        self._mujoco = mujoco_module()
         self._scene = scene
         self._attitudes = {name: rotation_matrix(body.start.q)
                            for name, body in scene.bodies.items()} | {GROUND: np.eye(3)}
@@ -73,21 +73,13 @@ class MujocoScene:
         data.qvel[:] = speeds
         for name, torque in self._scene.torques.items():
             data.xfrc_applied[model.body(name).id, 3:] = torque
-        for done in itertools.count(steps, steps):
-            mujoco.mj_step(model, data, steps)
-            if any(found.number for found in data.warning):
-                raise Unavailable(f"{integrator} is unstable in {done} steps")
-            seen = copy(data)
-            mujoco.mj_forward(model, seen)  # what a step leaves is of its beginning
+        for seen in moved(mujoco, model, data, integrator, steps):
             yield {name: self._read(model, seen, name) for name in self._scene.bodies}
 
     def _model(self, integrator: str, dt: float) -> Any:
         mujoco = self._mujoco
         model = mujoco.MjModel.from_xml_string(self._text)
-        model.opt.timestep = dt
-        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        model.eq_solref[:, 0] = 2 * dt  # it makes larger what is less
+        configure(mujoco, model, integrator, dt)
         for name, body in self._scene.bodies.items():  # a text is refused for its rounding
             model.body_inertia[model.body(name).id] = _principal(body.inertia)[0]
         mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -169,7 +161,7 @@ class MujocoScene:
         first, second = (joint.a, joint.b) if joint.a else (joint.b, joint.a)
         points = [joint.at, joint.at + joint.axes[2]][:1 + any(joint.holds[3:])]
         for point in points:
-            held = SubElement(equality, "connect", body1=first, solimp=STIFFEST,
+            held = SubElement(equality, "connect", body1=first,
                               anchor=text(self._seen(first, point)))
             if second:
                 held.set("body2", second)
@@ -199,6 +191,41 @@ class MujocoScene:
         """Return a point of space in a body at the start."""
         where: Array = self._attitudes[name].T @ (point - self._origins[name])
         return where
+
+
+def mujoco_module() -> Any:
+    """Return MuJoCo, whose warnings are counted and not written to a file."""
+    mujoco = need(PACKAGE)
+    mujoco.set_mju_user_warning(lambda text: None)
+    return mujoco
+
+
+def configure(mujoco: Any, model: Any, integrator: str, dt: float) -> None:
+    """Set the integrator, without contact, and equalities to the stiffest at a time step."""
+    model.opt.timestep = dt
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    model.eq_solref[:] = 2 * dt, 1  # it makes larger what is less
+    model.eq_solimp[:] = [float(e) for e in STIFFEST.split()]
+
+
+def moved(
+    mujoco: Any, model: Any, data: Any, integrator: str, steps: int
+) -> Iterator[Any]:
+    """Yield the data after each so many steps.
+
+    Raises
+    ------
+    Unavailable
+        Where MuJoCo finds the motion unstable.
+    """
+    for done in itertools.count(steps, steps):
+        mujoco.mj_step(model, data, steps)
+        if any(found.number for found in data.warning):
+            raise Unavailable(f"{integrator} is unstable in {done} steps")
+        seen = copy(data)
+        mujoco.mj_forward(model, seen)  # what a step leaves is of its beginning
+        yield seen
 
 
 def _principal(inertia: Array) -> tuple[Array, Array]:

@@ -1,0 +1,107 @@
+"""MuJoCo: a robot from its own MJCF, its states as those of a model that was read from the same.
+
+Equalities are as stiff as MuJoCo lets them be at a time step.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ...generator.models.urdf import plain_name
+from ...runtime.rigid_body.quaternion import rotation_matrix
+from ..scenes import Array, ReferenceScene, SceneMotion
+from .mujoco_scenes import configure, moved, mujoco_module
+from .optional import Unavailable
+
+__all__ = ["MujocoFile"]
+
+#: Iterations that find joint coordinates of the start, and how far bodies may be off, m and rad.
+_ITERATIONS, _OFF = 50, 1e-12
+
+
+class MujocoFile:
+    """A robot in MuJoCo; ``scene`` has the bodies of the model, whose origins are their centres."""
+
+    def __init__(self, text: str, scene: ReferenceScene) -> None:
+        self._mujoco = mujoco_module()
+        self._scene = scene
+        self._model = model = self._mujoco.MjModel.from_xml_string(text)
+        moving = [k for k in range(model.nbody) if model.body_jntnum[k]]
+        #: Body → its number.
+        self._numbers = dict(zip(scene.bodies, moving, strict=True))
+        data = self._mujoco.MjData(model)
+        self._mujoco.mj_forward(model, data)
+        self._centres = {k: self._centre(data, k) for k in moving}
+        self._start(data)
+        self._qpos, self._qvel = data.qpos.copy(), data.qvel.copy()
+
+    def pieces(
+        self, integrator: str, dt: float, steps: int, count: int
+    ) -> Iterator[tuple[Array, Array]]:
+        """Yield states (q, p) at the end of each of ``count`` pieces of a run.
+
+        Raises
+        ------
+        Unavailable
+            Where MuJoCo finds the motion unstable.
+        """
+        data = self._mujoco.MjData(self._model)
+        configure(self._mujoco, self._model, integrator, dt)
+        data.qpos[:], data.qvel[:] = self._qpos, self._qvel
+        for seen in itertools.islice(moved(self._mujoco, self._model, data, integrator, steps),
+                                     count):
+            yield self._state(seen)
+
+    def _centre(self, data: Any, k: int) -> Array:
+        """Return the centre of mass of a body, and of what is fixed to it, in its axes."""
+        one = self._model.body_weldid == k
+        masses = self._model.body_mass[one]
+        centre: Array = data.xmat[k].reshape(3, 3).T @ (
+            masses @ data.xipos[one] / masses.sum() - data.xpos[k])
+        return centre
+
+    def _start(self, data: Any) -> None:
+        """Find coordinates and velocities at which the bodies are and move as in the scene."""
+        mujoco, model = self._mujoco, self._model
+        for _ in range(_ITERATIONS):
+            rows, off, moving = [], [], []
+            for name, k in self._numbers.items():
+                start, R = self._scene.bodies[name].start, data.xmat[k].reshape(3, 3)
+                x, turned = data.xpos[k] + R @ self._centres[k], np.zeros(3)
+                mujoco.mju_subQuat(turned, start.q, data.xquat[k])  # in the axes of the body
+                move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+                mujoco.mj_jac(model, data, move, turn, x, k)
+                rows += [move, turn]
+                off += [start.x - x, R @ turned]
+                moving += [start.v, rotation_matrix(start.q) @ start.omega]
+            step, data.qvel[:] = np.linalg.lstsq(
+                np.vstack(rows), np.column_stack([np.concatenate(off), np.concatenate(moving)]),
+                rcond=None)[0].T
+            if np.abs(np.concatenate(off)).max() < _OFF:
+                return
+            mujoco.mj_integratePos(model, data.qpos, step, 1.0)
+            mujoco.mj_forward(model, data)
+        raise Unavailable("finds no joint coordinates of the start")
+
+    def _state(self, data: Any) -> tuple[Array, Array]:
+        motions = {}
+        for name, k in self._numbers.items():
+            R, found = data.xmat[k].reshape(3, 3), np.zeros(6)
+            self._mujoco.mj_objectVelocity(self._model, data, self._mujoco.mjtObj.mjOBJ_XBODY, k,
+                                           found, 0)
+            arm = R @ self._centres[k]
+            motions[name] = SceneMotion(data.xquat[k].copy(), data.xpos[k] + arm,
+                                        found[3:] + np.cross(found[:3], arm), R.T @ found[:3])
+        end, model = self._scene.end(motions), self._model
+        q, p = end.q[0], end.p[0]
+        for j in range(model.njnt):
+            v = model.jnt_dofadr[j]
+            if model.dof_armature[v]:  # a coordinate of its own
+                at = end.coordinates.index(f"{plain_name(model.joint(j).name)}_rotor_phi")
+                q[at] = data.qpos[model.jnt_qposadr[j]]
+                p[at] = model.dof_armature[v] * data.qvel[v]
+        return q, p
