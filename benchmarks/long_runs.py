@@ -40,6 +40,8 @@ __all__ = ["MECHANISMS", "LongRun", "Mechanism", "long_runs_page", "measure_long
 SAMPLES = 100
 #: Steps of the shorter run whose end is compared.
 COMPARED = 1000
+#: CPU seconds of a run; a program that needs more takes fewer steps.
+MOST_SECONDS = 60.0
 #: Pieces of a run: how the bodies move at the end of each.
 Pieces = Callable[[int, int], Iterator[Mapping[str, SceneMotion]]]
 
@@ -57,8 +59,6 @@ class Mechanism:
         Returns the model.
     dt : float
         Of a step, in s.
-    most_seconds : float
-        CPU seconds of a run; a program that needs more takes fewer steps.
     mjcf : str
         The text that it was read from, for MuJoCo alone.
     """
@@ -68,7 +68,6 @@ class Mechanism:
     source: str
     make: Callable[[], Model]
     dt: float = 1e-3
-    most_seconds: float = 60.0
     mjcf: str = ""
 
     @classmethod
@@ -84,7 +83,7 @@ class Mechanism:
         model = model_of(path, text)
         assert model.dt is not None
         title, source = _FILES.get(model.name, (model.name, f"`{path.name}`"))
-        return cls(path.stem, title, source, lambda: model, model.dt / 10, 300.0, text)
+        return cls(path.stem, title, source, lambda: model, model.dt / 10, text)
 
     @cached_property
     def scene(self) -> ReferenceScene:
@@ -254,7 +253,7 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
     model = scene.model
     end, cpu = _compared(scene, pieces)
     error = max(float(np.linalg.norm(end[name] - at)) for name, at in true.items())
-    steps = min(steps, max(COMPARED, int(mechanism.most_seconds / cpu) * COMPARED))
+    steps = min(steps, max(COMPARED, int(MOST_SECONDS / cpu) * COMPARED))
     piece, drift, constraint, note = max(1, steps // SAMPLES), [], 0.0, ""
     energy = step.energy(model.q0, model.p0, parameters=model.parameters)
     start = time.thread_time()
@@ -326,15 +325,19 @@ Constraints and energy are evaluated by the equations of the model at 100 states
 all programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation
 of H. The error is the largest distance of a body after 1000 steps from its position by 3-stage
 Gauss-Lobatto in steps of a fifth. Times are CPU seconds of one run on a machine that also does
-other work. Runs that would take more than a minute, five minutes for files, have fewer steps.
+other work. Runs that would take more than a minute have fewer steps.
 
 MuJoCo closes loops by soft constraints, at their largest stiffness for the time step, and exudyn by
 multipliers. Pinocchio has no integrator: here semi-implicit Euler in Python, with Baumgarte's
 stabilization of five steps, so that its time is that of Python. A file runs in gyrospark and
 MuJoCo.
 
-`gyrospark run delta_robot --view delta.html` shows one of the models, and `gyrospark run cassie.xml
---set ignore=all --set keyframe=home --view cassie.html` a file.
+These commands show a model, and a file:
+
+```
+gyrospark run delta_robot --view delta.html
+gyrospark run cassie.xml --set ignore=all --set keyframe=home --view cassie.html
+```
 """
 
 
