@@ -12,6 +12,7 @@ the model, whose constraints and energy are evaluated by one and the same code f
 from __future__ import annotations
 
 import math
+import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -122,9 +123,10 @@ MECHANISMS = {mechanism.name: mechanism for mechanism in (
     _of_models("delta_robot", "Delta robot on springs"),
     _of_models("stewart_platform", "Stewart platform on springs"),
     Mechanism("andrews", "Andrews' squeezing mechanism",
-              "Seven bodies and ten hinges with the numbers of "
-              "[examples/andrews.py](../examples/andrews.py), which start at the reference "
-              "solution at t = 0.03 s with its crank at 1140 rad/s; the torque is 0 from then on",
+              "Seven bodies on ten hinges with the numbers of "
+              "[examples/andrews.py](../examples/andrews.py). They start at the "
+              "[reference solution](references.md) at t = 0.03 s, where the crank has 1140 rad/s, "
+              "and the torque is 0 from then on",
               andrews_released, dt=5e-5))}
 
 
@@ -345,11 +347,11 @@ def long_runs_page(measured: Mapping[Mechanism, Sequence[LongRun]], picture: str
     """Return the page of all mechanisms, with a picture of a file name."""
     parts = [_HEAD]
     if picture:
-        alternative = "Deviation of the energy over time, a panel for each mechanism"
+        alternative = "Deviation of the energy over time, a panel for a mechanism"
         parts.append(f"![{alternative}]({picture})\n")
     for mechanism, runs in measured.items():
-        parts.append(f"## {mechanism.title}\n\n{mechanism.source}; "
-                     f"steps of {mechanism.dt * 1e3:g} ms.\n")
+        told = f"{mechanism.source}; steps of {mechanism.dt * 1e3:g} ms."
+        parts += [f"## {mechanism.title}\n", textwrap.fill(told, 100) + "\n"]
         parts.append("| program | steps | µs a step | constraints | energy (J) | error (m) |\n"
                      "| --- | --- | --- | --- | --- | --- |\n" + "".join(
             f"| {run.name} | {run.steps:,} | {run.cpu_seconds * 1e6:.3g} | {run.constraint:.0e} "
