@@ -12,6 +12,7 @@ the model, whose constraints and energy are evaluated by one and the same code f
 from __future__ import annotations
 
 import math
+import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -40,6 +41,8 @@ __all__ = ["MECHANISMS", "LongRun", "Mechanism", "long_runs_page", "measure_long
 SAMPLES = 100
 #: Steps of the shorter run whose end is compared.
 COMPARED = 1000
+#: CPU seconds of a run; a program that needs more takes fewer steps.
+MOST_SECONDS = 60.0
 #: Pieces of a run: how the bodies move at the end of each.
 Pieces = Callable[[int, int], Iterator[Mapping[str, SceneMotion]]]
 
@@ -57,8 +60,6 @@ class Mechanism:
         Returns the model.
     dt : float
         Of a step, in s.
-    most_seconds : float
-        CPU seconds of a run; a program that needs more takes fewer steps.
     mjcf : str
         The text that it was read from, for MuJoCo alone.
     """
@@ -68,7 +69,6 @@ class Mechanism:
     source: str
     make: Callable[[], Model]
     dt: float = 1e-3
-    most_seconds: float = 60.0
     mjcf: str = ""
 
     @classmethod
@@ -84,7 +84,7 @@ class Mechanism:
         model = model_of(path, text)
         assert model.dt is not None
         title, source = _FILES.get(model.name, (model.name, f"`{path.name}`"))
-        return cls(path.stem, title, source, lambda: model, model.dt / 10, 300.0, text)
+        return cls(path.stem, title, source, lambda: model, model.dt / 10, text)
 
     @cached_property
     def scene(self) -> ReferenceScene:
@@ -123,9 +123,10 @@ MECHANISMS = {mechanism.name: mechanism for mechanism in (
     _of_models("delta_robot", "Delta robot on springs"),
     _of_models("stewart_platform", "Stewart platform on springs"),
     Mechanism("andrews", "Andrews' squeezing mechanism",
-              "Seven bodies and ten hinges with the numbers of "
-              "[examples/andrews.py](../examples/andrews.py), which start at the reference "
-              "solution at t = 0.03 s with its crank at 1140 rad/s; the torque is 0 from then on",
+              "Seven bodies on ten hinges with the numbers of "
+              "[examples/andrews.py](../examples/andrews.py). They start at the "
+              "[reference solution](references.md) at t = 0.03 s, where the crank has 1140 rad/s, "
+              "and the torque is 0 from then on",
               andrews_released, dt=5e-5))}
 
 
@@ -254,7 +255,7 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
     model = scene.model
     end, cpu = _compared(scene, pieces)
     error = max(float(np.linalg.norm(end[name] - at)) for name, at in true.items())
-    steps = min(steps, max(COMPARED, int(mechanism.most_seconds / cpu) * COMPARED))
+    steps = min(steps, max(COMPARED, int(MOST_SECONDS / cpu) * COMPARED))
     piece, drift, constraint, note = max(1, steps // SAMPLES), [], 0.0, ""
     energy = step.energy(model.q0, model.p0, parameters=model.parameters)
     start = time.thread_time()
@@ -326,15 +327,19 @@ Constraints and energy are evaluated by the equations of the model at 100 states
 all programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation
 of H. The error is the largest distance of a body after 1000 steps from its position by 3-stage
 Gauss-Lobatto in steps of a fifth. Times are CPU seconds of one run on a machine that also does
-other work. Runs that would take more than a minute, five minutes for files, have fewer steps.
+other work. Runs that would take more than a minute have fewer steps.
 
 MuJoCo closes loops by soft constraints, at their largest stiffness for the time step, and exudyn by
 multipliers. Pinocchio has no integrator: here semi-implicit Euler in Python, with Baumgarte's
 stabilization of five steps, so that its time is that of Python. A file runs in gyrospark and
 MuJoCo.
 
-`gyrospark run delta_robot --view delta.html` shows one of the models, and `gyrospark run cassie.xml
---set ignore=all --set keyframe=home --view cassie.html` a file.
+These commands show a model, and a file:
+
+```
+gyrospark run delta_robot --view delta.html
+gyrospark run cassie.xml --set ignore=all --set keyframe=home --view cassie.html
+```
 """
 
 
@@ -342,11 +347,11 @@ def long_runs_page(measured: Mapping[Mechanism, Sequence[LongRun]], picture: str
     """Return the page of all mechanisms, with a picture of a file name."""
     parts = [_HEAD]
     if picture:
-        alternative = "Deviation of the energy over time, a panel for each mechanism"
+        alternative = "Deviation of the energy over time, a panel for a mechanism"
         parts.append(f"![{alternative}]({picture})\n")
     for mechanism, runs in measured.items():
-        parts.append(f"## {mechanism.title}\n\n{mechanism.source}; "
-                     f"steps of {mechanism.dt * 1e3:g} ms.\n")
+        told = f"{mechanism.source}; steps of {mechanism.dt * 1e3:g} ms."
+        parts += [f"## {mechanism.title}\n", textwrap.fill(told, 100) + "\n"]
         parts.append("| program | steps | µs a step | constraints | energy (J) | error (m) |\n"
                      "| --- | --- | --- | --- | --- | --- |\n" + "".join(
             f"| {run.name} | {run.steps:,} | {run.cpu_seconds * 1e6:.3g} | {run.constraint:.0e} "

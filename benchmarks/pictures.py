@@ -208,10 +208,12 @@ def draw_long_runs(measured: Mapping[Mechanism, Sequence[LongRun]], path: Path) 
     MissingDependencyError
         Without matplotlib.
     """
-    figure = figure_class()(figsize=(3.2 * len(measured) + 1, 3.4), layout="constrained")
+    columns = min(3, len(measured))
+    rows = -(-len(measured) // columns)
+    figure = figure_class()(figsize=(3.2 * columns + 1, 2.6 * rows + 0.8), layout="constrained")
     named: dict[str, Any] = {}
     for number, (mechanism, runs) in enumerate(measured.items(), start=1):
-        axes = figure.add_subplot(1, len(measured), number)
+        axes = figure.add_subplot(rows, columns, number)
         axes.set_title(mechanism.title, fontsize=8)
         for run in runs:
             program, own = run.name, run.program == "gyrospark"

@@ -36,8 +36,9 @@ def conservative_text(path: Path) -> str:
     InputError
         For what is no MJCF, and more than one body on the ground.
     """
+    text = model_text(as_path("path", path, "robot.xml"))
     try:
-        top = read_document(model_text(as_path("path", path, "robot.xml")), path, COMMON).top
+        top = read_document(text, path, COMMON).top
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
     bases = [body for world in top.all("worldbody") for body in world.all("body")]

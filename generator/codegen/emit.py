@@ -27,6 +27,7 @@ from ..schemes.lagrangian_midpoint import LagrangianEMS
 from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
+from ..symbolic.shared_subexpressions import text_of
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.molecular_system import MolecularSystem
 from ..systems.moving_frame import CoMovingSystem, energy_of
@@ -373,7 +374,7 @@ def _quarter(wide: Real) -> list[str]:
 
 def comment(e: sp.Expr | str) -> str:
     """Return an expression as text that cannot end a C comment."""
-    return str(e).replace("**", "^").replace("*/", "* /").replace("/*", "/ *")
+    return text_of(e).replace("**", "^").replace("*/", "* /").replace("/*", "/ *")
 
 
 def _scheme_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]:

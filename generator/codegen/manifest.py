@@ -12,6 +12,7 @@ from ..._version import __version__
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme
+from ..symbolic.shared_subexpressions import text_of
 from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.body_layout import BodyLayout, ConstraintForce, Entry, JointLayout
 from ..systems.lagrangian import LagrangianSystem
@@ -58,7 +59,7 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
             "parameters": {str(x): domain_of(x) for x in system.parameters},
             "hamiltonian": _hamiltonian(system, elements),
             **_lagrangian(system),
-            "constraints": _of_all(system, map(str, system.constraints)),
+            "constraints": _of_all(system, map(text_of, system.constraints)),
             "hidden": _of_all(system, hidden_constraints(derived, elements)),
             "start_parameters": _start_parameters(derived, elements),
             **_given_names(system),
@@ -166,7 +167,7 @@ def _hamiltonian(system: System, elements: Elements | None) -> str:
     if isinstance(system, MolecularSystem):
         return system.energy_text
     if elements is None:
-        return str(energy_of(system))
+        return text_of(energy_of(system))
     return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in elements.energies)
 
 
@@ -184,7 +185,7 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
     """Return what is said of forces, time and quantities; nothing of what is not there."""
     said: dict[str, Any] = {}
     if system.forces:
-        said["forces"] = [str(f) for f in system.forces]
+        said["forces"] = [text_of(f) for f in system.forces]
     if system.is_nonautonomous:
         said["time"] = str(system.time)
     if system.inputs:
@@ -192,7 +193,7 @@ def _forces_and_quantities(system: System) -> dict[str, Any]:
     if system.is_time_dependent:
         said["time_in_H_or_g"] = True
     if system.quantities:
-        said["quantities"] = {name: str(e) for name, e in system.quantities.items()}
+        said["quantities"] = {name: text_of(e) for name, e in system.quantities.items()}
         said["quantities_take_time"] = system.time is not None
     return said
 

@@ -97,6 +97,9 @@ def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Ex
     """
     if not a or not b:
         return a or b, 1, []
+    bases, is_plain = _bases(b)
+    if is_plain and bases.isdisjoint(_bases(a)[0]):
+        return a | b, 1, []  # the set knows the hashes of its pairs
     powers = dict(a)
     value: Number = 1
     sums: list[tuple[sp.Expr, int]] = []
@@ -113,6 +116,14 @@ def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Ex
         if total != 0:
             powers[base] = total
     return frozenset(powers.items()), value, sums
+
+
+@lru_cache(maxsize=2**16)
+def _bases(m: Monomial) -> tuple[frozenset[sp.Expr], bool]:
+    """Return the bases, and whether each stays as it is in a product without powers of it."""
+    return frozenset(base for base, _ in m), all(
+        (isinstance(n, int) or not (n.is_Integer or base.is_Add)) and not base.is_Rational
+        for base, n in m)
 
 
 def inverse(m: Monomial) -> Monomial:

@@ -8,6 +8,7 @@ again wherever it occurs; in C it is a temporary.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from operator import attrgetter
 from typing import Any, ClassVar
 from weakref import WeakValueDictionary
@@ -15,11 +16,17 @@ from weakref import WeakValueDictionary
 import sympy as sp
 
 __all__ = ["Shared", "expand_shared", "name_of", "parts_of", "share", "share_repeated",
-           "substitute", "symbols_of", "tree_size"]
+           "substitute", "symbols_of", "text_of", "tree_size"]
 
 
 #: SymPy prints a symbol by the way of a printer.
 name_of = attrgetter("name")
+
+
+@lru_cache(maxsize=2**10)
+def text_of(e: sp.Expr | str) -> str:
+    """Return an expression as text, which comments and the manifest have of the same ones."""
+    return str(e)
 
 
 class Shared(sp.Function):  # type: ignore[misc]

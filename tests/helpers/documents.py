@@ -57,6 +57,7 @@ NOT_RUN = [
     (r"^make (test|generated|docs)", "the first runs these tests, the second writes to the "
                                       "repository, the third is typed by test_site.py"),
     (r"^pytest ", "it writes to the repository"),
+    (r"^gyrospark run cassie.xml", "Cassie is a file of MuJoCo Menagerie"),
     (r"^gyrospark run examples/pumpjack.xml", "without optimisation seven seconds; test_mjcf.py "
                                               "puts the example together and runs another file"),
     (r"^gyrospark bench (bodies|scale)",
