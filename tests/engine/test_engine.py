@@ -11,7 +11,6 @@ import re
 from collections import defaultdict
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import groupby
 
 import cffi
 import mpmath as mp
@@ -39,6 +38,13 @@ def other_tables(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def checking(other_tables):
+    """Return the command that reads headers beside the toy."""
+    return [*compiler(MAIN), "-fsyntax-only", "-x", "c", "-Werror", *FLAGS, f"-I{other_tables}",
+            "-include", "toy.h"]
+
+
 def defined(macros):
     return [f"-D{name}={value}" for name, value in macros.items()]
 
@@ -50,40 +56,67 @@ def test_tables_of_the_toy_are_those_of_the_generator():
     assert (TOY / "tables.h").read_text(encoding="ascii") == tables(2)
 
 
+def is_guarded(path):
+    """Whether a header guards itself; others are templates, included under several names."""
+    guard = "GS_" + "_".join(path.relative_to(FOLDER / "gyrospark").with_suffix("").parts).upper()
+    return f"#ifndef {guard}_H\n#define {guard}_H\n" in path.read_text(encoding="ascii")
+
+
+def grouped(flags_of_header):
+    """Return flags → headers, of pairs."""
+    found = defaultdict(list)
+    for flags, header in flags_of_header:
+        found[tuple(sorted(flags))].append(header)
+    return found
+
+
+def assert_compiles(command, headers, folder=None):
+    done = call([*command, *headers], cwd=folder)
+    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stderr}"
+
+
+def in_one_unit(headers):
+    """Return arguments by which a compiler reads several headers that guard themselves."""
+    return [*(word for header in headers[:-1] for word in ("-include", header)), headers[-1]]
+
+
 @pytest.mark.parametrize("folder", sorted({path.parent for path in HEADERS}),
                          ids=lambda path: path.name)
-def test_headers_compile_alone(folder, other_tables):
-    """Beside the toy, in each variant that the header's text tells apart."""
-    together = defaultdict(list)
-    for header in HEADERS:
-        if header.parent == folder:
-            for macros in variants(header).values():
-                together[tuple(sorted(defined(macros)))].append(header)
-    for flags, headers in together.items():
-        done = call([*compiler(MAIN), "-fsyntax-only", "-x", "c", "-Werror", *FLAGS,
-                     f"-I{other_tables}", "-include", "toy.h", *flags, *headers])
-        assert done.returncode == 0, f"{' '.join(flags)}\n{done.stderr}"
+def test_headers_compile_alone(folder, checking):
+    """Beside the toy; templates in each variant that their text tells apart."""
+    own = [(defined(macros), header) for header in HEADERS if header.parent == folder
+           for macros in list(variants(header).values())[: 1 if is_guarded(header) else None]]
+    for flags, headers in grouped(own).items():
+        assert_compiles([*checking, *flags], headers)
+
+
+def test_headers_compile_in_each_variant(checking):
+    """Those that guard themselves: of each variant that their text tells apart in one unit."""
+    own = [(defined(macros), header) for header in filter(is_guarded, HEADERS)
+           for macros in list(variants(header).values())[1:]]
+    for flags, headers in grouped(own).items():
+        assert_compiles([*checking, *flags], in_one_unit(headers))
 
 
 def test_an_editor_opens_headers_without_errors():
     """By clang with compile_flags.txt and .clangd, as clangd does; gcc has done it above."""
     folder = FOLDER / "gyrospark"
     common = (folder / "compile_flags.txt").read_text(encoding="ascii").split()
-    headers = sorted(HEADERS, key=lambda header: defined(flags_of(header)))
-    for flags, some in groupby(headers, key=lambda header: defined(flags_of(header))):
-        done = call([*compiler("clang"), "-fsyntax-only", "-Werror", *common, *flags, *some],
-                    cwd=folder)
-        assert done.returncode == 0, done.stderr
+    checking = [*compiler("clang"), "-fsyntax-only", "-Werror", *common]
+    for flags, headers in grouped((defined(flags_of(one)), one) for one in HEADERS).items():
+        guarded = [header for header in headers if is_guarded(header)]
+        if guarded:
+            assert_compiles([*checking, *flags], in_one_unit(guarded), folder)
+        if len(guarded) < len(headers):
+            assert_compiles([*checking, *flags], sorted({*headers} - {*guarded}), folder)
 
 
 @pytest.mark.parametrize("path", HEADERS, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_headers_are_guarded_or_templates(path):
     """A template is included several times, under other names, and guards nothing."""
     text = path.read_text(encoding="ascii")
-    guard = "GS_" + "_".join(path.relative_to(FOLDER / "gyrospark").with_suffix("").parts).upper()
-    guarded = f"#ifndef {guard}_H\n#define {guard}_H\n" in text
     is_template = re.search(r"\b(TYPED|SOLVER)\(\w+\)\(|#define TYPED", text)
-    assert guarded or is_template
+    assert is_guarded(path) or is_template
     assert text.startswith("/*")
     assert text.endswith("\n")
     assert not text.endswith("\n\n")
