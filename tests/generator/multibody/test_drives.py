@@ -74,8 +74,10 @@ def angles(run, body):
     return np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
 
 
-@pytest.mark.parametrize("make", [shaken, swinging])
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+@pytest.mark.parametrize(("make", "scheme", "stages"), [
+    (shaken, "G-L", 2), (swinging, "EMS", None),
+    pytest.param(shaken, "EMS", None, marks=pytest.mark.slow),
+    pytest.param(swinging, "G-L", 2, marks=pytest.mark.slow)])
 def test_a_body_at_a_point_that_moves(make, scheme, stages):
     model, path, t = make()
     system, p0 = angle_model(path, t)
@@ -161,7 +163,7 @@ def test_a_motor_and_a_drive_agree_on_their_sign():
     assert np.abs(angles(driven, "b") - angles(moved, "b")).max() < 1e-12
 
 
-@pytest.mark.parametrize("said", [0.4, 7.0])
+@pytest.mark.parametrize("said", [7.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_all_angles_of_a_joint_are_one(said):
     """Of a quantity, a spring, a drive and a run, whatever the attitude at the start.
 
@@ -250,7 +252,8 @@ def four_bar():
     return build.model(without=["pin3: z", "pin3: axis 1", "pin3: axis 2"]), pin
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("EMS", None), pytest.param("G-L", 2, marks=pytest.mark.slow)])
 def test_a_driven_four_bar(scheme, stages):
     model, pin = four_bar()
     step = gs.stepper(scheme, stages, system=model.system)

@@ -185,7 +185,7 @@ def test_gears_turn_as_often_as_they_like():
     assert done.report.constraint_max <= (17 + 43) * (math.pi + 1) * EPS
 
 
-@pytest.mark.parametrize("ratio", [0.5, 0.3137])
+@pytest.mark.parametrize("ratio", [0.3137, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_rack_an_elevator_and_a_finger(ratio):
     """Travel to travel, angle to travel and angle to angle: c₂ = ratio c₁ + offset."""
     build = builder("coupled", (0, 0, 0))
@@ -213,7 +213,8 @@ def test_a_rack_an_elevator_and_a_finger(ratio):
         assert np.abs(quantity(done, name) - wanted).max() <= 1e-12, name
 
 
-@pytest.mark.parametrize("scheme", [("IMS", None), ("EMS", None), ("LIIIA-B", 3)], ids=str)
+@pytest.mark.parametrize("scheme", [
+    ("EMS", None), ("LIIIA-B", 3), pytest.param(("IMS", None), marks=pytest.mark.slow)], ids=str)
 def test_every_scheme_takes_every_joint(scheme):
     """Energy of a screw with a spring, coupled to a hinge; EMS keeps it to round-off."""
     build = builder()

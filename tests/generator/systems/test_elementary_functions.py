@@ -105,7 +105,7 @@ def order_seen(name, step, exact, counts, span):
 
 
 @pytest.mark.parametrize("name", [
-    name if name in ("kepler", "toda", "arcs", "body") else pytest.param(
+    name if name in ("toda", "arcs", "body") else pytest.param(
         name, marks=pytest.mark.slow) for name in EXAMPLES])
 def test_EMS_has_order_two(name):
     step, span = stepper_for(name, "EMS"), 1.0

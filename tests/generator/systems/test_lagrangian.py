@@ -52,8 +52,10 @@ SYSTEMS = [double, bead]
 # ---------------------------------------------------------------- motion, the second way
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("make", SYSTEMS)
+@pytest.mark.parametrize(("make", "scheme"), [
+    (double, SCHEMES[0]), (bead, SCHEMES[1]),
+    *(pytest.param(*case, marks=pytest.mark.slow)
+      for case in ((double, SCHEMES[1]), (bead, SCHEMES[0])))])
 def test_motion_is_that_of_the_hamiltonian_written_out(make, scheme):
     """M⁻¹ in symbols gives the same states: what differs is the rounding of a hundred steps.
 
@@ -91,7 +93,8 @@ def test_lanes_move_each_member_as_it_moves_alone(make):
         np.testing.assert_allclose(many.p[i], alone.p, rtol=0, atol=2000 * EPS)
 
 
-@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+@pytest.mark.parametrize("real", [
+    "float", "float128", pytest.param("long-double", marks=pytest.mark.slow)])
 def test_all_types_of_numbers(real):
     """The errors of a few steps shrink with the rounding of the type, order being the same."""
     system, parameters, q, v = case(bead)

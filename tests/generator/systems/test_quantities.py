@@ -161,7 +161,8 @@ def test_quantities_do_not_touch_the_steps():
     assert "quantities" not in json.loads(plain.manifest)["system"]
 
 
-@pytest.mark.parametrize("scheme", [("IMS", None), ("EMS", None), ("G-L", 2), ("LIIIA-B", 2)])
+@pytest.mark.parametrize("scheme", [("EMS", None), ("LIIIA-B", 2), *(
+    pytest.param(scheme, marks=pytest.mark.slow) for scheme in (("IMS", None), ("G-L", 2)))])
 def test_names_and_warnings(scheme, tmp_path):
     """Names that the C uses itself, as symbols, time and quantities: pedantic-clean C."""
     names = ["t", "work", "out", "w", "W", "late", "i", "count", "report", "t0", "F", "start"]

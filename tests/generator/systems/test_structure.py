@@ -87,8 +87,8 @@ def test_structured_code_computes_what_dense_code_does(scheme, stages, driven):
             assert np.abs(a.work - b.work).max() <= 256 * EPS * np.abs(b.work).max()
 
 
-@pytest.mark.parametrize("real", [
-    "float", "float128", pytest.param("long-double", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("real", ["float128", *(
+    pytest.param(real, marks=pytest.mark.slow) for real in ("float", "long-double"))])
 def test_structured_code_in_every_real(real):
     step, double = made("G-L", 2, True, False, real), made("G-L", 2, True, False)
     q, p, parameters = start(False)

@@ -110,9 +110,10 @@ STARTS = {  # near a consistent one
     "shaken_angle": (shaken_angle, NUMBERS, [0.5], [0.1], 0.01),
 }
 every = pytest.mark.parametrize("name", STARTS)
-PAIRS = [("car_axis", "G-L", 2), ("car_axis", "EMS", None), ("wire", "G-L", 2),
-         ("dragged_wire", "EMS", None), ("dragged_wire", "LIIIA-B", 3), ("shaken", "IMS", None),
-         ("shaken_angle", "EMS", None), ("shaken_angle", "G-L", 2)]
+SLOW = [("car_axis", "EMS", None), ("wire", "G-L", 2), ("shaken_angle", "G-L", 2)]
+PAIRS = [("car_axis", "G-L", 2), ("dragged_wire", "EMS", None), ("dragged_wire", "LIIIA-B", 3),
+         ("shaken", "IMS", None), ("shaken_angle", "EMS", None),
+         *(pytest.param(*pair, marks=pytest.mark.slow) for pair in SLOW)]
 pairs = pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 
 
@@ -255,7 +256,8 @@ def test_ensembles_give_what_single_runs_do(name, scheme, stages):
         assert np.abs(many.p[i] - one.p).max() <= 256 * EPS
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("IMS", None), ("G-L", 2)])
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("EMS", None), ("G-L", 2), pytest.param("IMS", None, marks=pytest.mark.slow)])
 def test_forms_give_what_dense_code_does(scheme, stages):
     steppers = []
     for structured in (False, True):
