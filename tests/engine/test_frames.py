@@ -182,7 +182,7 @@ def test_turning_back_costs_no_digit_after_a_million_seconds(real):
 
     Of 10⁹ steps and rad the angle itself is held against 60 digits in ``test_engine``.
     """
-    step, spin = gs.stepper("G-L", 1, "gamma", frame="symmetries", real=real), 124.9
+    step, spin = framed(real=real), 124.9
     with mp.workdps(50):  # 2 I₃ Ω has 106 bits
         p = [0, 0, 0, 2 * mp.mpf(TOP.inertia[2]) * mp.mpf(spin)]
         run = step.integrate([1.0, 0, 0, 0], p, dt=250, steps=4000, every=4000,
@@ -368,7 +368,8 @@ def test_a_sweep_takes_rates_as_an_axis():
             assert abs(found.q.values[i, j] - one.q[-1]).max() < 1e-12
 
 
-@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+@pytest.mark.parametrize("real", [
+    "float", "float128", pytest.param("long-double", marks=pytest.mark.slow)])
 def test_every_type_turns_back(real):
     step, cone = framed(real=real), with_gamma(CONE)
     rates = rates_of(framed(), CONE.q0, CONE.p0, cone)

@@ -46,7 +46,8 @@ def pair():
 
 
 @pytest.mark.parametrize("parameters", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
-@pytest.mark.parametrize("order", [4, 6, 8, 10])
+@pytest.mark.parametrize("order", [4, 10, *(
+    pytest.param(order, marks=pytest.mark.slow) for order in (6, 8))])
 def test_order_in_113_bits(order, parameters):
     exact = {name: Fraction(value) for name, value in parameters.items()}
     step = gs.stepper("splitting", order=order, real="float128")
