@@ -186,8 +186,31 @@ def test_compiler_from_pypi_really_compiles(tmp_path):
 # ---------------------------------------------------------------- folders that cannot be used
 
 
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """A module, its checksum and its name, made once."""
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+    folder = tmp_path_factory.mktemp("built")
+    done = build(folder, "cc")
+    assert done.returncode == 0, done.stderr
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}, done.stdout
+
+
+@pytest.fixture
+def ready(built, monkeypatch):
+    """What a compilation ends with is that module: for tests of where it is then put."""
+    def compiled(name, files, compiler, folder, part):
+        (module,) = (data for file, data in built[0].items() if file.endswith(".so"))
+        (folder / "module.so").write_bytes(module)
+        return folder / "module.so", {"flags": [], "kernels": {}, "left_out": []}
+
+    monkeypatch.setattr(stepper_module, "compile_verified", compiled)
+
+
 @pytest.mark.parametrize("folder", ["/dev/null", "/dev/null/x", "/proc", "/proc/x", "file",
                                     "file/x"])
+@pytest.mark.usefixtures("ready")
 def test_a_temporary_folder_replaces_one_that_cannot_be_used(
     folder, monkeypatch, tmp_path, quick
 ):
@@ -356,19 +379,8 @@ DAMAGE = {
 }
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    """A module, its checksum and its name, made once."""
-    if shutil.which("cc") is None:
-        pytest.skip("cc is not installed")
-    folder = tmp_path_factory.mktemp("built")
-    done = build(folder, "cc")
-    assert done.returncode == 0, done.stderr
-    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}, done.stdout
-
-
 @pytest.mark.parametrize("damage", [
-    pytest.param(damage, id=name, marks=[] if name in ("empty", "first half", "one bit")
+    pytest.param(damage, id=name, marks=[] if name in ("first half", "one bit")
                  else pytest.mark.slow) for name, damage in DAMAGE.items()])
 def test_damaged_module_is_built_anew(damage, built, own_cache):
     """Loading it would end the process with a bus error: it is not even tried."""
@@ -383,8 +395,7 @@ def test_damaged_module_is_built_anew(damage, built, own_cache):
 
 
 @pytest.mark.parametrize("proof", [
-    None, pytest.param(b"", marks=pytest.mark.slow), b"\xff",
-    pytest.param(b"0" * 64, marks=pytest.mark.slow)])
+    b"\xff", *(pytest.param(proof, marks=pytest.mark.slow) for proof in (None, b"", b"0" * 64))])
 def test_module_without_its_checksum_is_built_anew(proof, built, own_cache):
     content, expected = built
     own_cache.mkdir()
@@ -489,10 +500,12 @@ def test_key_depends_on_everything_that_changes_the_binary(monkeypatch):
     assert all(re.fullmatch("[0-9a-f]{32}", key) for key in keys)
 
 
-def test_two_compilers_two_modules(own_cache, quick):
-    assert build(own_cache, quick).returncode == 0
-    assert build(own_cache, "cc -O1").returncode == 0
-    assert len(kept(own_cache)) == 2
+@pytest.mark.usefixtures("ready")
+def test_two_compilers_two_modules(own_cache, quick, monkeypatch):
+    for made, command in enumerate((quick, "cc -O1", quick)):
+        monkeypatch.setenv("CC", command)
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+        assert len(kept(own_cache)) == min(made + 1, 2)
 
 
 def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
@@ -558,6 +571,7 @@ def left(name, hours, mark=build_cache._MARKED):
     os.utime(name, (then, then))
 
 
+@pytest.mark.usefixtures("ready")
 def test_old_build_folders_are_swept_up(own_cache, quick, monkeypatch):
     """What killed builds left goes away a day later, or when the cache is cleared; not earlier."""
     monkeypatch.setenv("CC", quick)
@@ -619,6 +633,7 @@ def test_what_is_published_is_written_by_nobody_else(own_cache, quick, monkeypat
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+@pytest.mark.usefixtures("ready")
 @pytest.mark.parametrize("planted", ["group writes", "others write", "link", "other owner"])
 def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_path):
     """Each is rebuilt; nothing that another user could have written is loaded or compiled."""
@@ -641,6 +656,7 @@ def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such modes")
+@pytest.mark.usefixtures("ready")
 @pytest.mark.parametrize(("mode", "above", "owner", "trusted"), [
     (0o700, 0o755, None, True), (0o1777, 0o755, None, True), (0o755, 0o1777, None, True),
     (0o755, 0o775, None, True), (0o777, 0o755, None, False), (0o775, 0o755, None, False),
