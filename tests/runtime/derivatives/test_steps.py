@@ -33,6 +33,7 @@ CASES = {
     "element templates, LIIIA-B": ("LIIIA-B", 2, "double_top", None),
     "element templates, IMS": ("IMS", None, "double_top", None),
 }
+SLOW = ("driven, G-L", "element templates, IMS")
 
 
 def step_in_113_bits(step, q, p, values, dt, t0):
@@ -48,7 +49,8 @@ def step_in_113_bits(step, q, p, values, dt, t0):
     return unknowns, np.concatenate(ends)
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("case", [
+    pytest.param(case, marks=[pytest.mark.slow] * (case in SLOW)) for case in CASES], ids=str)
 def test_tangents_are_limits_of_differences(case):
     """In 113 bits, along every row of a direction; differences of fourth order of 2⁻³⁶."""
     scheme, stages, system, values = CASES[case]
@@ -157,7 +159,8 @@ def test_a_loss_may_be_an_expression():
             loss=sp.Symbol("z"))
 
 
-@pytest.mark.parametrize("scheme", [("G-L", 2), ("IMS", None)], ids=["G-L", "IMS"])
+@pytest.mark.parametrize("scheme", [
+    ("G-L", 2), pytest.param(("IMS", None), marks=pytest.mark.slow)], ids=["G-L", "IMS"])
 def test_a_loss_may_have_reactions(scheme):
     """The force in a joint is its multipliers; by parameters and dt, against differences."""
     model = gs.models.double_top()

@@ -45,7 +45,8 @@ SYSTEMS = {
 }
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "fast top, EMS")) for name in SYSTEMS])
 def test_between_steps_it_is_as_near_to_the_motion_as_at_steps(name: str) -> None:
     """Beside the same run with a 32nd of Δt; a state costs at most three steps' sweeps."""
     step, q0, p0, parameters = SYSTEMS[name]()
@@ -63,7 +64,8 @@ def test_between_steps_it_is_as_near_to_the_motion_as_at_steps(name: str) -> Non
     assert found.iterations.mean() <= 3 * max(run.report.iterations_mean, 4.0)
 
 
-@pytest.mark.parametrize("real", ["double", "float", "float128"])
+@pytest.mark.parametrize("real", [
+    "double", "float128", pytest.param("float", marks=pytest.mark.slow)])
 def test_at_the_steps_it_is_the_run(real: str) -> None:
     """Stored states are returned as they are, those that were not stored are made again."""
     step, q0, p0, parameters = fast_top(real, stages=2)

@@ -115,7 +115,8 @@ def test_every_way_to_run_has_the_same_states(tmp_path):
     assert np.abs(slow.q - whole.q[:6]).max() < 1e-14
 
 
-@pytest.mark.parametrize(("real", "bits"), [("float", 24), ("long-double", 64)])
+@pytest.mark.parametrize(("real", "bits"), [
+    ("long-double", 64), pytest.param("float", 24, marks=pytest.mark.slow)])
 def test_rows_hold_in_other_types(real, bits):
     if real == "long-double" and np.finfo(np.longdouble).nmant != 63:
         pytest.skip("long double is no x87 number here")

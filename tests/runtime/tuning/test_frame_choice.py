@@ -97,7 +97,8 @@ def test_each_start_of_an_ensemble_has_its_own_least_squares():
 
 
 @pytest.mark.parametrize(("stages", "dt", "gain"), [
-    (2, 1e-2, 20), (3, 1e-2, 1000), (4, 1e-2, 1000), (3, 1e-3, 1000)])
+    (2, 1e-2, 20), (3, 1e-3, 1000), *(
+        pytest.param(stages, 1e-2, 1000, marks=pytest.mark.slow) for stages in (3, 4))])
 def test_the_fast_top_gains(stages, dt, gain):
     """The error of the centre of mass after 10 s, against γ_m without a frame.
 

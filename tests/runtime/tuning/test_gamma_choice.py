@@ -29,6 +29,10 @@ AUTO = TOP.parameters | {"gamma": "auto"}
 OFTEN = (("IMS", None), ("G-L", 1), ("G-L", 2), ("LIIIA-B", 2))
 CHAOTIC = asymmetric_top((1.0, 1.7, 0.6), 5.0, 0.9, [0.9, -1.4, 1.1])
 
+#: Every body with every other method, in turn.
+PAIRS = [(body, method) for (i, body), (j, method) in product(enumerate(BODIES), enumerate(OFTEN))
+         if (i + j) % 2 == 0]
+
 trial_of = cache(Trial)
 
 
@@ -56,7 +60,7 @@ def check_motion(body, method, times):
     assert np.nanmax(trial.ratios(times=times), initial=0) <= ALLOWED
 
 
-@pytest.mark.parametrize(("body", "method"), list(product(BODIES, OFTEN)), ids=name_of)
+@pytest.mark.parametrize(("body", "method"), PAIRS, ids=name_of)
 def test_no_path_gets_worse(body, method):
     check_motion(body, method, TIMES[:2])
 
@@ -215,7 +219,7 @@ def check_energy(body, method):
         assert trial_of(body, *method).energy_gain(times=LONGER) >= 1 / ALLOWED
 
 
-@pytest.mark.parametrize(("body", "method"), list(product(BODIES[:6], OFTEN)), ids=name_of)
+@pytest.mark.parametrize(("body", "method"), PAIRS[:12], ids=name_of)
 def test_no_rule_has_a_better_energy(body, method):
     check_energy(body, method)
 
