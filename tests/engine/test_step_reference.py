@@ -33,6 +33,7 @@ from strategies import (
     random_case,
     stepper_of,
     tableau_of,
+    usual,
 )
 
 BOUND = 32 * EPS
@@ -91,7 +92,7 @@ def check_many(spec, count):
     print("WORST", identify(spec), *(f"{name} {value:.2f}" for name, value in worst.items()))
 
 
-@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", usual(PAPER_SPECS), ids=identify)
 def test_paper_steppers(spec):
     check_many(spec, 10)
 

@@ -6,11 +6,13 @@ a strategy, and to tests that must not change from run to run as ``random_case(r
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import assume
 from hypothesis import strategies as st
 
@@ -28,6 +30,13 @@ HIGH_SPECS = tuple(
 )
 SPARK_SPECS = tuple(spec for spec in PAPER_SPECS if spec.stages)
 MEAN_SPECS = tuple(spec for spec in PAPER_SPECS if not spec.stages)
+
+
+def usual(specs: Iterable[Spec]) -> list[Any]:
+    """Return specs to run a test with: γ and α in turn; a number of stages again is a slow test."""
+    return [pytest.param(spec, marks=[pytest.mark.slow] * (
+        bool(spec.stages) and (spec.rep == "gamma") != (
+            (spec.stages + (spec.scheme == "LIIIA-B")) % 2 == 1))) for spec in specs]
 
 
 def identify(value: Any) -> str:

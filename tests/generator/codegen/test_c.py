@@ -20,6 +20,7 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import PAPER_SPECS, Spec
 from mechanisms import slider_crank
 from processes import ROOT, call
+from strategies import usual
 
 SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
@@ -37,7 +38,7 @@ def name_of(spec):
 
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])
-@pytest.mark.parametrize("spec", [*PAPER_SPECS, *OTHER_TYPES, Spec("G-L", 8)], ids=name_of)
+@pytest.mark.parametrize("spec", [*usual(PAPER_SPECS), *OTHER_TYPES, Spec("G-L", 8)], ids=name_of)
 def test_no_warning(name, spec, tmp_path):
     command = compiler(name)
     write(files_of(spec), tmp_path)

@@ -37,6 +37,7 @@ from strategies import (
     random_case,
     stepper_of,
     turns,
+    usual,
 )
 
 COLUMNS = {
@@ -69,7 +70,7 @@ def run_for(step, case, steps, **more):
 # ---------------------------------------------------------------- constraints
 
 
-@pytest.mark.parametrize("spec", SPARK_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", usual(SPARK_SPECS), ids=identify)
 @pytest.mark.parametrize("weight", [0.3, 1.0, 100.0])
 def test_spark_keeps_both_constraints(spec, weight):
     """On every step, not on average: 4 ε of |q|² and of |p|.
@@ -120,7 +121,8 @@ def test_momentum_constraint_of_ims_and_ems(spec):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize(
-    "spec", [Spec("G-L", 1), Spec("LIIIA-B", 2), Spec("LIIIA-B", 3)], ids=identify
+    "spec", [Spec("G-L", 1), Spec("LIIIA-B", 2),
+             pytest.param(Spec("LIIIA-B", 3), marks=pytest.mark.slow)], ids=identify
 )
 def test_steps_too_long_fail_or_are_right(spec):
     """Steps of up to 30 rad: Newton often fails there, but says so.
@@ -179,7 +181,7 @@ def test_ems_keeps_the_energy(rep):
             assert error <= walk(steps) if scheme == "EMS" else error > 100 * walk(steps)
 
 
-@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", usual(PAPER_SPECS), ids=identify)
 def test_quadratic_invariants(spec):
     """l₃ of a symmetric top and the vertical momentum, both bilinear in q and p (paper, Table 2).
 
@@ -203,7 +205,7 @@ def test_quadratic_invariants(spec):
         assert l3_error > 100 * across if spec.scheme == "EMS" else l3_error <= across
 
 
-@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", usual(PAPER_SPECS), ids=identify)
 def test_free_body_keeps_its_momentum_in_space(spec):
     steps, step = 1000, stepper_of(spec)
     body = gs.problems.free_body()
@@ -216,7 +218,7 @@ def test_free_body_keeps_its_momentum_in_space(spec):
 # ---------------------------------------------------------------- symmetry and symplecticity
 
 
-@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", usual(PAPER_SPECS), ids=identify)
 def test_reversibility(spec):
     """step(h) then step(−h) is the identity: 16 ε, of two steps with errors up to 1 ε each.
 
@@ -262,7 +264,7 @@ def loop_invariant(q, p):
     return (p * slope).sum() * 2 * np.pi / POINTS
 
 
-@pytest.mark.parametrize("spec", PAPER_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", usual(PAPER_SPECS), ids=identify)
 def test_loop_invariant(spec):
     """∮ p·dq drifts by no more than 1e-12 in 100 steps of a symplectic method.
 

@@ -132,7 +132,10 @@ def test_decimals_are_checked_to_their_digits(tmp_path, digits):
 # ---------------------------------------------------------------- compiled steps
 
 
-@pytest.mark.parametrize("s", [1, 2, 3])
+few = pytest.mark.parametrize("s", [1, 3, pytest.param(2, marks=pytest.mark.slow)])
+
+
+@few
 def test_a_step_is_the_root_that_fifty_digits_find(s):
     case = make_case("gamma", (1.0, 1.7, 0.6), 0.2, 0.9, (0.5, -0.3, 0.7, 0.4), (0.9, -1.4, 1.1),
                      0.05)
@@ -143,7 +146,7 @@ def test_a_step_is_the_root_that_fifty_digits_find(s):
         assert np.abs(p - doubles(exact.p)).max() < 64 * EPS
 
 
-@pytest.mark.parametrize("s", [1, 2, 3])
+@few
 def test_order_of_compiled_steps_on_a_constrained_system(s):
     """An asymmetric top: orders 1, 3, 5, and the constraints at round-off."""
     case = make_case("gamma", (1.0, 1.7, 0.6), 0.2, 0.9, (0.5, -0.3, 0.7, 0.4), (0.9, -1.4, 1.1),
@@ -172,7 +175,8 @@ def held() -> gs.System:
                      forces=(0, 0, -c * p[2]))
 
 
-@pytest.mark.parametrize("scheme", [("Radau-L", 1), ("Radau-L", 2), ("Radau-L", 3), ("G-L", 2)])
+@pytest.mark.parametrize("scheme", [("Radau-L", 1), ("Radau-L", 3), *(
+    pytest.param(scheme, marks=pytest.mark.slow) for scheme in (("Radau-L", 2), ("G-L", 2)))])
 def test_a_constrained_damper_falls_by_R(scheme):
     """q = (2, 2, 3) r: T = ½ (4 + 8 + 27) ṙ², and the damper takes 3c · 9ṙ: λ = 27c/39."""
     step, found = gs.stepper(*scheme, system=held()), stability(gs.tableau(*scheme))
@@ -219,7 +223,7 @@ def wheel() -> gs.System:
                      name="damped_wheel", forces=(-pull * d[0], -pull * d[1]))
 
 
-@pytest.mark.parametrize("s", [2, 3])
+@pytest.mark.parametrize("s", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_stiff_damper_on_a_circle_rings_with_gauss_and_not_with_radau(s):
     """λΔt = 300 at the top, where the damper asks for 1 − (x·d)²/d² = 4/5 of it."""
     speeds = {}
