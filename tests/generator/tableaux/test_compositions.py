@@ -234,7 +234,8 @@ def test_error_constant_of_strang():
 # ---------------------------------------------------------------- search
 
 
-@pytest.mark.parametrize(("name", "starts"), [("G4", 3), ("Suzuki4", 10), ("KL6", 60), ("G8", 10)])
+@pytest.mark.parametrize(("name", "starts"), [
+    ("G4", 3), ("Suzuki4", 10), ("G8", 10), pytest.param("KL6", 60, marks=pytest.mark.slow)])
 def test_a_search_finds_what_is_stored(name, starts):
     x, value, solved = search(name, seed=1, starts=starts)
     conditions = OrderConditions(COMPOSITIONS[name])

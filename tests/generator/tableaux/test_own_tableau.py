@@ -81,7 +81,9 @@ def test_the_script_derives_the_families_too(written: Any) -> None:
             assert np.abs(a - b).max() <= 2.0**-52, key
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (place % 2))
+    for place, name in enumerate(EXAMPLES)])
 def test_examples_are_verified(name: str) -> None:
     """Every condition, the order derived and measured, the compiled coefficients."""
     verdict = verify_stepper(Spec.checked(tableau=FOLDER / f"{name}.json"))
@@ -166,7 +168,8 @@ def test_high_orders(s: int) -> None:
     assert observed_order(gauss_lobatto(s)) == pytest.approx(2 * s, abs=0.1)
 
 
-@pytest.mark.parametrize(("s", "digits"), [(2, 16), (2, 9), (3, 9)])
+@pytest.mark.parametrize(("s", "digits"), [
+    (2, 9), (3, 9), pytest.param(2, 16, marks=pytest.mark.slow)])
 def test_orders_of_tableaux_in_decimals(tmp_path: Path, s: int, digits: int) -> None:
     """Where the rounding of the digits hides the order that is said; the tableau is not accused."""
     family = gauss_lobatto(s)
