@@ -58,7 +58,8 @@ def chain(links: int) -> System:
 
 
 @pytest.mark.parametrize(("scheme", "stages", "driven"),
-                         [("G-L", 2, True), ("EMS", None, True),
+                         [("G-L", 2, True),
+                          pytest.param("EMS", None, True, marks=pytest.mark.slow),
                           pytest.param("G-L", 2, False, marks=pytest.mark.slow),
                           pytest.param("LIIIA-B", 3, True, marks=pytest.mark.slow),
                           pytest.param("IMS", None, True, marks=pytest.mark.slow)])

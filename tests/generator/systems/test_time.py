@@ -218,8 +218,9 @@ def test_balance_and_constraint_work_are_identities(name):
         assert "D_t" in found["energy"].equation
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("IMS", None), ("G-L", 1),
-                                                ("G-L", 2), ("LIIIA-B", 2)])
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("EMS", None), ("IMS", None), ("G-L", 2), ("LIIIA-B", 2),
+    pytest.param("G-L", 1, marks=pytest.mark.slow)])
 def test_orders_on_a_shaken_pivot(scheme, stages):
     """Against the angle in short steps."""
     fine = stepper("shaken_angle", "G-L", 2)
@@ -257,7 +258,7 @@ def test_ensembles_give_what_single_runs_do(name, scheme, stages):
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [
-    ("EMS", None), ("G-L", 2), pytest.param("IMS", None, marks=pytest.mark.slow)])
+    ("G-L", 2), *(pytest.param(scheme, None, marks=pytest.mark.slow) for scheme in ("IMS", "EMS"))])
 def test_forms_give_what_dense_code_does(scheme, stages):
     steppers = []
     for structured in (False, True):
