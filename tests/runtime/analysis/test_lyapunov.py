@@ -129,7 +129,7 @@ def test_frame_is_unitary():
     assert np.abs(flag[:, :2].T @ J @ flag[:, :2]).max() < 1e-14
 
 
-@pytest.mark.parametrize("real", ["float", "float128"])
+@pytest.mark.parametrize("real", ["float128", pytest.param("float", marks=pytest.mark.slow)])
 def test_other_types(real):
     step = pendulum(real=real)
     found = gs.lyapunov(step, *released(2, 2, step), dt=0.01, steps=100, parameters=PARAMETERS)

@@ -274,7 +274,7 @@ def one(k):
     elif kind == 17:
         try:
             with warnings.catch_warnings(action="ignore"):
-                step.step(top.q0, top.p0, dt=1e3, parameters=parameters)
+                step.step(top.q0, top.p0, dt=1e3, parameters=parameters, max_iterations=3)
         except gs.StepFailed:
             pass
     elif kind == 18:

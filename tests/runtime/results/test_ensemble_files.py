@@ -61,7 +61,8 @@ def test_a_failure_is_reported() -> None:
     assert found.iterations.dtype.kind == "i"
 
 
-@pytest.mark.parametrize("real", ["double", "float", "float128"])
+@pytest.mark.parametrize("real", [
+    "double", "float128", pytest.param("float", marks=pytest.mark.slow)])
 def test_files(real: str, tmp_path) -> None:
     """All three, read by other programs' own readers."""
     many = ensemble(real)

@@ -275,7 +275,7 @@ def test_wrong_use_is_refused(gl3):
 
 def test_one_thread_at_a_time(gl3):
     sim, said = begun(gl3), []
-    long = threading.Thread(target=lambda: sim.advance(300_000))
+    long = threading.Thread(target=lambda: sim.advance(100_000))
     long.start()
     while not sim._in_use.locked() and long.is_alive():
         pass
@@ -285,7 +285,7 @@ def test_one_thread_at_a_time(gl3):
         said.append(long.is_alive())
     long.join()
     assert any(said)
-    assert sim.steps == 300_000
+    assert sim.steps == 100_000
 
 
 def test_ctrl_c_ends_a_long_call_at_a_step(gl3):
