@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import dask
 from distributed import Client, LocalCluster, Scheduler
 from distributed.deploy import SpecCluster
 
@@ -77,6 +78,7 @@ def end_early(client: Client) -> None:
 
 
 def main(fault: str) -> None:
+    dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})  # imports once
     if "KILLING_WORK" in os.environ:
         tiles._LEAST_STORED = int(os.environ["KILLING_WORK"])
     if fault == "lose":

@@ -113,7 +113,7 @@ def test_more_steps_than_the_run_has_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("seed", "inputs"), [
-    (1, 200), pytest.param(2, 100_000, marks=pytest.mark.slow)])
+    (1, 80), pytest.param(2, 100_000, marks=pytest.mark.slow)])
 def test_forged_checkpoints_and_stores(seed, inputs, tmp_path):
     """In a process of its own, which tells what ended it."""
     done = subprocess.run(

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
@@ -63,7 +64,7 @@ def test_ctrl_c_keeps_every_finished_cell(tmp_path):
 def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):
     """The sweep is complete, and is told so, with its report."""
     study_file(tmp_path)
-    sweep = sys.modules["gyrospark.commands.sweep"]  # the package has the command by that name
+    sweep = import_module("gyrospark.commands.sweep")  # the package has the command by that name
     summary = sweep._result
     monkeypatch.setattr(sweep, "_result", lambda *given: (
         os.kill(os.getpid(), signal.SIGINT), summary(*given))[1])
