@@ -92,7 +92,8 @@ class EnsembleStates:
 
     def final_report(self, i: int) -> Any:
         """Return the record of a trajectory that has ended; it owns its memory."""
-        return self.binding.copy_of(self.report(i)) if self.in_lanes else self.reports[i]
+        report = self.report(i)
+        return self.binding.copy_of(report) if self.in_lanes else report
 
     @property
     def stored(self) -> list[int]:
