@@ -46,6 +46,7 @@
 #define REMAINDER_MARGIN 65536 /* 256 squared: the remainder is systematic and adds up over steps */
 #define MAX_STAGNATION 3 /* iterations without progress near round-off */
 #define MAX_DEFECT_STAGNATION 2 /* iterations without progress of the constraints */
+#define SHORT_STEP_ITERATIONS 12 /* of h/4 and of h/2 together, for starts of the first step */
 
 /* ----------------------------------------------------- fixed-point iteration or Newton's method */
 

@@ -45,6 +45,27 @@ def check_lanes(stages, dt):
         assert ends(step, dt, tops[i:i + 1]) == eight[i:i + 1]
 
 
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_first_steps_too_long_for_an_euler_start_need_no_newton():
+    """Continuation in the step size converges to Newton's solution; other lanes keep their bits."""
+    step, count = gs.stepper("G-L", 8, "gamma"), 5
+    start = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
+    dt = np.array([0.01, 0.025, 0.02, 0.03, 0.04])
+    made = step.integrate_ensemble(*start, dt=dt, steps=1, parameters=PARAMETERS, workers=1)
+    for i, member in enumerate(made.members):
+        run = {"dt": dt[i], "steps": 1, "parameters": PARAMETERS}
+        newton = step.integrate(TOP.q0, TOP.p0, solver="newton", **run)
+        single = step.integrate(TOP.q0, TOP.p0, **run)
+        lane = step.integrate_ensemble(TOP.q0[None], TOP.p0[None], workers=1, **run).members[0]
+        assert member.report == lane.report
+        assert member.q.tobytes() == lane.q.tobytes()
+        for found in (member, single):
+            assert found.report.newton_steps == 0
+            assert found.report.iterations_max < 50
+            assert np.abs(found.q - newton.q).max() < 4e-15
+            assert np.abs(found.p - newton.p).max() < 4e-15 * np.abs(newton.p).max()
+
+
 def test_history_of_the_predictor_outlives_a_call(tmp_path, monkeypatch):
     """Lessons come after 8, 24 and 768 steps; a trial may begin in one call and end in the next."""
     step = gs.stepper("G-L", 3, "gamma")

@@ -53,14 +53,22 @@ NOINLINE void iterate_noinline(SINGLE(t) *w)
 }
 
 /* Iterates from the starting values; returns OK, or the status of the failure. */
-static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int predicted,
+static int solve_fixed_point(SINGLE(t) *w, const options_t *options, int start,
     int *iteration_count)
 {
+    const int predicted = start == PREDICTED;
     progress_t progress = initial_progress();
     const real far = FAR_CHANGE;
     convergence_t result;
     int iteration = 0;
-    SINGLE(start_iteration)(w, predicted);
+    SINGLE(start_iteration)(w, start);
+    for (; start == QUARTER_STEP && iteration < SHORT_STEP_ITERATIONS; ++iteration) {
+        iterate_noinline(w);
+        if (iteration % (SHORT_STEP_ITERATIONS/2) == SHORT_STEP_ITERATIONS/2 - 1)
+            SINGLE(start_iteration)(w, FROM_HALF_STEP);
+    }
+    *iteration_count += iteration;
+    iteration = 0;
     do {
         iterate_noinline(w);
         const real change = SINGLE(sum_lanes)(&w->change);
@@ -101,7 +109,7 @@ static int solve_by_newton(work_t *w, const options_t *options, real dt, int *it
         p[a] = lane_get(&s->p[a], 0);
     }
     if (s->predictor.count > 0) {
-        SINGLE(start_iteration)(s, 1);
+        SINGLE(start_iteration)(s, PREDICTED);
         SINGLE(get_unknowns)(s, w->x);
         status = simplified_newton(w, options, dt, q, p, w->x, &count);
         *iterations += count;
@@ -163,9 +171,14 @@ static int advance_fixed_point(work_t *w, const options_t *options, real dt, int
         || (f->method == FIXED_POINT_FIRST && f->newton_steps_left == 0);
     int status = NOT_CONVERGED;
     if (iterates && predicted)
-        status = solve_fixed_point(&f->solver, options, 1, iterations);
+        status = solve_fixed_point(&f->solver, options, PREDICTED, iterations);
     if (iterates && status != OK)
-        status = solve_fixed_point(&f->solver, options, 0, iterations);
+        status = solve_fixed_point(&f->solver, options, EULER, iterations);
+#if GS_SPARK
+    if (iterates && status != OK && !predicted
+        && solve_fixed_point(&f->solver, options, QUARTER_STEP, iterations) == OK)
+        status = OK;
+#endif
     const long iteration_count = *iterations;
     if (status != OK) {
         if (!only_fixed_point)

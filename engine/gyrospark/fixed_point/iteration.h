@@ -142,13 +142,57 @@ INLINE void SOLVER(update_scales)(SOLVER(t) *w)
     w->step_squared = q_increment*w->q_weight + p_increment*w->p_weight;
 }
 
-/* Computes the starting values of the next step and their constraint forces. */
-NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int predicted)
+/* Scales the step size by a power of two; the inverse restores the bits of all weights. */
+static void SOLVER(scale_step)(SOLVER(t) *w, real factor)
 {
-    if (predicted)
+    w->h *= factor;
+    w->h_inverse /= factor;
+    IF_TIME(w->step *= factor;)
+    SOLVER(set_weights)(w);
+    SOLVER(prepare_schur)(w);
+}
+
+/*
+ * Doubles the step size; the starting values are the polynomial through the rates at the stages of
+ * the shorter step, l_j the Lagrange polynomials of the nodes:
+ * 2h b_i k_i = sum_j 2 b_i/b_j l_j(2 c_i) h b_j k_j.
+ */
+static void SOLVER(double_step)(SOLVER(t) *w)
+{
+    real weights[S][S];
+    for (int i = 0; i < S; ++i)
+        for (int j = 0; j < S; ++j) {
+            weights[i][j] = 2*tableau.b[i]/tableau.b[j];
+            for (int k = 0; k < S; ++k)
+                if (k != j)
+                    weights[i][j] *= (2*tableau.c[i] - tableau.c[k])/(tableau.c[j] - tableau.c[k]);
+        }
+#if GS_STAGES_IN_LANES
+    lanes table[S*SOLVER(S)];
+    SOLVER(fill)(table, S, S, &weights[0][0]);
+#else
+    const real *table = &weights[0][0];
+#endif
+    SOLVER(scale_step)(w, 2);
+    SOLVER(stages_of_stages)(w->zero, 0, table, w->now.x, w->extrapolated);
+    SOLVER(stages_of_stages)(w->zero, 0, table, w->now.x + SOLVER(HAT),
+        w->extrapolated + SOLVER(HAT));
+    for (int e = 0; e < SOLVER(X); ++e)
+        w->now.x[e] = e < SOLVER(IMPULSE) ? w->extrapolated[e] : 2*w->now.x[e];
+}
+
+/* Computes the starting values of the next step and their constraint forces. */
+NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int start)
+{
+    if (start == PREDICTED)
         SOLVER(predict_unknowns)(w);
-    else
+    else if (start == FROM_HALF_STEP)
+        SOLVER(double_step)(w);
+    else {
+        if (start == QUARTER_STEP)
+            SOLVER(scale_step)(w, (real)0.25);
         SOLVER(euler_start)(w);
+    }
     SOLVER(update_scales)(w);
     SOLVER(begin_iteration)(w);
 }

@@ -487,9 +487,9 @@ INLINE void SOLVER(update_scales)(SOLVER(t) *w)
 }
 
 /* Computes the starting values of the next step and the factors of W. */
-NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int predicted)
+NOINLINE void SOLVER(start_iteration)(SOLVER(t) *w, int start)
 {
-    if (predicted) {
+    if (start == PREDICTED) {
         const lanes *x = history_entry(&w->predictor, w->history, SOLVER(X), 0);
         for (int e = 0; e < SOLVER(X) && !w->predictor.fitted; ++e)
             w->extrapolated[e] = x[e];

@@ -21,6 +21,12 @@
 enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2, RATES = 24 };
 enum { EQUATIONS = 16 }; /* at most, per group and step of a fit */
 enum { RESELECT = 8, RESELECT_ORDER = 12 }; /* interval of the test; highest polynomial order */
+/*
+ * Starting values of an iteration: explicit Euler, prediction, or continuation in the step size,
+ * with iterations of steps h/4 and h/2. An explicit Euler start of a long step may diverge where
+ * the iteration converges from a better start.
+ */
+enum { EULER, PREDICTED, QUARTER_STEP, FROM_HALF_STEP };
 /* One recurrence each for the rates of q, the rates of p, and the multipliers. */
 enum { GROUPS = 3 };
 

@@ -57,24 +57,36 @@ static void restart_lanes(ensemble_t *b, lanes_mask restarted, const real *x)
 /*
  * Fixed-point iteration until every lane has converged or failed. Each lane returns the iterate at
  * which its own convergence test stopped it, so that its result does not depend on neighbouring
- * lanes. failed[i] is the failure status of lane i, or OK.
+ * lanes. failed[i] is the failure status of lane i, or OK. QUARTER_STEP is a second attempt of the
+ * lanes that have failed; the others keep their iterates, and a first failure its reason.
  */
-static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, const int *alive,
-    int *failed, int *iterations)
+static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, int start,
+    const int *alive, int *failed, int *iterations)
 {
     BATCH(t) *solver = &b->solver;
     const lanes radius = splat(FAR_CHANGE);
-    const int predicted = solver->predictor.count > 0, updates = updates_rates(&solver->predictor);
-    lanes iterations_taken = splat(0), alive_count = splat(0);
+    const int predicted = start == PREDICTED, updates = updates_rates(&solver->predictor);
+    int preliminary = start == QUARTER_STEP ? SHORT_STEP_ITERATIONS : 0;
+    lanes iterations_taken = splat(0), to_solve = splat(0), solved = splat(0);
     for (int i = 0; i < LANES; ++i) {
-        lane_set(&alive_count, i, (real)alive[i]);
-        failed[i] = OK;
+        const int keeps = start == QUARTER_STEP && failed[i] == OK;
+        lane_set(&to_solve, i, (real)(alive[i] && !keeps));
+        lane_set(&solved, i, (real)(alive[i] && keeps));
     }
     lanes_progress_t progress = lanes_initial_progress();
-    lanes_mask active = alive_count > splat(0), finished = active & lanes_mask_not(active);
-    BATCH(start_iteration)(solver, predicted);
+    lanes_mask active = to_solve > splat(0), finished = solved > splat(0);
+    if (lanes_any(finished))
+        select_lanes(finished, BATCH(RESULT), &solver->now, &b->converged);
+    BATCH(start_iteration)(solver, start);
     for (int iteration = 1; lanes_any(active); ++iteration) {
         BATCH(iterate_once)(solver);
+        if (preliminary > 0) {
+            if (--preliminary % (SHORT_STEP_ITERATIONS/2) == 0)
+                BATCH(start_iteration)(solver, FROM_HALF_STEP);
+            iterations_taken = lanes_select_value(active, iterations_taken + 1, iterations_taken);
+            iteration = 0;
+            continue;
+        }
         const lanes change = solver->change;
         const lanes_mask contracting = lanes_is_contracting(&progress, change, options->tolerance,
             options->max_iterations);
@@ -110,7 +122,9 @@ static void solve_fixed_point_lanes(ensemble_t *b, const options_t *options, con
         }
         const lanes_mask ends = active & result.ended;
         for (int i = 0; i < LANES; ++i)
-            if (mask_get(&ends, i) && mask_get(&result.failed, i))
+            if (mask_get(&ends, i) && !mask_get(&result.failed, i))
+                failed[i] = OK;
+            else if (mask_get(&ends, i) && failed[i] == OK)
                 failed[i] = failure_reason(lane_get(&progress.change, i),
                     lane_get(&progress.previous, i));
         active &= lanes_mask_not(ends);
@@ -296,11 +310,19 @@ static void integrate_lanes(int count, const parameters_t *parameters, const opt
         alive_count += alive[i];
     }
     for (long k = 1; k <= steps && alive_count > 0; ++k) {
-        int failed[LANES], iterations_taken[LANES] = { 0 };
+        int failed[LANES] = { OK }, iterations_taken[LANES] = { 0 };
         IF_INPUTS(set_lane_inputs(b, &inputs, count);)
         solver->t = b->start + (real)b->done++*solver->h;
         IF_TIME(solver->step = b->start + (real)b->done*solver->h - solver->t;)
-        solve_fixed_point_lanes(b, options, alive, failed, iterations_taken);
+        const int start = solver->predictor.count > 0 ? PREDICTED : EULER;
+        solve_fixed_point_lanes(b, options, start, alive, failed, iterations_taken);
+#if GS_SPARK
+        int failures = 0;
+        for (int i = 0; i < LANES; ++i)
+            failures += failed[i] != OK;
+        if (failures > 0 && start == EULER)
+            solve_fixed_point_lanes(b, options, QUARTER_STEP, alive, failed, iterations_taken);
+#endif
         for (int i = 0; i < LANES; ++i) {
             if (!failed[i])
                 continue;
