@@ -125,6 +125,20 @@ INLINE int SOLVER(coefficient_index)(int k, int group, int item)
     return (2*k + group)*SOLVER(S) + item;
 }
 
+/* sum_ai += coefficient_i x_a, x_a the values of one stage */
+INLINE void SOLVER(add_regressor)(const lanes *coefficients, const lanes *x, int stage, int count,
+    lanes (*sum)[2*SOLVER(S)])
+{
+    lanes coefficient[2*SOLVER(S)];
+    for (int i = 0; i < 2*SOLVER(S); ++i)
+        coefficient[i] = lanes_in_register(coefficients[i]);
+    for (int a = 0; a < count; ++a) {
+        const lanes value = splat(lane_get(&x[a], stage));
+        for (int i = 0; i < 2*SOLVER(S); ++i)
+            sum[a][i] += coefficient[i]*value;
+    }
+}
+
 /* Coordinates start..start + count - 1 of all stages of the next step. */
 INLINE void SOLVER(predict_four)(const lanes *coefficients, const lanes *const *past, int lags,
     int start, int count, lanes *y)
@@ -133,20 +147,16 @@ INLINE void SOLVER(predict_four)(const lanes *coefficients, const lanes *const *
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < 2*SOLVER(S); ++i)
             sum[0][a][i] = sum[1][a][i] = splat(0);
-    for (int k = 0; k < 2*LAST; ++k, coefficients += 2*SOLVER(S))
-        for (int a = 0; a < count; ++a) {
-            const int j = regressor_stage(k/2), item = k % 2*SOLVER(HAT) + j/LANES*N;
-            const lanes value = splat(lane_get(&past[0][item + start + a], j % LANES));
-            for (int i = 0; i < 2*SOLVER(S); ++i)
-                sum[k % 2][a][i] += coefficients[i]*value;
-        }
+    for (int k = 0; k < LAST; ++k) {
+        const int j = regressor_stage(k);
+        for (int group = 0; group < 2; ++group, coefficients += 2*SOLVER(S))
+            SOLVER(add_regressor)(coefficients, past[0] + group*SOLVER(HAT) + j/LANES*N + start,
+                j % LANES, count, sum[group]);
+    }
     for (int m = 1; m <= lags; ++m)
         for (int group = 0; group < 2; ++group, coefficients += 2*SOLVER(S))
-            for (int a = 0; a < count; ++a) {
-                const lanes value = splat(lane_get(&past[m][group*SOLVER(HAT) + start + a], 0));
-                for (int i = 0; i < 2*SOLVER(S); ++i)
-                    sum[group][a][i] += coefficients[i]*value;
-            }
+            SOLVER(add_regressor)(coefficients, past[m] + group*SOLVER(HAT) + start, 0, count,
+                sum[group]);
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < 2*SOLVER(S); ++i)
             y[i*N + start + a] = sum[0][a][i] + sum[1][a][i];
@@ -173,6 +183,20 @@ INLINE int SOLVER(coefficient_index)(int k, int group, int item)
     return first*REGRESSORS + k*rows + row % SOLVER(BLOCK);
 }
 
+/* sum_ia += coefficient_i x_a */
+INLINE void SOLVER(add_regressor)(const lanes *coefficients, int rows, const lanes *x, int count,
+    lanes (*sum)[4])
+{
+    lanes value[4];
+    for (int a = 0; a < count; ++a)
+        value[a] = lanes_in_register(x[a]);
+    for (int i = 0; i < rows; ++i) {
+        const lanes coefficient = lanes_in_register(coefficients[i]);
+        for (int a = 0; a < count; ++a)
+            sum[i][a] += coefficient*value[a];
+    }
+}
+
 /*
  * Coordinates start..start + count - 1 of the rows row..row + rows - 1 of the next step. The sums
  * stay in registers, and each coefficient is read once.
@@ -187,16 +211,12 @@ INLINE void SOLVER(predict_block)(const lanes *coefficients, const lanes *const 
             sum[i][a] = splat(0);
     for (int k = 0; k < 2*LAST; ++k, coefficients += rows) {
         const lanes *x = past[0] + k % 2*SOLVER(HAT) + regressor_stage(k/2)*N + start;
-        for (int i = 0; i < rows; ++i)
-            for (int a = 0; a < count; ++a)
-                sum[i][a] += coefficients[i]*x[a];
+        SOLVER(add_regressor)(coefficients, rows, x, count, sum);
     }
     for (int m = 1; m <= lags; ++m)
         for (int group = 0; group < 2; ++group, coefficients += rows) {
             const lanes *x = past[m] + group*SOLVER(HAT) + start;
-            for (int i = 0; i < rows; ++i)
-                for (int a = 0; a < count; ++a)
-                    sum[i][a] += coefficients[i]*x[a];
+            SOLVER(add_regressor)(coefficients, rows, x, count, sum);
         }
     for (int i = 0; i < rows; ++i)
         for (int a = 0; a < count; ++a)

@@ -212,6 +212,20 @@ INLINE real broadcast(real x)
     return x;
 }
 
+#if GS_SPARK
+/*
+ * The value in a register: compilers take it as a memory operand of each multiply-add, and a core
+ * executes as few vector loads as multiply-adds in a cycle.
+ */
+INLINE lanes lanes_in_register(lanes value)
+{
+#if defined(__GNUC__) && defined(__AVX512F__) && !defined(GYROSPARK_PLAIN) && !GS_WIDE_REAL
+    __asm__("" : "+v"(value));
+#endif
+    return value;
+}
+#endif
+
 #if GS_COMPENSATED_LANES
 #if GS_WIDE_REAL
 /* Prevents the contraction of a product and a sum into an fma: volatile. */
