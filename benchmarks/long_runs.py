@@ -44,7 +44,7 @@ COMPARED = 1000
 #: CPU seconds of a run; a program that needs more takes fewer steps.
 MOST_SECONDS = 60.0
 #: Pieces of a run: how the bodies move at the end of each.
-Pieces = Callable[[int, int], Iterator[Mapping[str, SceneMotion]]]
+Pieces = Callable[[int, int], Iterator[Mapping[str, SceneMotion] | tuple[Array, Array]]]
 
 
 @dataclass(frozen=True, eq=False)
