@@ -183,8 +183,8 @@ _STATIC_FUNCTION = re.compile(
 #: Flags to compile with instead, until no instruction is left: without joining elements to
 #: permutations, which costs next to nothing; without vectorising, of which nothing is left to join.
 #: Less is then known of variables, and gcc takes some for uninitialised that it did not before; and
-#: of vectors that it does not join gcc 12 drops stores as dead that are read later, or reads what was
-#: there before: by their types, its analysis across functions (ipa-modref) takes them for others.
+#: of vectors that it does not join gcc 12 drops stores as dead that are read later, or reads what
+#: was there before: its analysis across functions (ipa-modref) tells memory apart by types.
 WITHOUT_PERMUTATIONS = (
     ["-fno-tree-forwprop", "-fno-tree-dse", "-fno-strict-aliasing", "-Wno-error"],
     ["-fno-tree-forwprop", "-Wno-error", "-fno-tree-vectorize", "-fno-tree-slp-vectorize"],
