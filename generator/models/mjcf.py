@@ -39,7 +39,7 @@ from .mjcf_robot import (
     read_mjcf_robot,
 )
 from .robot_visuals import Look, draw
-from .urdf import Names, coordinate_value, plain_name, system_name
+from .urdf import Close, Names, coordinate_value, plain_name, system_name
 from .urdf_robot import (
     IDENTITY,
     Placement,
@@ -48,7 +48,7 @@ from .urdf_robot import (
     stiffness_of_limits,
     turn,
 )
-from .urdf_tree import combine
+from .urdf_tree import Mount, combine
 
 __all__ = ["parse_mjcf", "read_mjcf_settings"]
 
@@ -60,8 +60,12 @@ _SAME = 1e-12
 def parse_mjcf(
     text: str, path: str | Path, *, keyframe: Any = None, angles: Any = None, rates: Any = None,
     ignore: Any = (), gravity: Any = None, rep: Any = "gamma", limits: Any = None,
+    close: Close | None = None,
 ) -> Multibody:
-    """Return the bodies and joints of a text that was read from a file; see ``read_mjcf``."""
+    """Return the bodies and joints of a text that was read from a file; see ``read_mjcf``.
+
+    ``close`` may add to them what closes loops, knowing where each body is.
+    """
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
     weight, stiffness = optional_vector("gravity", gravity), stiffness_of_limits(limits)
@@ -75,13 +79,18 @@ def parse_mjcf(
         refuse_extras(robot.extras, EXTRAS, left_out)
         if weight is not None:
             robot.gravity = weight
-        return _Builder(robot, _start(robot, keyframe, angles, rates), rep, file).build()
+        made = _Builder(robot, _start(robot, keyframe, angles, rates), rep, file)
+        builder = made.build()
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
+    if close is not None:
+        close(builder, made.mounts())
+    return builder
 
 
 def read_mjcf_settings(
-    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
+    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str],
+    close: Close | None = None,
 ) -> Multibody:
     """Return the bodies and joints of a text, with settings as a command has them.
 
@@ -103,7 +112,7 @@ def read_mjcf_settings(
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
             options[kind][name] = _numbers(value) if "," in value else _number(value)
-    return parse_mjcf(text, path, **options)
+    return parse_mjcf(text, path, close=close, **options)
 
 
 def _numbers(text: str) -> list[Any]:
@@ -329,6 +338,16 @@ class _Builder:
             place = self.robot.bodies[body].place.then(place)
             body = self.robot.bodies[body].above
         return place
+
+    def mounts(self) -> dict[str, Mount]:
+        """Return where each body of the file is, in what moves with it and in space."""
+        found = {}
+        for k, body in enumerate(self.robot.bodies):
+            limb, space = self.robot.limb(k), self.poses.bodies[k]
+            inner = self._inner(k, limb)
+            found[body.name] = Mount(
+                self.frames[limb], Placement(inner.x - self.centres[limb], inner.R), space)
+        return found
 
     def _body(self, limb: int, motion: tuple[Array, Array]) -> None:
         robot = self.robot

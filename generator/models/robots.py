@@ -140,7 +140,7 @@ def read_mjcf(
     path: str | Path, *, keyframe: str | int | None = None,
     angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
-    limits: float | None = None,
+    limits: float | None = None, loops: str | Path | None = None,
 ) -> Multibody:
     """Return the bodies, joints and actuators of an MJCF file, to which more can be added.
 
@@ -165,6 +165,8 @@ def read_mjcf(
     limits : float, optional
         Stiffness of elastic ends of the ranges of joints, as for ``read_urdf``. Ranges of tendons
         and efforts are among the limits to ignore still.
+    loops : path, optional
+        A TOML file with more joints between bodies of the file, as for ``read_urdf``.
 
     Returns
     -------
@@ -178,17 +180,15 @@ def read_mjcf(
     InputError
         With file, line, and cure.
     """
-    file = as_path("path", path, "robot.xml")
-    return _located(parse_mjcf(model_text(file), file, keyframe=keyframe, angles=angles,
-                               rates=rates, ignore=ignore, gravity=gravity, rep=rep,
-                               limits=limits), file)
+    return _read_mjcf(path, loops, keyframe=keyframe, angles=angles, rates=rates, ignore=ignore,
+                      gravity=gravity, rep=rep, limits=limits)[0]
 
 
 def load_mjcf(
     path: str | Path, *, keyframe: str | int | None = None,
     angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
     ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
-    limits: float | None = None,
+    limits: float | None = None, loops: str | Path | None = None,
 ) -> Model:
     """Return the model of a robot in MJCF: ``read_mjcf(...).model()``, with its arguments.
 
@@ -200,9 +200,19 @@ def load_mjcf(
     InputError
         With file, line, and cure.
     """
-    return _without_redundant(read_mjcf(path, keyframe=keyframe, angles=angles, rates=rates,
-                                        ignore=ignore, gravity=gravity, rep=rep,
-                                        limits=limits), path)
+    build, closing = _read_mjcf(path, loops, keyframe=keyframe, angles=angles, rates=rates,
+                                ignore=ignore, gravity=gravity, rep=rep, limits=limits)
+    return _without_redundant(build, path) if closing is None else closing.model(build)
+
+
+def _read_mjcf(
+    path: str | Path, loops: str | Path | None, **options: Any
+) -> tuple[Multibody, Loops | None]:
+    """Return a robot, and the joints that a file adds to it."""
+    file = as_path("path", path, "robot.xml")
+    closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
+    return _located(parse_mjcf(model_text(file), file, close=closing.close if closing else None,
+                               **options), file), closing
 
 
 def read_sdf(
@@ -288,14 +298,14 @@ def robot_model(
     kind = _outermost(text, path) if str(path).endswith(".xml") else Path(path).suffix[1:]
     if kind == "sdf":
         return _without_redundant(read_settings(text, path, rep, settings, parse=parse_sdf), path)
-    if kind not in ("robot", "urdf"):
-        return _without_redundant(read_mjcf_settings(text, path, rep, settings), path)
     own = dict(settings)
     loops = read_loops(own.pop("loops")) if "loops" in own else None
-    build = read_settings(text, path, rep, own, loops.close if loops else None)
+    urdf = kind in ("robot", "urdf")
+    read = read_settings if urdf else read_mjcf_settings
+    build = read(text, path, rep, own, loops.close if loops else None)
     if loops:
         return loops.model(build)
-    return _without_redundant(build, path) if _LOOP in text else build.model()
+    return build.model() if urdf and _LOOP not in text else _without_redundant(build, path)
 
 
 def _outermost(text: str, path: str | Path) -> str:
