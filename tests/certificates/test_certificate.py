@@ -79,8 +79,10 @@ def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
 # ---------------------------------------------------------------- what holds
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 1), ("G-L", 3), ("LIIIA-B", 4)])
-@pytest.mark.parametrize("rep", ["gamma", "alpha"])
+@pytest.mark.parametrize(("scheme", "stages", "rep"), [
+    ("G-L", 1, "gamma"), ("G-L", 3, "alpha"), ("LIIIA-B", 4, "gamma"),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("G-L", 1, "alpha"), ("G-L", 3, "gamma"), ("LIIIA-B", 4, "alpha")))])
 def test_spark_on_the_fast_top(scheme, stages, rep):
     found = gs.certify(TOP, scheme, stages, rep=rep)
     assert found.holds

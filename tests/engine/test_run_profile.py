@@ -52,6 +52,9 @@ def models():
 
 
 MODELS = models()
+EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name in ("forces EMS", "free IMS")))
+         for name in MODELS]
+every_model = pytest.mark.parametrize("name", EVERY)
 
 
 @cache
@@ -163,7 +166,7 @@ def programs(tmp_path_factory):
 AUTO, NEWTON, FIXED_POINT = 0, 1, 2
 
 
-@pytest.mark.parametrize("name", MODELS)
+@every_model
 def test_newton_is_that_of_the_full_stepper(name, programs):
     """Rows, iterations, work and records, to the bit."""
     own, full = programs(name, "run"), programs(name, "full")
@@ -172,7 +175,7 @@ def test_newton_is_that_of_the_full_stepper(name, programs):
     assert status == 0
 
 
-@pytest.mark.parametrize("name", MODELS)
+@every_model
 def test_steps_are_those_of_the_full_stepper(name, programs):
     """Where sweeps end does not depend on where they began, but for rounding, which adds up."""
     own, full = programs(name, "run"), programs(name, "full")
@@ -191,7 +194,7 @@ def test_steps_are_those_of_the_full_stepper(name, programs):
         assert 0 < record["newton_steps"] <= 2 * ROWS
 
 
-@pytest.mark.parametrize("name", MODELS)
+@every_model
 def test_any_split_is_a_run_to_the_bit(name, programs):
     own = programs(name, "run")
     for solver in (AUTO, NEWTON):
@@ -201,7 +204,7 @@ def test_any_split_is_a_run_to_the_bit(name, programs):
         assert held == [of_run[0][-n:], of_run[1][-n:], of_run[-1]]
 
 
-@pytest.mark.parametrize("name", [name for name in MODELS if name not in (
+@pytest.mark.parametrize("name", [name for name in EVERY if name.values[0] not in (
     "long steps", "LIIIA-B3 long-double")])
 def test_sweeps_are_those_of_profile_control(name, programs):
     own, control = programs(name, "run"), programs(name, "control")

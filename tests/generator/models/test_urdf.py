@@ -158,12 +158,21 @@ def test_a_floating_base_falls_and_turns(arm):
     assert np.abs(done.energies - done.energies[0]).max() <= 1e-9 * np.abs(done.energies).max()
 
 
+FOLLOWERS = """<link name="slider"><inertial><mass value="1.2"/>
+  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.3"/></inertial></link>
+  <link name="rim"><inertial><mass value="0.4"/>
+  <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="slide-1" type="prismatic"><parent link="arm"/><child link="slider"/>
+  <axis xyz="0 0.6 0.8"/><mimic joint="shoulder" multiplier="-0.2" offset="0.05"/></joint>
+  <joint name="wheel" type="continuous"><parent link="slider"/><child link="rim"/>
+  <axis xyz="1 0 0"/><mimic joint="shoulder" multiplier="3"/></joint></robot>
+"""
+
+
 def test_followers_follow(tmp_path):
     """<mimic>: half the angle, and a sixth of a metre, of another joint."""
-    path = changed(
-        tmp_path, ('<axis xyz="0 0.6 0.8"/>', '<axis xyz="0 0.6 0.8"/>'
-                   '<mimic joint="shoulder" multiplier="-0.2" offset="0.05"/>'),
-        ('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="shoulder" multiplier="3"/>'))
+    path = tmp_path / "followers.urdf"
+    path.write_text(HINGE.replace("</robot>", FOLLOWERS), encoding="utf-8")
     model = gs.load_urdf(path, ignore="limits", angles={"shoulder": 0.5}, rates={"shoulder": 2.0})
     assert model.system.m == 20
     step = gs.stepper("G-L", 2, system=model.system)
@@ -216,12 +225,15 @@ def test_angles_beyond_a_turn_warn(arm, gyrospark):
 
 def test_the_command_runs_it(arm, gyrospark):
     """By name, with settings; what is there and not ignored is told in a sentence."""
+    arm.write_text(HINGE.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><limit lower="-1" '
+                                 'upper="1" effort="9" velocity="9"/>'), encoding="utf-8")
+
     def run(*settings):
         options = [part for setting in settings for part in ("--set", setting)]
         return gyrospark("run", arm, "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
                          "20", "--json", *options)
 
-    done = run("ignore=limits", "shoulder=0.4", "wheel.rate=3")
+    done = run("ignore=limits", "shoulder=0.4", "shoulder.rate=3")
     assert done.code == 0, done.stderr
     assert done.document["steps"] == 20
     for settings, said in [

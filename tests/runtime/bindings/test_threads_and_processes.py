@@ -54,15 +54,15 @@ def test_threads_that_make_the_same_stepper_at_once(monkeypatch, tmp_path):
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
     step_type = gs.Stepper
-    together = threading.Barrier(8)
+    together = threading.Barrier(4)
 
     def make(_: int) -> bytes:
         together.wait()
         step = step_type("heavy_top_ims_gamma", files)
         return step.step(TOP.q0, TOP.p0, **RUN)[0].tobytes()
 
-    with ThreadPoolExecutor(8) as pool:
-        assert len(set(pool.map(make, range(8)))) == 1
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(pool.map(make, range(4)))) == 1
     assert {path.suffix for path in tmp_path.iterdir()} == {".so", ".json"}
 
 
