@@ -130,7 +130,8 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
 
 def main() -> None:
     folder, kills, seed, *command = sys.argv[1:]
-    import gyrospark.commands  # before the forks
+    import gyrospark.commands.run.command  # before the forks
+    import gyrospark.commands.sweep
     import gyrospark.storage.record
     import gyrospark.sweeps.tiles
 

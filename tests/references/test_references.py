@@ -118,9 +118,9 @@ def test_the_script_gives_the_stored_digits(name):
     assert found["values"] == dict(REFERENCES[name].truth.values)
 
 
-#: Dear ones, and Andrews' mechanism, which tests/generator/systems/test_lagrangian.py runs: by
-#: ``-m slow``.
-SLOW = ("andrews", "four-bars-40", "parallelogram")
+#: Dear ones, of loops that are closed alike all but one, and Andrews' mechanism, which
+#: tests/generator/systems/test_lagrangian.py runs: by ``-m slow``.
+SLOW = ("andrews", "bricard", "four-bar", "four-bars-40", "parallelogram")
 
 
 @pytest.mark.parametrize("name", [
