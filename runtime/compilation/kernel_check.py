@@ -44,6 +44,9 @@ RANGES = ((-1.0, 1.0), (0.25, 1.0), (0.0, 0.0625))
 #: Of constants and parameters, most of which are positive.
 POSITIVE = (0.25, 1.0)
 
+#: Functions around the kernels are compiled for size, which takes less time.
+_COLD = "static __attribute__((cold, noinline)) "
+
 
 @dataclass(frozen=True)
 class KernelMismatch:
@@ -83,11 +86,29 @@ class CheckFunction:
         sizes = [f"{{ {len(inputs_of(kernel))}, {len(outputs_of(kernel))} }}"
                  for kernel in self.kernels]
         get = "lane_get(y + e, l)" if lanes else "y[e]"
-        put = ("lane_set(x + e, l, (real)in[(i + l)*size[0] + e]);" if lanes
-               else "x[e] = (real)in[(i + l)*size[0] + e];")
+        put = ("lane_set(x + e, l, (real)in[l*size + e]);" if lanes
+               else "x[e] = (real)in[l*size + e];")
         cases = "".join(self._case(number, kernel) for number, kernel in enumerate(self.kernels))
         return f"""
 /* For the check of this object: values of one kernel, its inputs and outputs in rows. */
+{_COLD}void set_{self.kind}({value} *x, int size, const double *in)
+{{
+    for (int e = 0; e < size; ++e)
+        for (int l = 0; l < {step}; ++l)
+            {put}
+}}
+
+{_COLD}void get_{self.kind}(
+    const {value} *y, int size, double *high, double *low)
+{{
+    for (int e = 0; e < size; ++e)
+        for (int l = 0; l < {step}; ++l) {{
+            const real value = {get};
+            high[l*size + e] = (double)value;
+            low[l*size + e] = (double)(value - (real)(double)value);
+        }}
+}}
+
 {self.declaration}
 {self.declaration[:-1]}
 {{
@@ -95,19 +116,12 @@ class CheckFunction:
     const int *size = sizes[kernel];
     {value} *x = memory, *y = x + size[0];
     for (long i = 0; i < points; i += {step}) {{
-        for (int e = 0; e < size[0]; ++e)
-            for (int l = 0; l < {step}; ++l)
-                {put}
+        set_{self.kind}(x, size[0], in + i*size[0]);
         switch (kernel) {{
 {cases}        default:
             break;
         }}
-        for (int e = 0; e < size[1]; ++e)
-            for (int l = 0; l < {step}; ++l) {{
-                const real value = {get};
-                high[(i + l)*size[1] + e] = (double)value;
-                low[(i + l)*size[1] + e] = (double)(value - (real)(double)value);
-            }}
+        get_{self.kind}(y, size[1], high + i*size[1], low + i*size[1]);
     }}
 }}
 """
@@ -145,12 +159,12 @@ class CheckFunction:
         return _block(number, [*lines, f"y[0] = {call}" if "" in kernel.outputs else call])
 
 
-_CLEAR = """
-static void clear(void *memory, size_t size)
-{
+_CLEAR = f"""
+{_COLD}void clear(void *memory, size_t size)
+{{
     for (size_t i = 0; i < size; ++i)
         ((unsigned char *)memory)[i] = 0;
-}
+}}
 """
 
 
