@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.real_types import REALS
+from ..compilation.call_stack import on_large_stack
 from ..compilation.newton_library import checked
 from .array_checks import as_array, as_numbers, converted_to
 from .inputs import Inputs
@@ -67,6 +68,9 @@ class Compiled:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         self._functions: dict[str, Callable[..., Any]] = {}
         self._newton_apart = hasattr(self.lib, f"{name}_newton_table")
+        frames = getattr(module, "frames", None)
+        #: Bytes of stack that calls take at most; work memory is larger than all their arrays.
+        self.frames: int = 2 * self.ffi.sizeof(f"{name}_work") if frames is None else frames
         real = REALS[manifest["real"]]
         self.c_type, self.dtype = real.c_type, real.dtype
         self._reals = None if self.dtype is object else self.ffi.typeof(f"{self.c_type}[]")
@@ -120,7 +124,8 @@ class Compiled:
         found = self._functions.get(name)
         if found is None:
             made = self._function(name)
-            found = self._functions[name] = checked(made) if self._newton_apart else made
+            made = checked(made) if self._newton_apart else made
+            found = self._functions[name] = on_large_stack(made, self.frames)
         return found
 
     def _function(self, name: str) -> Callable[..., Any]:

@@ -5,6 +5,7 @@
     body_columns      columns of bodies and joints in the arrays of a run
     object_files      objects that compile side by side; vector instructions that gcc gets wrong
     newton_library    Newton's method as a shared library that is compiled when it is needed
+    call_stack        bytes of stack of compiled functions; calls that take more than a thread has
     quad_wrapper      declarations of a float128 stepper for cffi
     kernel_text       the kernels in C, read back and evaluated by NumPy or mpmath
     kernel_check      compiled kernels beside these values

@@ -34,7 +34,7 @@ import platformdirs
 
 from ...core.errors import GyrosparkError
 from ...core.warnings import warn
-from . import kernel_check, kernel_text, newton_library, object_files, quad_wrapper
+from . import call_stack, kernel_check, kernel_text, newton_library, object_files, quad_wrapper
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .object_files import Part
 
@@ -106,8 +106,8 @@ def binary_key(files: dict[str, str], compiler: Compiler, part: Part = "runs") -
             "files": files,
             "part": part,
             "made by": [Path(str(module.__file__)).read_text(encoding="utf-8")
-                        for module in (kernel_check, kernel_text, newton_library, object_files,
-                                       quad_wrapper)],
+                        for module in (call_stack, kernel_check, kernel_text,
+                                       newton_library, object_files, quad_wrapper)],
             "command": compiler.command,
             "version": compiler.version,
             "flags": [compiler.flags, compiler.seldom_flags, compiler.link_flags, STRICT_FLAGS,

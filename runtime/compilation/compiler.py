@@ -21,7 +21,7 @@ import numpy as np
 
 from ...core.errors import CompilerError, InputError
 from ...core.real_types import REALS, Real
-from . import newton_library
+from . import call_stack, newton_library
 from .kernel_check import CheckFunction, check_functions, check_text
 from .kernel_text import kernels_of
 from .object_files import (
@@ -213,7 +213,7 @@ def compile_module(
     declarations = read_declarations(files[f"{name}.h"])
     if is_quad(declarations):
         _refuse_without_quad(compiler, folder)
-    compile_ = [*compiler.command, *compiler.flags,
+    compile_ = [*compiler.command, *compiler.flags, *call_stack.FLAGS,
                 *(EXTENDED_FLAGS if _extended(declarations) else STRICT_FLAGS)]
     running, linked = [], ["wrapper.o"]
     kernels = kernels_of(files[f"{name}.c"])

@@ -57,9 +57,9 @@ def load_module(name: str, files: dict[str, str], part: Part = "runs") -> Any:
 
 def _load_compiled(name: str, files: dict[str, str], compiler: Compiler, part: Part) -> Any:
     path = _path_of(name, files, compiler, part)
-    if _is_whole(path):
+    if record := _record(path):
         with contextlib.suppress(ImportError):  # another system's library is gone, say
-            return import_module(name, path, part)
+            return _with_frames(import_module(name, path, part), record)
     what = name + {"runs": "", "lanes": " for ensembles", "newton": ": Newton's method",
                    "derivatives": ": derivatives",
                    "second": ": second derivatives"}[part]
@@ -69,7 +69,13 @@ def _load_compiled(name: str, files: dict[str, str], compiler: Compiler, part: P
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
         path = publish(built, path.name)  # elsewhere, if the folder cannot be used
         publish(proof, _record_of(path).name)
-    return loaded(name, path, compiler, part)
+    return _with_frames(loaded(name, path, compiler, part), record)
+
+
+def _with_frames(module: Any, record: dict[str, Any]) -> Any:
+    """Return a module that knows how much stack its calls take; None if that is not known."""
+    module.frames = record.get("frames")
+    return module
 
 
 def provenance(files: dict[str, str]) -> dict[str, str]:
@@ -111,10 +117,13 @@ def _checksum(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _is_whole(path: Path) -> bool:
-    """Whether a module is in the cache, as it was published when checked, and by nobody else."""
+def _record(path: Path) -> dict[str, Any]:
+    """Return the record of a module in the cache.
+
+    An empty one unless the module is as it was published when checked, and by nobody else.
+    """
     try:
-        record = json.loads(_record_of(path).read_text(encoding="utf-8"))
-        return is_trusted(path) and bool(record["sha256"] == _checksum(path))
+        record: dict[str, Any] = json.loads(_record_of(path).read_text(encoding="utf-8"))
+        return record if is_trusted(path) and record["sha256"] == _checksum(path) else {}
     except (OSError, ValueError, TypeError, KeyError):
-        return False
+        return {}

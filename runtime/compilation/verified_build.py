@@ -13,6 +13,7 @@ from typing import Any
 from ...core.errors import CompilerError
 from ...core.real_types import REALS
 from ...core.warnings import warn
+from .call_stack import frames_of
 from .compiler import Compiler, compile_module, module_name
 from .kernel_check import KernelMismatch, differences
 from .newton_library import open_library
@@ -37,8 +38,8 @@ def compile_verified(
     Returns
     -------
     Path, dict
-        The module, and what is recorded beside it: further flags; kernel → outputs compared; those
-        left out, because their values are finite at no random point.
+        The module, and what is recorded beside it: further flags; kernel → outputs compared; bytes
+        of stack; kernels left out, because their values are finite at no random point.
 
     Raises
     ------
@@ -60,6 +61,7 @@ def compile_verified(
                      "agrees. Another version of the compiler may need no such flags.")
             left_out = [k for k in manifest["operations"] if not compared.get(k)]
             return built, {"flags": list(flags), "kernels": compared,
+                           "frames": frames_of(inside),
                            "left_out": left_out if part == "runs" else []}
         first = first or found
     raise CompilerError(

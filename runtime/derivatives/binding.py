@@ -41,6 +41,7 @@ class DerivativeBinding:
 
     def __init__(self, own: Binding, primal: Binding, keeps_momentum: bool) -> None:
         self.own, self.primal = own, primal
+        own.frames += primal.frames  # for integrate_and_keep, which calls the other module
         self.n = own.n
         #: Whether the scheme keeps f(q, p) = 0.
         self.keeps_momentum = keeps_momentum

@@ -281,7 +281,7 @@ def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
         for path in kept(own_cache):  # appeared whole or not at all
             assert path.read_bytes().startswith(b"\x7fELF")
             if path.with_name(path.name + ".json").is_file():
-                assert stepper_module._is_whole(path)
+                assert stepper_module._record(path)
         if rng.random() < 0.3:
             done = build(own_cache, quick)
             assert done.returncode == 0, done.stderr
@@ -322,7 +322,7 @@ def test_many_processes_at_once(many, own_cache, quick):
     assert len({stdout for stdout, _ in said}) == 1
     assert not any(stderr for _, stderr in said)
     (only,) = kept(own_cache)
-    assert stepper_module._is_whole(only)
+    assert stepper_module._record(only)
     assert not list(own_cache.glob("build-*"))
 
 
@@ -379,7 +379,7 @@ def test_damaged_module_is_built_anew(damage, built, own_cache):
     done = build(own_cache, "cc")
     assert (done.returncode, done.stdout) == (0, expected), done.stderr
     (only,) = kept(own_cache)
-    assert stepper_module._is_whole(only)
+    assert stepper_module._record(only)
 
 
 @pytest.mark.parametrize("proof", [
@@ -614,7 +614,7 @@ def test_what_is_published_is_written_by_nobody_else(own_cache, quick, monkeypat
     for path in (own_cache, built, text):
         assert not path.stat().st_mode & 0o022
         assert build_cache.distrusted(path) == ""
-    assert stepper_module._is_whole(built)
+    assert stepper_module._record(built)
     assert build_cache.read_cache(text.name) == ["text"]
 
 
@@ -633,7 +633,7 @@ def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_
         else:
             path.chmod(0o764 if planted == "group writes" else 0o746)
         assert build_cache.distrusted(path) != ""
-        assert not stepper_module._is_whole(path)
+        assert not stepper_module._record(path)
     assert build_cache.read_cache("text.source.json") is None
     monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("built anew"))
     with pytest.raises(pytest.fail.Exception, match="built anew"):
@@ -655,7 +655,7 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
     tmp_path.chmod(above)
     if owner is not None:
         os.chown(own_cache, owner, owner)
-    assert stepper_module._is_whole(built) is trusted
+    assert bool(stepper_module._record(built)) is trusted
     assert (build_cache.read_cache(text.name) == ["text"]) is trusted
     if trusted:
         with build_cache.build_folder():

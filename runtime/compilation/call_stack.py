@@ -1,0 +1,101 @@
+"""How much stack compiled functions take, and calls on a stack that has as much.
+
+Frames of a step grow with the number of bodies: those of a thousand take 7 MB, where a thread has
+8 MB or less. The compiler reports the frame of each function (``-fstack-usage``). No function calls
+itself, so that the sum over all functions of a module bounds what any call takes; it is recorded
+beside the module. A call that may not fit runs in a thread of its own, with a stack that is large
+enough. Memory of a stack is taken where it is used.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+try:
+    import resource
+except ImportError:  # on Windows
+    resource = None  # type: ignore[assignment]
+
+__all__ = ["FLAGS", "frames_of", "on_large_stack"]
+
+#: Has the compiler write the frame of each function beside an object.
+FLAGS = ["-fstack-usage"]
+#: For Newton's method, whose frames have numbers where the iteration has lanes, and for Python.
+_MORE, _PYTHON = 1.5, 2**20
+#: Calls that take less fit anywhere.
+_SMALL = 2**16
+#: Stacks of threads are multiples of it.
+_PAGE = 2**16
+_starting = threading.Lock()
+
+
+def frames_of(folder: Path) -> int | None:
+    """Return the sum over the functions of the objects in a folder; None if it is not known."""
+    lines = [line for file in folder.glob("*.su") for line in file.read_text(
+        encoding="utf-8", errors="replace").splitlines()]
+    return sum(int(line.rsplit("\t", 2)[1]) for line in lines) if lines else None
+
+
+def on_large_stack(function: Callable[..., Any], frames: int) -> Callable[..., Any]:
+    """Return a compiled function that is called in a thread of its own where it takes one.
+
+    ``frames`` is the number of bytes that its calls take at most.
+    """
+    if frames < _SMALL:
+        return function
+
+    def call(*arguments: Any) -> Any:
+        if _MORE * frames <= _available() / 2:
+            return function(*arguments)
+        return _in_thread(function, arguments, int(_MORE * frames) + _PYTHON)
+
+    return call
+
+
+def _available() -> int:
+    """Return the size of the stack of this thread."""
+    if resource is None:
+        return 2**20
+    limit = resource.getrlimit(resource.RLIMIT_STACK)[0]
+    limit = 2**21 if limit == resource.RLIM_INFINITY else limit
+    if threading.current_thread() is threading.main_thread():
+        return limit
+    is_glibc = str(sys.thread_info.version).startswith("NPTL")
+    return threading.stack_size() or (limit if is_glibc else 2**19)
+
+
+def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: int) -> Any:
+    """Return what a function returns in a thread with that stack; raise what it raises there.
+
+    An interrupt waits for its end, as it does for a compiled function in the main thread.
+    """
+    found: list[Any] = []
+    raised: list[BaseException] = []
+    context = contextvars.copy_context()
+
+    def run() -> None:
+        try:
+            found.append(context.run(function, *arguments))
+        except BaseException as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    with _starting:
+        before = threading.stack_size(-(-size // _PAGE) * _PAGE)
+        try:
+            thread.start()
+        finally:
+            threading.stack_size(before)
+    while thread.is_alive():
+        try:
+            thread.join()
+        except KeyboardInterrupt as interrupt:
+            raised.append(interrupt)
+    if raised:
+        raise raised[0]
+    return found[0]
