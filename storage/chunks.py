@@ -71,18 +71,19 @@ def _write(root: Path, chunk: Chunk) -> None:
         raise StorageError(f"The array {array.path!r} of {str(root)!r} is encoded in another way "
                            "than gyrospark does; choose another store.")
     path = root / array.path / array.metadata.encode_chunk_key(chunk.place)
-    durable_files.write_durably(path, _encoded(array, chunk.values))
+    durable_files.write_durably(path, *_encoded(array, chunk.values))
 
 
-def _encoded(array: zarr.Array[Any], values: NDArray[Any]) -> Bytes:
-    """Return the bytes of a chunk's file."""
+def _encoded(array: zarr.Array[Any], values: NDArray[Any]) -> tuple[Bytes, bytes]:
+    """Return the bytes of a chunk's numbers and their checksum.
+
+    Numbers of a whole chunk are written from where they are; others are filled up.
+    """
     kind = array.dtype.newbyteorder("<")
-    size = kind.itemsize * int(np.prod(array.chunks))
-    data = np.empty(size + _CHECKSUM, dtype=np.uint8)
-    numbers = data[:size].view(kind).reshape(array.chunks)
+    numbers = np.ascontiguousarray(values, dtype=kind)
     if values.shape != array.chunks:
-        numbers[...] = array.fill_value
-    numbers[tuple(map(slice, values.shape))] = values
-    checksum: int = google_crc32c.value(data[:size])
-    data[size:] = np.frombuffer(checksum.to_bytes(_CHECKSUM, "little"), dtype=np.uint8)
-    return data
+        numbers = np.full(array.chunks, array.fill_value, dtype=kind)
+        numbers[tuple(map(slice, values.shape))] = values
+    data = numbers.reshape(-1).view(np.uint8)
+    checksum: int = google_crc32c.value(data)
+    return data, checksum.to_bytes(_CHECKSUM, "little")

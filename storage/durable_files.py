@@ -47,7 +47,8 @@ class DurableStore(LocalStore):
     def _write(self, key: str, value: Buffer) -> None:
         path = self.root / key
         at_root = path.parent == self.root
-        write_durably(path, value.as_buffer_like(), _unlisted(self.root) if at_root else None)
+        write_durably(path, value.as_buffer_like(),
+                      workshop=_unlisted(self.root) if at_root else None)
 
     async def set_if_not_exists(self, key: str, value: Buffer) -> None:
         """Write a file unless it is there; there is one writer, see ``staging``."""
@@ -66,11 +67,14 @@ def _unlisted(root: Path) -> Path | None:
     return next((folder for folder in root.iterdir() if folder.is_dir()), None)
 
 
-def write_durably(path: Path, data: Any, workshop: Path | None = None) -> None:
-    """Write a file that is there whole, or not at all, and on the disk when this returns."""
+def write_durably(path: Path, *data: Any, workshop: Path | None = None) -> None:
+    """Write a file that is there whole, or not at all, and on the disk when this returns.
+
+    Its bytes are those of ``data``, one after the other.
+    """
     _make_folder(path.parent)
-    with atomic_file(path, workshop) as part:
-        part.write_bytes(data)
+    with atomic_file(path, workshop) as part, part.open("wb") as file:
+        file.writelines(data)
 
 
 @contextlib.contextmanager

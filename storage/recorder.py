@@ -6,6 +6,7 @@ and the checkpoint of the last row.
 
 from __future__ import annotations
 
+import queue
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -159,6 +160,18 @@ class Recorder:
         rows.multipliers[:1] = none
         return rows
 
+    def _next_block(self, writer: Writer) -> Rows:
+        """Return a block of rows to fill: one that is written, where there is one.
+
+        Its memory is in use already, where new memory costs as much as the steps.
+        """
+        try:
+            rows = writer.written.get_nowait()
+        except queue.Empty:
+            return self._empty()
+        rows.iterations[:] = 0
+        return rows
+
     def _read(self, first: int, count: int) -> Rows:
         """Return a block of rows with its stored part."""
         refuse_missing_blocks(self.path, self.group, first, first + count)
@@ -198,11 +211,12 @@ class Recorder:
         while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
             place = self.state.steps // run.every + 1 - self.first
             if place == self.block:
-                self._commit(writer)
+                self._commit(writer, reusable=True)
                 committed = time.monotonic()
                 if self._has_ended():
                     return
-                self.first, self.rows, place = self.first + self.block, self._empty(), 0
+                self.first, place = self.first + self.block, 0
+                self.rows = self._next_block(writer)
             self._advance(place, self.run if self.observer is None else self.observer.run)
             if self.observer is not None and self.observer.at_end:
                 return
@@ -281,8 +295,11 @@ class Recorder:
 
     # ------------------------------------------------------------ committing
 
-    def _commit(self, writer: Writer) -> None:
-        """Commit the filled part of the block, and the state of the run."""
+    def _commit(self, writer: Writer, *, reusable: bool = False) -> None:
+        """Commit the filled part of the block, and the state of the run.
+
+        The writer may give ``reusable`` rows back; whole blocks are not copied.
+        """
         found = self._commit_events()
         state, run = self.state, self.run
         count = self._states(state) - self.first
@@ -297,8 +314,7 @@ class Recorder:
             rows = Rows(*(getattr(rows, field.name)[:count].copy() for field in fields(Rows)))
         self.committed = pack(self.binding, kept)
         writer.put(Batch(self.first, count, rows, self.committed, self._run_attributes(kept),
-                         self.end,
-                         counts, found))
+                         self.end, counts, found, reusable))
 
     def _event_progress(self) -> EventProgress | None:
         """Return the event progress at the state; detection stops behind an end."""

@@ -42,6 +42,7 @@ class Batch:
     ``first`` begins a block of rows, of which none may be done; ``attributes`` are those of the
     store that change. ``end`` is the time of the last row where an event ended the run there.
     ``found`` has what has happened since the last commit, when there were ``counts`` of each event.
+    ``reusable`` rows are no longer needed when they are written.
     """
 
     first: int
@@ -52,6 +53,7 @@ class Batch:
     end: Array | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
     found: Mapping[str, Crossings] = field(default_factory=dict)
+    reusable: bool = False
 
 
 class Writer:
@@ -75,6 +77,8 @@ class Writer:
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
         self._queue: queue.Queue[Batch | None] = queue.Queue(maxsize=1)
+        #: Rows of whole blocks that are written, to be filled again.
+        self.written: queue.SimpleQueue[Rows] = queue.SimpleQueue()
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._work, name="gyrospark-writer", daemon=True)
 
@@ -109,6 +113,8 @@ class Writer:
                 try:
                     with storage_errors(self._path, CURE):
                         self._commit(batch)
+                    if batch.reusable:
+                        self.written.put(batch.rows)
                 except BaseException as error:
                     self._error = error
 
