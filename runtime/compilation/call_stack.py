@@ -26,7 +26,7 @@ __all__ = ["FLAGS", "frames_of", "on_large_stack"]
 #: Has the compiler write the frame of each function beside an object.
 FLAGS = ["-fstack-usage"]
 #: For Newton's method, whose frames have numbers where the iteration has lanes, and for Python.
-_MORE, _PYTHON = 1.5, 2**20
+_MORE, _PYTHON = 1.25, 2**20
 #: Calls that take less fit anywhere.
 _SMALL = 2**16
 #: Stacks of threads are multiples of it.
@@ -50,7 +50,7 @@ def on_large_stack(function: Callable[..., Any], frames: int) -> Callable[..., A
         return function
 
     def call(*arguments: Any) -> Any:
-        if _MORE * frames <= _available() / 2:
+        if _MORE * frames <= _available() - _PYTHON:
             return function(*arguments)
         return _in_thread(function, arguments, int(_MORE * frames) + _PYTHON)
 
