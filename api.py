@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ._version import __version__
 from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
 from .core.inertia import RepName
@@ -24,6 +23,7 @@ from .core.real_types import RealName
 from .core.registry import MODELS
 from .core.warnings import capture_warnings, warn
 from .engine.amalgamate import complete
+from .generator.fingerprint import generator_fingerprint
 from .generator.parsing.text_file import (
     UnusableFileError,
     is_robot,
@@ -391,7 +391,7 @@ def cached_model(name: str, options: Mapping[str, Any], make: Callable[[], Model
     from .generator.multibody.model import Model
     from .generator.systems.system_digest import system_digest
 
-    made_by = [name, options, sympy.__version__, _generator_fingerprint()]
+    made_by = [name, options, sympy.__version__, generator_fingerprint()]
     key = f"model-{digest(made_by)}.source.json"
     found = read_cache(key)
     if found is not None:
@@ -553,16 +553,7 @@ def checked_in_files(name: str) -> dict[str, str] | None:
 
 
 def _source_key(spec: Spec, *texts: object) -> str:
-    return digest([str(spec), *texts, _generator_fingerprint()])
-
-
-@cache
-def _generator_fingerprint() -> str:
-    """Return a hash of the generator's own text, so that no old source outlives a change to it."""
-    paths = [*(ROOT / "core").glob("*.py"), *(ROOT / "generator").rglob("*.py"),
-             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"),
-             ROOT / "engine" / "amalgamate.py"]
-    return digest([__version__, *(path.read_text(encoding="utf-8") for path in sorted(paths))])
+    return digest([str(spec), *texts, generator_fingerprint()])
 
 
 def _generate(

@@ -16,7 +16,10 @@ from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.lazy_imports import imported_for_good
 from ..core.progress import log_task
+from ..core.registry import MODELS
+from ..engine.amalgamate import complete
 from ..generator.codegen.profiles import PROFILES
+from ..generator.fingerprint import generator_fingerprint
 from ..generator.spec import PAPER_SPECS, Spec
 from ..runtime.compilation.manifest import manifest_warnings
 from .options import (
@@ -96,45 +99,52 @@ def write_stepper(
 ) -> None:
     """Generate, write, compile (where that is for Python) and report one stepper."""
     start = time.perf_counter()
+    named = spec.tableau is None and spec.model is None and spec.system not in MODELS
     with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
-        made = _generate(spec, allow_invalid, derivatives)
-        write_files(made.source.files(standalone=standalone), out)
+        if named and not derivatives:
+            files = _cached(spec)
+            written = complete(files) if standalone else files
+        else:
+            source = _generate(spec, allow_invalid, derivatives).source
+            files, written = source.files(), source.files(standalone=standalone)
+        write_files(written, out)
         derived = time.perf_counter()
+        name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
         if compile_it:
             from ..api import cache_files
             from ..runtime.compilation.stepper_module import load_module
 
-            load_module(made.source.name, made.source.files(),
-                        "derivatives" if derivatives else "runs")
-            if spec.tableau is None and spec.model is None and not derivatives:
-                cache_files(spec, made.source.files())
+            files = complete(files)
+            load_module(name, files, "derivatives" if derivatives else "runs")
+            if named and not derivatives:
+                cache_files(spec, files)
     done = time.perf_counter()
-    click.echo(summary(made, out, derived - start, done - derived if compile_it else None))
+    click.echo(summary(name, json.loads(files[f"{name}.json"]), out, derived - start,
+                       done - derived if compile_it else None))
 
 
-def summary(made: Generated, out: Path, derive: float, compile_seconds: float | None) -> str:
+def summary(
+    name: str, manifest: dict[str, Any], out: Path, derive: float, compile_seconds: float | None
+) -> str:
     """Return the properties of a generated stepper, in a few lines."""
-    scheme = made.scheme
-    operations = sum_operations(made.source.manifest)
-    said = manifest_warnings(json.loads(made.source.manifest))
-    remarks = "".join(f"  {part}: {remark}\n" for part, remark in said)
+    scheme, system = manifest["scheme"], manifest["system"]
+    remarks = "".join(f"  {part}: {remark}\n" for part, remark in manifest_warnings(manifest))
     seconds = f"derived and written in {derive:.2f} s"
     if compile_seconds is not None:
         seconds += f", compiled in {compile_seconds:.2f} s"
     return (
-        f"{made.source.name}: order {scheme.order}, {scheme.size} unknowns a step, "
-        f"{scheme.multipliers * scheme.system.m} multipliers\n"
+        f"{name}: order {scheme['order']}, {scheme['unknowns']} unknowns a step, "
+        f"{scheme['multipliers'] * len(system['constraints'])} multipliers\n"
         f"{remarks}"
-        f"  kernels: {operations}\n"
-        f"  {out / made.source.name}.h .c .json\n"
+        f"  kernels: {sum_operations(manifest)}\n"
+        f"  {out / name}.h .c .json\n"
         f"  {seconds}"
     )
 
 
-def sum_operations(manifest: str) -> str:
+def sum_operations(manifest: dict[str, Any]) -> str:
     """Return e.g. ``gradient 96, hessian 295 operations``."""
-    kernels = json.loads(manifest)["operations"]
-    counts = {name: sum(kinds.values()) for name, kinds in kernels.items()}
+    counts = {name: sum(kinds.values()) for name, kinds in manifest["operations"].items()}
     return ", ".join(f"{name} {count}" for name, count in counts.items()) + " operations"
 
 
@@ -183,6 +193,19 @@ def write_files(files: dict[str, str], out: Path) -> None:
             f"The output folder {str(out)!r} cannot be written: {error.strerror or error}; "
             "choose another with --out."
         ) from error
+
+
+def _cached(spec: Spec) -> dict[str, str]:
+    """Return the files of a named stepper whose C includes the engine, derived once and cached."""
+    from ..runtime.compilation.build_cache import digest, read_cache, write_cache
+
+    key = digest([str(spec), "without engine", generator_fingerprint()])
+    name = f"{spec.name}-{key}.source.json"
+    files: dict[str, str] | None = read_cache(name)
+    if files is None:
+        files = _generate(spec, allow_invalid=False).source.files(standalone=False)
+        write_cache(name, files)
+    return files
 
 
 def _generate(spec: Spec, allow_invalid: bool, derivatives: bool = False) -> Generated:

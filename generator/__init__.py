@@ -15,7 +15,7 @@
     schemes/       equations of a step; discrete gradients; structure for fixed-point iteration
     codegen/       kernels, tableau, templates and files of the engine to header, source, manifest
 
-Beside the packages: ``spec``, the checked request, and ``pipeline``.
+Beside the packages: ``spec``, the checked request, ``pipeline``, and ``fingerprint``, of this text.
 
 1. **specify**  command line or Python call → ``Spec``
 2. **system**   name, model file or Python → H(q, p), g(q) in normal form

@@ -13,6 +13,7 @@ import pytest
 
 import gyrospark as gs
 from command_line import EXAMPLE, FAILS, RUN, refused
+from gyrospark.commands import generate as command
 from gyrospark.commands.run.command import run
 from processes import ROOT, call, cli
 
@@ -364,6 +365,28 @@ def test_generated_files_are_the_checked_in_ones(generate):
     assert generate("--scheme", "IMS", "--no-compile", "--out", "here").code == 0
     for path in Path("here").iterdir():
         assert path.read_bytes() == (ROOT / "generated" / path.name).read_bytes()
+
+
+def test_named_stepper_is_derived_once(generate, monkeypatch, tmp_path):
+    """The text is cached without the engine, and is derived anew where the cache is damaged."""
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
+    derived, derive = [], command._generate
+    monkeypatch.setattr(command, "_generate",
+                        lambda *a, **k: (derived.append(a), derive(*a, **k))[1])
+
+    def written(*options):
+        answer = generate("--scheme", "IMS", "--no-compile", "--out", "here", *options)
+        assert "order 2, 9 unknowns" in answer.stdout
+        return {path.name: path.read_bytes() for path in Path("here").iterdir()}
+
+    assert written() == written()
+    alone = written("--standalone")["heavy_top_ims_gamma.c"]
+    assert len(derived) == 1
+    assert b'#include "gyrospark/' not in alone
+    (entry,) = (tmp_path / "cache").glob("*.source.json")
+    entry.write_bytes(entry.read_bytes().replace(b"constraint", b"construint"))
+    assert written("--standalone")["heavy_top_ims_gamma.c"] == alone
+    assert len(derived) == 2
 
 
 def test_check_says_up_to_date_or_shows_the_difference(generate):

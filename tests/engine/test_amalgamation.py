@@ -17,10 +17,11 @@ from calls import PARAMETERS
 from command_line import refused
 from compilers import MAIN, compiler
 from gyrospark import api
-from gyrospark.api import _generator_fingerprint, checked_in_files
+from gyrospark.api import checked_in_files
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.engine import amalgamate as engine
 from gyrospark.engine.amalgamate import FOLDER, amalgamate
+from gyrospark.generator.fingerprint import generator_fingerprint
 from gyrospark.runtime.compilation import prebuilt
 from gyrospark.runtime.compilation.build_cache import binary_key, digest
 from gyrospark.runtime.compilation.compiler import find_compiler
@@ -214,14 +215,14 @@ def test_a_changed_header_is_another_stepper(other_engine):
 
 def test_every_header_counts_in_the_fingerprint_of_generated_sources(monkeypatch):
     """So that no source that was kept outlives a change to any header."""
-    read, seen = type(ROOT).read_text, set()
+    read, seen = type(ROOT).read_bytes, set()
 
     def reads(path, *arguments, **named):
         seen.add(path)
         return read(path, *arguments, **named)
 
-    monkeypatch.setattr(type(ROOT), "read_text", reads)
-    _generator_fingerprint.__wrapped__()
+    monkeypatch.setattr(type(ROOT), "read_bytes", reads)
+    generator_fingerprint.__wrapped__()
     assert set(HEADERS) <= seen
 
 

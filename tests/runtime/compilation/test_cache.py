@@ -19,6 +19,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark import api
+from gyrospark.generator import fingerprint
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation import build_cache, compiler, stepper_module
 from processes import FAST_TOP, PATIENCE, ROOT, call, cli, environment
@@ -503,12 +504,12 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
                         ignore=shutil.ignore_patterns("__pycache__"))
 
     def key(spec=spec):
-        api._generator_fingerprint.cache_clear()
+        fingerprint.generator_fingerprint.cache_clear()
         return api._source_key(spec)
 
     here = key()
     with monkeypatch.context() as patch:
-        patch.setattr(api, "ROOT", tmp_path)
+        patch.setattr(fingerprint, "ROOT", tmp_path)
         keys = [key()]
         assert keys == [here]
         for path in (tmp_path / "templates" / "stepper.c.jinja",
@@ -519,7 +520,7 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
             keys.append(key())
         (tmp_path / "engine" / "gyrospark" / "engine.h").unlink()
         keys.append(key())
-        patch.setattr(api, "__version__", "99")
+        patch.setattr(fingerprint, "__version__", "99")
         keys.append(key())
         keys.append(key(Spec("IMS", None, "alpha", real="float")))
     assert len(set(keys)) == len(keys)

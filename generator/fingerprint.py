@@ -1,0 +1,25 @@
+"""A hash of the generator's own text, in the keys of what it has derived."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from .._version import __version__
+
+__all__ = ["generator_fingerprint"]
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@cache
+def generator_fingerprint() -> str:
+    """Return a hash of the generator's own text, so that no old source outlives a change to it."""
+    paths = [*(ROOT / "core").glob("*.py"), *(ROOT / "generator").rglob("*.py"),
+             *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"),
+             ROOT / "engine" / "amalgamate.py"]
+    found = hashlib.sha256(__version__.encode())
+    for path in sorted(paths):
+        found.update(path.read_bytes() + b"\0")
+    return found.hexdigest()
