@@ -16,10 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-try:
+if sys.platform != "win32":
     import resource
-except ImportError:  # on Windows
-    resource = None  # type: ignore[assignment]
 
 __all__ = ["FLAGS", "frames_of", "on_large_stack"]
 
@@ -59,7 +57,7 @@ def on_large_stack(function: Callable[..., Any], frames: int) -> Callable[..., A
 
 def _available() -> int:
     """Return the size of the stack of this thread."""
-    if resource is None:
+    if sys.platform == "win32":
         return 2**20
     limit = resource.getrlimit(resource.RLIMIT_STACK)[0]
     limit = 2**21 if limit == resource.RLIM_INFINITY else limit

@@ -97,7 +97,7 @@ class ChunkSize:
         seconds = self._clock() - self._began
         if seconds > _LOOK:
             self.most = max(1, int(steps * _LOOK / seconds))
-        elif steps >= self.most and seconds < _LOOK / 2:
+        elif 2 * steps > self.most and seconds < _LOOK / 2:  # whole multiples of ``every`` fit in
             self.most = min(2 * self.most, self._largest)
 
 

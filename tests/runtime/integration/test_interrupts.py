@@ -169,6 +169,21 @@ def test_pace_follows_what_steps_cost(monkeypatch):
     assert paces(3.0) == [16, *[1] * 11]
 
 
+@pytest.mark.parametrize("every", [3, 10, 100, 3000])
+def test_pace_grows_where_few_states_are_kept(every):
+    """A call does whole intervals between stored states, where these are shorter than a call."""
+    top, calls = gs.problems.fast_top(), []
+    step = gs.stepper("G-L", 2, rep="gamma")
+    integrate = step.binding.integrate
+    step.binding.integrate = lambda *a: (calls.append(a), integrate(*a))[1]
+    try:
+        step.integrate(top.q0, top.p0, dt=1e-3, steps=30000, every=every,
+                       parameters=top.parameters | {"gamma": "m"})
+    finally:
+        del step.binding.integrate
+    assert len(calls) < 30
+
+
 # ---------------------------------------------------------------- on the command line
 
 LONG = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
