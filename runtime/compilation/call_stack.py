@@ -26,7 +26,7 @@ FLAGS = ["-fstack-usage"]
 #: For Newton's method, whose frames have numbers where the iteration has lanes, and for Python.
 _MORE, _PYTHON = 1.25, 2**20
 #: Calls that take less fit anywhere.
-_SMALL = 2**16
+_SMALL = 2**18
 #: Stacks of threads are multiples of it.
 _PAGE = 2**16
 _starting = threading.Lock()

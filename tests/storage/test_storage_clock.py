@@ -48,9 +48,9 @@ def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypa
     monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: 1e6))
     commits, commit = [], recorder.Recorder._commit
 
-    def counted(course, writer):
+    def counted(course, writer, **how):
         commits.append(course.state.steps)
-        commit(course, writer)
+        commit(course, writer, **how)
 
     monkeypatch.setattr(recorder.Recorder, "_commit", counted)
     recorded(gl3, tmp_path / "run.zarr", **START, steps=3000, every=3)
