@@ -59,10 +59,10 @@ def cells(path: Path) -> list[str]:
 #: Of several bodies or schemes, derived for seconds each; the build runs them, too.
 LONG_PAGES = {f"gallery/{name}" for name in (
     "andrews", "bicycle", "car_axis", "cardan", "chain", "crane", "delta_robot", "dipoles",
-    "double_top", "energy", "four_bar", "gimbal", "kapitza", "kovalevskaya", "many_digits",
-    "rattleback", "reactions", "regular_precession", "robot_arm", "rolling_disc",
-    "satellite_with_wheel", "section", "slider_crank", "solar_panels", "three_wheels",
-    "work_and_precision")} | {"tutorials/reaction_wheels"}
+    "double_top", "energy", "fitted_top", "four_bar", "gimbal", "kapitza", "kovalevskaya",
+    "many_digits", "rattleback", "reactions", "regular_precession", "robot_arm", "rolling_disc",
+    "satellite_with_wheel", "section", "slew", "slider_crank", "solar_panels", "three_wheels",
+    "waters", "work_and_precision")} | {"tutorials/closed_loops", "tutorials/reaction_wheels"}
 
 
 @pytest.mark.parametrize("path", [
