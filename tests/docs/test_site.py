@@ -25,8 +25,6 @@ CELL = re.compile(r"^```\{code-cell\} python\n(?:---\n.*?^---\n|(?::.*\n)*)(.*?)
                   flags=re.DOTALL | re.MULTILINE)
 PAGES = [path for path in sorted(DOCS.rglob("*.md"))
          if "\n```{code-cell}" in path.read_text(encoding="utf-8")]
-#: A film of half a second has ten pictures, and shows as well that the cell works.
-SHORT_FILM = re.compile(r"(?<=\.gif\", )seconds=\d+")
 #: Types cells one after the other as Jupyter does: the last value of each is shown.
 RUNNER = """
 import ast, json, sys, warnings
@@ -53,7 +51,7 @@ def cells(path: Path) -> list[str]:
     text = path.read_text(encoding="utf-8")
     found = CELL.findall(text)
     assert len(found) == text.count("\n```{code-cell}")
-    return [SHORT_FILM.sub("seconds=0.5", cell) for cell in found]
+    return [documents.quick(cell) for cell in found]
 
 
 #: Of several bodies or schemes, derived for seconds each; the build runs them, too.
