@@ -25,8 +25,6 @@ CELL = re.compile(r"^```\{code-cell\} python\n(?:---\n.*?^---\n|(?::.*\n)*)(.*?)
                   flags=re.DOTALL | re.MULTILINE)
 PAGES = [path for path in sorted(DOCS.rglob("*.md"))
          if "\n```{code-cell}" in path.read_text(encoding="utf-8")]
-#: A film of half a second has ten pictures, and shows as well that the cell works.
-SHORT_FILM = re.compile(r"(?<=\.gif\", )seconds=\d+")
 #: Types cells one after the other as Jupyter does: the last value of each is shown.
 RUNNER = """
 import ast, json, sys, warnings
@@ -53,16 +51,16 @@ def cells(path: Path) -> list[str]:
     text = path.read_text(encoding="utf-8")
     found = CELL.findall(text)
     assert len(found) == text.count("\n```{code-cell}")
-    return [SHORT_FILM.sub("seconds=0.5", cell) for cell in found]
+    return [documents.quick(cell) for cell in found]
 
 
 #: Of several bodies or schemes, derived for seconds each; the build runs them, too.
 LONG_PAGES = {f"gallery/{name}" for name in (
     "andrews", "bicycle", "car_axis", "cardan", "chain", "crane", "delta_robot", "dipoles",
-    "double_top", "energy", "four_bar", "gimbal", "kapitza", "kovalevskaya", "many_digits",
-    "rattleback", "reactions", "regular_precession", "robot_arm", "rolling_disc",
-    "satellite_with_wheel", "section", "slider_crank", "solar_panels", "three_wheels",
-    "work_and_precision")} | {"tutorials/reaction_wheels"}
+    "double_top", "energy", "fitted_top", "four_bar", "gimbal", "kapitza", "kovalevskaya",
+    "many_digits", "rattleback", "reactions", "regular_precession", "robot_arm", "rolling_disc",
+    "satellite_with_wheel", "section", "slew", "slider_crank", "solar_panels", "three_wheels",
+    "waters", "work_and_precision")} | {"tutorials/closed_loops", "tutorials/reaction_wheels"}
 
 
 @pytest.mark.parametrize("path", [

@@ -104,6 +104,11 @@ class Typed:
         return next((why for pattern, why in NOT_RUN if re.search(pattern, self.text)), "")
 
 
+def quick(code: str) -> str:
+    """Return code whose films have four pictures, which show as well that it works."""
+    return re.sub(r"(?<=\.gif\", )seconds=\d+", "seconds=0.2", code)
+
+
 def blocks(path: Path, language: str) -> list[Typed]:
     """Return the fenced blocks of a document in a language ("" for none)."""
     text = path.read_text(encoding="utf-8")

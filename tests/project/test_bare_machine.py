@@ -176,7 +176,8 @@ class Machine:
     def read(self, blocks: list[documents.Typed]) -> list[list[str]]:
         """Type blocks of Python into one interpreter; return what stopped which."""
         done = self.warm.call(["-c", READER], self.environment(), cwd=self.folder,
-                              text=json.dumps([[block.where, block.text] for block in blocks]))
+                              text=json.dumps([[block.where, documents.quick(block.text)]
+                                               for block in blocks]))
         assert done.returncode == 0, done.stderr
         found: list[list[str]] = json.loads((self.folder / "stopped.json").read_text("utf-8"))
         return found
