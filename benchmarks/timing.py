@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from ..runtime.compilation.call_stack import thread_seconds
+
 __all__ = ["Clock", "Sample", "alternate", "repeated", "stopwatch", "with_children"]
 
 Clock = Callable[[], float]
@@ -46,7 +48,7 @@ def with_children() -> float:
     return time.process_time() + sum(os.times()[2:4])
 
 
-def stopwatch(job: Callable[[], object], clock: Clock = time.thread_time) -> float:
+def stopwatch(job: Callable[[], object], clock: Clock = thread_seconds) -> float:
     """Return the CPU seconds that this thread spends on a job."""
     start = clock()
     job()
@@ -66,7 +68,7 @@ def _often(job: Callable[[], object], times: int) -> Callable[[], object]:
 
 
 def alternate(
-    jobs: Mapping[str, Callable[[], object]], rounds: int, clock: Clock = time.thread_time
+    jobs: Mapping[str, Callable[[], object]], rounds: int, clock: Clock = thread_seconds
 ) -> dict[str, Sample]:
     """Run all jobs once a round, forwards and backwards by turns; return each job's times."""
     seconds: dict[str, list[float]] = {name: [] for name in jobs}

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextvars
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 if sys.platform != "win32":
     import resource
 
-__all__ = ["FLAGS", "frames_of", "on_large_stack"]
+__all__ = ["FLAGS", "frames_of", "on_large_stack", "thread_seconds"]
 
 #: Has the compiler write the frame of each function beside an object.
 FLAGS = ["-fstack-usage"]
@@ -30,6 +31,8 @@ _SMALL = 2**18
 #: Stacks of threads are multiples of it.
 _PAGE = 2**16
 _starting = threading.Lock()
+#: CPU seconds of the calls that this thread has made on large stacks.
+_elsewhere = threading.local()
 
 
 def frames_of(folder: Path) -> int | None:
@@ -37,6 +40,11 @@ def frames_of(folder: Path) -> int | None:
     lines = [line for file in folder.glob("*.su") for line in file.read_text(
         encoding="utf-8", errors="replace").splitlines()]
     return sum(int(line.rsplit("\t", 2)[1]) for line in lines) if lines else None
+
+
+def thread_seconds() -> float:
+    """Return the CPU seconds of this thread and of its calls on large stacks."""
+    return time.thread_time() + float(getattr(_elsewhere, "seconds", 0.0))
 
 
 def on_large_stack(function: Callable[..., Any], frames: int) -> Callable[..., Any]:
@@ -74,6 +82,7 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
     """
     found: list[Any] = []
     raised: list[BaseException] = []
+    seconds: list[float] = []
     context = contextvars.copy_context()
 
     def run() -> None:
@@ -81,6 +90,7 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
             found.append(context.run(function, *arguments))
         except BaseException as error:
             raised.append(error)
+        seconds.append(time.thread_time())
 
     thread = threading.Thread(target=run, daemon=True)
     with _starting:
@@ -94,6 +104,7 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
             thread.join()
         except KeyboardInterrupt as interrupt:
             raised.append(interrupt)
+    _elsewhere.seconds = getattr(_elsewhere, "seconds", 0.0) + seconds[0]
     if raised:
         raise raised[0]
     return found[0]

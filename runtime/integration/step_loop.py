@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError, StepFailed, Stopped
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ..bindings.binding import Binding
+from ..compilation.call_stack import thread_seconds
 from ..results.diagnostics import Report
 from ..results.run_arrays import States, defect_sizes
 from ..results.trajectory import Trajectory
@@ -73,14 +73,14 @@ class Rows:
 class ChunkSize:
     """How many steps compiled code does between two looks at signals: some tenths of a second.
 
-    Seconds of this thread, unless ``clock`` says otherwise: a machine that is busy elsewhere
+    CPU seconds of this thread, unless ``clock`` says otherwise: a machine that is busy elsewhere
     changes nothing.
     """
 
     def __init__(
         self, catch_signals: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
-        self._clock = clock or time.thread_time
+        self._clock = clock or thread_seconds
         self._largest = _CHUNK_WITH_EVENTS if catch_signals else _CHUNK
         self.most = min(FIRST_STEPS, self._largest)
         self._began: float | None = None

@@ -56,6 +56,14 @@ def test_a_frame_larger_than_the_stack_is_called_in_a_thread(deep):
     assert threading.stack_size() == before
 
 
+def test_seconds_of_calls_in_threads_are_counted(monkeypatch):
+    """What follows the time of steps, and benchmarks, sees those of another stack too."""
+    monkeypatch.setattr(call_stack, "_available", lambda: 0)
+    start = call_stack.thread_seconds()
+    call_stack.on_large_stack(lambda: sum(range(10**6)), 2**20)()
+    assert call_stack.thread_seconds() - start > 0.003
+
+
 def test_small_frames_are_called_as_they_are():
     assert call_stack.on_large_stack(abs, 1000) is abs
 

@@ -152,7 +152,7 @@ def test_sweep_in_memory_comes_with_its_cells():
 def test_pace_follows_what_steps_cost(monkeypatch):
     """From 16 steps to 4096 where they are quick; a tenth of a second where they are not."""
     now = [0.0]
-    monkeypatch.setattr(step_loop.time, "thread_time", lambda: now[0])
+    monkeypatch.setattr("time.thread_time", lambda: now[0])
 
     def paces(cost, pieces=12):
         pace, found = step_loop.ChunkSize(), []
