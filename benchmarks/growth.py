@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import GyrosparkError
-from ..generator.multibody.example_models import chain
+from ..generator.multibody.example_models import build_chain
 from ..generator.multibody.model import Model
 from ..generator.pipeline import Generated, generate
 from ..generator.spec import Spec
@@ -126,7 +126,7 @@ def grow(
     watch: Callable[[str], None] = lambda name: None,
 ) -> list[Size]:
     """Return a row for each number of bodies; runs of all sizes take turns."""
-    _generated(chain(1))  # imports, tableau and compiler are not a matter of size
+    _generated(build_chain(1))  # imports, tableau and compiler are not a matter of size
     made = []
     for count in counts:
         watch(f"chain of {count}: derive and compile")
@@ -167,7 +167,7 @@ def _make(count: int, rounds: int) -> _GeneratedChain:
     for _ in range(rounds):
         forget()
         start = time.process_time()
-        model = chain(count)
+        model = build_chain(count)
         middle = time.process_time()
         made = _generated(model)
         end = time.process_time()

@@ -245,13 +245,14 @@ def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
         raise InputError(f"A chain of {shown(count)} rods cannot be built; give a whole number "
                          f"from 1 to {MOST_RODS}.")
     if rods < _MANY_RODS or rep not in REPS:
-        return _chain(rods, rep)
+        return build_chain(rods, rep)
     model: Model = function_of("api", "cached_model")(
-        "chain", {"count": rods, "rep": rep}, partial(_chain, rods, rep))
+        "chain", {"count": rods, "rep": rep}, partial(build_chain, rods, rep))
     return model
 
 
-def _chain(rods: int, rep: RepName) -> Model:
+def build_chain(rods: int, rep: RepName = "gamma") -> Model:
+    """Return the chain of ``chain``, made anew: nothing is read from the cache."""
     build = Multibody(f"chain_{rods}", dt=0.002, steps=1000,
                       description=f"{rods} rods on ball joints.")
     above: Frame = build.ground
