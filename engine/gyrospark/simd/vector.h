@@ -219,8 +219,10 @@ INLINE real broadcast(real x)
  */
 INLINE lanes lanes_in_register(lanes value)
 {
-#if defined(__GNUC__) && defined(__AVX512F__) && !defined(GYROSPARK_PLAIN) && !GS_WIDE_REAL
+#if !GS_WIDE_REAL
+#if defined(__GNUC__) && defined(__AVX512F__) && !defined(GYROSPARK_PLAIN)
     __asm__("" : "+v"(value));
+#endif
 #endif
     return value;
 }
