@@ -143,11 +143,11 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
 
     write = durable_files.write_durably
 
-    def full(path, data, workshop=None):
+    def full(path, *data, workshop=None):
         full.left -= 1
         if full.left < 0:
             raise OSError(28, "No space left on device")
-        write(path, data, workshop)
+        write(path, *data, workshop=workshop)
 
     path = tmp_path / "s.zarr"
     monkeypatch.setattr(durable_files, "write_durably", full)

@@ -113,13 +113,12 @@ def test_clusters_stay_within_a_cell_and_keep_the_shape():
         axis=0)).max() < 1e-12
 
 
-def test_meshes_of_a_page_fit_and_are_decoded_to_their_digits(tmp_path, monkeypatch):
+def test_meshes_of_a_page_fit_and_are_decoded_to_their_digits(tmp_path):
     path = tmp_path / "a.stl"
     path.write_bytes(binary(sphere(40)))
     full, _ = read_meshes([str(path)], "full")
     assert len(full[str(path)].triangles) > 6000
-    monkeypatch.setattr("gyrospark.runtime.plotting.meshes.BUDGET", 6000)
-    small, refused = read_meshes([str(path), str(tmp_path / "b.dae")], "small")
+    small, refused = read_meshes([str(path), str(tmp_path / "b.dae")], "small", 6000)
     assert list(refused) == [str(tmp_path / "b.dae")]
     content = encoded(small[str(path)])
     assert 2000 < len(content["data"]) <= 6000
