@@ -44,7 +44,7 @@ def measure_bodies(problem: Reference, *, rounds: int = 3, quick: bool = False,
     quick : bool
         Two numbers of steps alone.
     watch : callable
-        Is told what is at work, and what is left out: the problem, a package, steps that fail.
+        Receives a line for each problem, missing package and failed step.
     """
     try:
         scene = scene_reference(problem)

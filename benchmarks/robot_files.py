@@ -1,7 +1,7 @@
-"""Robots in MJCF files, as far as they conserve energy: bodies, joints, equalities and springs.
+"""Conservative parts of robots in MJCF files: bodies, joints, equalities and springs.
 
 Left out are contact, limits, friction, dampers, motors, tendons and the free joint of the base,
-which is held as on a stand. The same text goes to gyrospark and to MuJoCo.
+which is fixed. The same text goes to gyrospark and to MuJoCo.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _STAYS = {"option": ("gravity", "timestep"), "key": ("name", "qpos"),
 
 
 def conservative_text(path: Path) -> str:
-    """Return what conserves energy in a file and in those that it includes.
+    """Return the conservative elements of a file and of its includes, as MJCF.
 
     Raises
     ------
     InputError
-        For what is no MJCF, and more than one body on the ground.
+        If the file is not MJCF, or has more than one body on the ground.
     """
     text = model_text(as_path("path", path, "robot.xml"))
     try:

@@ -212,9 +212,10 @@ def dependent_rows(
 ) -> tuple[list[int], list[int]]:
     """Return (all rows of G that depend on others, a smallest set of rows to leave out).
 
-    Rows are taken at length one. Of dependent rows the later ones are left out, as a builder
-    would who adds one joint after the other, but none that others imply by large factors: of a
-    planar loop whose normal is nearly y, z would soon be independent.
+    Rows are taken at length one. Of dependent rows the later ones are left out, which belong
+    to the joints that were added last, but only rows with a large coefficient in the dependency.
+    Example: if the normal of a planar loop is nearly y, row y is left out and not z, because z
+    becomes independent as soon as the normal changes.
     """
     if isinstance(G, SparseMatrix):
         if G.shape[0] <= G.shape[1] and _has_independent_rows(G):

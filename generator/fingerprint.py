@@ -1,4 +1,4 @@
-"""A hash of the generator's own text, in the keys of what it has derived."""
+"""Hash of the generator's source files: part of the key of each cached derivation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @cache
 def generator_fingerprint() -> str:
-    """Return a hash of the generator's own text, so that no old source outlives a change to it."""
+    """Return a hash of the generator's source files: a change to any invalidates derivations."""
     paths = [*(ROOT / "core").glob("*.py"), *(ROOT / "generator").rglob("*.py"),
              *(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"),
              ROOT / "engine" / "amalgamate.py"]

@@ -219,7 +219,7 @@ def consolidate(
 def open_group(path: Path, *, write: bool = False) -> zarr.Group:
     """Return the group of a store, with the metadata of its arrays, not those of the root.
 
-    A process that was killed leaves the copies in the root behind those of the arrays.
+    After a killed process the copies in the root may be outdated.
     """
     return zarr.open_group(DurableStore(path, read_only=not write), mode="r+" if write else "r",
                            use_consolidated=False)

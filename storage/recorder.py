@@ -161,9 +161,9 @@ class Recorder:
         return rows
 
     def _next_block(self, writer: Writer) -> Rows:
-        """Return a block of rows to fill: one that is written, where there is one.
+        """Return a block of rows to fill, a written block if there is one.
 
-        Its memory is in use already, where new memory costs as much as the steps.
+        Page faults of new memory would cost as much as the steps.
         """
         try:
             rows = writer.written.get_nowait()

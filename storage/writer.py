@@ -72,7 +72,7 @@ class Writer:
         about = attributes_of(group)
         self._manifest = about["manifest"]
         self._happened = EventStore(group, self._manifest, list(about.get("events", {})))
-        # A process that was killed may have left what the root says of these behind.
+        # After a killed process the copies of their metadata in the root may be outdated.
         self._changed = self._happened.names
         # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)

@@ -1,6 +1,6 @@
-"""MuJoCo: a robot from its own MJCF, its states as those of a model that was read from the same.
+"""MuJoCo runs of a robot in MJCF; states are converted to (q, p) of the model of the same file.
 
-Equalities are as stiff as MuJoCo lets them be at a time step.
+Equality constraints have the largest stiffness that MuJoCo allows at a time step.
 """
 
 from __future__ import annotations

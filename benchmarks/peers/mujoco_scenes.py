@@ -205,14 +205,14 @@ def configure(mujoco: Any, model: Any, integrator: str, dt: float) -> None:
     model.opt.timestep = dt
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    model.eq_solref[:] = 2 * dt, 1  # it makes larger what is less
+    model.eq_solref[:] = 2 * dt, 1  # smaller time constants are raised to it
     model.eq_solimp[:] = [float(e) for e in STIFFEST.split()]
 
 
 def moved(
     mujoco: Any, model: Any, data: Any, integrator: str, steps: int
 ) -> Iterator[Any]:
-    """Yield the data after each so many steps.
+    """Yield the data after every ``steps`` steps.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def moved(
         if any(found.number for found in data.warning):
             raise Unavailable(f"{integrator} is unstable in {done} steps")
         seen = copy(data)
-        mujoco.mj_forward(model, seen)  # what a step leaves is of its beginning
+        mujoco.mj_forward(model, seen)  # a step leaves velocities and forces of its start
         yield seen
 
 

@@ -17,6 +17,6 @@
     mjcf_robot        bodies, joints, actuators and equalities of an MJCF file
     mjcf              an MJCF file to bodies and joints
     sdf               an SDF file to bodies and joints, some of which close loops
-    robot_visuals     what a robot's file says its parts look like
+    robot_visuals     visual shapes of robot files
     robots            MJCF; SDF; URDF, and a TOML file that closes a robot's loops
 """

@@ -64,7 +64,7 @@ def parse_mjcf(
 ) -> Multibody:
     """Return the bodies and joints of a text that was read from a file; see ``read_mjcf``.
 
-    ``close`` may add to them what closes loops, knowing where each body is.
+    ``close`` adds loop joints, given the placement of each body.
     """
     left_out = [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
@@ -340,7 +340,7 @@ class _Builder:
         return place
 
     def mounts(self) -> dict[str, Mount]:
-        """Return where each body of the file is, in what moves with it and in space."""
+        """Return the placement of each body of the file, in its rigid part and in space."""
         found = {}
         for k, body in enumerate(self.robot.bodies):
             limb, space = self.robot.limb(k), self.poses.bodies[k]
@@ -591,8 +591,7 @@ class _Builder:
         self._pull(label, actuator.joints, effort)
 
     def _inertia(self, actuator: MjcfActuator) -> float:
-        """Return 1/(J M⁻¹ Jᵀ) of an actuator where the file places all bodies: what it has to move.
-        """
+        """Return the effective inertia 1/(J M⁻¹ Jᵀ) of an actuator at the reference position."""
         rows: dict[str, Array] = {}  # joint → 6 × n: angular velocity, velocity of the origin
         for name, joint in self.robot.joints.items():
             axes = self.at_reference.bodies[joint.body].R.T  # of balls and free joints
@@ -738,7 +737,7 @@ class _Builder:
                     self._lift(f"{joint.name}_weightless", limb, np.zeros(3), joint.armature)
 
     def _lift(self, name: str, limb: int, point: Array, mass: float) -> None:
-        """Take the weight of a mass at a point away from a body."""
+        """Add the potential that cancels the weight of a mass at a point of a body."""
         frame = self.frames[limb]
         if mass and self.robot.gravity.any() and frame is not GROUND:
             weight = self.builder.parameter(self.names.free(name), mass)

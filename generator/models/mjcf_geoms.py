@@ -82,7 +82,7 @@ class Geom:
 
     @property
     def look(self) -> Look | None:
-        """What it is drawn with; None for planes, and for what is not to be seen."""
+        """Visual shape and its placement; None for planes and invisible geoms."""
         place = Placement(self.position, self.rotation)
         if self.colour is not None and self.colour[3] == 0:
             return None

@@ -56,7 +56,7 @@ ACTUATORS = ("general", "motor", "position", "velocity", "damper", "intvelocity"
 _SHARED = ("gear", "ctrllimited", "ctrlrange", "forcelimited", "forcerange")
 COMMON: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     kind: {other: _SHARED for other in ACTUATORS if other != kind} for kind in ACTUATORS}
-#: What a geom without a colour has in MuJoCo; such a colour gives way to that of its material.
+#: Default colour of geoms in MuJoCo; a material replaces it.
 _GREY = (0.5, 0.5, 0.5, 1.0)
 KINDS = ("hinge", "slide", "ball", "free")
 
@@ -102,7 +102,7 @@ class MjcfActuator:
     """An effort on Σ coefficient · coordinate of joints, the length of what it acts on.
 
     effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate); with a damping
-    ``ratio`` ζ, bias₂ = −2 ζ √(−bias₁ m), m being the inertia that it has to move.
+    ``ratio`` ζ, bias₂ = −2 ζ √(−bias₁ m), m the effective inertia 1/(J M⁻¹ Jᵀ).
     """
 
     name: str

@@ -1,11 +1,11 @@
-"""What a robot's file says its parts look like: URDF and SDF <visual>, shown geoms of MJCF.
+"""Visual shapes of robot files: <visual> of URDF and SDF, geoms of MJCF.
 
     box, sphere, ellipsoid   boxes and spheres
     cylinder, capsule        discs and bars
     mesh                     STL and OBJ files
 
-Shapes that collide are drawn where those to be seen have files that cannot be read. They move
-nothing, so what cannot be read at all is left out.
+Collision shapes are drawn if files of visual shapes cannot be read. Shapes do not affect the
+motion, so those that cannot be read at all are left out.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ __all__ = ["LinkLooks", "Look", "add_visuals", "colour_of", "draw", "looks_of", 
 Array = NDArray[np.float64]
 #: A shape, and where it is in its link or body.
 Look = tuple[Placement, Shape]
-#: Name of a link, what is to be seen of it, and what collides.
+#: Name of a link, its visual shapes and its collision shapes.
 LinkLooks = tuple[str, Sequence[Look], Sequence[Look]]
 
 
@@ -40,7 +40,7 @@ def draw(
     builder: Multibody, frame: Frame, at: Placement, seen: Sequence[Look],
     colliding: Sequence[Look], path: Path,
 ) -> None:
-    """Draw what a file at ``path`` says of a part that is ``at`` a place in a body's frame."""
+    """Add the shapes of a link, ``at`` a placement in a frame; ``path`` is the robot's file."""
     if colliding and not all(_is_readable(shape, path) for _, shape in seen) and all(
             _is_readable(shape, path) for _, shape in colliding):
         seen = colliding
@@ -52,7 +52,7 @@ def draw(
 def add_visuals(
     builder: Multibody, looks: Iterable[LinkLooks], mounts: Mapping[str, Mount], path: Path
 ) -> None:
-    """Draw links, by the places of these."""
+    """Add the shapes of all links, at the placements of the links."""
     for name, seen, colliding in looks:
         if name in mounts:
             draw(builder, mounts[name].frame, mounts[name].inner, seen, colliding, path)
@@ -106,7 +106,7 @@ def looks_of(
 
 
 def shape_of(element: Element, colour: str) -> Shape | None:
-    """Return a shape of <geometry>; None for what is none of ours."""
+    """Return a shape of <geometry>; None for other elements."""
     if element.name == "box":
         return Shape("box", np.array(numbers_of(element, "size", 3)) / 2, colour=colour)
     if element.name == "sphere":

@@ -88,8 +88,8 @@ def read_urdf(
     loops : path, optional
         A TOML file with the joints that close loops, which URDF has not (``loops``).
     limits : float, optional
-        Stiffness of elastic ends of the ranges of joints, N m/rad or N/m: one-sided springs as
-        those of ``joint_spring``, in place of limits that are refused or ignored.
+        Stiffness of one-sided springs at the ends of joint ranges, N m/rad or N/m, as in
+        ``joint_spring``. By default limits are refused or ignored.
 
     Returns
     -------
@@ -241,7 +241,7 @@ def read_sdf(
     ignore : names
         "limits", "friction", "collision", "plugin", or "all", as for ``read_urdf``.
     gravity : three floats, optional
-        In space; by default that of the file's world, else (0, 0, -9.81).
+        In space axes; default: gravity of the file's world, else (0, 0, -9.81).
     position, quaternion : optional
         Where the frame of the model is in space.
     velocity, angular_velocity, rep, limits : optional

@@ -183,7 +183,7 @@ def _slip(joint: Joint, a: Pose, b: Pose) -> Array:
 class Translation(Fixed):
     """b slides on a plane of the ground, or anywhere, and does not turn.
 
-    ``normal`` is that of the plane in space; without one there is none.
+    ``normal`` is the normal of the plane in space axes; None for translation in all directions.
     """
 
     normal: Array | None = field(kw_only=True, default=None)

@@ -305,9 +305,9 @@ class Multibody:
     ) -> Fixed:
         """Fix b to a: six constraints, ``name: x``, ``y``, ``z``, ``turn x``, ``y``, ``z``.
 
-        For bodies that loops hold together; two that no loop needs apart are better one body.
+        For bodies of closed loops; without a loop, model both as one body.
         ``rotation`` is the attitude of b in the axes of a, a 3 × 3 matrix or SciPy Rotation; by
-        default that of the start. All else as for ``ball``.
+        default their relative attitude at the start. Other arguments are those of ``ball``.
         """
         relative = None if rotation is None else _matrix(attitude(f"{name!r}", None, rotation))
         return self._join(Fixed(name, **self._pair(name, a, b, at, on_a, on_b), relative=relative))
@@ -572,8 +572,8 @@ class Multibody:
         Returns
         -------
         Flywheel
-            A joint whose ``angle`` or ``travel`` is n times that of the joint, followed over any
-            number of turns; motors and springs may act on it. That of a ball has neither.
+            A joint whose ``angle`` or ``travel`` is n times the joint's, over any number of turns;
+            motors and springs may act on it. The flywheel of a ball joint has no angle.
 
         Raises
         ------
@@ -847,13 +847,13 @@ class Multibody:
     def quantity(self, name: str, expression: Any) -> None:
         """Have an expression computed along trajectories under a name.
 
-        Warns of a constant, such as a derivative by ``time``: the symbols of bodies and joints are
-        those of one instant, and do not contain it.
+        Warns if it is 0, such as a derivative of ``rate(joint)`` by ``time``: symbols of bodies
+        and joints do not depend on ``time``.
         """
         found = as_expression(expression)
-        if found.is_number:
-            warn(f"Quantity {shown(name)} is {found} at any time. The symbols of bodies and joints "
-                 "do not contain the time: a derivative by it is 0.")
+        if found == 0:
+            warn(f"Quantity {shown(name)} is 0 at all times. The symbols of bodies and joints do "
+                 "not depend on build.time, so that their derivatives by it are 0.")
         self._components.quantities[as_text("name of a quantity", name)] = found
 
     # ------------------------------------------------------------ measures of joints

@@ -25,7 +25,7 @@ name_of = attrgetter("name")
 
 @lru_cache(maxsize=2**10)
 def text_of(e: sp.Expr | str) -> str:
-    """Return an expression as text, which comments and the manifest have of the same ones."""
+    """Return an expression as text; cached, as comments and manifest print the same expressions."""
     return str(e)
 
 

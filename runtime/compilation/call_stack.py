@@ -48,7 +48,7 @@ def thread_seconds() -> float:
 
 
 def on_large_stack(function: Callable[..., Any], frames: int) -> Callable[..., Any]:
-    """Return a compiled function that is called in a thread of its own where it takes one.
+    """Return a compiled function that runs in a thread with a large stack if it needs one.
 
     ``frames`` is the number of bytes that its calls take at most.
     """

@@ -34,7 +34,7 @@ _pending = threading.local()
 
 
 def declarations(name: str) -> str:
-    """Return what cffi is told of a module that calls the library."""
+    """Return the cffi declarations of a module that calls the library."""
     return f'extern void *{name}_newton_table;\nextern "Python+C" void {name}_load_newton(void);\n'
 
 

@@ -235,7 +235,7 @@ def _paint(image: Array, index: NDArray[np.int64], number: NDArray[np.int64], sc
 
 def _outline(image: Array, index: NDArray[np.int64], depth: Array, part: NDArray[np.int64],
              lit: NDArray[np.bool_]) -> None:
-    """Darken pixels in front of another solid: what overlaps is told apart."""
+    """Darken pixels in front of another solid, which separates overlapping solids."""
     of = np.where(index >= 0, np.where(lit[index], part[index], -2), -1)
     edge = np.zeros(of.shape, dtype=bool)
     for axis in (0, 1):

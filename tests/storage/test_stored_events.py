@@ -145,7 +145,7 @@ def test_store_after_each_file_that_is_written(ends, tmp_path, monkeypatch) -> N
         for name in ("dip", "side"):
             counts.add(len(events[name]))
             assert np.array_equal(events[name].t, whole.events[name].t[: len(events[name])])
-        # After a checkpoint the root of the store does not tell of it yet.
+        # The root of the store is updated after the checkpoint.
         if array_layout.CHECKPOINT in written or number % 37 == 0 or number == len(copies) - 2:
             assert found.dataset.sizes["event_dip"] == len(events["dip"])
             again = gs.record(step, out=path, resume=True, **run)

@@ -452,3 +452,13 @@ def test_gears_and_drives_act_on_flywheels():
     build.quantity("w", build.rate("h"))
     motion = Motion(build.model())
     assert motion.value("w") == pytest.approx(3 / 5, rel=1e-14)
+
+
+def test_a_derivative_by_time_of_a_measure_is_warned_of():
+    """It is 0, because the symbols of joints do not depend on the time."""
+    build = gs.Multibody("turning", gravity=(0, 0, 0))
+    build.body("b", mass=1, inertia=(0.1, 0.1, 0.2))
+    build.revolute("h", "ground", "b", axis_in_space=(0, 0, 1), at=(0, 0, 0))
+    with pytest.warns(UserWarning, match="'acceleration' is 0"):
+        build.quantity("acceleration", sp.diff(build.rate("h"), build.time))
+    build.quantity("rate", build.rate("h"))  # no warning
