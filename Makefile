@@ -6,17 +6,20 @@ LINK := .venv/src/gyrospark
 # Bytecode is written of what is imported, when it is: most of what is installed never is.
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -e
 
-.PHONY: demo test lint generated docs clean
+.PHONY: demo test test-long lint generated docs clean
 
 demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
 	    --dt 1e-3 --steps 2000 --plot demo.png --view demo.html
 
-# What a file derives and makes is made once. Files go in the order of their folders and names:
-# test_bare_machine.py, the longest, starts in the middle. By default files of few tests come last,
-# and it with them.
+# What a file derives and makes is made once. Files go in the order of their folders and names, for
+# by default files of few tests come last, and the longest are among them.
 test: .venv/ready lint
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# Whole products, long runs, millions of steps: what "slow" marks.
+test-long: .venv/ready
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -239,16 +239,21 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return import_module(f".{_MODULES[name]}", __name__)
-    if name in _HOMES:
-        from .core.errors import MissingDependencyError
+    from .core.arguments import proposal
+    from .core.calls import explain_module, explain_names
+    from .core.errors import MissingDependencyError
 
-        try:
-            return getattr(import_module(f".{_HOMES[name]}", __name__), name)
-        except MissingDependencyError as error:
-            return _missing(name, str(error))
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _MODULES:
+        return explain_module(import_module(f".{_MODULES[name]}", __name__))
+    if name not in _HOMES:
+        raise AttributeError(
+            f"module {__name__!r} has no attribute {name!r}{proposal(name, __all__)}")
+    try:
+        home = import_module(f".{_HOMES[name]}", __name__)
+        explain_names(home, [name])
+        return getattr(home, name)
+    except MissingDependencyError as error:
+        return _missing(name, str(error))
 
 
 def _missing(name: str, message: str) -> Any:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
+from .core.frozen_dict import NO_PARAMETERS
 from .core.inertia import RepName
 from .core.mesh_files import located
 from .core.progress import log_task
@@ -202,7 +203,8 @@ def _profiled(spec: Spec, control: bool) -> Spec:
 
 
 def consistent(
-    system: System | Stepper, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, float], *,
+    system: System | Stepper, q: ArrayLike, p: ArrayLike,
+    parameters: Mapping[str, float] = NO_PARAMETERS, *,
     t: float = 0.0,
 ) -> Projection:
     """Return the projection of (q, p) on g(q) = 0 and g_q H_p = 0, with its report.

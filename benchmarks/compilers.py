@@ -299,8 +299,8 @@ def compare_kernels(
             with tempfile.TemporaryDirectory() as folder:
                 path, checks = compile_module(name, dict(source.files), compiler, Path(folder),
                                               part, (*build.flags, "-Wno-error"))
-                found, kernels = differences(import_module(name, path, part), checks,
-                                             REALS[manifest["real"]], points - points % 16)
+                found, kernels, _ = differences(import_module(name, path, part), checks,
+                                                REALS[manifest["real"]], points - points % 16)
             entries = points * sum(kernels.values())
             yield KernelDifference(source.name, str(build), f"{len(kernels)} kernels of {part}",
                                    entries,

@@ -178,7 +178,7 @@ class _Case:
         """The tangent space at the start, in double."""
         step = self.make(3)
         q, p = self._start(step)
-        binding = step.derivative_binding
+        binding = step.derivative_binding()
         given = step.resolved(step.run_arguments(q, p, dt=1e-3, steps=0, t0=0.0,
                                                  parameters=dict(self.values)))
         self._names = binding.own.parameter_names

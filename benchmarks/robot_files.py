@@ -13,8 +13,7 @@ from ..core.arguments import as_path
 from ..core.errors import InputError
 from ..generator.models.bounded_xml import Element
 from ..generator.models.mjcf import parse_mjcf
-from ..generator.models.mjcf_document import read_document
-from ..generator.models.mjcf_robot import COMMON
+from ..generator.models.mjcf_document import check_document
 from ..generator.multibody.model import Model
 from ..generator.parsing.text_file import model_text
 
@@ -38,7 +37,7 @@ def conservative_text(path: Path) -> str:
     """
     text = model_text(as_path("path", path, "robot.xml"))
     try:
-        top = read_document(text, path, COMMON).top
+        top, _ = check_document(text, path)
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
     bases = [body for world in top.all("worldbody") for body in world.all("body")]

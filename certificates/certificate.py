@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ..api import stepper as make_stepper
 from ..api import tableau as make_tableau
 from ..core.arguments import as_mapping, choose, shown
+from ..core.calls import explain_arguments
 from ..core.errors import InputError
 from ..core.html import card, table
 from ..core.inertia import RepName
@@ -47,6 +48,7 @@ __all__ = ["Certificate", "CertificateLine", "certify", "compiled"]
 STEPS, PROBLEM_DT = 1000, 1e-3
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Certificate:
     """The lines of a certificate, and what was run for it."""

@@ -24,6 +24,7 @@ from typing import Any, NoReturn
 import click
 
 from .._version import __version__
+from ..core.arguments import choose
 from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
 from ..core.progress import terminal_messages
 
@@ -47,9 +48,10 @@ class Commands(click.Group):
         return sorted(_MODULES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command; None if there is none of this name."""
-        if cmd_name not in _MODULES:
+        """Return a command; refuse a name that none has, which completion may try."""
+        if cmd_name not in _MODULES and ctx.resilient_parsing:
             return None
+        choose("command", cmd_name, sorted(_MODULES))
         module = import_module(f".{_MODULES[cmd_name]}", __name__)
         command: click.Command = getattr(module, cmd_name)
         return command

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..core.arguments import listed
-from ..core.errors import InputError
+from ..core.errors import CompilerError, InputError
 from ..core.lazy_imports import imported_for_good
 from ..core.progress import log_task
 from ..core.registry import MODELS
@@ -33,6 +33,7 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..generator.pipeline import Generated
+    from ..runtime.compilation.object_files import Part
 
 __all__ = ["generate"]
 
@@ -107,20 +108,41 @@ def write_stepper(
         else:
             source = _generate(spec, allow_invalid, derivatives).source
             files, written = source.files(), source.files(standalone=standalone)
+        name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
+        part: Part = "derivatives" if derivatives else "runs"
+        if compile_it:
+            files = complete(files)
+            refuse_without_compiler(files, part)
         write_files(written, out)
         derived = time.perf_counter()
-        name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
         if compile_it:
             from ..api import cache_files
             from ..runtime.compilation.stepper_module import load_module
 
-            files = complete(files)
-            load_module(name, files, "derivatives" if derivatives else "runs")
+            load_module(name, files, part)
             if named and not derivatives:
                 cache_files(spec, files)
     done = time.perf_counter()
     click.echo(summary(name, json.loads(files[f"{name}.json"]), out, derived - start,
                        done - derived if compile_it else None))
+
+
+def refuse_without_compiler(files: dict[str, str], part: Part) -> None:
+    """Refuse to compile, before anything is written, where nothing on this machine can.
+
+    Raises
+    ------
+    CompilerError
+    """
+    from ..runtime.compilation.compiler import find_compiler
+    from ..runtime.compilation.prebuilt import prebuilt_module
+
+    try:
+        find_compiler()
+    except CompilerError as error:
+        if prebuilt_module(files, part) is None:
+            raise CompilerError(f"{error} Nothing was written; --no-compile writes the C without "
+                                "compiling it.") from error
 
 
 def summary(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -169,9 +170,13 @@ def check_writable(option: str, path: Path, *, folder: bool = False) -> None:
     """Refuse a file, or a folder, that cannot be written: before a long run, not after it."""
     if not path.name or (path.is_dir() and not folder):
         raise InputError(f"{option} {str(path)!r} is no file name; give one.")
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise InputError(f"{option} {str(path)!r}: the folder {str(path.parent)!r} is not there or "
-                         "cannot be written; make it or choose another.")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass  # what the rights say is not all: /proc has no files
+    except OSError as error:
+        raise InputError(f"{option} {str(path)!r}: no file can be made in the folder "
+                         f"{str(path.parent)!r} ({error.strerror}); make it or choose another."
+                         ) from error
 
 
 def check_folder(option: str, folder: Path) -> None:
@@ -193,8 +198,8 @@ def check_no_file(option: str, folder: Path) -> None:
 def check_ending(option: str, path: Path, allowed: Sequence[str]) -> None:
     """Refuse a name with an ending of no format that can be written."""
     if ending_of(path) not in allowed:
-        raise InputError(f"{option} {path.name!r} ends in {path.suffix!r}, which cannot be "
-                         f"written; end it in {', '.join(filter(None, allowed))}.")
+        raise InputError(f"{option} {path.name!r} is no file that can be written; end its name in "
+                         f"{', '.join(allowed)}.")
 
 
 def check_film(path: Path) -> None:

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,6 @@ from .options import check_ending, check_picture, check_writable, json_option, w
 
 if TYPE_CHECKING:
     from ..sweeps.cost_estimate import Estimate
-    from ..sweeps.run_sweep import Progress
     from ..sweeps.study import Study
 
 __all__ = ["sweep"]
@@ -106,7 +105,7 @@ def sweep(
 
 
 @contextmanager
-def _progress(*, quiet: bool) -> Iterator[Progress | None]:
+def _progress(*, quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
     """Yield a callback that moves a progress bar; None without a terminal."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None

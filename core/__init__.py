@@ -2,6 +2,7 @@
 
     errors         every error that is raised on purpose
     arguments      checks of names, paths, flags and lists, with the closest match for a wrong name
+    calls          arguments that do not fit a function, told by a sentence
     exact_numbers  real numbers of any kind, exactly, and their one rounding
     real_types     floating-point types: float, double, long double, float128
     units          SI units by name
@@ -13,6 +14,7 @@
     warnings       warnings about accepted but suspicious input
     projection     states projected onto the constraints
     sparse_matrix  sparse matrices, their products and banded factors
+    frozen_dict    a dict that refuses changes
     records        copies of frozen dataclasses, made without their checks
     html           tables and formulas as HTML for notebooks
     file_formats   the ending of a file's name

@@ -133,7 +133,7 @@ def as_path(name: str, value: Any, example: str) -> Path:
     return path
 
 
-def why_unwritable(path: Path, error: Exception) -> str:
+def why_unwritable(path: Path, error: BaseException) -> str:
     """Return why a file could not be written, with the cure where its folder is missing."""
     if not path.parent.is_dir():
         return (f"there is no folder {str(path.parent)!r}; make it, as with "

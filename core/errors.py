@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from ..runtime.steppers.ensemble import Ensemble
 
 __all__ = [
+    "AbsentError",
+    "ArgumentError",
     "CompilerError",
     "GyrosparkError",
     "InputError",
@@ -29,6 +31,14 @@ class GyrosparkError(Exception):
 
 class InputError(GyrosparkError, ValueError):
     """A value that a caller passed is not usable; also a ``ValueError``."""
+
+
+class AbsentError(InputError, AttributeError):
+    """An attribute that this object could have and has not; ``hasattr`` says False."""
+
+
+class ArgumentError(InputError, TypeError):
+    """Arguments that do not fit a function: unknown, missing, or too many."""
 
 
 class InputWarning(UserWarning):
@@ -82,6 +92,10 @@ class Stopped(KeyboardInterrupt):
         self.trajectory = trajectory
         self.ensemble = ensemble
         self.dataset = dataset
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by arguments."""
+        return type(self), (*self.args, self.signal), self.__dict__
 
 
 class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)

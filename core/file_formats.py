@@ -19,7 +19,7 @@ from .errors import GyrosparkError, InputError, MissingDependencyError
 from .extras import install
 
 __all__ = ["FORMATS", "FileFormat", "Kind", "ending_of", "endings", "format_of",
-           "result_file", "with_ending"]
+           "result_file"]
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -137,8 +137,3 @@ def result_file(path: Path, what: str) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             part.unlink()
-
-
-def with_ending(path: Path, ending: str) -> Path:
-    """Return the path, with an ending where its name has none."""
-    return path if ending_of(path) else path.with_name(path.name + ending)

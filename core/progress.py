@@ -1,9 +1,10 @@
 """Progress messages: records of the logger ``gyrospark``, and a handler that shows them.
 
 A task that takes seconds logs its begin at level DEBUG and its result, with the time it took, at
-INFO. ``TerminalHandler`` shows the task under way on stderr, if that is a terminal: installed by
-the command line, and in an interactive Python by the first task. Scripts, pipes, notebooks and
-``--json`` show nothing; a program that wants the messages adds a handler of its own.
+INFO; one with steps logs the share that is done. ``TerminalHandler`` shows the task under way on
+stderr, if that is a terminal, or below the cell of a Jupyter notebook: installed by the command
+line, and in an interactive Python or a notebook by the first task. Scripts, pipes and ``--json``
+show nothing; a program that wants the messages adds a handler of its own.
 """
 
 from __future__ import annotations
@@ -13,62 +14,134 @@ import logging
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from importlib import import_module
 from typing import Any
 
-__all__ = ["TERMINAL", "hide_tasks", "log_task", "terminal_messages"]
+from .arguments import shown
+from .errors import InputError
+
+__all__ = ["TERMINAL", "Progress", "as_progress", "hide_tasks", "log_progress", "log_task",
+           "terminal_messages"]
 
 _LOGGER = logging.getLogger("gyrospark")
+#: A function that is called with the steps or cells done; whether progress is shown.
+Progress = Callable[..., Any] | bool | None
+#: Seconds until a task with steps is shown, and between two numbers of it; on a stderr that is no
+#: terminal every number is a line.
+_FIRST, _NEXT, _NEXT_LINE = 1.0, 0.2, 10.0
+
+
+class _Status:
+    """A line on a terminal, which the next text takes the place of."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+
+        self._status = Console(stderr=True, highlight=False).status("")
+        self._status.start()
+
+    def show(self, text: str) -> None:
+        """Show a text in place of the last one."""
+        from rich.text import Text  # a path may have brackets, which are no style
+
+        self._status.update(Text(text))
+
+    def end(self, result: str) -> None:
+        """Remove the line; print a result, unless it is empty."""
+        self._status.stop()
+        if result:
+            self._status.console.print(result, markup=False)
+
+
+class _Cell:
+    """A text below the cell of a notebook, which the next text takes the place of."""
+
+    def __init__(self) -> None:
+        display = import_module("IPython.display").display
+        self._handle = display({"text/plain": ""}, raw=True, display_id=True)
+
+    def show(self, text: str) -> None:
+        """Show a text in place of the last one."""
+        self._handle.update({"text/plain": text}, raw=True)
+
+    end = show
+
+
+class _Lines:
+    """Lines on a stderr that is no terminal, for ``progress=True``."""
+
+    def show(self, text: str) -> None:
+        """Print a text."""
+        print(text, file=sys.stderr, flush=True)
+
+    def end(self, result: str) -> None:
+        """Print a result, unless it is empty."""
+        if result:
+            self.show(result)
+
+
+def _is_notebook() -> bool:
+    """Whether this is the kernel of a Jupyter notebook."""
+    shell = import_module("IPython").get_ipython() if "ipykernel" in sys.modules else None
+    return getattr(shell, "kernel", None) is not None
+
+
+def _is_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty()
 
 
 class TerminalHandler(logging.Handler):
-    """Shows the innermost task under way in the main thread; ``results`` are printed, too."""
+    """Shows the innermost task under way in the main thread; ``results`` are printed, too.
+
+    ``asked`` has the texts on a stderr that is no terminal, too.
+    """
 
     results = False
+    asked = False
 
     def __init__(self) -> None:
         super().__init__()
         self._tasks: list[str] = []
-        self._status: Any = None
+        self._place: _Status | _Cell | _Lines | None = None
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Whether somebody reads a record of a task."""
-        return (hasattr(record, "task") and sys.stderr is not None and sys.stderr.isatty()
-                and record.thread == threading.main_thread().ident)
+        return (hasattr(record, "task") and record.thread == threading.main_thread().ident
+                and (_is_terminal() or _is_notebook() or (self.asked and sys.stderr is not None)))
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Show a task that begins; at its end the one around it, or the result."""
-        if record.task == "begin":  # type: ignore[attr-defined]
-            self._tasks.append(record.getMessage())
-        elif self._tasks:
-            self._tasks.pop()
+        """Show a task that begins or goes on; at its end the one around it, or the result."""
+        task = record.task  # type: ignore[attr-defined]
+        if task == "end":
+            del self._tasks[-1:]
+        else:
+            self._tasks[len(self._tasks) - (task == "step"):] = [record.getMessage()]
         if self._tasks:
-            self._show(self._tasks[-1])
-        elif self._status is not None:
-            self._status.stop()
-            if self.results and record.levelno >= logging.INFO:
-                self._status.console.print(record.getMessage(), markup=False)
-            self._status = None
-
-    def _show(self, text: str) -> None:
-        from rich.console import Console
-        from rich.text import Text  # a path may have brackets, which are no style
-
-        if self._status is None:
-            self._status = Console(stderr=True, highlight=False).status("")
-            self._status.start()
-        self._status.update(Text(text))
+            if self._place is None:
+                self._place = (_Cell() if _is_notebook() else
+                               _Status() if _is_terminal() else _Lines())
+            self._place.show(self._tasks[-1])
+        elif self._place is not None:
+            printed = self.results and record.levelno >= logging.INFO
+            self._place.end(record.getMessage() if printed else "")
+            self._place = None
 
 
 TERMINAL = TerminalHandler()
 
 
+def _install() -> None:
+    """Show tasks from now on where a person sees them as they run."""
+    if not _LOGGER.handlers and (hasattr(sys, "ps1") or _is_notebook()):
+        _LOGGER.addHandler(TERMINAL)
+        _LOGGER.setLevel(logging.DEBUG)
+
+
 @contextlib.contextmanager
 def log_task(text: str, done: str = "") -> Iterator[None]:
     """Log that a task begins, and when it is ``done`` how long it took."""
-    if hasattr(sys, "ps1") and not _LOGGER.handlers:
-        _LOGGER.addHandler(TERMINAL)
-        _LOGGER.setLevel(logging.DEBUG)
+    _install()
     start, level, result = time.perf_counter(), logging.DEBUG, f"{text}: ended"
     _LOGGER.debug("%s …", text, extra={"task": "begin"})
     try:
@@ -79,21 +152,93 @@ def log_task(text: str, done: str = "") -> Iterator[None]:
         _LOGGER.log(level, "%s", result, extra={"task": "end"})
 
 
+def as_progress(progress: Any) -> Progress:
+    """Return the argument ``progress``: a function, a bool or None.
+
+    Raises
+    ------
+    InputError
+    """
+    if progress is not None and not isinstance(progress, bool) and not callable(progress):
+        raise InputError(f"progress = {shown(progress)} cannot be called; give True, False, or a "
+                         "function that takes the number of steps (or cells) done, such as print.")
+    known: Progress = progress
+    return known
+
+
 @contextlib.contextmanager
-def terminal_messages() -> Iterator[None]:
-    """Show tasks and results within: for the command line."""
-    before = _LOGGER.level, TERMINAL.level
-    TERMINAL.results = True
+def log_progress(
+    text: str, total: int, progress: Progress = None
+) -> Iterator[Callable[..., Any] | None]:
+    """Yield the function that a task is to call with the steps done, or None.
+
+    Parameters
+    ----------
+    text : str
+        The task.
+    total : int
+        All its steps.
+    progress : callable or bool, optional
+        Of the caller: a function is yielded as it is; True shows the share that is done, False does
+        not. By default it is shown on the command line, in an interactive Python and in a notebook,
+        after a second.
+
+    Raises
+    ------
+    InputError
+        For what is none of these.
+    """
+    as_progress(progress)
+    if progress is not None and not isinstance(progress, bool):
+        yield progress
+        return
+    if progress is False:
+        yield None
+        return
+    with terminal_messages(asked=True) if progress else contextlib.nullcontext():
+        _install()
+        if not _LOGGER.isEnabledFor(logging.DEBUG):
+            yield None
+            return
+        due, begun = time.perf_counter() + _FIRST, False
+
+        def report(done: int, *_: Any) -> None:
+            nonlocal due, begun
+            now = time.perf_counter()
+            if now < due or threading.current_thread() is not threading.main_thread():
+                return
+            due = now + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)
+            _LOGGER.debug("%s: %.0f %% …", text, 100 * done / max(total, 1),
+                          extra={"task": "step" if begun else "begin"})
+            begun = True
+
+        try:
+            yield report
+        finally:
+            if begun:
+                _LOGGER.debug("%s: ended", text, extra={"task": "end"})
+
+
+@contextlib.contextmanager
+def terminal_messages(*, asked: bool = False) -> Iterator[None]:
+    """Show tasks and results within: for the command line.
+
+    ``asked`` is for ``progress=True``: no results, and lines where stderr is no terminal.
+    """
+    before = _LOGGER.level, TERMINAL.level, TERMINAL.results, TERMINAL.asked
+    there = TERMINAL in _LOGGER.handlers
+    TERMINAL.results, TERMINAL.asked = TERMINAL.results or not asked, TERMINAL.asked or asked
     TERMINAL.setLevel(logging.NOTSET)
     _LOGGER.addHandler(TERMINAL)
     _LOGGER.setLevel(logging.DEBUG)
     try:
         yield
     finally:
-        _LOGGER.removeHandler(TERMINAL)
+        if not there:
+            _LOGGER.removeHandler(TERMINAL)
         _LOGGER.setLevel(before[0])
         TERMINAL.setLevel(before[1])
-        TERMINAL.results = False
+        TERMINAL.results, TERMINAL.asked = before[2:]
 
 
 @contextlib.contextmanager

@@ -61,6 +61,8 @@ class Flow(FlowFunction):
         x ↦ z, the columns (q, p, parameters, dt, t0, inputs) ↦ (q, p) after N steps.
     """
 
+    _columns = True
+
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
         super().__init__(stepper, steps, dt, second_order)
         self.function = _value(self._flow, self._has_second)

@@ -48,6 +48,9 @@ class FlowFunction(ABC):
         Why the last results are NaN that are.
     """
 
+    #: Whether arrays of one column have no other shape than that of a vector.
+    _columns = False
+
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
         self._has_second = choose("second_order", second_order, _SECOND_ORDER) != "refuse"
         self._flow = DiscreteFlow(stepper, steps, exact=second_order == "exact")
@@ -109,8 +112,8 @@ class FlowFunction(ABC):
             found, allowed = self._shape(value), {shape}
             if name == "inputs":
                 allowed.add((count,))
-            if shape[-1:] == (1,):  # one number, which CasADi has no other shape for
-                allowed.add(())
+            if shape[-1:] == (1,):  # one number or a column, which CasADi has no other shapes for
+                allowed |= {(), shape[:-1] if self._columns else ()}
             if found not in allowed:
                 raise InputError(f"{name} has shape {found}; give shape {shape}.")
         return [(value, shape) for _, value, shape in given]

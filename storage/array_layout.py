@@ -124,7 +124,10 @@ def fields_of_event(manifest: dict[str, Any], name: str) -> list[StoredField]:
         StoredField(f"event_{name}_steps", (), {"long_name": f"whole steps before {name}"}, "i8"),
         StoredField(f"event_{name}_rising", (),
                     {"long_name": "1 where the quantity rises along the run"},
-                    "i1")]
+                    "i1"),
+        StoredField(f"event_{name}_elapsed", (),
+                    {"long_name": f"times of {name} since the start", "units": "s"}, "f8",
+                    real.wide)]
 
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:

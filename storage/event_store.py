@@ -77,7 +77,8 @@ def _behind(array: zarr.Array[Any], begun: int, rows: Array) -> list[Chunk]:
 
 def values_of(crossings: Crossings) -> tuple[Array, ...]:
     """Return the arrays of an event in the order of ``fields_of_event``."""
-    return crossings.t, crossings.q, crossings.p, crossings.steps, crossings.rising
+    return (crossings.t, crossings.q, crossings.p, crossings.steps, crossings.rising,
+            crossings.elapsed)
 
 
 def crossings_in(
@@ -89,8 +90,8 @@ def crossings_in(
     for name, count in counts.items():
         fields = fields_of_event(manifest, name)
         refuse_missing_blocks(path, group, 0, count, names_of(fields))
-        t, q, p, steps, rising = (
+        t, q, p, steps, rising, elapsed = (
             stored_values(array_of(group, wide_name(one.name) if one.wide else one.name), 0, count,
                           one.wide, dtype) for one in fields)
-        found[name] = Crossings(t, q, p, steps, rising.astype(bool))
+        found[name] = Crossings(t, q, p, steps, rising.astype(bool), elapsed)
     return found

@@ -6,7 +6,7 @@ bits of ``Stepper.integrate``, for any number of interruptions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ from ..core.arguments import as_flag, shown, whole
 from ..core.errors import InputError
 from ..core.event import Event, as_events, refuse_unusable_names
 from ..core.exact_numbers import Number
-from ..runtime.bindings.array_checks import as_callback
+from ..core.frozen_dict import NO_PARAMETERS
+from ..core.progress import Progress, as_progress, log_progress
 from ..runtime.bindings.binding import SolverName
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.steppers.stepper import Stepper
@@ -54,7 +55,7 @@ def record(
     out: str | Path,
     dt: Number,
     steps: int,
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, Any] = NO_PARAMETERS,
     t0: Number = 0.0,
     every: int = 1,
     solver: SolverName = "auto",
@@ -62,7 +63,7 @@ def record(
     max_iterations: int = 50,
     resume: bool = False,
     seed: int | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress = None,
     events: Event | Sequence[Event] = (),
 ) -> Recording:
     """Integrate as ``Stepper.integrate`` does and stream the states to a Zarr store.
@@ -110,14 +111,15 @@ def record(
         q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0, solver=solver,
         tolerance=tolerance, max_iterations=max_iterations))
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
-    as_callback("progress", progress)
+    as_progress(progress)
     asked = as_events(events, stepper.manifest["system"])
     refuse_unusable_names(asked, "arrays of a store")
     warned = stepper.warned(run)
     with writer_lock(path):
         group = _opened(stepper, run, asked, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
-            Recorder(stepper, run, asked, path, group).run_to_end(progress)
+            with log_progress(f"recording {stepper.name}", run.steps, progress) as report:
+                Recorder(stepper, run, asked, path, group).run_to_end(report)
     recording = Recording(path)
     if recording.status != COMPLETE and not recording.status.startswith(ENDED):
         raise recording.failure()

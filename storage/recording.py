@@ -12,6 +12,7 @@ import zarr
 from numpy.typing import NDArray
 
 from ..core.arguments import as_flag, as_path, listed
+from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
 from ..core.real_types import REALS
 from ..runtime.bindings.array_checks import as_positive_count
@@ -55,6 +56,7 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
     return Recording(store_path(path))
 
 
+@explain_arguments
 class Recording:
     """A stored run.
 

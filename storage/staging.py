@@ -73,16 +73,16 @@ def writer_lock(store: Path) -> Iterator[None]:
     lock = FileLock(lock_file(store), thread_local=False)
     try:
         lock.acquire(timeout=0)
-    except Timeout as error:
-        raise StorageError(
-            f"Another process is writing to {str(store)!r}; wait for its end, or choose another "
-            "store. A process that has died holds no lock."
-        ) from error
-    except OSError as error:
+    except (Timeout, OSError) as error:
+        # FileLock waits for some files that cannot be made as if a process held them.
+        if isinstance(error, Timeout) and lock_file(store).exists():
+            raise StorageError(
+                f"Another process is writing to {str(store)!r}; wait for its end, or choose "
+                "another store. A process that has died holds no lock.") from error
         raise StorageError(
             f"The store {str(store)!r} cannot be written: its lock {str(lock_file(store))!r} "
-            f"cannot be made, {error.strerror or error}. Choose a folder that can be written."
-        ) from error
+            f"cannot be made, {getattr(error, 'strerror', None) or 'the file system has none'}. "
+            "Choose a folder that can be written.") from error
     try:
         yield
     finally:

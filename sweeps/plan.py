@@ -11,13 +11,18 @@ import numpy as np
 from ..core.arguments import as_mapping, listed, shown, whole
 from ..core.errors import InputError
 from ..core.real_types import REALS
+from ..core.warnings import warn
 from ..generator.schemes.named_schemes import SCHEMES
 from ..runtime.bindings.array_checks import as_positive_count
+from ..runtime.steppers.stepper import Stepper
 from .axes import SCHEME, START, Axis, list_axis, random_axis, value_axis
 from .study import Study, checked_study
 from .sweep_model import base_parameters, resolve, starts
 
 __all__ = ["plan"]
+
+#: Round-off of a projected start, in ε of its size: of equations with a condition of thousands.
+_ROUNDING = 4096
 
 
 def plan(
@@ -77,6 +82,17 @@ def _points(name: str, table: Any) -> tuple[Axis, int | None]:
     return random_axis(name, ranges, table["count"], seed), seed
 
 
+def _warn_of_moved(stepper: Stepper, given: Any, moved: Any, what: str) -> None:
+    """Warn where a start was off the constraints by more than the round-off of some operations."""
+    old, new = (np.asarray(x, dtype=float) for x in (given, moved))
+    change = np.abs(new - old)
+    k = int(np.argmax(change))
+    if change[k] > _ROUNDING * stepper.binding.epsilon * np.abs(old).max():
+        name = stepper.manifest["system"][what][k]
+        warn(f"The start of the sweep is off the constraints; {name} = {old[k]:.9g} is moved "
+             f"furthest, to {new[k]:.9g}.")
+
+
 def _on_constraints(study: Study) -> Study:
     """Return the study with the model's start moved onto the constraints, to round-off.
 
@@ -94,6 +110,8 @@ def _on_constraints(study: Study) -> Study:
 
     if not study.varied("q"):
         q, p = moved(study.q, study.p)
+        _warn_of_moved(stepper, study.q, q, "coordinates")
+        _warn_of_moved(stepper, study.p, p, "momenta")
         kind = q.dtype if wide else np.float64
         return replace(study, q=q.astype(kind), p=p.astype(kind))
     if not wide:

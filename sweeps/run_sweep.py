@@ -16,9 +16,10 @@ from ..core.errors import InputError, Stopped, StorageError
 from ..core.exact_numbers import digits_of, exact
 from ..core.inertia import RepName
 from ..core.interrupts import catch_ctrl_c, catch_signals
+from ..core.progress import Progress, as_progress, log_progress
 from ..core.real_types import RealName
 from ..generator.schemes.named_schemes import SchemeName
-from ..runtime.bindings.array_checks import as_callback, as_positive_count
+from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.binding import SolverName
 from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.rotation_rate import FastestRotation
@@ -45,12 +46,11 @@ from .tiles import Tile, cells_of, tile_shape, tiles_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Progress", "run_study", "sweep"]
+__all__ = ["run_study", "sweep"]
 
 #: How to make a file of a sweep.
 _AS_FILE = "xarray writes the dataset that sweep(...) returns: .to_netcdf('sweep.nc')."
 #: Called with the number of cells that are done, and how many there are.
-Progress = Callable[[int, int], None]
 
 
 def sweep(
@@ -76,7 +76,7 @@ def sweep(
     resume: bool = False,
     workers: int | None = None,
     dask: Any = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> xarray.Dataset:
     """Integrate a model for every combination of what varies.
 
@@ -116,8 +116,9 @@ def sweep(
     dask : str or distributed.Client, optional
         A cluster in place of threads: a scheduler's address, ``"tcp://…"``, or a client. Workers
         write to ``out``, which must be a folder that all of them can reach.
-    progress : callable, optional
-        Called with the number of cells that are done, and of all.
+    progress : callable or bool, optional
+        A function is called with the number of cells that are done, and of all; True and False
+        as of ``integrate``.
 
     Returns
     -------
@@ -146,14 +147,14 @@ def sweep(
 def run_study(
     study: Study, *, keep: Iterable[str] | None = None, out: str | Path | None = None,
     resume: bool = False, workers: int | None = None, dask: Any = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> xarray.Dataset:
     """Compute the missing cells of a study, and return its result; see ``sweep``."""
     as_flag("resume", resume)
     fields = fields_of(study, keep)
     count = os.cpu_count() or 1
     threads = count if workers is None else as_positive_count("workers", workers, least=1)
-    as_callback("progress", progress)
+    as_progress(progress)
     _warn_of_turning(study)
     client = None if dask is None else cluster.client_of(dask)
     attributes = _attributes(study, fields)
@@ -212,15 +213,16 @@ def _prepare(
 
 def _compute(
     study: Study, fields: list[StoredField], done: set[tuple[int, ...]], sink: Sink, threads: int,
-    client: Any, progress: Progress | None, path: Path | None,
+    client: Any, progress: Progress, path: Path | None,
 ) -> None:
     """Compute the tiles that are not done."""
     stored = path is not None
     cells = sum(_size(tile) for tile in tiles_of(study, stored) if tile.place in done)
     left = (tile for tile in tiles_of(study, stored) if tile.place not in done)
-    counted = _Count(cells, study.size, progress)
-    counted.tell()
-    with catch_signals() if stored else catch_ctrl_c() as interrupts:
+    with (log_progress(f"sweeping {study.size:,} cells", study.size, progress) as report,
+          catch_signals() if stored else catch_ctrl_c() as interrupts):
+        counted = _Count(cells, study.size, report)
+        counted.tell()
         if client is None:
             compute_tile.run_tiles(study, fields, left, sink, threads, interrupts, counted.add)
         else:
@@ -243,7 +245,7 @@ def _end(counted: _Count, path: Path | None) -> str:
 class _Count:
     """Cells that are done."""
 
-    def __init__(self, done: int, everything: int, progress: Progress | None) -> None:
+    def __init__(self, done: int, everything: int, progress: Callable[..., Any] | None) -> None:
         self.done, self.all, self._progress = done, everything, progress
 
     def add(self, tile: Tile) -> None:

@@ -12,13 +12,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._version import __version__
 from ..core.errors import GyrosparkError, InputError
+from ..core.frozen_dict import FrozenDict
 
 if TYPE_CHECKING:
     import jinja2
@@ -109,7 +109,7 @@ class Options:
     parameters: Mapping[str, float]
     description: str = ""
     max_iterations: int = 50
-    own: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    own: Mapping[str, Any] = field(default_factory=FrozenDict)
     steppers: tuple[Written, ...] = ()
 
 

@@ -16,6 +16,8 @@ from compilers import COMPILERS
 from gyrospark.commands import main, main_generate
 from gyrospark.core.errors import CompilerError
 
+pytest_plugins = ["budget"]
+
 # Tests compile hundreds of steppers and run each for a moment: what a benchmark needs is built by
 # itself, and processes that run longer get a higher level. Set another one to test its code.
 os.environ.setdefault("GYROSPARK_OPTIMISE", "0")

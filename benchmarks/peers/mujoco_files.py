@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...generator.models.urdf import plain_name
+from ...generator.models.robot_builder import plain_name
 from ...runtime.rigid_body.quaternion import rotation_matrix
 from ..scenes import Array, ReferenceScene, SceneMotion
 from .mujoco_scenes import configure, moved, mujoco_module

@@ -10,9 +10,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...core.arguments import why_unwritable
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ...core.event import Event, as_events, event_of_text
-from ...core.file_formats import ending_of, endings, format_of, with_ending
+from ...core.file_formats import ending_of, endings, format_of
 from ...runtime.compilation.body_columns import bodies_of
 from ..options import check_ending, check_film, check_picture, check_writable
 
@@ -89,7 +90,7 @@ def check_targets(
     """Refuse unwritable files before a long run."""
     if out is not None:
         check_writable("--out", out, folder=_is_store(out))
-        check_ending("--out", out, ("", *endings("states", "store")))
+        check_ending("--out", out, endings("states", "store"))
     if plot is not None:
         check_picture(plot)
     if picture is not None:
@@ -131,7 +132,7 @@ def _is_exported(out: Path, *, resume: bool) -> bool:
 
     A table needs none: where stores cannot be written it is made of what is in memory.
     """
-    form = format_of(with_ending(out, ".npz"), "A run", "states", "store")
+    form = format_of(out, "A run", "states", "store")
     if form.tabular and not resume:
         return all(find_spec(package) is not None for package in ("zarr", "filelock"))
     return form.streamed
@@ -160,12 +161,21 @@ def _exported(
     store = store_beside(out)
     if not resume:
         _remove(store)
-    done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
+    try:
+        done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
+    except StorageError as error:
+        if not resume and _steps_in(store) == 0:
+            _remove(store)
+            raise StorageError(
+                f"The states for {str(out)!r} cannot be stored: "
+                f"{why_unwritable(out, error.__cause__ or error)}. No step is stored, and no file "
+                "is left: free some space, or choose another place.") from error
+        raise StorageError(f"{error} {stored_location(out)}") from error
     try:
         _open(store).export(out, **vars(angles))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
-        saved = StorageError(f"{error} The states are in {str(store)!r}: the same command with "
-                             "--resume, or gyrospark export, writes them.")
+        saved = StorageError(f"{error} The states are in {_hidden(store)}: the same command with "
+                             "--resume, or gyrospark export, writes them and removes both.")
         return replace(done, out=None, trouble=done.trouble or saved)
     except Exception as error:
         error.add_note(f"The states are in {str(store)!r}; gyrospark export writes them.")
@@ -189,7 +199,23 @@ def stored_location(out: Path | None) -> str:
     store = out if _is_store(out) else store_beside(out)
     if not store.exists():
         return ""
-    return f"What is stored in {str(store)!r} is whole: the same command with --resume goes on."
+    place = repr(str(store)) if _is_store(out) else _hidden(store)
+    return f"What is stored in {place} is whole: the same command with --resume goes on."
+
+
+def _hidden(store: Path) -> str:
+    """Return the name of a store beside a file, and of its lock, which folders do not show."""
+    from ...storage.staging import lock_file
+
+    return f"{str(store)!r} (hidden, with its lock {lock_file(store).name!r})"
+
+
+def _steps_in(store: Path) -> int:
+    """Return how many steps a store holds; 0 for one that could not be made."""
+    try:
+        return _open(store).steps_done if store.exists() else 0
+    except GyrosparkError:
+        return 0
 
 
 def _remove(store: Path) -> None:

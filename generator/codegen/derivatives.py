@@ -16,6 +16,7 @@ from ..schemes.derivative_kernels import (
 from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import common_kernels
 from ..symbolic.derivatives import derivative
+from ..symbolic.phases import START
 from ..systems.lagrangian import LagrangianSystem
 from .element_derivatives import element_derivatives
 from .program import Derivatives, Derived, Elements, LaneIteration
@@ -77,7 +78,8 @@ def derivatives_of(
         kernels.append(emit_kernel(switches, Constants(system.parameters), real,
                                    Target(real.c_type, "parameters_t", "")))
     called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
-    printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters})
+    printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
+                       | {START: f"par->{system.time}"})
     order = {p: j for j, p in enumerate(system.parameters)}
     slopes = [(i, order[p], d) for i, (_, e) in enumerate(constants)
               for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__)

@@ -27,6 +27,7 @@ from ..schemes.lagrangian_midpoint import LagrangianEMS
 from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme, SparkScheme, common_kernels
 from ..symbolic.cardinal_functions import c_names_with_needs
+from ..symbolic.phases import START
 from ..symbolic.shared_subexpressions import text_of
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.molecular_system import MolecularSystem
@@ -164,7 +165,8 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     frame = _frame(derived)
     quantities, of_state = quantity_kernel(derived), state_functions(derived)
     of_state_kernels = of_state.kernels if of_state else []
-    printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters},
+    printer = CPrinter(real, {p: f"par->{p}" for p in constants.parameters}
+                       | {START: f"par->{system.time}"},
                        explicit=derived.profile == "control")
     used = frozenset[str]().union(*(kernel.constants for kernel in known),
                                   parts.used_constants if parts else ())

@@ -84,6 +84,7 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
             **({"reactions": scheme.reactions} if scheme.reactions else {}),
             "keeps_momentum_constraint": tableau is not None or program.flows is not None,
             **({"exact_energy": True} if program.features.exact_energy else {}),
+            **_remarks(derived, program),
         },
         **({} if frame is None else {"frame": frame_manifest(frame, system)}),
         **_given_tableau(tableau),
@@ -102,6 +103,19 @@ def _numbers(derived: Derived, program: Program) -> dict[str, Any]:
     dt = derived.model.dt if derived.model else None
     return {"numbers": numbers_of(derived, program.states),
             "dt": None if dt is None else float(dt)}
+
+
+def _remarks(derived: Derived, program: Program) -> dict[str, Any]:
+    """Return what a user of the scheme should know of its errors."""
+    scheme, remarks = derived.scheme, list[str]()
+    if isinstance(scheme, SplittingScheme) and scheme.order > 2 and scheme.work_has_order_2:
+        remarks.append("the work of drag on a body with three different moments has order 2, "
+                       f"and so has the energy error of a run, while its motion has order "
+                       f"{scheme.order}")
+    if program.features.exact_energy and scheme.tableau and scheme.tableau.s == 2:
+        remarks.append("with 2 stages and energy=True the error of the state may be a hundred "
+                       "times that of energy=False; choose 3 stages or more, and compare the two")
+    return {"remarks": remarks} if remarks else {}
 
 
 def _composition(scheme: object) -> dict[str, Any]:

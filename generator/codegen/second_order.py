@@ -15,6 +15,7 @@ from ...core.errors import InputError
 from ..kernels.c_printer import SWITCHES, CPrinter
 from ..kernels.kernel import Target, emit_kernel
 from ..kernels.statements import Kernel
+from ..symbolic.phases import START
 from ..systems.lagrangian import LagrangianSystem
 from .program import Derived, DualKernels
 
@@ -72,8 +73,8 @@ def dual_kernels(
     real = derived.real
     emitted = [emit_kernel(replace(k, compensated=False), derived.constants, real, Target.duals())
                for k in kernels]
-    printer = CPrinter(real, {p: f"par[{j}]" for j, p in enumerate(derived.system.parameters)},
-                       "dual_")
+    printer = CPrinter(real, {p: f"par[{j}]" for j, p in enumerate(
+        [*derived.system.parameters, START])}, "dual_")
     chain = [printer.number(e) for e in slopes]
     called = printer.functions.union(*(k.functions for k in emitted))
     cardinals = [name for name in _CARDINALS if called & {name, f"{name}_slope"}]

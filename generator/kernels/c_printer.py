@@ -9,8 +9,9 @@ from fractions import Fraction
 import sympy as sp
 
 from ...core.errors import InputError
-from ...core.real_types import Real
+from ...core.real_types import Real, round_binary
 from ..symbolic.cardinal_functions import Numeric
+from ..symbolic.phases import Phase
 
 __all__ = ["ON_LANES", "SWITCHES", "CPrinter"]
 
@@ -94,6 +95,8 @@ class CPrinter:
             return self._power(e.base, e.exp)
         if e.func in _FUNCTIONS:
             return self._call(_FUNCTIONS[e.func], *e.args), _ATOM
+        if isinstance(e, Phase):
+            return self._phase(e), _ATOM
         if isinstance(e, Numeric):
             return self._call(e.c_name, *e.args, suffix=False), _ATOM
         if isinstance(e, sp.sign):
@@ -103,6 +106,16 @@ class CPrinter:
             f"{', '.join(f.__name__ for f in _FUNCTIONS)}, sign, Heaviside, Min, Max, Piecewise, "
             "ceiling, Mod."
         )
+
+    def _phase(self, e: Phase) -> str:
+        """Return the call of a phase, whose number has twice the digits of the type."""
+        number, *others = e.args
+        exact = Fraction(str(sp.N(number, 90))) if not number.is_Rational else Fraction(
+            int(number.p), int(number.q))
+        high = round_binary(exact, self.real.bits)
+        texts = map(self.real.literal, (high, exact - high))
+        self.functions |= {"phase", "sin", "cos", "atan2", "fma"}
+        return f"phase({', '.join([*texts, *map(self.number, others)])})"
 
     def _within(self, e: sp.Expr, level: int) -> str:
         text, precedence = self._text(e)

@@ -11,6 +11,7 @@ import sympy as sp
 
 from ...core.real_types import Real
 from ..symbolic.bounded_algebra import is_small
+from ..symbolic.phases import since_start, without_start
 from ..symbolic.shared_subexpressions import expand_shared, name_of, parts_of, symbols_of
 from ..symbolic.switching_functions import Where
 from .c_printer import ON_LANES, CPrinter
@@ -50,7 +51,9 @@ class Constants:
     def __init__(
         self, parameters: Sequence[sp.Symbol], others: Sequence[sp.Symbol] = (),
         clock: Mapping[sp.Symbol, str] | None = None, inputs: Sequence[sp.Symbol] = (),
+        time: sp.Symbol | None = None,
     ) -> None:
+        self._time = time
         #: Symbols that change within a step, and their fields among the constants.
         self.clock = dict(clock or {})
         self.taken = {str(s) for s in (*parameters, *others)}
@@ -58,12 +61,26 @@ class Constants:
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
         # Made once: H of 100 bodies asks it for every term.
         self._known = frozenset(parameters) - {*inputs}
+        self._timed: dict[sp.Expr, sp.Expr] = {}
         self._hoisted: dict[sp.Expr, sp.Expr] = {}
         self._pieces: dict[sp.Basic, bool] = {}
         self._symbols: dict[sp.Basic, frozenset[sp.Symbol]] = {}
         self._nonzero: dict[sp.Expr, bool | None] = {}
         self._free_names = (name for i in count() if (name := f"k{i}") not in self.taken)
         self._texts: dict[sp.Symbol, str] = {}
+
+    def since_start(self, e: sp.Expr) -> sp.Expr:
+        """Return e with the time since the start of a run in place of the time, hoisted."""
+        if e not in self._timed:
+            timed = e if self._time is None else since_start(
+                e, self._time, self._known, self._constant)
+            self._timed[e] = self.hoist(timed)
+        return self._timed[e]
+
+    def _constant(self, e: sp.Expr) -> sp.Expr:
+        if e not in self.definitions:
+            self.definitions[e] = sp.Symbol(next(self._free_names), real=True)
+        return self.definitions[e]
 
     def hoist(self, e: sp.Expr) -> sp.Expr:
         """Return e with every largest parameter-only subexpression replaced by a symbol."""
@@ -124,7 +141,8 @@ class Constants:
 
     def expand_shared(self, e: sp.Expr) -> sp.Expr:
         """Return e in terms of the parameters again."""
-        return e.xreplace({symbol: definition for definition, symbol in self.definitions.items()})
+        whole = e.xreplace({symbol: definition for definition, symbol in self.definitions.items()})
+        return whole if self._time is None else without_start(whole)
 
     def names(self) -> dict[sp.Symbol, str]:
         """Return the C text of each constant inside a kernel."""

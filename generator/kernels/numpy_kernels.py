@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..symbolic.numeric_evaluation import Evaluator
+from ..symbolic.phases import START
 from .kernel import Constants
 from .statements import Kernel, statements_of
 
@@ -38,7 +39,8 @@ def carry_out(
     dict of str to ndarray
         By the name of the output; what the function returns has the name "".
     """
-    walk = Evaluator({s: parameters[str(s)] for s in constants.parameters})
+    # Kernels count time from the start of a run, here from 0.
+    walk = Evaluator({START: 0.0, **{s: parameters[str(s)] for s in constants.parameters}})
     for e, symbol in constants.definitions.items():
         walk.define(symbol, walk(e))
     for array, symbols in kernel.inputs.items():

@@ -8,11 +8,16 @@
     multibody_file    several bodies with joints
     system_file       any Hamiltonian system
     bounded_xml       elements of XML, bounded in size, number and depth
-    urdf_robot        links and joints of a URDF file, each number checked
-    urdf_tree         positions of links; links on fixed joints become one body
+    xml_schema        elements and attributes of a format by class, and their check
+    urdf_schema       the classes of URDF
+    sdf_schema        the classes of SDF
+    xml_numbers       numbers, rotations and places in URDF and SDF
+    robot_tree        the tree of a robot, whichever format its file has
+    robot_builder     the tree of a robot to bodies and joints
     urdf              a URDF file to bodies and joints
-    mjcf_document     an MJCF file with its includes, default classes and compiler settings
-    mjcf_geoms        mass, centre and inertia of geoms
+    mjcf_document     the guard of MJCF files: bounded XML, no file outside the folder
+    mjcf_fields       the fields of MuJoCo's compiled model, each in one of three classes
+    mjcf_meshes       geoms of meshes, without files for MuJoCo
     closed_mesh       volume, centre and inertia of a closed mesh
     mjcf_robot        bodies, joints, actuators and equalities of an MJCF file
     mjcf              an MJCF file to bodies and joints

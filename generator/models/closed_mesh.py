@@ -59,18 +59,27 @@ def convex_hull(triangles: Array) -> Array:
     return corners
 
 
-def mesh_volume(triangles: Array) -> Volume:
+def mesh_volume(triangles: Array, *, overlaps: bool = False) -> Volume:
     """Return volume, centre and inertia of what triangles enclose, seen counterclockwise.
+
+    With ``overlaps`` each tetrahedron from the centre of the surface counts as positive, as in
+    MuJoCo's "legacy": the same for convex surfaces, too much for others.
 
     Raises
     ------
     InputError
         "reason; cure.", for surfaces that are open, or inside out.
     """
-    _refuse_open(triangles)
     start = triangles.reshape(-1, 3).mean(axis=0)  # near it: fewer digits are lost
+    if overlaps:
+        areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0],
+                                        triangles[:, 2] - triangles[:, 0]), axis=1)
+        start = areas @ triangles.mean(axis=1) / areas.sum() if areas.any() else start
+    else:
+        _refuse_open(triangles)
     corners = triangles - start
     volumes = np.linalg.det(corners) / 6
+    volumes = np.abs(volumes) if overlaps else volumes
     volume = float(volumes.sum())
     if not volume > 0:
         raise InputError(f"its volume is {volume:.3g} m³; turn its triangles round, so that they "

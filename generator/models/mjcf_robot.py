@@ -1,34 +1,39 @@
-"""The bodies, joints, actuators and equalities that an MJCF file describes, each number checked.
+"""The bodies, joints, actuators and equalities of an MJCF file, as MuJoCo compiles them.
 
-What moves a robot otherwise than its bodies, joints and actuators (``EXTRAS``) is never passed over
-unasked: it is counted, and refused unless its name is among those to ignore. What only looks,
-measures or configures a solver moves nothing and is not read.
+MuJoCo resolves defaults, classes, frames, ranges, fromto, inertia of geoms and all that makes parts
+out of others; nothing that moves is passed over (``mjcf_fields``). What moves a robot otherwise
+than its bodies, joints and actuators (``EXTRAS``) is counted, and refused unless its name is among
+those to ignore.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import proposal, shown
-from ...core.errors import InputError
-from ...core.mesh_files import read_triangles
-from .bounded_xml import Element
-from .closed_mesh import Volume, convex_hull, mesh_volume
-from .mjcf_document import Document, Given
-from .mjcf_geoms import Geom, geom_mass, geom_shape
-from .urdf_robot import IDENTITY, Placement, RobotLink
-from .urdf_tree import combine
+from ...core.arguments import shown
+from ...core.errors import InputError, MissingDependencyError
+from ...core.extras import install
+from ...core.shapes import Shape, ShapeKind
+from ...core.warnings import warn
+from ..multibody.initial_poses import rotation
+from .mjcf_document import check_document
+from .mjcf_fields import ENABLE_FLAGS, check_fields, count_refused, fields_of, flags_of
+from .mjcf_meshes import MeshGeom, remove_files
+from .robot_tree import Placement, Robot, RobotBody, RobotJoint, RobotLink
+from .robot_visuals import Look, colour_of
 
-__all__ = ["ACTUATORS", "COMMON", "EXTRAS", "MjcfActuator", "MjcfBody", "MjcfEquality",
-           "MjcfJoint", "MjcfKey", "MjcfRobot", "MjcfTendon",
-           "read_mjcf_robot"]
+__all__ = ["EXTRAS", "MjcfActuator", "MjcfEquality", "MjcfKey",
+           "MjcfRobot", "MjcfTendon", "compile_mjcf", "read_mjcf_robot"]
 
 Array = NDArray[np.float64]
 
@@ -37,81 +42,35 @@ EXTRAS = {
     "contact": "shapes that may touch",
     "limits": "ends of the range of a joint, a tendon or an effort",
     "friction": "dry friction of a joint or a tendon",
-    "fluid": "a medium with density, viscosity or wind",
+    "fluid": "a medium with density or viscosity",
     "tendon": "springs and dampers along tendons",
     "actuator": "actuators with states, or on other things than joints",
     "deformable": "flexible parts",
 }
 MAX_BODIES = 500
-SECTIONS = ("compiler", "option", "size", "statistic", "visual", "asset", "default", "worldbody",
-            "contact", "deformable", "equality", "tendon", "actuator", "sensor", "keyframe",
-            "custom", "extension")
-BODY_PARTS = ("inertial", "joint", "freejoint", "geom", "site", "camera", "light", "body", "frame")
-#: What makes bodies out of others.
-MACROS = ("replicate", "attach", "composite", "flexcomp", "plugin")
-#: Actuators that are an effort on a coordinate.
-ACTUATORS = ("general", "motor", "position", "velocity", "damper", "intvelocity", "cylinder",
-             "muscle", "adhesion", "plugin", "dcmotor")
-#: Attributes that a default of one kind of actuator sets for all.
-_SHARED = ("gear", "ctrllimited", "ctrlrange", "forcelimited", "forcerange")
-COMMON: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    kind: {other: _SHARED for other in ACTUATORS if other != kind} for kind in ACTUATORS}
-#: Default colour of geoms in MuJoCo; a material replaces it.
-_GREY = (0.5, 0.5, 0.5, 1.0)
-KINDS = ("hinge", "slide", "ball", "free")
-
-
-@dataclass(eq=False)
-class MjcfJoint:
-    """A joint: its axis and point in the axes of its body, its value where the file places it."""
-
-    name: str
-    kind: str
-    body: int
-    axis: Array
-    point: Array
-    ref: float
-    stiffness: float
-    rest: float
-    damping: float
-    armature: float
-    range: tuple[float, float] | None
-    given: Given
-
-    @property
-    def count(self) -> int:
-        """How many numbers of qpos it has."""
-        return {"free": 7, "ball": 4}.get(self.kind, 1)
-
-
-@dataclass(eq=False)
-class MjcfBody:
-    """A body where the file places it in the one above, whose number is ``above``, −1 for space."""
-
-    name: str
-    above: int
-    place: Placement
-    link: RobotLink
-    gravcomp: float
-    joints: list[MjcfJoint]
-    geoms: list[Geom]
+#: Kind of a geom → the sizes that its shape has.
+_DRAWN: Mapping[str, tuple[ShapeKind, tuple[int, int, int]]] = {
+    "sphere": ("sphere", (0, 0, 0)), "ellipsoid": ("sphere", (0, 1, 2)), "box": ("box", (0, 1, 2)),
+    "cylinder": ("disc", (0, 0, 1)), "capsule": ("bar", (0, 0, 1))}
+#: Default colour of geoms, which a material replaces.
+_GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class MjcfActuator:
     """An effort on Σ coefficient · coordinate of joints, the length of what it acts on.
 
-    effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate); with a damping
-    ``ratio`` ζ, bias₂ = −2 ζ √(−bias₁ m), m the effective inertia 1/(J M⁻¹ Jᵀ).
+    effort = gear (gain u + bias₀ + bias₁ gear length + (bias₂ + drag u) gear rate), u being the
+    number ``control`` of ctrl.
     """
 
     name: str
+    control: int
     joints: tuple[tuple[str, float], ...]
     gear: float
     gain: float
     bias: tuple[float, float, float]
     drag: float
-    ratio: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,495 +85,319 @@ class MjcfTendon:
 
 @dataclass(frozen=True, eq=False)
 class MjcfEquality:
-    """An equality between what ``ends`` name: bodies, sites, joints or tendons."""
+    """An equality between ``ends``: bodies or sites with their placements, joints or tendons.
+
+    ``data`` are MuJoCo's: the points of a connect; of a weld the anchor on the second, then the
+    pose of the second in the first; of joints and tendons the coefficients of a polynomial.
+    """
 
     name: str
     kind: str
-    ends: tuple[str, ...]
+    ends: tuple[Any, ...]
     sites: bool
-    given: Given
+    data: Array
 
 
 @dataclass(frozen=True, eq=False)
 class MjcfKey:
-    """A keyframe."""
+    """A keyframe; ``moved`` names a body that it places otherwise than the file."""
 
     name: str
-    given: Given
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    moved: str
 
 
 @dataclass(eq=False)
-class MjcfRobot:
-    """All that is read; bodies come after those they hang on."""
+class MjcfRobot(Robot):
+    """All that is read: the tree, and what MJCF alone has.
 
-    name: str
-    document: Document
-    bodies: list[MjcfBody] = field(default_factory=list)
-    joints: dict[str, MjcfJoint] = field(default_factory=dict)
+    ``looks`` has groups of geoms and their shapes by the number of the body, −1 for the ground.
+    """
+
+    off: frozenset[str] = frozenset()
     sites: dict[str, tuple[int, Placement]] = field(default_factory=dict)
-    geoms: list[Geom] = field(default_factory=list)
+    looks: dict[int, list[tuple[int, Look]]] = field(default_factory=dict)
     tendons: dict[str, MjcfTendon] = field(default_factory=dict)
     actuators: list[MjcfActuator] = field(default_factory=list)
     equalities: list[MjcfEquality] = field(default_factory=list)
     keys: list[MjcfKey] = field(default_factory=list)
-    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
-    dt: float = 0.002
-    off: frozenset[str] = frozenset()
     extras: Counter[str] = field(default_factory=Counter)
-    limits: float | None = None  # stiffness of the ends of ranges of joints
-
-    def limb(self, body: int) -> int:
-        """Return the body it moves with: the nearest one at or above that has joints."""
-        while body >= 0 and not self.bodies[body].joints:
-            body = self.bodies[body].above
-        return body
 
 
-def read_mjcf_robot(document: Document, name: str) -> MjcfRobot:
-    """Return what a document describes.
+def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom]]:
+    """Return MuJoCo's model of a text that was read from a file, and its geoms of meshes.
 
     Raises
     ------
     InputError
-        With the line, what is wrong with it, and the cure.
+        With the reason and the cure, MuJoCo's own words among them.
+    MissingDependencyError
+        Without MuJoCo.
     """
-    return _Reader(document, name).read()
+    _, files = check_document(text, path)
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingDependencyError(
+            f"The file {str(path)!r} is MJCF, which MuJoCo's compiler reads, and it is not "
+            f"installed; `pip install \"gyrospark[robots]\"` or {install('robots')} cures it."
+        ) from None
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        try:
+            spec = mujoco.MjSpec.from_string(text, include=files)
+            meshes = remove_files(mujoco, spec, path.parent)
+            model = spec.compile()
+        except InputError:
+            raise
+        except (ValueError, RuntimeError, MemoryError) as error:
+            told = ", ".join(" ".join(line.split()).replace("name '', id", "number").rstrip(".,")
+                             for line in str(error).splitlines() if line)
+            raise InputError(f"MuJoCo does not compile it: {told}; correct it.") from None
+    for message in dict.fromkeys(str(warning.message) for warning in heard):
+        warn(f"MuJoCo warns of {str(path)!r}: {message}.")
+    check_fields(fields_of(model), mujoco.__version__)
+    return model, meshes
+
+
+def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
+    """Return what a text that was read from a file describes.
+
+    Raises
+    ------
+    InputError
+        With what is wrong with it, and the cure.
+    MissingDependencyError
+        Without MuJoCo.
+    """
+    model, meshes = compile_mjcf(text, path)
+    return _Reader(model, {mesh.name: mesh for mesh in meshes}, path.stem).read()
 
 
 class _Reader:
-    def __init__(self, document: Document, name: str) -> None:
-        self.document = document
-        self.robot = MjcfRobot(document.top.attributes.get("model", name) or name, document)
-        self.touching: set[tuple[int, int, int]] = set()
-        self.meshes = {self._mesh_name(e): e for e in document.sections("asset")
-                       if e.name == "mesh"}
-        self.volumes: dict[str, Volume] = {}
-        self.masses: list[RobotLink] = []  # of the geoms of the body that is being read
-        self.weigh = False  # whether they give it its mass
-        self.moves = False  # whether it does
+    """Reads a compiled model, ``m`` as in MuJoCo's own programs."""
+
+    def __init__(self, model: Any, meshes: Mapping[str, MeshGeom], name: str) -> None:
+        import mujoco
+
+        self.m, self.meshes, self.mujoco = model, meshes, mujoco
+        options, title = model.opt, model.names.split(b"\0")[0].decode()
+        off = flags_of(options.disableflags, _members(mujoco.mjtDisableBit))
+        on = flags_of(options.enableflags, _members(mujoco.mjtEnableBit))
+        if "" in off or not on <= ENABLE_FLAGS:
+            told = ", ".join(sorted(on - ENABLE_FLAGS)) or "unknown"
+            raise InputError(f"it has a <flag> of <option> that no model here has, {told}; leave "
+                             "it out.")
+        if "constraint" in off:
+            off |= {"equality", "limit", "contact", "frictionloss"}
+        if {"spring", "damper"} <= off or not model.ngravcomp:  # of which those above 0 count
+            off.add("gravcomp")
+        self.robot = MjcfRobot(
+            title if title not in ("", "MuJoCo Model") else name, "an MJCF", "body",
+            gravity=np.zeros(3) if "gravity" in off else np.array(options.gravity),
+            dt=float(options.timestep), off=frozenset(off))
 
     def read(self) -> MjcfRobot:
-        robot, document = self.robot, self.document
-        for element in document.top.children:
-            if element.name not in SECTIONS:
-                raise InputError(f"line {element.line}: <{shown(element.name)[1:-1]}> is no part "
-                                 f"of MJCF{proposal(element.name, SECTIONS)}; remove it.")
-        self._options()
-        for element in document.top.all("worldbody"):
-            self._parts(element, -1, IDENTITY, "main")
-        if len(robot.bodies) > MAX_BODIES:
-            raise InputError(f"it has {len(robot.bodies)} bodies and at most {MAX_BODIES} are "
-                             "allowed.")
-        self._adjust_masses()
-        robot.extras["deformable"] += len([*document.sections("deformable")])
-        for element in document.sections("tendon"):
-            self._tendon(element)
-        for element in document.sections("actuator"):
-            self._actuator(element)
-        for element in document.sections("equality"):
-            self._equality(element)
-        for element in document.sections("keyframe"):
-            given = document.given(element)
-            robot.keys.append(MjcfKey(given.text("name", ""), given))
-        self._contacts()
+        m, robot = self.m, self.robot
+        if m.nbody > MAX_BODIES + 1:
+            raise InputError(f"it has {m.nbody - 1} bodies and at most {MAX_BODIES} are allowed.")
+        robot.extras = count_refused(m, robot.off)
+        robot.looks[-1] = self._looks(0)
+        for body in range(1, m.nbody):
+            self._body(body)
+        for k in range(m.nsite):
+            name = m.site(k).name
+            if name:
+                robot.sites[name] = self._end(m.site_bodyid[k], m.site_pos[k], m.site_quat[k])
+        for k in range(m.ntendon):
+            self._tendon(k)
+        for k in range(m.nactuator):
+            self._actuator(k)
+        if "equality" not in robot.off:
+            for k in range(m.neq):
+                if m.eq_active0[k]:
+                    self._equality(k)
+        for k in range(m.nkey):
+            self._key(k)
+        if "contact" not in robot.off:
+            self._contacts()
         return robot
 
-    # ------------------------------------------------------------ options
+    def _end(self, body: int, x: Array, q: Array) -> tuple[int, Placement]:
+        return int(body) - 1, Placement(np.array(x), rotation(q))
 
-    def _options(self) -> None:
-        robot, off = self.robot, set()
-        for element in self.document.top.all("option"):
-            given = self.document.given(element)
-            robot.gravity = given.vector("gravity", (*robot.gravity,))
-            robot.dt = given.number("timestep", robot.dt)
-            robot.extras["fluid"] += sum(
-                any(given.numbers(key, 1, 3, [0.0])) for key in ("density", "viscosity", "wind"))
-            for flags in element.all("flag"):
-                off |= {key for key, e in flags.attributes.items() if e == "disable"}
-        robot.off = frozenset(off)
-        if "gravity" in off:
-            robot.gravity = np.zeros(3)
+    def _kind(self, enumeration: str, number: int) -> str:
+        """Return the name of a member of an enumeration: "hinge" of mjtJoint."""
+        members = {value: name for name, value in _members(getattr(self.mujoco, enumeration))}
+        return members.get(int(number), "").partition("_")[2].lower()
+
+    @cached_property
+    def _joint_names(self) -> list[str]:
+        m, counts = self.m, Counter[int]()
+        found = []
+        for k in range(m.njnt):
+            body = int(m.jnt_bodyid[k])
+            found.append(m.joint(k).name or f"{_name(m.body(body).name, 'body', body)}_joint"
+                         f"{counts[body] or ''}")
+            counts[body] += 1
+        return found
 
     # ------------------------------------------------------------ bodies
 
-    def _parts(self, element: Element, body: int, place: Placement, inherited: str) -> None:
-        """Read what is in <body>, <worldbody> or <frame>, which is at ``place`` in the body."""
-        for child in element.children:
-            if child.name in MACROS:
-                raise InputError(f"line {child.line}: <{child.name}> makes parts of others; save "
-                                 "the file with them written out, as MuJoCo does.")
-            if child.name not in BODY_PARTS:
-                raise InputError(f"line {child.line}: <{shown(child.name)[1:-1]}> is no part of a "
-                                 f"body{proposal(child.name, BODY_PARTS)}; remove it.")
-            if child.name == "frame":
-                at = place.then(self.document.given(child).place(self.document.settings))
-                self._parts(child, body, at, self.document.inherit(child, inherited))
-            elif child.name == "body":
-                self._body(child, body, place, self.document.inherit(child, inherited))
-            elif child.name in ("joint", "freejoint"):
-                self._joint(child, body, place, inherited)
-            elif child.name == "geom":
-                self._geom(child, body, place, inherited)
-            elif child.name == "site" and "name" in child.attributes:
-                given = self.document.given(child, inherited)
-                at = Placement(np.zeros(3), np.eye(3)) if "fromto" in given else given.place(
-                    self.document.settings)
-                self.robot.sites[given.text("name")] = body, place.then(at)
+    def _body(self, k: int) -> None:
+        m, robot = self.m, self.robot
+        name, R = _name(m.body(k).name, "body", k), rotation(m.body_iquat[k])
+        link = RobotLink(name, float(m.body_mass[k]), np.array(m.body_ipos[k]),
+                         R @ np.diag(m.body_inertia[k]) @ R.T)
+        above, place = self._end(m.body_parentid[k], m.body_pos[k], m.body_quat[k])
+        first = m.body_jntadr[k]
+        joints = [self._joint(j) for j in range(first, first + m.body_jntnum[k])]
+        gravcomp = 0.0 if "gravcomp" in robot.off else float(m.body_gravcomp[k])
+        robot.bodies.append(RobotBody(name, above, place, link, gravcomp, joints))
+        robot.looks[k - 1] = self._looks(k)
+        robot.joints |= {joint.name: joint for joint in joints}
 
-    def _body(self, element: Element, above: int, place: Placement, inherited: str) -> None:
-        given = self.document.given(element)
-        number = len(self.robot.bodies)
-        name = given.text("name", "") or f"body{number + 1}"
-        if any(body.name == name for body in self.robot.bodies):
-            raise given.error("is there twice; rename one of them.")
-        body = MjcfBody(name, above, place.then(given.place(self.document.settings)),
-                        RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3))),
-                        given.number("gravcomp", 0.0), [], [])
-        self.robot.bodies.append(body)
-        kept, self.masses = self.masses, []
-        inertial = element.first("inertial")
-        from_geoms = self.document.settings.from_geoms
-        weigh, moves = self.weigh, self.moves
-        self.moves = moves or any(_joints(element))
-        self.weigh = (self.moves or self.document.settings.total_mass > 0) and (
-            from_geoms == "true" or (from_geoms == "auto" and inertial is None))
-        self._parts(element, number, IDENTITY, inherited)
-        if inertial is not None and from_geoms != "true":
-            body.link = self._inertial(self.document.given(inertial), name)
-        elif self.masses:
-            mass, centre, inertia = combine([(IDENTITY, link) for link in self.masses])
-            body.link = RobotLink(name, mass, centre, inertia)
-        self.masses, self.weigh, self.moves = kept, weigh, moves
+    def _joint(self, k: int) -> RobotJoint:
+        m, off, kind = self.m, self.robot.off, self._kind("mjtJoint", self.m.jnt_type[k])
+        q, v, single = m.jnt_qposadr[k], m.jnt_dofadr[k], kind in ("hinge", "slide")
+        if m.jnt_actgravcomp[k] and "actuation" in off and m.body_gravcomp.any():
+            raise InputError(f"joint {shown(self._joint_names[k])} has actuatorgravcomp and "
+                             "actuation is disabled; leave one of them out.")
+        limited = m.jnt_limited[k] and kind != "free" and "limit" not in off
+        low, high = map(float, m.jnt_range[k])
+        return RobotJoint(
+            self._joint_names[k], kind, int(m.jnt_bodyid[k]) - 1, np.array(m.jnt_axis[k]),
+            np.array(m.jnt_pos[k]), float(m.qpos0[q]) if single else 0.0,
+            0.0 if "spring" in off else float(m.jnt_stiffness[k]),
+            float(m.qpos_spring[q]) if single else 0.0,
+            0.0 if "damper" in off else float(m.dof_damping[v]), float(m.dof_armature[v]),
+            (low, high) if limited else None)
 
-    def _inertial(self, given: Given, name: str) -> RobotLink:
-        place = given.place(self.document.settings)
-        mass = given.number("mass")
-        if mass < 0:
-            raise given.error(f"has the mass {mass:g}; it must be above 0.")
-        if "fullinertia" in given:
-            xx, yy, zz, xy, xz, yz = given.numbers("fullinertia", 6)
-            J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        else:
-            J = np.diag(given.numbers("diaginertia", 3, default=[0.0, 0.0, 0.0]))
-        least = float(np.linalg.eigvalsh(J).min())
-        if least < -1e-9 * float(np.abs(J).max()):
-            raise given.error(f"has the principal moment {least:.3g}; none may be below 0.")
-        return RobotLink(name, mass, place.x, place.R @ J @ place.R.T)
-
-    def _geom(self, element: Element, body: int, place: Placement, inherited: str) -> None:
-        given = self.document.given(element, inherited)
-        shape = geom_shape(given, self.document.settings)
-        if shape.mesh:
-            shape = self._with_file(given, shape)
-        if "material" in given and shape.colour in (None, _GREY):
-            shape = replace(shape, colour=self._material(given.text("material")))
-        if body >= 0 and self.weigh:
-            link = geom_mass(given, shape, self.document.settings, self._volume)
-            if link is not None:
-                self.masses.append(_moved(link, place))
-        masks = given.whole("contype", 1), given.whole("conaffinity", 1)
-        if any(masks):
-            self.touching.add((body, *masks))
-        at = place.then(Placement(shape.position, shape.rotation))
-        geoms = self.robot.geoms if body < 0 else self.robot.bodies[body].geoms
-        geoms.append(shape.moved(at.x, at.R))
-
-    def _joint(self, element: Element, body: int, place: Placement, inherited: str) -> None:
-        robot = self.robot
-        given = self.document.given(element, inherited)
-        if body < 0:
-            raise given.error("is in <worldbody>, which does not move; put it into a body.")
-        kind = "free" if element.name == "freejoint" else given.choice("type", KINDS, "hinge")
-        owner = robot.bodies[body]
-        name = given.text("name", "") or f"{owner.name}_joint{len(owner.joints) or ''}"
-        if name in robot.joints:
-            raise given.error("is there twice; rename one of them.")
-        if kind == "free" and (owner.above >= 0 or owner.joints):
-            raise given.error("is free, which is for bodies of <worldbody> without another joint.")
-        turns = self.document.settings.angle if kind == "hinge" else 1.0
-        stiffness, damping = (self._linear(given, key) for key in ("stiffness", "damping"))
-        if np.any(given.numbers("springdamper", 2, default=[0.0, 0.0])):
-            raise given.error("has springdamper; write stiffness and damping.")
-        if robot.off & {"passive", "spring"}:
-            stiffness = 0.0
-        if robot.off & {"passive", "damper"}:
-            damping = 0.0
-        ref = given.number("ref", 0.0) * turns if kind in ("hinge", "slide") else 0.0
-        joint = MjcfJoint(
-            name, kind, body, place.R @ given.direction("axis", (0.0, 0.0, 1.0)),
-            place.x + place.R @ given.vector("pos", (0.0, 0.0, 0.0)), ref, stiffness,
-            given.number("springref", 0.0) * turns, damping, given.number("armature", 0.0),
-            self._range(given, kind, turns), given)
-        if "springref" not in given:
-            joint.rest = 0.0
-        if joint.armature < 0:
-            raise given.error(f"has armature={joint.armature:g}; it must be 0 or more.")
-        owner.joints.append(joint)
-        robot.joints[name] = joint
-        robot.extras["limits"] += self._limited(given, "actuatorfrclimited", "actuatorfrcrange")
-        if "frictionloss" not in robot.off:
-            robot.extras["friction"] += given.number("frictionloss", 0.0) != 0
-
-    def _linear(self, given: Given, key: str) -> float:
-        first, *higher = given.numbers(key, 1, 3, [0.0])
-        if any(higher):
-            raise given.error(f"has {key}={given.text(key)!r}, a polynomial; write its first "
-                              "number alone.")
-        if first < 0:
-            raise given.error(f"has {key}={first:g}; it must be 0 or more.")
-        return first
-
-    def _range(self, given: Given, kind: str, turns: float) -> tuple[float, float] | None:
-        if kind == "free" or "limit" in self.robot.off or not self._limited(
-                given, "limited", "range"):
-            return None
-        lower, upper = given.numbers("range", 2, default=[0.0, 0.0])
-        return lower * turns, upper * turns
-
-    def _limited(self, given: Given, flag: str, key: str) -> bool:
-        said = given.choice(flag, ("true", "false", "auto"), "auto")
-        return said == "true" or (said == "auto" and key in given
-                                  and self.document.settings.autolimits)
-
-    # ------------------------------------------------------------ meshes and masses
-
-    def _mesh_name(self, element: Element) -> str:
-        given = self.document.given(element)
-        file = given.text("file", "")
-        return given.text("name", "") or file.replace("\\", "/").rpartition("/")[2].rpartition(
-            ".")[0] or file
-
-    def _with_file(self, given: Given, shape: Geom) -> Geom:
-        """Return the geom with the file and the scale of its mesh."""
-        if shape.mesh not in self.meshes:
-            raise given.error(f"has mesh={shown(shape.mesh)}, which no <asset> has"
-                              f"{proposal(shape.mesh, self.meshes)}; correct it.")
-        mesh = self.document.given(self.meshes[shape.mesh])
-        path = Path(self.document.settings.meshes) / mesh.text("file", "")
-        R, x = self._reference(mesh)
-        return replace(shape, file=str(path) if "file" in mesh else "",
-                       inner=Placement(-R.T @ x, R.T),
-                       scale=tuple(mesh.numbers("scale", 3, default=[1.0] * 3)))
-
-    def _reference(self, mesh: Given) -> tuple[Array, Array]:
-        """Return refquat as a matrix, and refpos: the axes of a mesh in those of its file."""
-        turned = mesh.numbers("refquat", 4, default=[1.0, 0, 0, 0])
-        at = Given(mesh.tag, mesh.line, {"quat": " ".join(map(str, turned))})
-        return at.place(self.document.settings).R, mesh.vector("refpos", (0.0, 0.0, 0.0))
-
-    def _material(self, name: str) -> tuple[float, ...] | None:
-        """Return the colour of a material of <asset> and its texture, if it has one."""
-        assets = {(e.name, e.attributes.get("name", "")): e
-                  for e in self.document.sections("asset")}
-        try:
-            given = self.document.given(assets["material", name])
-            colour = given.numbers("rgba", 4, default=[1.0] * 4)
-            if "texture" in given:
-                texture = self.document.given(assets["texture", given.text("texture")])
-                if "builtin" not in texture:
-                    return tuple(colour) if "rgba" in given else None
-                tint = texture.numbers("rgb1", 3, default=[0.8] * 3)
-                colour = [*np.multiply(colour[:3], tint), colour[3]]
-            return tuple(colour)
-        except (InputError, KeyError):
-            return None
-
-    def _volume(self, geom: Given, name: str) -> Volume:
-        """Return the volume of a mesh of <asset>."""
-        if name not in self.meshes:
-            raise geom.error(f"has mesh={shown(name)}, which no <asset> has; correct it.")
-        if name not in self.volumes:
-            self.volumes[name] = self._measure(self.document.given(self.meshes[name]))
-        return self.volumes[name]
-
-    def _measure(self, given: Given) -> Volume:
-        settings = self.document.settings
-        way = given.choice("inertia", ("convex", "exact", "legacy", "shell"),
-                           "exact" if settings.exact_meshes else "convex")
-        if way in ("legacy", "shell") or "vertex" in given:
-            raise given.error("has its vertices written out or inertia='legacy' or 'shell', and "
-                              "gives mass to a body; give that body an <inertial>, or write "
-                              "inertia='exact'.")
-        file = given.text("file")
-        path = (self.document.folder / settings.meshes / file).resolve()
-        if not path.is_relative_to(self.document.folder.resolve()):
-            raise given.error(f"names the file {shown(file)}, which is not in the folder of the "
-                              "model; move it there.")
-        try:
-            corners = read_triangles(path) * given.numbers("scale", 3, default=[1.0] * 3)
-            R, x = self._reference(given)
-            corners = (corners - x) @ R
-            return mesh_volume(convex_hull(corners) if way == "convex" else corners)
-        except InputError as error:
-            raise given.error(f"gives mass to a body, and its file {shown(file)} is not usable: "
-                              f"{error}") from None
-
-    def _adjust_masses(self) -> None:
-        """Do what settotalmass, boundmass, boundinertia and balanceinertia ask for."""
-        settings, bodies = self.document.settings, self.robot.bodies
-        for body in bodies:
-            link = body.link
-            mass, J = max(link.mass, settings.bound_mass), link.inertia
-            moments, axes = np.linalg.eigh(J)
-            changed = np.maximum(moments, settings.bound_inertia)
-            if settings.balance and changed.sum() < 2 * changed.max():
-                changed = np.full(3, changed.mean())
-            if (changed != moments).any():
-                J = axes @ np.diag(changed) @ axes.T
-            body.link = RobotLink(link.name, mass, link.centre, J)
-        total = sum(body.link.mass for body in bodies)
-        if settings.total_mass > 0 and total > 0:
-            k = settings.total_mass / total
-            for body in bodies:
-                body.link = RobotLink(body.name, k * body.link.mass, body.link.centre,
-                                      k * body.link.inertia)
+    def _looks(self, body: int) -> list[tuple[int, Look]]:
+        """Return groups and shapes of the geoms of a body, without planes and invisible ones."""
+        m, found = self.m, []
+        for k in range(m.ngeom):
+            material = int(m.geom_matid[k])
+            rgba = m.geom_rgba[k]
+            if material >= 0 and np.array_equal(rgba, _GREY):
+                rgba = m.mat_rgba[material]
+            if m.geom_bodyid[k] != body or not rgba[3]:
+                continue
+            _, place = self._end(body, m.geom_pos[k], m.geom_quat[k])
+            colour = "" if np.array_equal(rgba, _GREY) else colour_of(rgba.tolist())
+            mesh, kind = self.meshes.get(m.geom(k).name), self._kind("mjtGeom", m.geom_type[k])
+            if mesh is not None and mesh.shape is not None:
+                look = place.then(mesh.inner), mesh.shape(colour)
+            elif mesh is None and kind in _DRAWN:
+                drawn, sizes = _DRAWN[kind]
+                size = np.array(m.geom_size[k])[[*sizes]]
+                look = place, Shape(drawn, size, colour=colour)
+            else:
+                continue
+            found.append((int(m.geom_group[k]), look))
+        return found
 
     def _contacts(self) -> None:
         """Count bodies with geoms that may touch those of another one."""
-        robot = self.robot
-        if robot.off & {"contact"}:
-            return
-        touching = {(robot.limb(body), *masks) for body, *masks in self.touching}
+        m = self.m
+        touching = {(int(m.body_weldid[m.geom_bodyid[k]]), int(m.geom_contype[k]),
+                     int(m.geom_conaffinity[k])) for k in range(m.ngeom)}
         found: set[int] = set()
-        for (a, type_a, with_a), (b, type_b, with_b) in combinations(touching, 2):
-            near = -1 not in (a, b) and (self._above(a) == b or self._above(b) == a)
-            if a != b and not near and (type_a & with_b or type_b & with_a):
+        for (a, type_a, with_a), (b, type_b, with_b) in combinations(sorted(touching), 2):
+            if a == b or not (type_a & with_b or type_b & with_a):
+                continue
+            near = 0 not in (a, b) and "filterparent" not in self.robot.off and (
+                m.body_weldid[m.body_parentid[a]] == b or m.body_weldid[m.body_parentid[b]] == a)
+            if not near:
                 found |= {a, b}
-        robot.extras["contact"] += len(found) + len([
-            e for e in self.document.sections("contact") if e.name == "pair"])
-
-    def _above(self, limb: int) -> int:
-        return self.robot.limb(self.robot.bodies[limb].above)
+        self.robot.extras["contact"] += len(found)
 
     # ------------------------------------------------------------ tendons, actuators, equalities
 
-    def _tendon(self, element: Element) -> None:
-        robot, given = self.robot, self.document.given(element, kind="tendon")
-        name = given.text("name", f"tendon{len(robot.tendons) + 1}")
-        told = {key: self._linear(given, key) for key in ("stiffness", "damping", "armature")}
-        rest = given.numbers("springlength", 1, 2, [-1.0])
-        slack = rest[0] != rest[-1]  # a range without a force
-        robot.extras["tendon"] += any(told.values()) and (
-            element.name != "fixed" or slack or told["armature"] > 0)
-        robot.extras["limits"] += self._limited(given, "limited", "range")
-        robot.extras["friction"] += given.number("frictionloss", 0.0) != 0
-        if element.name != "fixed":
+    def _tendon(self, k: int) -> None:
+        m, off, extras = self.m, self.robot.off, self.robot.extras
+        parts = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
+        fixed = all(self._kind("mjtWrap", m.wrap_type[part]) == "joint" for part in parts)
+        low, high = map(float, m.tendon_lengthspring[k])
+        stiffness = 0.0 if "spring" in off else float(m.tendon_stiffness[k])
+        damping = 0.0 if "damper" in off else float(m.tendon_damping[k])
+        extras["tendon"] += bool((stiffness and (not fixed or low != high))
+                                 or (damping and not fixed))
+        self.robot.tendons[_name(m.tendon(k).name, "tendon", k + 1)] = MjcfTendon(
+            tuple((self._joint_names[m.wrap_objid[part]], float(m.wrap_prm[part]))
+                  for part in parts) if fixed else (),
+            stiffness if low == high else 0.0, low, damping if fixed else 0.0)
+
+    def _actuator(self, k: int) -> None:
+        m, robot = self.m, self.robot
+        group = int(m.actuator_group[k])
+        passive = m.actuator_armature[k] or m.actuator_damping[k] or m.actuator_dampingpoly[k].any()
+        if not passive and ("actuation" in robot.off or (
+                0 <= group <= 30 and m.opt.disableactuator >> group & 1)):
             return
-        found = []
-        for child in element.all("joint"):
-            part = self.document.given(Element("coef", child.attributes, child.line))
-            found.append((self._coordinate(part, part.text("joint")), part.number("coef")))
-        length = sum(c * robot.joints[joint].rest for joint, c in found)
-        robot.tendons[name] = MjcfTendon(
-            tuple(found), 0.0 if slack else told["stiffness"],
-            length if rest[0] == -1 else rest[0], told["damping"])
-
-    def _coordinate(self, given: Given, name: str) -> str:
-        """Return the name of a joint that has one coordinate."""
-        joint = self.robot.joints.get(name)
-        if joint is None:
-            raise given.error(f"names {shown(name)}, which is no joint"
-                              f"{proposal(name, self.robot.joints)}; correct it.")
-        if joint.kind not in ("hinge", "slide"):
-            raise given.error(f"acts on {shown(name)}, a {joint.kind} joint, which has no single "
-                              "coordinate; remove it.")
-        return name
-
-    def _actuator(self, element: Element) -> None:
-        robot = self.robot
-        if element.name not in ACTUATORS:
-            raise InputError(f"line {element.line}: <{shown(element.name)[1:-1]}> is no actuator"
-                             f"{proposal(element.name, ACTUATORS)}; remove it.")
-        given = self.document.given(element)
-        law = self._law(given)
-        joint = given.text("joint", given.text("jointinparent", ""))
-        if joint:
-            found = robot.joints.get(joint)
-            acts: tuple[tuple[str, float], ...] = ()
-            if found is None or found.kind in ("hinge", "slide"):
-                acts = ((self._coordinate(given, joint), 1.0),)
-        else:
-            tendon = robot.tendons.get(given.text("tendon", ""))
-            acts = tendon.joints if tendon else ()
-        if law is None or not acts:
+        kind, target = self._kind("mjtTrn", m.actuator_trntype[k]), int(m.actuator_trnid[k][0])
+        acts: tuple[tuple[str, float], ...] = ()
+        if kind in ("joint", "jointinparent"):
+            joint = self._joint_names[target]
+            if robot.joints[joint].kind in ("hinge", "slide"):
+                acts = ((joint, 1.0),)
+        elif kind == "tendon":
+            acts = [*robot.tendons.values()][target].joints
+        gains, biases = (self._kind(f"mjt{what.title()}", getattr(m, f"actuator_{what}type")[k])
+                         for what in ("gain", "bias"))
+        gain, bias = m.actuator_gainprm[k], m.actuator_biasprm[k]
+        other = (m.actuator_dyntype[k] or gains not in ("fixed", "affine")
+                 or biases not in ("none", "affine") or (gains == "affine" and gain[1])
+                 or m.actuator_plugin[k] >= 0 or m.actuator_delay[k] or m.actuator_history[k].any()
+                 or passive or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1))
+        if other or not acts:
             robot.extras["actuator"] += 1
             return
-        if "actuation" in robot.off:
-            return
-        ranges = [("forcelimited", "forcerange")]
-        if "clampctrl" not in robot.off:
-            ranges.append(("ctrllimited", "ctrlrange"))
-        robot.extras["limits"] += any(self._limited(given, *pair) for pair in ranges)
-        gain, bias, drag = law
-        ratio = given.number("dampratio", 0.0)
-        if given.tag == "general" and gain == -bias[1] and bias[2] > 0:
-            ratio, bias = bias[2], (bias[0], bias[1], 0.0)
-        gear = given.numbers("gear", 1, 6, [1.0])[0]
-        if ratio and (ratio < 0 or not gear or bias[1] > 0 or bias[2]):
-            raise given.error(f"has dampratio={ratio:g}; it must be above 0, without kv and with a "
-                              "gear and a kp above 0.")
-        name = given.text("name", "") or f"u{len(robot.actuators) + 1}"
-        robot.actuators.append(MjcfActuator(name, acts, gear, gain, bias, drag, ratio))
+        control = int(m.actuator_ctrladr[k])
+        robot.extras["limits"] += bool(m.actuator_forcelimited[k] or (
+            m.actuator_ctrllimited[control] and "clampctrl" not in robot.off))
+        b0, b1, b2 = map(float, bias[:3] if biases == "affine" else np.zeros(3))
+        robot.actuators.append(MjcfActuator(
+            _name(m.actuator(k).name, "u", k + 1), control, acts,
+            float(m.actuator_gear[m.actuator_outadr[k]][0]), float(gain[0]), (b0, b1, b2),
+            float(gain[2]) if gains == "affine" else 0.0))
 
-    def _law(self, given: Given) -> tuple[float, tuple[float, float, float], float] | None:
-        """Return gain, bias and drag of an actuator; None where its effort is another one."""
-        if given.number("timeconst", 0.0):
-            return None
-        if given.tag == "motor":
-            return 1.0, (0.0, 0.0, 0.0), 0.0
-        if given.tag == "position":
-            kp = given.number("kp", 1.0)
-            return kp, (0.0, -kp, -given.number("kv", 0.0)), 0.0
-        if given.tag in ("velocity", "damper"):
-            kv = given.number("kv", 1.0)
-            return (kv, (0.0, 0.0, -kv), 0.0) if given.tag == "velocity" else (
-                0.0, (0.0, 0.0, 0.0), -kv)
-        if given.tag != "general" or given.text("dyntype", "none") != "none":
-            return None
-        gain, bias = ((given.numbers(key, 1, 10, [default]) + [0.0] * 3)[:3]
-                      for key, default in (("gainprm", 1.0), ("biasprm", 0.0)))
-        kind = given.text("gaintype", "fixed"), given.text("biastype", "none")
-        if kind[0] not in ("fixed", "affine") or kind[1] not in ("none", "affine") or (
-                kind[0] == "affine" and gain[1]):
-            return None
-        return (gain[0], (bias[0], bias[1], bias[2]) if kind[1] == "affine" else (0.0, 0.0, 0.0),
-                gain[2] if kind[0] == "affine" else 0.0)
+    def _equality(self, k: int) -> None:
+        m, robot = self.m, self.robot
+        kind, data = self._kind("mjtEq", m.eq_type[k]), np.array(m.eq_data[k])
+        name = _name(m.equality(k).name, "equality", k + 1)
+        numbers = [int(n) for n in (m.eq_obj1id[k], m.eq_obj2id[k])]
+        sites = self._kind("mjtObj", m.eq_objtype[k]) == "site"
+        if kind in ("connect", "weld"):
+            ends: list[Any] = [self._end(m.site_bodyid[n], m.site_pos[n], m.site_quat[n])
+                               if sites else (n - 1, Placement(np.zeros(3), np.eye(3)))
+                               for n in numbers]
+        elif kind in ("joint", "tendon"):
+            names = self._joint_names if kind == "joint" else [*robot.tendons]
+            ends = [names[n] for n in numbers if n >= 0]
+        elif kind.startswith("flex"):
+            return  # of what is counted as deformable
+        else:
+            raise InputError(f"<{kind}> {shown(name)} is no equality of bodies, joints or tendons; "
+                             "remove it.")
+        robot.equalities.append(MjcfEquality(name, kind, tuple(ends), sites, data))
 
-    def _equality(self, element: Element) -> None:
-        given = self.document.given(element, kind="equality")
-        if element.name not in ("connect", "weld", "joint", "tendon"):
-            raise given.error("is no equality of bodies, joints or tendons; remove it.")
-        if not given.flag("active", True) or "equality" in self.robot.off:
-            return
-        what = "body" if element.name in ("connect", "weld") else element.name
-        sites = what == "body" and "site1" in given
-        what = "site" if sites else what
-        ends = tuple(given.text(f"{what}{k}") for k in (1, 2) if k == 1 or f"{what}2" in given)
-        names: dict[str, Collection[str]] = {
-            "body": ["world", *(body.name for body in self.robot.bodies)],
-            "site": self.robot.sites, "joint": self.robot.joints, "tendon": self.robot.tendons}
-        known = names[what]
-        for end in ends:
-            if end not in known:
-                raise given.error(f"names {shown(end)}, which is no {what}"
-                                  f"{' of joints' if what == 'tendon' else ''}"
-                                  f"{proposal(end, known)}; correct it.")
-            if what == "joint":
-                self._coordinate(given, end)
-        name = given.text("name", f"equality{len(self.robot.equalities) + 1}")
-        self.robot.equalities.append(MjcfEquality(name, element.name, ends, sites, given))
+    def _key(self, k: int) -> None:
+        m = self.m
+        moved = next((m.body(b).name for b in range(m.nbody) for at in [m.body_mocapid[b]]
+                      if at >= 0 and not (
+                          np.array_equal(m.key_mpos[k].reshape(-1, 3)[at], m.body_pos[b])
+                          and np.array_equal(m.key_mquat[k].reshape(-1, 4)[at], m.body_quat[b]))),
+                     "")
+        self.robot.keys.append(MjcfKey(m.key(k).name, np.array(m.key_qpos[k]),
+                                       np.array(m.key_qvel[k]), np.array(m.key_ctrl[k]), moved))
 
 
-def _joints(element: Element) -> Iterator[Element]:
-    """Yield the joints of a body, also those in its frames."""
-    for child in element.children:
-        if child.name in ("joint", "freejoint"):
-            yield child
-        elif child.name == "frame":
-            yield from _joints(child)
+def _name(name: str, kind: str, number: int) -> str:
+    return name or f"{kind}{number}"
 
 
-def _moved(link: RobotLink, place: Placement) -> RobotLink:
-    """Return a mass whose frame is at ``place``, in the frame outside."""
-    return RobotLink(link.name, link.mass, place.x + place.R @ link.centre,
-                     place.R @ link.inertia @ place.R.T)
+def _members(enumeration: Any) -> list[tuple[str, int]]:
+    return [(name, int(value)) for name, value in enumeration.__members__.items()]

@@ -23,8 +23,8 @@ from ...core.shapes import Shape
 from ..multibody.body import Frame
 from ..multibody.multibody import Multibody
 from .bounded_xml import Element
-from .urdf_robot import Placement, numbers_of, place_of
-from .urdf_tree import Mount
+from .robot_tree import Mount, Placement
+from .xml_numbers import numbers_of, place_of
 
 __all__ = ["LinkLooks", "Look", "add_visuals", "colour_of", "draw", "looks_of", "shape_of",
            "urdf_looks"]

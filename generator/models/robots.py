@@ -17,7 +17,7 @@ to where the loops are closed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,8 +25,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_path
+from ...core.arguments import as_path, shown
 from ...core.errors import InputError
+from ...core.exact_numbers import decimal
 from ...core.inertia import RepName
 from ...core.mesh_files import located
 from ...core.warnings import warn
@@ -35,13 +36,12 @@ from ..multibody.model import Model
 from ..multibody.multibody import Multibody
 from ..parsing.text_file import model_text
 from .bounded_xml import read_xml
-from .mjcf import parse_mjcf, read_mjcf_settings
+from .mjcf import parse_mjcf
 from .multibody_file import finished, join, telling
+from .robot_tree import IDENTITY, Mount
 from .sdf import parse_sdf
 from .toml_tables import TomlTable, load_toml
-from .urdf import parse_urdf, read_settings
-from .urdf_robot import IDENTITY
-from .urdf_tree import Mount
+from .urdf import parse_urdf
 
 __all__ = ["Loops", "load_mjcf", "load_sdf", "load_urdf", "read_loops", "read_mjcf",
            "read_sdf", "read_urdf", "robot_model"]
@@ -50,6 +50,9 @@ __all__ = ["Loops", "load_mjcf", "load_sdf", "load_urdf", "read_loops", "read_mj
 _LOOP = "<constraint"
 #: Keys of a joint → the link they refer to.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
+#: Settings of all formats, and those of URDF and SDF.
+_COMMON = ("ignore", "gravity", "limits")
+_PLACED = ("base", "position", "quaternion", "velocity", "angular_velocity")
 _AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
 
 
@@ -75,8 +78,8 @@ def read_urdf(
         "10 rpm" are texts); 0 by default. Joints with <mimic> follow theirs.
     ignore : names
         What to do without that a file has: "limits", "friction", "collision", "contact",
-        "transmission", "gazebo", "safety_controller", or "all". What is there and is not ignored
-        is refused. <visual> and <material> move nothing.
+        "gazebo", "extension", or "all". What is there and is not ignored is refused.
+        <visual>, <sensor>, <transmission> and what controllers have move nothing.
     gravity : three floats
         In space.
     position, quaternion : optional
@@ -147,7 +150,8 @@ def read_mjcf(
     Parameters
     ----------
     path : path
-        The file, at most 1 MiB of UTF-8 with all that it includes from its folder.
+        The file, at most 1 MiB of UTF-8 with all that it includes from its folder. MuJoCo's
+        compiler reads it, of the extra ``robots``.
     keyframe : str or int, optional
         Name or number of the <key> that gives the start; by default qpos0, at rest.
     angles, rates : mapping of str, optional
@@ -239,11 +243,12 @@ def read_sdf(
     angles, rates : mapping of str to float or text, optional
         Of joints of the tree, as for ``read_urdf``. Closed loops are then projected.
     ignore : names
-        "limits", "friction", "collision", "plugin", or "all", as for ``read_urdf``.
+        "limits", "friction", "collision", "plugin", "extension", or "all", as for ``read_urdf``.
     gravity : three floats, optional
-        In space axes; default: gravity of the file's world, else (0, 0, -9.81).
+        In space axes; default: gravity of the file's world, 9.8 m/s² down where the world has
+        none, else (0, 0, -9.81).
     position, quaternion : optional
-        Where the frame of the model is in space.
+        Where the world of the file is in space, in which the model has its <pose>.
     velocity, angular_velocity, rep, limits : optional
         As for ``read_urdf``.
 
@@ -297,15 +302,55 @@ def robot_model(
     """
     kind = _outermost(text, path) if str(path).endswith(".xml") else Path(path).suffix[1:]
     if kind == "sdf":
-        return _without_redundant(read_settings(text, path, rep, settings, parse=parse_sdf), path)
+        build = parse_sdf(text, path, **read_settings(settings, rep, _PLACED))
+        return _without_redundant(build, path)
     own = dict(settings)
     loops = read_loops(own.pop("loops")) if "loops" in own else None
+    close = loops.close if loops else None
     urdf = kind in ("robot", "urdf")
-    read = read_settings if urdf else read_mjcf_settings
-    build = read(text, path, rep, own, loops.close if loops else None)
+    if urdf:
+        build = parse_urdf(text, path, close=close, **read_settings(own, rep, _PLACED))
+    else:
+        build = parse_mjcf(text, path, close=close, **read_settings(own, rep, ("keyframe",)))
     if loops:
         return loops.model(build)
     return build.model() if urdf and _LOOP not in text else _without_redundant(build, path)
+
+
+def read_settings(
+    settings: Mapping[str, str], rep: str | None, own: Sequence[str]
+) -> dict[str, Any]:
+    """Return arguments of a reader for settings as a command has them.
+
+    ``ignore=limits,collision``, ``gravity=0,0,-1.62``, ``limits=1000``, ``JOINT=0.5`` or
+    ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``, several numbers for ball and free
+    joints, ``root=0,0,1,1,0,0,0``; and the keys of a format, ``base=floating``, ``keyframe=home``.
+    """
+    options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
+    for key, text in settings.items():
+        if key not in (*_COMMON, *own):
+            joint, _, rate = key.rpartition(".")
+            kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
+            parts = [_number_or_text(part) for part in text.split(",")]
+            options[kind][name] = parts if len(parts) > 1 else parts[0]
+        elif key == "ignore":
+            options[key] = [name.strip() for name in text.split(",")]
+        elif key in ("base", "keyframe"):
+            options[key] = text
+        else:
+            numbers = [_number_or_text(part) for part in text.split(",")]
+            for part in numbers:
+                if isinstance(part, str):
+                    raise InputError(f"{key}={shown(part)} is no number; write for example "
+                                     f"{key}=0.5.")
+            options[key] = numbers[0] if key == "limits" else numbers
+    return options
+
+
+def _number_or_text(text: str) -> float | str:
+    """Return a number, or a text, which may be an angle with a unit."""
+    number = decimal(text)
+    return text if number is None else float(number)
 
 
 def _outermost(text: str, path: str | Path) -> str:

@@ -6,69 +6,85 @@
 The first joint that has a link as its child belongs to the tree of the robot, and is as in URDF; a
 further one closes a loop. What its other side is follows from the poses of the file. A link that is
 no child floats; ``world`` is the ground. The axis is in the axes of the joint, as from version 1.5.
+Each element and attribute is in a closed list (``sdf_schema``).
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_items, as_text, choose, listed, proposal, shown
+from ...core.arguments import choose, few, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.shapes import Shape
-from ..multibody.initial_poses import attitude, rotation, vector
+from ...core.warnings import warn
+from ..multibody.body import GROUND
+from ..multibody.initial_poses import attitude, optional_vector, rotation, unit, vector
 from ..multibody.multibody import Multibody
 from .bounded_xml import Element, read_xml
-from .robot_visuals import LinkLooks, add_visuals, colour_of, looks_of, shape_of
-from .urdf import BASES, Names, build_robot
-from .urdf_robot import (
+from .robot_builder import (
+    RobotBuilder,
+    Start,
+    as_names,
+    reference_of,
+    refuse_extras,
+    set_base_motion,
+    stiffness_of_limits,
+    take_values,
+)
+from .robot_tree import (
     IDENTITY,
-    MAX_LINKS,
-    NUMBER,
+    Edge,
+    Follower,
+    LoopJoint,
     Placement,
     Robot,
     RobotJoint,
     RobotLink,
-    refuse_extras,
+    check_followers,
+    free_base,
+    grow_tree,
     root_of,
-    stiffness_of_limits,
-    turn,
 )
-from .urdf_tree import LoopJoint, Mount
+from .robot_visuals import LinkLooks, add_visuals, colour_of, looks_of, shape_of
+from .sdf_schema import EXTRAS, SDF, VERSIONS
+from .urdf import BASES, MAX_LINKS
+from .xml_numbers import UNLIMITED, parse_numbers, roll_pitch_yaw, rotation_xyzw
+from .xml_schema import count_extras
 
-__all__ = ["EXTRAS", "parse_sdf"]
+__all__ = ["parse_sdf"]
 
 Array = NDArray[np.float64]
 
-TYPES = ("revolute", "continuous", "prismatic", "ball", "fixed")
-#: Ignorable part of a file → its meaning.
-EXTRAS = {
-    "limits": "ends of a joint's range",
-    "friction": "dry friction of a joint",
-    "collision": "shapes that touch",
-    "plugin": "parts of another simulator",
-}
-#: What makes models of others, or follows another joint.
-REFUSED = ("include", "model", "gripper", "mimic")
+#: Type of a joint → its kind in the tree, which fixed links need not.
+KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "ball": "ball",
+         "fixed": ""}
 _MODEL = "__model__"
-#: Ranges beyond this, in rad or m, are none.
-_UNLIMITED = 1e9
+_FLAGS = {"true": True, "1": True, "false": False, "0": False}
+#: Gravity of a <world> that has no <gravity>, by the standard; of a file without a world.
+_STANDARD, _USUAL = [0.0, 0.0, -9.8], [0.0, 0.0, -9.81]
 
 
 @dataclass(frozen=True, eq=False)
-class Graph:
-    """Links and joints where the file places them, in the axes of the model."""
+class PlacedJoint:
+    """A joint where the file places it, its axis in the axes of the world."""
 
     name: str
-    links: dict[str, RobotLink]
-    joints: dict[str, RobotJoint]
-    places: dict[str, Placement]  # of links, and of joints
+    kind: str
+    parent: str
+    child: str
+    place: Placement
+    axis: Array
+    damping: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    range: tuple[float, float] | None = None
+    follower: Follower | None = None
 
 
 def parse_sdf(
@@ -80,25 +96,32 @@ def parse_sdf(
     """Return the bodies and joints of a text that was read from a file; see ``read_sdf``."""
     if base is not None:
         choose("base", base, BASES)
-    left_out = [ignore] if isinstance(ignore, str) else [
-        as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
+    left_out = as_names(ignore)
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
-    stiffness = stiffness_of_limits(limits)
+    weight, stiffness = optional_vector("gravity", gravity), stiffness_of_limits(limits)
     try:
         top = read_xml(text)
         model = _only_model(top)
-        extras = Counter(_extras(model))
-        if stiffness is not None:
-            del extras["limits"]
+        extras = count_extras(top, SDF)
+        scopes = _Scopes(top, model)
+        links, joints = _read(scopes)
+        if stiffness is None:
+            extras["limits"] = sum(joint.range is not None for joint in joints)
         refuse_extras(extras, EXTRAS, left_out)
-        graph = _read(model, str(top.attributes.get("version", "1.6")))
-        before = dict(graph.places)
-        tree, closing = _tree(graph)
-        tree = replace(tree, limits=stiffness)
-        builder, mounts = _build(graph, tree, closing, base, pose.then(graph.places[tree.root]),
-                                 (angles, rates, velocity, angular_velocity),
-                                 _gravity(top) if gravity is None else gravity, rep)
-        add_visuals(builder, _looks(model, before, graph.places), mounts, Path(path))
+        robot = _tree(scopes, links, joints, pose, base)
+        robot.gravity = np.array(_gravity(top)) if weight is None else weight
+        robot.limits = stiffness
+        start = Start(*reference_of(robot))
+        take_values(robot, start, angles, rates)
+        set_base_motion(robot, start, velocity, angular_velocity)
+        made = RobotBuilder(robot, start, rep)
+        builder, mounts = made.build(), made.mounts()
+        assumed = [name for name, element in scopes.all("link").items()
+                   if element.first("inertial") is None and mounts[name].frame is not GROUND]
+        if assumed:
+            warn(f"The model file {str(path)!r} has no <inertial> for {few(assumed)}: 1 kg and "
+                 "1 kg m² are taken, as SDF has it.")
+        add_visuals(builder, _looks(model), mounts, Path(path))
         return builder
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
@@ -111,33 +134,20 @@ def _only_model(top: Element) -> Element:
     models = [*top.all("model"), *(e for world in top.all("world") for e in world.all("model"))]
     if len(models) != 1:
         raise InputError(f"it has {len(models)} models; give a file with one <model>.")
-    for element in models[0].children:
-        if element.name in REFUSED:
-            raise InputError(f"line {element.line}: <{element.name}> is none of what is read; "
-                             "write its links and joints out.")
     return models[0]
 
 
 def _gravity(top: Element) -> list[float]:
-    given = [e for world in top.all("world") for e in world.all("gravity")]
-    return _numbers(given[0], 3) if given else [0.0, 0.0, -9.81]
-
-
-def _extras(model: Element) -> Iterator[str]:
-    """Yield the names of what is beyond links and joints, each time it is there."""
-    for element in model.children:
-        if element.name == "plugin":
-            yield "plugin"
-        for part in element.children:
-            if part.name == "collision":
-                yield "collision"
-            if part.name != "axis" or element.attributes.get("type") not in TYPES[:3]:
-                continue
-            if _range(part) is not None:
-                yield "limits"
-            dynamics = part.first("dynamics")
-            if dynamics is not None and _number(dynamics, "friction", 0.0):
-                yield "friction"
+    """Return gravity of the world, which files before version 1.6 have in <physics>."""
+    told = [e for world in top.all("world") for owner in (world, *world.all("physics"))
+            for e in owner.all("gravity")]
+    if not told:
+        return _STANDARD if top.first("world") else _USUAL
+    first, *others = (_numbers(e, 3) for e in told)
+    if any(other != first for other in others):
+        raise InputError(f"line {told[-1].line}: <gravity> is another one than in line "
+                         f"{told[0].line}; write the same, or set gravity.")
+    return first
 
 
 def _range(axis: Element) -> tuple[float, float] | None:
@@ -145,206 +155,260 @@ def _range(axis: Element) -> tuple[float, float] | None:
     limit = axis.first("limit")
     if limit is None:
         return None
-    lower, upper = _number(limit, "lower", -_UNLIMITED), _number(limit, "upper", _UNLIMITED)
-    return (lower, upper) if min(abs(lower), abs(upper)) < _UNLIMITED else None
+    lower, upper = (_number(limit, name, end, endless=True)
+                    for name, end in (("lower", -UNLIMITED), ("upper", UNLIMITED)))
+    return (lower, upper) if min(abs(lower), abs(upper)) < UNLIMITED else None
 
 
 # ---------------------------------------------------------------- reading
 
 
-def _read(model: Element, version: str) -> Graph:
-    elements: dict[str, Element] = {}
-    for element in model.children:
-        if element.name in ("link", "joint", "frame"):
-            name = element.attributes.get("name", "")
-            if not name or name in elements or name in ("world", _MODEL):
-                raise InputError(f"line {element.line}: a <{element.name}> is named {shown(name)}; "
-                                 "give it a name of its own.")
-            elements[name] = element
-    if sum(element.name == "link" for element in elements.values()) > MAX_LINKS:
+class _Scopes:
+    """Named elements of a world and its model, where they are, and what they move with.
+
+    In the world a part of the model has the name ``MODEL::PART``.
+    """
+
+    def __init__(self, top: Element, model: Element) -> None:
+        self.model, self.version = model, choose(
+            "version of SDF", top.attributes.get("version", "1.6"), VERSIONS)
+        self.name = model.attributes.get("name", "robot")
+        self.elements: dict[str, Element] = {}
+        self.outside: set[str] = set()  # names of elements of the world
+        for world in top.all("world"):
+            self._add(world)
+            self.outside = {*self.elements}
+        self._add(model)
+        self.places = {"world": IDENTITY}
+        for name in (_MODEL, *self.elements):
+            self.place(name)
+
+    def _add(self, scope: Element) -> None:
+        for element in scope.children:
+            if element.name in ("link", "joint", "frame"):
+                name = element.attributes.get("name", "")
+                if not name or name in self.elements or name in ("world", _MODEL):
+                    raise InputError(f"line {element.line}: a <{element.name}> is named "
+                                     f"{shown(name)}; give it a name of its own.")
+                self.elements[name] = element
+
+    def all(self, kind: str) -> dict[str, Element]:
+        """Return the elements of a kind by name."""
+        return {name: e for name, e in self.elements.items() if e.name == kind}
+
+    def seen(self, name: str, owner: str) -> str:
+        """Return what a name stands for in the scope of an element."""
+        if owner not in self.outside and owner != _MODEL:
+            return name
+        return _MODEL if name == self.name else name.removeprefix(f"{self.name}::")
+
+    def place(self, name: str, below: tuple[str, ...] = ()) -> Placement:
+        """Return where the model, a link, a joint or a frame is in the world."""
+        if name in self.places:
+            return self.places[name]
+        if name in below:
+            raise InputError(f"the poses of {' – '.join(below)} refer to each other in a circle; "
+                             "correct relative_to.")
+        if name not in self.elements and name != _MODEL:
+            raise InputError(f"a pose is relative to {shown(name)}, which is no link, joint or "
+                             f"frame{proposal(name, self.elements)}; correct it.")
+        element = self.model if name == _MODEL else self.elements[name]
+        pose = element.first("pose")
+        told = {} if pose is None else pose.attributes
+        home = "world" if name == _MODEL or name in self.outside else _MODEL
+        default = _text(element, "child") if element.name == "joint" else element.attributes.get(
+            "attached_to") or home
+        above = self.seen(told.get("relative_to") or told.get("frame") or default, name)
+        here = self.place(above, (*below, name)).then(_pose(pose))
+        placed = element.attributes.get("placement_frame") if name == _MODEL else None
+        if placed:  # that frame of the model is there
+            self.places[_MODEL] = IDENTITY
+            inner = self.place(placed, (*below, name))
+            here = here.then(Placement(-inner.R.T @ inner.x, inner.R.T))
+            self.places = {"world": IDENTITY}
+        self.places[name] = here
+        return here
+
+    def link(self, name: str, below: tuple[str, ...] = ()) -> str:
+        """Return the link, or the world, that a link, a joint, a frame or the model moves with."""
+        if name == "world":
+            return name
+        if name == _MODEL:
+            links = self.all("link")
+            return self.model.attributes.get("canonical_link") or next(iter(links), "world")
+        element = self.elements.get(name)
+        if element is None or name in below:
+            return name
+        if element.name == "link":
+            return name
+        home = "world" if name in self.outside else _MODEL
+        above = _text(element, "child") if element.name == "joint" else element.attributes.get(
+            "attached_to") or home
+        return self.link(self.seen(above, name), (*below, name))
+
+
+def _read(
+    scopes: _Scopes
+) -> tuple[dict[str, tuple[RobotLink, float]], list[PlacedJoint]]:
+    """Return links, with the share of their weight that is compensated, and joints."""
+    elements = scopes.all("link")
+    if not elements:
+        raise InputError("it has no <link>; write one at least.")
+    if len(elements) > MAX_LINKS:
         raise InputError(f"it has more than {MAX_LINKS} links; leave some out.")
-    places = {_MODEL: IDENTITY, "world": IDENTITY}
-    for name in elements:
-        _place(name, elements, places, [])
-    links = {name: _link(name, e) for name, e in elements.items() if e.name == "link"}
-    joints = {name: _joint(name, e, places, version) for name, e in elements.items()
-              if e.name == "joint"}
-    for joint in joints.values():
+    links = {name: _link(name, e) for name, e in elements.items()}
+    joints = [_joint(name, e, scopes) for name, e in scopes.all("joint").items()]
+    for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in links and end != "world":
                 raise InputError(f"joint {shown(joint.name)} joins {shown(end)}, which is no link"
                                  f"{proposal(end, links)}; correct it.")
-    if not links:
-        raise InputError("it has no <link>; write one at least.")
-    return Graph(model.attributes.get("name", "robot"), links, joints, places)
-
-
-def _place(
-    name: str, elements: Mapping[str, Element], places: dict[str, Placement], below: list[str]
-) -> Placement:
-    """Return where a link, a joint or a frame is in the model."""
-    if name in places:
-        return places[name]
-    if name in below:
-        raise InputError(f"the poses of {' – '.join(below)} refer to each other in a circle; "
-                         "correct relative_to.")
-    if name not in elements:
-        raise InputError(f"a pose is relative to {shown(name)}, which is no link, joint or frame"
-                         f"{proposal(name, elements)}; correct it.")
-    element = elements[name]
-    pose = element.first("pose")
-    told = {} if pose is None else pose.attributes
-    default = _text(element, "child") if element.name == "joint" else element.attributes.get(
-        "attached_to", _MODEL)
-    above = told.get("relative_to") or told.get("frame") or default
-    places[name] = _place(above, elements, places, [*below, name]).then(_pose(pose))
-    return places[name]
+    return links, joints
 
 
 def _pose(pose: Element | None) -> Placement:
-    """Return x y z, roll pitch yaw."""
-    if pose is None:
+    """Return x y z, roll pitch yaw, or x y z and a quaternion x y z w."""
+    if pose is None or not pose.text.strip():
         return IDENTITY
-    if pose.attributes.get("rotation_format", "euler_rpy") != "euler_rpy":
-        raise InputError(f"line {pose.line}: <pose> has rotation_format="
-                         f"{shown(pose.attributes['rotation_format'])}; write roll, pitch, yaw.")
-    *x, roll, pitch, yaw = _numbers(pose, 6)
-    if pose.attributes.get("degrees") == "true":
-        roll, pitch, yaw = np.radians([roll, pitch, yaw]).tolist()
-    axes = np.eye(3)
-    return Placement(np.array(x), turn(axes[2], yaw) @ turn(axes[1], pitch) @ turn(axes[0], roll))
+    form = pose.attributes.get("rotation_format", "euler_rpy")
+    owner = f"line {pose.line}: <pose>"
+    choose(f"rotation_format of {owner}", form, ("euler_rpy", "quat_xyzw"))
+    degrees = _flag(pose.attributes.get("degrees", "false"), owner)
+    numbers = _numbers(pose, 6 if form == "euler_rpy" else 7)
+    turned = numbers[3:]
+    if form == "euler_rpy":
+        R = roll_pitch_yaw(np.radians(turned).tolist() if degrees else turned)
+    elif degrees:
+        raise InputError(f"{owner} has degrees and a quaternion; remove degrees.")
+    else:
+        R = rotation_xyzw(turned, owner)
+    return Placement(np.array(numbers[:3]), R)
 
 
-def _link(name: str, element: Element) -> RobotLink:
-    inertial = element.first("inertial")
+def _link(name: str, element: Element) -> tuple[RobotLink, float]:
+    """Return a link; its mass and inertia are those of the standard where it has none."""
+    inertial, gravity = element.first("inertial"), element.first("gravity")
+    weightless = 0.0 if gravity is None or _flag(
+        gravity.text, f"line {gravity.line}: <gravity>") else 1.0
     if inertial is None:
-        return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
+        return RobotLink(name, 1.0, np.zeros(3), np.eye(3)), weightless
     moments = inertial.first("inertia")
     if inertial.first("mass") is None or moments is None:
         raise InputError(f"line {inertial.line}: the <inertial> of {shown(name)} has no <mass> or "
                          "no <inertia>; write both.")
-    xx, xy, xz, yy, yz, zz = (_number(moments, key, 0.0) for key in
-                              ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    xx, yy, zz = (_number(moments, key) for key in ("ixx", "iyy", "izz"))
+    xy, xz, yz = (_number(moments, key, 0.0) for key in ("ixy", "ixz", "iyz"))
     place, mass = _pose(inertial.first("pose")), _number(inertial, "mass", 0.0)
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass < 0 or np.linalg.eigvalsh(J).min() < -1e-9 * np.abs(J).max():
         raise InputError(f"line {inertial.line}: the <inertial> of {shown(name)} has a mass or a "
                          "principal moment below 0; correct it.")
-    return RobotLink(name, mass, place.x, place.R @ J @ place.R.T)
+    return RobotLink(name, mass, place.x, place.R @ J @ place.R.T), weightless
 
 
-def _joint(
-    name: str, element: Element, places: Mapping[str, Placement], version: str
-) -> RobotJoint:
-    """Return a joint, its axis in the axes of the model and its place where it is there."""
+def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
+    """Return a joint, its axis in the axes of the world and its place where it is there."""
     kind = element.attributes.get("type", "")
-    if kind not in TYPES:
+    if kind not in KINDS:
         raise InputError(f"line {element.line}: the type of joint {shown(name)} is {shown(kind)}; "
-                         f"choose {listed(TYPES)}{proposal(kind, TYPES)}.")
-    axis, dynamics = element.first("axis"), None
-    along = np.array([0.0, 0.0, 1.0])
-    if axis is not None and kind in TYPES[:3]:
-        xyz, dynamics = axis.first("xyz"), axis.first("dynamics")
-        along = np.array([0, 0, 1.0] if xyz is None else _numbers(xyz, 3))
-        told = "" if xyz is None else xyz.attributes.get("expressed_in", "")
-        model = _text(axis, "use_parent_model_frame", "0") in ("1", "true")
-        frame = told or (_MODEL if model or version in ("1.2", "1.3", "1.4") else name)
-        if frame not in places:
-            raise InputError(f"line {axis.line}: the axis of {shown(name)} is expressed in "
-                             f"{shown(frame)}, which is no link, joint or frame; correct it.")
-        along = places[frame].R @ along
-    size = float(np.linalg.norm(along))
-    if not size:
+                         f"choose {listed(KINDS)}{proposal(kind, KINDS)}.")
+    parent, child = (scopes.link(scopes.seen(_text(element, end), name))
+                     for end in ("parent", "child"))
+    axis = element.first("axis") if KINDS[kind] in ("hinge", "slide") else None
+    if axis is None:
+        return PlacedJoint(name, kind, parent, child, scopes.places[name],
+                           np.array([0.0, 0.0, 1.0]))
+    xyz, dynamics = axis.first("xyz"), axis.first("dynamics")
+    model = axis.first("use_parent_model_frame")
+    told = "" if xyz is None else xyz.attributes.get("expressed_in", "")
+    above = model is not None and _flag(model.text, f"line {model.line}: <{model.name}>")
+    frame = scopes.seen(told, name) if told else (
+        _MODEL if above or scopes.version in ("1.3", "1.4") else name)
+    if frame not in scopes.places:
+        raise InputError(f"line {axis.line}: the axis of {shown(name)} is expressed in "
+                         f"{shown(frame)}, which is no link, joint or frame; correct it.")
+    along = scopes.places[frame].R @ ([0, 0, 1.0] if xyz is None else _numbers(xyz, 3))
+    if not along.any():
         raise InputError(f"line {element.line}: the axis of joint {shown(name)} is zero; write its "
                          "direction.")
     damping, stiffness, rest = (
         0.0 if dynamics is None else _number(dynamics, key, 0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
-    return RobotJoint(name, kind, _text(element, "parent"), _text(element, "child"), places[name],
-                      along / size, damping, None, stiffness, rest,
-                      None if axis is None or kind not in TYPES[:3] else _range(axis))
+    return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(along), damping,
+                       stiffness, rest, _range(axis), _follower(name, axis))
+
+
+def _follower(name: str, axis: Element) -> Follower | None:
+    """Return what <mimic> says."""
+    mimic = axis.first("mimic")
+    if mimic is None:
+        return None
+    leader = mimic.attributes.get("joint", "")
+    if not leader:
+        raise InputError(f"line {mimic.line}: the <mimic> of joint {shown(name)} has no joint; "
+                         "write joint=\"…\".")
+    ratio, offset, reference = (_number(mimic, key, default) for key, default in (
+        ("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0)))
+    return Follower(name, leader, ratio, offset - ratio * reference)
 
 
 # ---------------------------------------------------------------- the tree, and what closes loops
 
 
-def _tree(graph: Graph) -> tuple[Robot, list[RobotJoint]]:
-    """Return a tree of links and joints as URDF has them, and the joints that close loops.
-
-    A link's frame in it is at its joint, with the axes of the link.
-    """
-    first: dict[str, RobotJoint] = {}
-    for joint in graph.joints.values():
+def _tree(
+    scopes: _Scopes, links: dict[str, tuple[RobotLink, float]], joints: list[PlacedJoint],
+    pose: Placement, base: str | None,
+) -> Robot:
+    """Return the robot: the first joint that has a link as its child belongs to the tree."""
+    robot, places = Robot(scopes.name, "an SDF", "link"), scopes.places
+    first: dict[str, PlacedJoint] = {}
+    for joint in joints:
         if joint.child != "world":
             first.setdefault(joint.child, joint)
-    tree = {joint.name for joint in first.values()}
-    links, places = dict(graph.links), graph.places
-    if any("world" in (joint.parent, joint.child) for joint in graph.joints.values()):
-        links = {"world": RobotLink("world", 0.0, np.zeros(3), np.zeros((3, 3))), **links}
-    for child, joint in first.items():  # its frame goes to its joint
-        moved = Placement(joint.place.x, places[child].R)
-        link = links[child]
-        shift = moved.R.T @ (places[child].x - moved.x)
-        links[child] = RobotLink(child, link.mass, link.centre + shift, link.inertia)
-        places[child] = moved
-    joints = {}
-    for name, joint in graph.joints.items():
-        if name in tree:
-            above, here = places[joint.parent], places[joint.child]
-            joints[name] = RobotJoint(
-                name, joint.kind, joint.parent, joint.child,
-                Placement(above.R.T @ (here.x - above.x), above.R.T @ here.R),
-                here.R.T @ joint.axis, joint.damping, None, joint.stiffness, joint.rest,
-                joint.range)
-    robot = Robot(graph.name, links, joints, root_of(links, joints))
-    return robot, [joint for name, joint in graph.joints.items() if name not in tree]
+    if any("world" in (joint.parent, joint.child) for joint in joints):
+        links = {"world": (RobotLink("world", 0.0, np.zeros(3), np.zeros((3, 3))), 0.0), **links}
+    edges = [_edge(joint, places) for joint in first.values()]
+    robot.followers = [joint.follower for joint in first.values() if joint.follower]
+    root = root_of(links, edges)
+    floats = root != "world" if base is None else base == "floating"
+    grow_tree(robot, links, edges, pose.then(places[root]), free_base() if floats else None)
+    for joint in joints:
+        if joint not in first.values():
+            if joint.follower is not None:
+                raise InputError(f"joint {shown(joint.name)} closes a loop and has a <mimic>; "
+                                 "write the <mimic> at a joint of the tree.")
+            robot.loops.append(_loop(joint, places))
+    check_followers(robot)
+    return robot
 
 
-def _build(
-    graph: Graph, tree: Robot, closing: list[RobotJoint], base: str | None, pose: Placement,
-    start: tuple[Any, Any, Any, Any], gravity: Any, rep: Any,
-) -> tuple[Multibody, dict[str, Mount]]:
-    chosen = base or ("fixed" if tree.root == "world" else "floating")
-    angles, rates, velocity, angular_velocity = start
-    builder, mounts = build_robot(tree, chosen, pose, angles, rates, velocity, angular_velocity,
-                                  gravity, rep, "an SDF")
-    names = Names()
-    for joint in closing:
-        _close(builder, names.free(f"{joint.name}_loop"), joint, graph.places, mounts)
-    return builder, mounts
+def _edge(joint: PlacedJoint, places: Mapping[str, Placement]) -> Edge:
+    """Return a joint of the tree, its axis and its point in the child."""
+    child = places[joint.child]
+    place, kind = places[joint.parent].inverse().then(child), KINDS[joint.kind]
+    return Edge(joint.name, joint.parent, joint.child, place, RobotJoint(
+        joint.name, kind, 0, child.R.T @ joint.axis, child.inverse().then(joint.place).x,
+        stiffness=joint.stiffness, rest=joint.rest, damping=joint.damping,
+        range=joint.range) if kind else None)
 
 
-def _close(
-    builder: Multibody, name: str, joint: RobotJoint, places: Mapping[str, Placement],
-    mounts: Mapping[str, Mount],
-) -> None:
-    """Add a joint that closes a loop, in the axes of the model where the file places it."""
-    ends = joint.parent, joint.child
-    at, over = (Placement(places[link].R.T @ (joint.place.x - places[link].x), places[link].R.T)
-                for link in ends)
-    LoopJoint(joint.name, joint.kind, ends, (at, over), joint.axis).close(builder, name, mounts)
-    if (joint.damping or joint.stiffness) and joint.kind in TYPES[:3]:
-        builder.joint_spring(f"{name}_damper", name, damping=joint.damping,
-                             stiffness=joint.stiffness, rest=joint.rest)
+def _loop(joint: PlacedJoint, places: Mapping[str, Placement]) -> LoopJoint:
+    """Return a joint that closes a loop, in the axes of the world where the file places it."""
+    at = Placement(joint.place.x, np.eye(3))
+    parent, child = (places[link].inverse().then(at) for link in (joint.parent, joint.child))
+    return LoopJoint(f"{joint.name}_loop", joint.kind, (joint.parent, joint.child),
+                     (parent, child), joint.axis, None, joint.stiffness, joint.rest, joint.damping)
 
 
 # ---------------------------------------------------------------- looks
 
 
-def _looks(
-    model: Element, before: Mapping[str, Placement], places: Mapping[str, Placement]
-) -> Iterator[LinkLooks]:
-    """Yield what links look like, in their frames in the tree, which are at their joints."""
+def _looks(model: Element) -> Iterator[LinkLooks]:
+    """Yield the looks of links, in their frames."""
     for link in model.all("link"):
-        name = link.attributes["name"]
-        shift = places[name].R.T @ (before[name].x - places[name].x)
-
-        def place(element: Element, shift: Array = shift) -> Placement:
-            return Placement(shift, np.eye(3)).then(_pose(element.first("pose")))
-
-        seen, colliding = (looks_of(link, kind, place, _shape, _colour)
-                           for kind in ("visual", "collision"))
-        yield name, seen, colliding
+        seen, colliding = (looks_of(link, kind, lambda element: _pose(element.first("pose")),
+                                    _shape, _colour) for kind in ("visual", "collision"))
+        yield link.attributes["name"], seen, colliding
 
 
 def _shape(element: Element, colour: str) -> Shape | None:
@@ -359,9 +423,10 @@ def _colour(element: Element) -> str:
     material = element.first("material")
     for name in ("diffuse", "ambient") if material is not None else ():
         part = material.first(name) if material is not None else None
-        words = [] if part is None else part.text.split()
-        if len(words) >= 3 and all(NUMBER.fullmatch(word) for word in words):
-            return colour_of([*map(float, words)])
+        for count in (3, 4) if part is not None else ():
+            rgba = None if part is None else parse_numbers(part.text, count)
+            if rgba is not None:
+                return colour_of(rgba)
     return ""
 
 
@@ -376,15 +441,27 @@ def _text(element: Element, name: str, default: str | None = None) -> str:
     return found
 
 
-def _numbers(element: Element, count: int) -> list[float]:
-    words = element.text.split()
-    values = [float(word) for word in words if NUMBER.fullmatch(word)]
-    if len(words) != count or len(values) != count or not np.isfinite(values).all():
+def _flag(text: str, owner: str) -> bool:
+    flag = _FLAGS.get(text.strip().lower())
+    if flag is None:
+        raise InputError(f"{owner} is {shown(text.strip())}; write true or false.")
+    return flag
+
+
+def _numbers(element: Element, count: int, endless: bool = False) -> list[float]:
+    values = parse_numbers(element.text, count, endless)
+    if values is None:
         raise InputError(f"line {element.line}: <{element.name}> is {shown(element.text.strip())}; "
                          f"write {count} finite number{'s' if count > 1 else ''}.")
     return values
 
 
-def _number(element: Element, name: str, default: float) -> float:
+def _number(
+    element: Element, name: str, default: float | None = None, endless: bool = False
+) -> float:
     part = element.first(name)
-    return default if part is None else _numbers(part, 1)[0]
+    if part is None:
+        if default is None:
+            raise InputError(f"line {element.line}: <{element.name}> has no <{name}>; write one.")
+        return default
+    return _numbers(part, 1, endless)[0]

@@ -6,63 +6,71 @@
     floating               no constraint
     <mimic>                a constraint on two coordinates
     <dynamics damping=…>   a damper in the joint
+    <constraint>           a joint that closes a loop, github.com/ros/urdfdom/pull/264
+
+Each element and attribute is in a closed list (``urdf_schema``): what moves a robot otherwise than
+its bodies and joints alone is counted, and refused unless its name is among those to ignore.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...core.arguments import as_items, as_mapping, as_text, choose, listed, proposal, shown
+from ...core.arguments import choose, listed, proposal, shown
 from ...core.errors import InputError
-from ...core.exact_numbers import decimal
-from ...core.inertia import warn_of_degrees
-from ...core.registry import SYSTEMS
-from ..multibody.body import GROUND, Frame
-from ..multibody.initial_poses import attitude, finite, rotation, vector
+from ...core.warnings import warn
+from ..multibody.initial_poses import attitude, rotation, unit, vector
 from ..multibody.multibody import Multibody
-from ..parsing.exact_expressions import parse_number
-from ..parsing.grammar import ANGLES, RATES
-from ..parsing.reserved_names import KEYWORDS
-from .bounded_xml import read_xml
-from .robot_visuals import add_visuals, urdf_looks
-from .urdf_robot import (
-    MOVING,
+from .bounded_xml import Element, read_xml
+from .robot_builder import (
+    Close,
+    RobotBuilder,
+    Start,
+    as_names,
+    reference_of,
+    refuse_extras,
+    set_base_motion,
+    stiffness_of_limits,
+    take_values,
+)
+from .robot_tree import (
+    Edge,
+    Follower,
+    LoopJoint,
     Placement,
     Robot,
     RobotJoint,
-    read_robot,
-    stiffness_of_limits,
+    RobotLink,
+    check_followers,
+    free_base,
+    grow_tree,
 )
-from .urdf_tree import LoopJoint, Mount, RobotBody, placed, robot_bodies
+from .robot_visuals import add_visuals, urdf_looks
+from .urdf_schema import EXTRAS, URDF, VERSIONS
+from .xml_numbers import UNLIMITED, attribute_of, numbers_of, place_of
+from .xml_schema import count_extras
 
-__all__ = ["BASES", "Close", "Names", "build_robot", "coordinate_value", "parse_urdf", "plain_name",
-           "read_settings", "system_name"]
+__all__ = ["BASES", "MAX_LINKS", "parse_urdf"]
+
+Array = NDArray[np.float64]
+Read = TypeVar("Read")
 
 BASES = ("fixed", "floating")
-#: Units of coordinates and rates of hinges.
-_UNITS = {"angles": ANGLES, "rates": RATES}
-_VECTORS = ("gravity", "position", "quaternion", "velocity", "angular_velocity")
-
-
-#: Adds to a robot's bodies and joints, by the names of its links.
-Close = Callable[[Multibody, Mapping[str, Mount]], None]
-
-
-@dataclass(frozen=True)
-class InitialConfiguration:
-    """Where a robot starts: coordinates and rates by the names of joints, and its base."""
-
-    coordinates: dict[str, float]
-    rates: dict[str, float]
-    base: Placement
-    velocity: Any
-    angular_velocity: Any
+#: Type of a joint → its kind in the tree, which fixed links need not.
+KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixed": "",
+         "floating": "free"}
+#: Types of joints with a coordinate, and those of <constraint>.
+MOVING = ("revolute", "continuous", "prismatic")
+LOOPS = (*MOVING, "fixed", "ball", "universal")
+MAX_LINKS = 500
+#: Moments below this, in kg m², are 0 with rounding.
+_NOTHING = 1e-20
 
 
 def parse_urdf(
@@ -76,15 +84,19 @@ def parse_urdf(
     ``close`` may add to them what closes loops, knowing where each link is.
     """
     choose("base", base, BASES)
-    left_out = [ignore] if isinstance(ignore, str) else [
-        as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
+    left_out = as_names(ignore)
     pose = Placement(vector("position", position), rotation(attitude("the base", quaternion, None)))
-    stiffness = stiffness_of_limits(limits)
+    weight, stiffness = vector("gravity", gravity), stiffness_of_limits(limits)
     try:
         top = read_xml(text)
-        robot = read_robot(top, left_out, stiffness)
-        builder, mounts = build_robot(robot, base, pose, angles, rates, velocity,
-                                      angular_velocity, gravity, rep)
+        robot = _read(top, left_out, stiffness, pose, base == "floating")
+        robot.gravity = weight
+        start = Start(*reference_of(robot))
+        take_values(robot, start, angles, rates)
+        set_base_motion(robot, start, velocity, angular_velocity)
+        made = RobotBuilder(robot, start, rep)
+        builder = made.build()
+        mounts = made.mounts()
         add_visuals(builder, urdf_looks(top), mounts, Path(path))
     except InputError as error:
         raise InputError(f"The model file {str(path)!r} is not usable: {error}") from None
@@ -93,191 +105,167 @@ def parse_urdf(
     return builder
 
 
-def read_settings(
-    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str],
-    close: Close | None = None, parse: Callable[..., Multibody] | None = None,
-) -> Multibody:
-    """Return the bodies and joints of a text, with settings as a command has them.
-
-    ``base=floating``, ``ignore=limits,collision``, ``gravity=0,0,-1.62`` (and position, quaternion,
-    velocity, angular_velocity), ``limits=1000``, ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle
-    or travel, ``JOINT.rate=1``. ``parse`` reads another format.
-    """
-    options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
-    for key, value in settings.items():
-        if key == "base":
-            options[key] = value
-        elif key == "ignore":
-            options[key] = [name.strip() for name in value.split(",")]
-        elif key in _VECTORS:
-            options[key] = [_number(key, part) for part in value.split(",")]
-        elif key == "limits":
-            options[key] = _number(key, value)
-        else:
-            joint, _, rate = key.rpartition(".")
-            kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
-            number = decimal(value)
-            options[kind][name] = value if number is None else float(number)
-    if parse is not None:
-        return parse(text, path, **options)
-    return parse_urdf(text, path, close=close, **options)
-
-
-def _number(key: str, text: str) -> float:
-    number = decimal(text)
-    if number is None:
-        raise InputError(f"{key}={shown(text)} is no number; write for example {key}=0.5.")
-    return float(number)
-
-
-def _coordinates(robot: Robot, what: str, given: Any) -> dict[str, float]:
-    """Return the values of all joints that move: those that follow others as they do."""
-    moving = {name: joint for name, joint in robot.joints.items() if joint.kind in MOVING}
-    told = as_mapping(what, {} if given is None else given, "{'elbow': 0.5}")
-    for name in told:
-        if name not in moving:
-            raise InputError(f"{what} names {shown(name)}, which is no joint that moves; choose "
-                             f"{listed([*moving]) if moving else 'none'}{proposal(name, moving)}.")
-        leader = moving[name].follows
-        if leader is not None:
-            raise InputError(f"{what} names {shown(name)}, which follows {shown(leader[0])}; set "
-                             "that one.")
-
-    def value(joint: RobotJoint) -> float:
-        if joint.follows is None:
-            return coordinate_value(what, joint.name, joint.kind != "prismatic",
-                                    told.get(joint.name, 0.0))
-        leader, ratio, offset = joint.follows
-        return ratio * value(moving[leader]) + (offset if what == "angles" else 0.0)
-
-    return {name: value(joint) for name, joint in moving.items()}
+def _read(
+    top: Element, ignore: list[str], limits: float | None, base: Placement, floats: bool
+) -> Robot:
+    """Return the robot of a URDF's outermost element."""
+    if top.name != "robot":
+        raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
+                         "not <robot>; give a URDF file.")
+    macros = next((e for e in _descendants(top) if e.name.startswith("xacro:")), None)
+    if macros is not None:
+        raise InputError(f"line {macros.line}: <{macros.name}> is a macro; expand the file with "
+                         "xacro first.")
+    extras = count_extras(top, URDF)
+    version = choose("version of URDF", top.attributes.get("version", "1.0"), VERSIONS)
+    if version == "1.0":
+        for element in _descendants(top):
+            if element.name.endswith("origin") and "quat_xyzw" in element.attributes:
+                raise InputError(f"line {element.line}: <{element.name}> has quat_xyzw=, which "
+                                 "URDF has from version 1.1 on; write version=\"1.1\" in <robot>, "
+                                 "or rpy=.")
+    links = _read_all(top, "link", _link)
+    robot = Robot(top.attributes.get("name", "robot"), "a URDF", "link", limits=limits)
+    edges = _read_all(top, "joint", partial(_joint, version, robot.followers))
+    if limits is None:
+        extras["limits"] = sum(edge.joint is not None and edge.joint.range is not None
+                               for edge in edges.values())
+    refuse_extras(extras, EXTRAS, ignore)
+    if not links:
+        raise InputError("it has no <link>; write one at least.")
+    if len(links) > MAX_LINKS:
+        raise InputError(f"it has {len(links)} links and at most {MAX_LINKS} are allowed.")
+    grow_tree(robot, {name: (link, 0.0) for name, link in links.items()}, [*edges.values()], base,
+              free_base() if floats else None)
+    check_followers(robot)
+    robot.loops = [*_read_all(top, "constraint", partial(_loop, links)).values()]
+    return robot
 
 
-def coordinate_value(what: str, name: str, is_angle: bool, given: Any) -> float:
-    """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
-    about = f"{what[:-1]} of {name!r}"
-    if isinstance(given, str):
+def _descendants(element: Element) -> Iterator[Element]:
+    for child in element.children:
+        yield child
+        yield from _descendants(child)
+
+
+# ---------------------------------------------------------------- links and joints
+
+
+def _read_all(top: Element, kind: str, read: Callable[[str, Element], Read]) -> dict[str, Read]:
+    """Return name → what ``read`` makes of each element of a kind; names are there, and once."""
+    parts: dict[str, Read] = {}
+    for element in top.all(kind):
+        name = element.attributes.get("name", "")
+        if not name:
+            raise InputError(f"line {element.line}: a <{kind}> has no name; write name=\"…\".")
+        if name in parts:
+            raise InputError(f"line {element.line}: {kind} {shown(name)} is there twice; rename "
+                             "one of them.")
         try:
-            return float(finite(about, parse_number(given, _UNITS[what] if is_angle else {}), ()))
+            parts[name] = read(name, element)
         except InputError as error:
-            raise InputError(f"The {about} is {shown(given)}: {error}") from None
-    number = float(finite(about, given, ()))
-    if is_angle and what == "angles":
-        warn_of_degrees(f"The {about}", [number], cure=(
-            f'"{number:.6g} deg"; "{number:.6g} rad" says that radians are'))
-    return number
+            raise InputError(f"line {element.line}: {kind} {shown(name)}: {error}") from None
+    return parts
 
 
-def build_robot(
-    robot: Robot, base: str, pose: Placement, angles: Any, rates: Any, velocity: Any,
-    angular_velocity: Any, gravity: Any, rep: Any, kind: str = "a URDF",
-) -> tuple[Multibody, dict[str, Mount]]:
-    """Return bodies and joints of a tree of links, and where each link is."""
-    start = InitialConfiguration(
-        _coordinates(robot, "angles", angles), _coordinates(robot, "rates", rates), pose, velocity,
-        angular_velocity)
-    limbs = robot_bodies(robot)
-    builder = Multibody(system_name(robot.name), gravity=gravity,
-                        description=f"The robot {robot.name}, of {kind} file.")
-    moved = limbs if base == "floating" else limbs[1:]
-    if not moved:
-        raise InputError("it has no link that moves; give it a joint, or a floating base.")
-    floating = [limb for limb in moved if limb.joint is None or limb.joint.kind == "floating"]
-    told = (start.velocity, start.angular_velocity) != (None, None)
-    if told and len(floating) != 1:
-        raise InputError(f"velocity and angular_velocity are those of one floating body, and there "
-                         f"{'are several' if floating else 'is none'}; leave them out.")
-    names, centres = Names(), {limbs[0]: np.zeros(3)}
-    frames: dict[RobotBody, Frame] = {limbs[0]: builder.ground}
-    places = placed(limbs, start.base, start.coordinates)
-    for limb in moved:
-        mass, centre, inertia = limb.body()
-        centres[limb] = centre
-        motion = {"velocity": start.velocity, "angular_velocity": start.angular_velocity}
-        frames[limb] = builder.body(
-            names.free(limb.name), mass=mass, inertia=inertia, rep=rep,
-            position=places[limb].x + places[limb].R @ centre, rotation=places[limb].R,
-            **(motion if limb in floating else {}))
-    joined = {limb.joint.name: _join(builder, names, limb, frames, places, start)
-              for limb in moved if limb.joint is not None and limb.joint.kind != "floating"}
-    for name, joint in robot.joints.items():
-        if joint.follows is not None:
-            leader, ratio, offset = joint.follows
-            builder.couple(names.free(f"{name}_mimic"), joined[leader], joined[name], ratio=ratio,
-                           offset=offset)
-        if robot.limits is not None and joint.range is not None and name in joined:
-            builder.joint_spring(names.free(f"{name}_limits"), joined[name], rest=joint.range,
-                                 stiffness=robot.limits)
-        if (joint.damping or joint.stiffness) and name in joined:
-            builder.joint_spring(names.free(f"{name}_damper"), joined[name], damping=joint.damping,
-                                 stiffness=joint.stiffness, rest=joint.rest)
-    mounts = {link.name: _mount(frames[limb], centres[limb], place, places[limb])
-              for limb in limbs for place, link in limb.parts}
-    for loop in robot.loops:
-        LoopJoint(loop.name, loop.kind, loop.links, loop.places,
-                  np.zeros(3) if loop.axes[0] is None else loop.axes[0], loop.axes[1]).close(
-                      builder, names.free(loop.name, "loop"), mounts)
-    return builder, mounts
+def _link(name: str, element: Element) -> RobotLink:
+    inertial = element.first("inertial")
+    if inertial is None:
+        return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
+    place = place_of(inertial)
+    mass = _one(inertial, "mass", "value")
+    if mass < 0:
+        raise InputError(f"its mass is {mass:g}; it must be above 0.")
+    moments = inertial.first("inertia")
+    if moments is None:
+        raise InputError("its <inertial> has no <inertia>; write ixx, iyy, izz, ixy, ixz, iyz.")
+    xx, xy, xz, yy, yz, zz = (numbers_of(moments, key, 1, [0.0] if key in ("ixy", "ixz", "iyz")
+                                       else None)[0]
+                              for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    least = float(np.linalg.eigvalsh(J).min())
+    if least < -max(1e-9 * float(np.abs(J).max()), _NOTHING):
+        raise InputError(f"its inertia has the principal moment {least:.3g}; none may be below 0.")
+    return RobotLink(name, mass, place.x, place.R @ J @ place.R.T)
 
 
-def _mount(frame: Frame, centre: Any, inner: Placement, limb: Placement) -> Mount:
-    """Return where a link is that is ``inner`` in its limb, and that in space."""
-    space = limb.then(inner)
-    if frame is GROUND:
-        return Mount(frame, space, space)
-    return Mount(frame, Placement(inner.x - centre, inner.R), space)
+def _joint(version: str, followers: list[Follower], name: str, element: Element) -> Edge:
+    """Return a joint, and add to the followers what its <mimic> says."""
+    kind = element.attributes.get("type", "")
+    if kind not in KINDS:
+        raise InputError(f"its type is {shown(kind)}; choose {listed(KINDS)}"
+                         f"{proposal(kind, KINDS)}.")
+    parent, child = (_text(element, end, "link") for end in ("parent", "child"))
+    dynamics, mimic = element.first("dynamics"), element.first("mimic")
+    if mimic is not None and kind not in MOVING:
+        warn(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
+    elif mimic is not None:
+        followers.append(Follower(
+            name, attribute_of(mimic, "joint"), numbers_of(mimic, "multiplier", 1, [1.0])[0],
+            numbers_of(mimic, "offset", 1, [0.0])[0]))
+    joint = None if kind == "fixed" else RobotJoint(
+        name, KINDS[kind], 0, _axis(element, kind), np.zeros(3),
+        damping=0.0 if dynamics is None or kind not in MOVING else numbers_of(
+            dynamics, "damping", 1, [0.0])[0],
+        range=_range(version, kind, element.first("limit")))
+    return Edge(name, parent, child, place_of(element), joint)
 
 
-def _join(
-    builder: Multibody, names: Names, limb: RobotBody, frames: Mapping[RobotBody, Frame],
-    places: Mapping[RobotBody, Placement], start: InitialConfiguration,
-) -> str:
-    """Add the joint of a limb, with its coordinate and its rate as quantities."""
-    joint = limb.joint
-    assert joint is not None
-    assert limb.above is not None
-    name = names.free(joint.name, "joint")
-    where = places[limb.above].then(limb.at)
-    ends = (name, frames[limb.above], frames[limb])
-    if joint.kind == "ball":
-        builder.ball(*ends, at=where.x)
-        return name
-    axis, value, rate = where.R @ joint.axis, start.coordinates[joint.name], start.rates[joint.name]
-    if joint.kind == "prismatic":
-        builder.prismatic(*ends, axis_in_space=axis, at=places[limb].x, travel=value, speed=rate)
-        measures = {"travel": builder.travel(name), "speed": builder.speed(name)}
-    else:
-        builder.revolute(*ends, axis_in_space=axis, at=where.x, angle=value, rate=rate)
-        measures = {"angle": builder.angle(name), "rate": builder.rate(name)}
-    for what, symbol in measures.items():
-        builder.quantity(f"{plain_name(joint.name)}_{what}", symbol)
-    return name
+def _range(version: str, kind: str, limit: Element | None) -> tuple[float, float] | None:
+    """Return the ends of a joint's range; those that are not written are 0, from 1.2 on none."""
+    if limit is None or kind not in ("revolute", "prismatic") or not (
+            {"lower", "upper"} & limit.attributes.keys()):
+        return None
+    none = UNLIMITED if version == "1.2" else 0.0
+    lower, upper = (numbers_of(limit, key, 1, [default], endless=True)[0]
+                    for key, default in (("lower", -none), ("upper", none)))
+    return (lower, upper) if min(abs(lower), abs(upper)) < UNLIMITED else None
 
 
-class Names:
-    """Names that C has, each once, of names that may have any signs."""
-
-    def __init__(self) -> None:
-        self._taken = {"ground", "gravity"}
-
-    def free(self, name: str, kind: str = "") -> str:
-        """Return the name with _ for what C has not; with its kind, or a number, if it is taken."""
-        plain = plain_name(name)
-        found, count = plain, 1
-        while found in self._taken:
-            found = f"{plain}_{kind}" if kind and count == 1 else f"{plain}_{count}"
-            count += 1
-        self._taken.add(found)
-        return found
-
-
-def plain_name(name: str) -> str:
-    """Return a name of letters, digits and _, a letter first."""
-    plain = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or "part"
-    return plain if plain[0].isalpha() else f"n{plain}"
+def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJoint:
+    """Return a joint that closes a loop."""
+    kind = element.attributes.get("type", "")
+    if kind not in LOOPS:
+        raise InputError(f"its type is {shown(kind)}; choose {listed(LOOPS)}"
+                         f"{proposal(kind, LOOPS)}.")
+    ends, places, axes = [], [], []
+    for side in ("parent", "child"):
+        ends.append(_text(element, side, "link"))
+        if ends[-1] not in links:
+            raise InputError(f"it joins {shown(ends[-1])}, which is no link"
+                             f"{proposal(ends[-1], links)}; correct it.")
+        places.append(place_of(element, f"{side}_origin"))
+        needed = (side == "parent" and kind not in ("ball", "fixed")) or kind == "universal"
+        axes.append(_axis(element, kind, f"{side}_axis") if needed else np.zeros(3))
+    return LoopJoint(name, kind, (ends[0], ends[1]), (places[0], places[1]), axes[0], axes[1])
 
 
-def system_name(name: str) -> str:
-    """Return the name of a system for that of a robot."""
-    plain = plain_name(name.lower())[:40].rstrip("_")
-    return f"{plain[:34]}_robot" if plain in KEYWORDS or plain in SYSTEMS else plain
+def _axis(element: Element, kind: str, key: str = "axis") -> Array:
+    """Return the axis in the axes of the child, of length one."""
+    if kind not in (*MOVING, "universal"):
+        return np.array([1.0, 0, 0])
+    axis = element.first(key)
+    if axis is None:
+        raise InputError(f"it is {kind} and has no <{key}>; write <{key} xyz=\"1 0 0\"/>, which "
+                         "is what others take then, or the one that is meant.")
+    along = np.array(numbers_of(axis, "xyz", 3))
+    if not along.any():
+        raise InputError(f"its <{key}> is zero; write its direction.")
+    return unit(along)
+
+
+# ---------------------------------------------------------------- text and numbers
+
+
+def _text(element: Element, name: str, key: str) -> str:
+    part = element.first(name)
+    if part is None:
+        raise InputError(f"it has no <{name}>; write <{name} {key}=\"…\"/>.")
+    return attribute_of(part, key)
+
+
+def _one(element: Element, name: str, key: str) -> float:
+    part = element.first(name)
+    if part is None:
+        raise InputError(f"its <{element.name}> has no <{name}>; write <{name} {key}=\"…\"/>.")
+    return numbers_of(part, key, 1)[0]

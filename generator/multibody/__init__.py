@@ -8,6 +8,7 @@
     coordinates     flywheels, chains of joints, laws of coordinates
     components      bodies, connections and forces of a model, found by name
     initial_poses   positions and attitudes at the start
+    initial_motion  coordinates and velocities at the start: those given are kept, others follow
     assembly        constraints, H and forces from the components
     multibody       the builder of models, ``gyrospark.Multibody``
     molecules       many equal bodies with pair potentials, ``gyrospark.molecules``

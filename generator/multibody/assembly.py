@@ -9,7 +9,9 @@ Lengths, masses and moments are parameters, not numbers, so that equal joints ha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,20 +20,40 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.inertia import inverse_entries
+from ...core.inertia import inverse_entries, moments_of
+from ...core.projection import Projection, project_coordinates, report
+from ...core.warnings import warn
 from ..systems.body_layout import BodyLayout, ConstraintForce, Entries, Entry, JointLayout
-from ..systems.numeric_system import NumericConstraints
+from ..systems.numeric_system import NumericConstraints, NumericSystem
 from ..systems.redundant_constraints import Redundancy, find_redundant
 from ..systems.system import System
 from ..systems.velocity_coefficients import coefficients_of
 from .body import GROUND, Body, Frame, MovingPoint, Particle, dot
 from .components import TIME, Components
 from .coordinates import Arm, BallFlywheel, Coordinate, Law, Slide
-from .initial_poses import Pose, in_range, propagate_all
+from .initial_motion import (
+    ROUNDING,
+    Velocities,
+    close_loops,
+    move_bodies,
+    warn_of_moved_bodies,
+    warn_of_moved_joints,
+)
+from .initial_poses import (
+    Pose,
+    RigidMotion,
+    conjugate,
+    in_range,
+    product,
+    propagate_all,
+    rotation,
+)
 from .joints import (
+    Align,
     Connection,
     Coupling,
     Equation,
+    HingedJoint,
     Joint,
     Poses,
     RheonomicConstraint,
@@ -44,6 +66,10 @@ from .rolling import Rolling
 __all__ = ["Assembly"]
 
 Array = NDArray[Any]
+
+#: By which factor a radius of gyration exceeds the model, or falls below the body's own arms, that
+#: makes units in g or mm more likely than such a body.
+_LARGE, _SMALL = 30, 300
 
 
 class Assembly:
@@ -67,20 +93,51 @@ class Assembly:
         self.links = [*self.connections.values()]
         self.store = components.values | self._body_values()
         with in_range(f"Multibody {components.name!r}"):
-            self.poses = self._poses()
+            self.poses = self._poses()  # of the description, which equations refer to
             self._of_link = {link: list(link.equations(self.poses, self.store))
                              for link in self.links}
             self.equations, self.velocity_equations = self._equations(without)
-            self.q0, self.p0 = self._state()
+            self.start = self._start()
+            self.q0, self.p0 = self._coordinates_at(self.start), self._momenta_at(self.start)
 
     def redundancy(self) -> Redundancy:
         """Return which constraints depend on others at the start."""
-        coordinates = [x for body in self.components.bodies for x in body.coordinates]
         A, a = coefficients_of([e.expression for e in self.velocity_equations], self._velocities)
         return find_redundant(self.components.name, NumericConstraints(
-            coordinates, [e.expression for e in self.equations],
+            self._coordinate_symbols, [e.expression for e in self.equations],
             [e.name for e in self.equations], self.store | {str(TIME): 0.0}, A, a,
             [e.name for e in self.velocity_equations]), self.q0)
+
+    def warn_of_sizes(self) -> None:
+        """Warn of bodies whose radius of gyration is far from the lengths of the model.
+
+        Inertia in kg mm², or a mass in g, is wrong by a factor of 1000 or more. A body may be small
+        on a long arm, so that its own arms are compared; one larger than the whole model is not.
+        """
+        arms: dict[Frame, list[float]] = {body: [] for body in self.components.inertia}
+        points = [np.zeros(3)]
+        for link in self.links:
+            for frame, r in ((link.a, getattr(link, "on_a", None)),
+                             (link.b, getattr(link, "on_b", None))):
+                if r is not None:
+                    arms.setdefault(frame, []).append(math.hypot(*r))
+                    points.append(self.poses[frame].space(r) - np.asarray(self.poses[link.b].x))
+        whole = max(math.hypot(*r) for r in points)
+        for body, inertia in self.components.inertia.items():
+            if self.components.bodies[body].is_placed:
+                continue
+            mass = self.components.values[str(body.mass)]
+            radius = math.sqrt(max(moments_of(inertia)) / mass)
+            own = max(arms[body], default=0.0)
+            if (whole and radius > _LARGE * whole) or (own and radius < own / _SMALL):
+                warn(f"The inertia of {body.name!r} and its mass, {mass:.6g} kg, have the radius "
+                     f"of gyration {radius:.3g} m, and its joints are within "
+                     f"{own if own and radius < own else whole:.3g} m; check the units, kg and "
+                     "kg m².")
+
+    @property
+    def _coordinate_symbols(self) -> list[sp.Symbol]:
+        return [x for body in self.components.bodies for x in body.coordinates]
 
     @property
     def _velocities(self) -> tuple[sp.Symbol, ...]:
@@ -94,7 +151,6 @@ class Assembly:
             poses[point].x, poses[point].v = (
                 np.array(part) for part in zip(*self.components.start_of_point(point), strict=True))
         joints = [link for link in self.links if isinstance(link, Joint)]
-        propagate_all(poses, "spin", [link.turn for link in self.links])
         rolling = [link for link in self.links if isinstance(link, Rolling)]
         propagate_all(poses, "x", [joint.place for joint in joints],
                       [partial(link.place, self.store) for link in rolling])
@@ -102,13 +158,37 @@ class Assembly:
             if joint.on_a is None or joint.on_b is None:
                 raise InputError(f"Joint {joint.name!r} has no position; give at= in "
                                  "space, or on_a= and on_b= in body axes.")
+        for coordinate in self._coordinates:
+            coordinate.begin(poses)
+        return poses
+
+    @property
+    def _coordinates(self) -> list[Coordinate | BallFlywheel]:
+        return [link for link in self.links if isinstance(link, Coordinate | BallFlywheel)]
+
+    def _start(self) -> dict[Frame, Pose]:
+        """Return poses and velocities at the start."""
+        start_values = [value for link in self.links
+                        for value in link.start_values(self.poses, self.store)]
+        poses = dict(self.poses)
+        if start_values:
+            poses = move_bodies(self.links, poses)
+            constraints = NumericConstraints(
+                self._coordinate_symbols, [e.expression for e in self.equations],
+                [e.name for e in self.equations], self.store | {str(TIME): 0.0})
+            q = close_loops(constraints, start_values, *map(self._coordinates_at,
+                                                            (self.poses, poses)))
+            if (q != self._coordinates_at(poses)).any():
+                poses = self._poses_at(q)
+        joints = [link for link in self.links if isinstance(link, Joint)]
+        rolling = [link for link in self.links if isinstance(link, Rolling)]
+        propagate_all(poses, "spin", [link.turn for link in self.links])
         propagate_all(poses, "v", [joint.move for joint in joints],
                       [partial(link.move, self.store) for link in rolling])
         for link in rolling:
             link.refuse_off_ground(self.store, poses)
-        for coordinate in self.links:
-            if isinstance(coordinate, Coordinate | BallFlywheel):
-                coordinate.begin(poses)
+        for coordinate in self._coordinates:
+            coordinate.begin_rate(poses)
         return poses
 
     def _equations(self, without: set[str]) -> tuple[list[Equation], list[Equation]]:
@@ -158,6 +238,8 @@ class Assembly:
         counted = {joint.name for symbol, (joint, what) in self.components.measures.items()
                    if symbol in named and what == "angle" and not isinstance(joint, Arm)}
         for link in self.links:
+            if isinstance(link, Align | HingedJoint) and hinge_of(link).start_angle is not None:
+                counted.add(link.name)
             if isinstance(link, RheonomicConstraint):
                 counted |= {link.name, link.joints[0].name}
             elif isinstance(link, Coupling | Law):
@@ -167,6 +249,10 @@ class Assembly:
         quantities = {name: e.xreplace(measures) for name, e in self.components.quantities.items()}
         q = tuple(x for body in self.components.bodies for x in body.coordinates)
         p = tuple(x for body in self.components.bodies for x in body.momenta)
+        clash = next((x for x in (*q, *p) if str(x) in store), None)
+        if clash is not None:
+            raise InputError(f"{str(clash)!r} in Multibody {self.components.name!r} is both a "
+                             "coordinate of a body and a parameter; rename one of the two.")
         forces = tuple(sp.Add(*acting.get(x, ())).xreplace(measures) for x in p) if acting else ()
         constraints = tuple(equation.expression for equation in equations)
         rows = tuple(equation.expression for equation in slips)
@@ -197,23 +283,82 @@ class Assembly:
                                   kept, values, link.name in counted)
                          for link in self.links
                          if not isinstance(link, Slide) and not any(
-                             isinstance(frame, MovingPoint | Particle) for frame in link.frames)),
+                             isinstance(frame, MovingPoint | Particle) for frame in link.frames))
+            + tuple(replace(joint_at(link, self.poses, [e for e in self._of_link[link]
+                                                        if e in there], kept, values, False),
+                            name=name, axis_a=(), axis_b=())
+                    for name, joint in self.components.aliases.items()
+                    for link in [self.connections[joint]]),
         )
 
-    def _state(self) -> tuple[Array, Array]:
+    def consistent_state(self, numbers: NumericSystem) -> Projection:
+        """Return the start on the constraints, with what is given kept.
+
+        Raises
+        ------
+        InputError
+            For velocities that the constraints do not allow, with the nearest possible ones.
+        """
+        with np.errstate(all="ignore"):  # what is not finite ends in a refusal
+            q = project_coordinates(numbers, self.q0)
+            poses, p = self.start, self.p0
+            if np.abs(q - self.q0).max() > ROUNDING * np.abs(q).max():
+                poses = self._poses_at(q, self.start)
+                warn_of_moved_bodies(self.components.bodies, self.start, poses)
+                warn_of_moved_joints(
+                    self._coordinate_symbols, self.components.values | self._body_values(),
+                    [copy for link, copy in self.connections.items()
+                     if link in self.components.placed], self.poses, q)
+                p = self._momenta_at(poses)
+            masses = {body: self.components.values[str(body.mass)]
+                      for body in self.components.bodies}
+            p = Velocities(self.components.bodies, poses, self.components.inertia, masses).keep(
+                numbers, [copy for link, copy in self.connections.items()
+                          if link not in self.components.placed], q, p)
+            return report(
+                numbers, (self.q0, self.p0), (q, p), (numbers.g(self.q0), numbers.g(q)),
+                (numbers.f(q, self.p0), numbers.f(q, p)))
+
+    def _coordinates_at(self, poses: Mapping[Frame, Pose]) -> Array:
         q: list[Array] = []
-        p: list[Array] = []
         for body in self.components.bodies:
-            pose = self.poses[body]
+            pose = poses[body]
             if body.q:
                 q.append(pose.q)
-                p.append(pose.momenta(self.components.inertia[body]))
             if body.x:
                 assert pose.x is not None
-                assert pose.v is not None
                 q.append(pose.x)
+        return np.concatenate(q)
+
+    def _momenta_at(self, poses: Mapping[Frame, Pose]) -> Array:
+        p: list[Array] = []
+        for body in self.components.bodies:
+            pose = poses[body]
+            if body.q:
+                p.append(pose.momenta(self.components.inertia[body]))
+            if body.x:
+                assert pose.v is not None
                 p.append(self.components.values[str(body.mass)] * pose.v)
-        return np.concatenate(q), np.concatenate(p)
+        return np.concatenate(p)
+
+    def _poses_at(self, q: Array, of: Mapping[Frame, Pose] | None = None) -> dict[Frame, Pose]:
+        """Return poses at coordinates, with the velocities of others: those described."""
+        poses, place = dict(self.poses if of is None else of), 0
+        for body in self.components.bodies:
+            old, described = poses[body], self.poses[body]
+            place, attitude = place + len(body.q), q[place : place + len(body.q)]
+            place, x = place + len(body.x), q[place : place + len(body.x)]
+            if not body.q:
+                poses[body] = replace(old, x=x)
+                continue
+            turned = RigidMotion(np.array(product(attitude, conjugate(described.q))), np.zeros(3))
+            assert described.x is not None
+            here = x if body.x else described.x
+            moved = RigidMotion(turned.q, here - turned.direction(described.x))
+            R = rotation(attitude)
+            spin = None if old.spin is None else R @ (old.R.T @ old.spin)
+            poses[body] = Pose(attitude, R, here, old.v, spin, moved)
+        return poses
 
     def _body_values(self) -> dict[str, float]:
         values: dict[str, float] = {}
@@ -254,7 +399,8 @@ def joint_at(
         for equation in equations]
     return JointLayout(link.name, _name(link.a), _name(link.b), _entries(on_a, kept, values),
                    _entries(on_b, kept, values), _entries(axis_a, kept, values),
-                   _entries(axis_b, kept, values), _entries(zero, kept, values),
+                   _entries(axis_b, kept, values),
+                   _entries(zero, kept, {**values, **store} if zero else values),
                    tuple(constraint_forces))
 
 

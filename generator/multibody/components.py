@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
@@ -39,6 +40,8 @@ class Components:
         Symbols that users named; value of each parameter by its name.
     measures : dict
         Symbol of a joint's coordinate or rate → the joint, and the name of the measure.
+    placed : set of Connection
+        Joints of a robot's file, whose rates are the default of the file, not given.
     """
 
     name: str
@@ -54,15 +57,19 @@ class Components:
     quantities: dict[str, sp.Expr] = field(default_factory=dict)
     inputs: list[sp.Symbol] = field(default_factory=list)
     measures: dict[sp.Symbol, tuple[Connection, str]] = field(default_factory=dict)
+    placed: set[Connection] = field(default_factory=set)
+    #: Name of a joint that others hold in one → that one.
+    aliases: dict[str, Connection] = field(default_factory=dict)
 
-    def claim(self, name: str) -> None:
-        """Refuse a name that is taken, or no identifier."""
+    def claim(self, name: str, kind: Literal["body", "joint", "parameter"]) -> None:
+        """Refuse a name that another part of the kind has, or no identifier."""
         as_text(f"a name in Multibody {self.name!r}", name)
-        taken = {*(b.name for b in self.bodies), *(point.name for point in self.moving_points),
-                 *(link.name for link in self.connections), *self.symbols}
-        if name in taken or name in ("ground", "gravity"):
-            raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; bodies, joints, "
-                             "springs and parameters need names of their own.")
+        taken: Mapping[str, Collection[str]] = {
+            "body": [*(body.name for body in self.bodies), *(p.name for p in self.moving_points)],
+            "joint": [link.name for link in self.connections], "parameter": self.symbols}
+        if name in taken[kind] or name in ("ground", "gravity"):
+            raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; each body, each "
+                             "joint or spring, and each parameter needs a name of its own.")
         if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
             raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
                              "letters, digits and '_', a letter first.")

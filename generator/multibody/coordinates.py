@@ -26,8 +26,9 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from .body import Body, Frame, GeneralisedForce, Particle, Vector, dot
-from .initial_poses import Pose, conjugate, direction, product
+from .initial_poses import Pose, RigidMotion, conjugate, direction, product
 from .joints import (
+    FRACTION,
     RATE_OF,
     UNIT,
     Connection,
@@ -36,12 +37,15 @@ from .joints import (
     Fixed,
     Joint,
     Poses,
+    StartRate,
+    StartValue,
     Store,
     cosine_and_sine,
     difference,
     hinge_of,
     named_number,
     named_vector,
+    propagate,
     unit_vector,
 )
 
@@ -80,8 +84,14 @@ class Coordinate(Connection):
     """The coordinate ``b`` as that of a joint: motors and springs may act on it."""
 
     kind: str = field(kw_only=True)  # "angle" or "travel"
-    value: float = field(kw_only=True, default=0.0)  # at the start
-    speed: float = field(kw_only=True, default=0.0)
+    value: float = field(kw_only=True, default=0.0)  # in the pose of the description
+    start_value: float | None = field(kw_only=True, default=None)
+    speed: float | None = field(kw_only=True, default=None)
+
+    @property
+    def displacement(self) -> float:
+        """The difference of the coordinate from the described pose to the start."""
+        return 0.0 if self.start_value is None else self.start_value - self.value
 
     @property
     def MEASURES(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -107,9 +117,25 @@ class Coordinate(Connection):
         assert isinstance(self.b, FlywheelBody)
         yield self.b.p_x, (effort,)
 
+    def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
+        """Yield the coordinate."""
+        if self.start_value is not None:
+            now = self.measure(self.kind, poses, store)
+            yield StartValue(self.name, self.kind, self.start_value,
+                             now - self.value - FRACTION * self.displacement)
+
+    def start_rates(self, poses: Poses) -> Iterator[StartRate]:
+        """Yield the rate."""
+        if self.speed is not None:
+            yield self.name, self.speed, {self.b: (np.ones(1), np.zeros(0))}
+
     def begin(self, poses: Poses) -> None:
-        """Set the value and the rate of the coordinate at the start."""
-        poses[self.b].x, poses[self.b].v = np.array([self.value]), np.array([self.speed])
+        """Set the value of the coordinate in the described pose."""
+        poses[self.b].x = np.array([self.value])
+
+    def begin_rate(self, poses: Poses) -> None:
+        """Set the rate of the coordinate at the start."""
+        poses[self.b].v = np.array([self.speed or 0.0])
 
 
 @dataclass(eq=False, repr=False)
@@ -130,22 +156,32 @@ class Flywheel(Coordinate):
         cosine, sine = cosine_and_sine(hinge, poses, store)
         yield Equation(f"{self.name}: ratio", sine * sp.cos(since) - cosine * sp.sin(since))
 
+    @property
+    def displacement(self) -> float:
+        """The difference of the coordinate: ``ratio`` times that of its joint."""
+        (joint,) = self.joints
+        along = joint.moved if isinstance(joint, Cylindrical) else 0.0
+        return self.ratio * (joint.displacement if self.kind == "angle" else along)
+
     def begin(self, poses: Poses) -> None:
-        """Set the value and the rate of the coordinate at the start: those of its joint."""
+        """Set the value of the coordinate in the described pose, by its joint."""
+        (joint,) = self.joints
+        self.value = self.ratio * (hinge_of(joint).angle if self.kind == "angle"
+                                   else getattr(joint, "travel", 0.0))
+        super().begin(poses)
+
+    def begin_rate(self, poses: Poses) -> None:
+        """Set the rate of the coordinate at the start, by its joint."""
         (joint,) = self.joints
         a, b = poses[joint.a], poses[joint.b]
-        hinge = hinge_of(joint)
         assert a.spin is not None
         assert b.spin is not None
-        if self.kind == "angle":
-            self.value, turned = hinge.angle, b.spin - a.spin
-        else:
+        turned = b.spin - a.spin
+        if self.kind == "travel":
             assert isinstance(joint, Joint)
-            scale = getattr(joint, "scale", 1.0)
-            self.value, turned = getattr(joint, "travel", 0.0), scale * _slip(joint, a, b)
-        self.value *= self.ratio
-        self.speed = self.ratio * float(hinge.axis @ turned)
-        super().begin(poses)
+            turned = getattr(joint, "scale", 1.0) * _slip(joint, a, b)
+        rate = self.ratio * float(hinge_of(joint).axis_at(poses) @ turned)
+        poses[self.b].v = np.array([rate])
 
 
 @dataclass(eq=False, repr=False)
@@ -161,14 +197,18 @@ class BallFlywheel(Connection):
             yield Equation(f"{self.name}: {k}", z - e)
 
     def begin(self, poses: Poses) -> None:
-        """Set z and ż = ½ z (0, R_bᵀ(Ω_b − Ω_a)) at the start: those of its joint."""
+        """Set z, the relative attitude of its joint's bodies."""
+        (joint,) = self.joints
+        poses[self.b].x = np.array(product(conjugate(poses[joint.a].q), poses[joint.b].q))
+
+    def begin_rate(self, poses: Poses) -> None:
+        """Set ż = ½ z (0, R_bᵀ(Ω_b − Ω_a)) at the start, by its joint."""
         (joint,) = self.joints
         a, b = poses[joint.a], poses[joint.b]
         assert a.spin is not None
         assert b.spin is not None
-        z = product(conjugate(a.q), b.q)
-        rate = product(z, [0.0, *(b.R.T @ (b.spin - a.spin))])
-        poses[self.b].x, poses[self.b].v = np.array(z), np.array(rate) / 2
+        rate = product(poses[self.b].x, [0.0, *(b.R.T @ (b.spin - a.spin))])
+        poses[self.b].v = np.array(rate) / 2
 
 
 def _slip(joint: Joint, a: Pose, b: Pose) -> Array:
@@ -276,11 +316,17 @@ class Arm(Connection):
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One joint of a chain: a hinge or a slide, with its axis in space at the start."""
+    """One joint of a chain: a hinge or a slide, with its axis in space in the described pose."""
 
     coordinate: Coordinate
     axis: Array
     at: Array
+
+    def motion(self, by: float) -> RigidMotion:
+        """Return the motion of what follows by a difference of the coordinate."""
+        if self.coordinate.kind == "travel":
+            return RigidMotion.along(by * self.axis)
+        return RigidMotion.about(self.axis, by, self.at)
 
 
 @dataclass(eq=False, repr=False)
@@ -295,26 +341,35 @@ class Chain(Joint):
         """Its bodies and its coordinates."""
         return (self.a, self.b, *(link.coordinate.b for link in self.links))
 
+    def motion(self, poses: Poses) -> RigidMotion:
+        """Return the motion by all its joints."""
+        moved = RigidMotion.along(np.zeros(3))
+        for link in self.links:
+            moved = moved @ link.motion(link.coordinate.displacement)
+        return moved
+
+    def _links_at(self, poses: Poses) -> Iterator[tuple[Coordinate, Array, Array]]:
+        """Yield each joint with its axis and a point of it in space at the start."""
+        moved = poses[self.a].moved
+        for link in self.links:
+            yield link.coordinate, moved.direction(link.axis), moved.point(link.at)
+            x = poses[link.coordinate.b].x
+            assert x is not None
+            moved = moved @ link.motion(float(x[0]) - link.coordinate.value)
+
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + Σ rate · axis."""
-        a, b = poses[self.a], poses[self.b]
-        turning: Array = sum((link.coordinate.speed * link.axis for link in self.links
-                              if link.coordinate.kind == "angle"), np.zeros(3))
-        if a.spin is not None and b.spin is None:
-            b.spin = a.spin + turning
-        elif b.spin is not None and a.spin is None:
-            a.spin = b.spin - turning
-        else:
-            return False
-        return True
+        turning: Array = sum(((coordinate.speed or 0.0) * axis
+                              for coordinate, axis, _ in self._links_at(poses)
+                              if coordinate.kind == "angle"), np.zeros(3))
+        return propagate("spin", poses[self.a], poses[self.b], turning)
 
-    def relative_velocity(self) -> Array:
+    def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""
-        velocity = np.zeros(3)
-        for link in self.links:
-            velocity += link.coordinate.speed * (
-                link.axis if link.coordinate.kind == "travel"
-                else np.cross(link.axis, np.asarray(self.at) - link.at))
+        velocity, point = np.zeros(3), poses[self.b].space(np.asarray(self.on_b))
+        for coordinate, axis, at in self._links_at(poses):
+            velocity += (coordinate.speed or 0.0) * (
+                axis if coordinate.kind == "travel" else np.cross(axis, point - at))
         return velocity
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,8 @@ from ...core.inertia import (
 )
 from .rigid_body import left_matrix, rotation_matrix
 
-__all__ = ["Attitude", "InitialState", "Pose", "attitude", "check_rep", "clean", "conjugate",
+__all__ = ["Attitude", "InitialState", "Pose", "RigidMotion", "attitude", "check_rep",
+           "clean", "conjugate",
            "count", "direction", "finite", "in_range", "initial_state", "nonzero", "normals",
            "onto", "optional_vector", "positive", "product", "propagate_all", "rotation", "unit",
            "vector"]
@@ -32,6 +33,45 @@ Array = NDArray[Any]
 
 #: Components smaller than this relative to the vector, or to its parts, are round-off: zero.
 _ROUNDING = 2.0**-49
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """r ↦ R(q) r + x of points in space."""
+
+    q: Array
+    x: Array
+
+    @classmethod
+    def along(cls, x: Array) -> RigidMotion:
+        """Return a translation."""
+        return cls(np.array([1.0, 0, 0, 0]), x)
+
+    @classmethod
+    def about(cls, axis: Array, angle: float, at: Array) -> RigidMotion:
+        """Return the rotation about an axis through a point; whole turns are in the sign of q."""
+        if not angle:
+            return cls.along(np.zeros(3))
+        q = np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
+        return cls(q, at - rotation(q) @ at)
+
+    def __matmul__(self, first: RigidMotion) -> RigidMotion:
+        """Return the motion that does ``first``, then this."""
+        return RigidMotion(np.array(product(self.q, first.q)), self.point(first.x))
+
+    def inverse(self) -> RigidMotion:
+        """Return the motion back."""
+        back = RigidMotion(np.array(conjugate(self.q)), np.zeros(3))
+        return RigidMotion(back.q, -back.direction(self.x))
+
+    def point(self, r: Array) -> Array:
+        """Return where a point is moved to."""
+        return self.direction(r) + self.x
+
+    def direction(self, v: Array) -> Array:
+        """Return a vector, turned."""
+        turned: Array = v if not self.q[1:].any() else rotation(self.q) @ v
+        return turned
 
 
 @dataclass(eq=False)
@@ -48,6 +88,8 @@ class Pose:
         Position and velocity of the origin in space.
     spin : ndarray, shape (3,), or None
         Angular velocity in space.
+    moved : RigidMotion
+        From the pose in which the model is described to this one.
     """
 
     q: Array
@@ -55,6 +97,7 @@ class Pose:
     x: Array | None
     v: Array | None
     spin: Array | None
+    moved: RigidMotion = field(default_factory=lambda: RigidMotion.along(np.zeros(3)))
 
     @classmethod
     def ground(cls) -> Pose:
@@ -68,6 +111,15 @@ class Pose:
         where: Array = self.x + self.R @ r
         return where
 
+    def after(self, motion: RigidMotion, is_held: bool = False) -> Pose:
+        """Return the pose after a motion, of a frame whose origin may be held."""
+        assert self.x is not None
+        if is_held:
+            motion = RigidMotion(motion.q, self.x - motion.direction(self.x))
+        q = np.array(product(motion.q, self.q))
+        spin = None if self.spin is None else motion.direction(self.spin)
+        return Pose(q, rotation(q), motion.point(self.x), self.v, spin, motion)
+
     def momenta(self, inertia: Inertia) -> Array:
         """Return p = 2 L(q)ᵀ J Ω (82)."""
         assert self.spin is not None
@@ -78,12 +130,17 @@ class Pose:
 
 @dataclass
 class InitialState:
-    """Initial state of a body as given; None where it follows from joints."""
+    """Initial state of a body as given; None where it follows from joints.
+
+    ``is_turned``: its attitude is given. ``is_placed``: a robot's file placed it, by its joints.
+    """
 
     q: Array
     x: Array | None
     v: Array | None
     omega: Array | None  # in body axes
+    is_turned: bool = False
+    is_placed: bool = False
 
     def pose(self) -> Pose:
         """Return the pose, unknown where nothing is given."""
@@ -100,6 +157,7 @@ def initial_state(
         optional_vector(f"position of {name!r}", position),
         optional_vector(f"velocity of {name!r}", velocity),
         optional_vector(f"angular velocity of {name!r}", omega),
+        quaternion is not None or rotation is not None,
     )
 
 

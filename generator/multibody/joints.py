@@ -12,7 +12,8 @@ an axis measure the angle of b relative to a, and its rate:
     angle      θ = 2 atan2(v, w),  (w, v e) = q̄_a q_b c,  smooth for |θ| < 2π
     rate       e · Ω_b − e · Ω_a
 
-with c such that θ has the given value at the start. Sliding joints, gears and driven joints:
+with c such that θ is 0 in the pose in which the model is described; the joint's ``angle`` moves
+the bodies from there to the start. Sliding joints, gears and driven joints:
 
     cylindrical  align, and R(q_a) n_k · d = 0                               four
     prismatic    cylindrical, and R(q_a) n₁ · R(q_b) m₂ = 0                  five
@@ -25,7 +26,7 @@ with c such that θ has the given value at the start. Sliding joints, gears and 
     coupling     c₂ − (ratio c₁ + offset) = 0, c their angles or travels     one
 
 d is the vector from the point of a to that of b; s = c + R(q_a) e · d is the travel, with c such
-that it has the given value s₀ at the start. m_k are the directions of b that are n_k at the start:
+that s₀ = 0 in the pose of the description. m_k are the directions of b that are n_k at the start:
 cos θ = R(q_a) n₁ · R(q_b) m₁ and sin θ = R(q_a) n₂ · R(q_b) m₁ determine the angle but for whole
 turns, and so does the screw. Motors and springs act on the coordinate c of a joint:
 
@@ -49,13 +50,49 @@ from ...core.errors import InputError
 from ..symbolic.switching_functions import Max
 from ..systems.body_layout import ConstraintForce
 from .body import Body, Frame, GeneralisedForce, Vector, dot
-from .initial_poses import Pose, clean, conjugate, direction, normals, product
+from .initial_poses import (
+    Pose,
+    RigidMotion,
+    clean,
+    conjugate,
+    direction,
+    normals,
+    product,
+)
 
-__all__ = ["RATE_OF", "Align", "Connection", "Coupling", "Cylindrical", "Equation",
-           "Fixed", "Gear", "HingedJoint",
-           "Joint", "JointSpring", "Motor", "Planar", "PointConnection", "Prismatic", "Revolute",
-           "RheonomicConstraint", "Rod", "Screw", "Spring", "Universal", "copies", "difference",
-           "hinge_of", "named_number", "named_vector", "perpendicular", "unit_vector"]
+__all__ = [
+    "FRACTION",
+    "RATE_OF",
+    "Align",
+    "Connection",
+    "Coupling",
+    "Cylindrical",
+    "Equation",
+    "Fixed",
+    "Gear",
+    "HingedJoint",
+    "Joint",
+    "JointSpring",
+    "Motor",
+    "Planar",
+    "PointConnection",
+    "Prismatic",
+    "Revolute",
+    "RheonomicConstraint",
+    "Rod",
+    "Screw",
+    "Spring",
+    "StartRate",
+    "StartValue",
+    "Universal",
+    "copies",
+    "difference",
+    "hinge_of",
+    "named_number",
+    "named_vector",
+    "perpendicular",
+    "unit_vector",
+]
 
 Array = NDArray[Any]
 #: Frame → its pose at the start.
@@ -63,6 +100,8 @@ Poses = Mapping[Frame, Pose]
 #: The values of a model's parameters by name.
 Store = dict[str, float]
 
+#: How much of the way from the described pose to the start has been gone, 0 to 1.
+FRACTION = sp.Dummy("fraction", real=True)
 #: Coordinate of a joint → its rate.
 RATE_OF = {"angle": "rate", "travel": "speed"}
 #: Angles in a ratio of such whole numbers are coupled over any number of turns.
@@ -77,6 +116,26 @@ class Equation:
     name: str
     expression: sp.Expr
     constraint_force: ConstraintForce | None = None
+
+
+@dataclass(frozen=True)
+class StartValue:
+    """A coordinate of a joint that is given at the start, and how far off it a state is.
+
+    ``sine`` and ``cosine`` are those of the difference of an angle; of a travel, which has no
+    ``cosine``, ``sine`` is the difference. ``FRACTION`` is how much of the way from the
+    description to the start has been gone.
+    """
+
+    joint: str
+    measure: str
+    value: float
+    sine: sp.Expr
+    cosine: sp.Expr | None = None
+
+
+#: A given rate: its joint and name, its value, and coefficients of (v, Ω in space) of bodies.
+StartRate = tuple[str, float, dict[Frame, tuple[Array, Array]]]
 
 
 def named_vector(
@@ -118,6 +177,11 @@ class Connection:
     #: Names of its measures.
     MEASURES: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def displacement(self) -> float:
+        """The difference of its coordinate from the described pose to the start: none is given."""
+        return 0.0
+
     def __repr__(self) -> str:
         return _shown(self)
 
@@ -125,6 +189,18 @@ class Connection:
     def frames(self) -> tuple[Frame, ...]:
         """All frames it acts on."""
         return (self.a, self.b, *(frame for joint in self.joints for frame in joint.frames))
+
+    def motion(self, poses: Poses) -> RigidMotion:
+        """Return the motion of b against a from the pose of the description to the start."""
+        return RigidMotion.along(np.zeros(3))
+
+    def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
+        """Yield its given coordinates at the start."""
+        yield from ()
+
+    def start_rates(self, poses: Poses) -> Iterator[StartRate]:
+        """Yield its given rates at the start."""
+        yield from ()
 
     def turn(self, poses: Poses) -> bool:
         """Propagate angular velocity to a frame without one; return whether one was found."""
@@ -180,7 +256,10 @@ class PointConnection(Connection):
         where = []
         for frame, r in ((self.a, self.on_a), (self.b, self.on_b)):
             assert r is not None
-            prefix = f"{self.name}_{frame.name}" if isinstance(frame, Body) else self.name
+            named = frame.name if isinstance(frame, Body) else ""
+            if not named and self.name in (getattr(e, "name", "") for e in self.frames):
+                named = "ground"  # its own name begins those of the body's coordinates
+            prefix = f"{self.name}_{named}" if named else self.name
             where.append(named_vector(prefix, r.tolist(), store))
         return where[0], where[1]
 
@@ -239,9 +318,9 @@ class Joint(PointConnection):
         assert b.x is not None
         difference = b.x + arm_b - a.x - arm_a
         turning = np.cross(a.spin, arm_a + difference) - np.cross(b.spin, arm_b)
-        return propagate("v", a, b, turning + self.relative_velocity())
+        return propagate("v", a, b, turning + self.relative_velocity(poses))
 
-    def relative_velocity(self) -> Array:
+    def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start, 0."""
         return np.zeros(3)
 
@@ -254,19 +333,51 @@ class Joint(PointConnection):
 
 @dataclass(eq=False, repr=False)
 class Align(Connection):
-    """One axis of a stays one of b; ``axis`` is a unit vector in space at the start.
+    """One axis of a stays one of b; ``axis`` is a unit vector in space in the described pose.
 
-    b turns about it against a, at ``rate`` to begin with.
+    ``angle`` is the angle there, ``start_angle`` and ``rate`` are given at the start.
     """
 
     axis: Array
-    rate: float = 0.0
+    rate: float | None = None
     angle: float = 0.0
+    start_angle: float | None = None
     MEASURES = ("angle", "rate")
+
+    @property
+    def displacement(self) -> float:
+        """The angle by which b turns against a from the described pose to the start."""
+        return 0.0 if self.start_angle is None else self.start_angle - self.angle
+
+    def axis_at(self, poses: Poses) -> Array:
+        """Return the axis in space at the start."""
+        return poses[self.a].moved.direction(self.axis)
+
+    def motion(self, poses: Poses) -> RigidMotion:
+        """Return the rotation about the axis, through the origin of b."""
+        x = poses[self.b].x
+        assert x is not None
+        return RigidMotion.about(self.axis, self.displacement, x)
+
+    def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
+        """Yield the angle."""
+        if self.start_angle is not None:
+            c, s = cosine_and_sine(self, poses, store)
+            target = FRACTION * self.displacement
+            yield StartValue(self.name, "angle", self.start_angle,
+                             s * sp.cos(target) - c * sp.sin(target),
+                             c * sp.cos(target) + s * sp.sin(target))
+
+    def start_rates(self, poses: Poses) -> Iterator[StartRate]:
+        """Yield the rate."""
+        if self.rate is not None:
+            e, zero = self.axis_at(poses), np.zeros(3)
+            yield self.name, self.rate, {self.a: (zero, -e), self.b: (zero, e)}
 
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + rate · axis."""
-        return propagate("spin", poses[self.a], poses[self.b], self.rate * self.axis)
+        rate = (self.rate or 0.0) * self.axis_at(poses)
+        return propagate("spin", poses[self.a], poses[self.b], rate)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
@@ -308,7 +419,8 @@ class Align(Connection):
     @property
     def _full_turns(self) -> float:
         """The multiple of 2π next to the angle at the start."""
-        return 2 * math.pi * round(self.angle / (2 * math.pi))
+        angle = self.angle if self.start_angle is None else self.start_angle
+        return 2 * math.pi * round(angle / (2 * math.pi))
 
     def zero(self, poses: Poses, store: Store) -> tuple[sp.Expr, ...]:
         """Return c, with q̄_a q_b c the rotation of b relative to a, and the full turns."""
@@ -327,6 +439,24 @@ class HingedJoint(Joint):
 
     hinge: Align = field(kw_only=True)
     MEASURES: ClassVar[tuple[str, ...]] = Align.MEASURES
+
+    @property
+    def displacement(self) -> float:
+        """The angle by which b turns against a from the described pose to the start."""
+        return self.hinge.displacement
+
+    def motion(self, poses: Poses) -> RigidMotion:
+        """Return the rotation about the axis."""
+        assert self.on_a is not None
+        return RigidMotion.about(self.hinge.axis, self.displacement, poses[self.a].space(self.on_a))
+
+    def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
+        """Yield the angle."""
+        return self.hinge.start_values(poses, store)
+
+    def start_rates(self, poses: Poses) -> Iterator[StartRate]:
+        """Yield the rate."""
+        return self.hinge.start_rates(poses)
 
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity as ``Align`` does."""
@@ -495,13 +625,41 @@ class Planar(HingedJoint):
 class Cylindrical(Planar):
     """b turns about an axis of a and slides along it, at ``speed`` to begin with."""
 
-    speed: float = 0.0
+    speed: float | None = None
     travel: float = 0.0
+    start_travel: float | None = None
     MEASURES: ClassVar[tuple[str, ...]] = (*Align.MEASURES, "travel", "speed")
 
-    def relative_velocity(self) -> Array:
+    @property
+    def moved(self) -> float:
+        """The distance that b moves along the axis from the described pose to the start."""
+        return 0.0 if self.start_travel is None else self.start_travel - self.travel
+
+    def motion(self, poses: Poses) -> RigidMotion:
+        """Return the motion along the axis and about it."""
+        return RigidMotion.along(self.moved * self.hinge.axis) @ super().motion(poses)
+
+    def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
+        """Yield angle and travel."""
+        yield from super().start_values(poses, store)
+        if self.start_travel is not None:
+            now = self.measure("travel", poses, store)
+            yield StartValue(self.name, "travel", self.start_travel,
+                             now - self.travel - FRACTION * self.moved)
+
+    def start_rates(self, poses: Poses) -> Iterator[StartRate]:
+        """Yield rate and speed."""
+        yield from super().start_rates(poses)
+        if self.speed is not None:
+            a, b, e = poses[self.a], poses[self.b], self.hinge.axis_at(poses)
+            point = b.space(np.asarray(self.on_b))
+            yield self.name, self.speed, {
+                self.a: (-e, -np.cross(point - np.asarray(a.x), e)),
+                self.b: (e, np.cross(point - np.asarray(b.x), e))}
+
+    def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""
-        return self.speed * self.hinge.axis
+        return (self.speed or 0.0) * self.hinge.axis_at(poses)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
@@ -564,6 +722,12 @@ class Screw(Cylindrical):
 
     lead: float = field(kw_only=True)
 
+    def motion(self, poses: Poses) -> RigidMotion:
+        """Return the motion along the axis, and the rotation about it."""
+        assert self.on_a is not None
+        return super().motion(poses) @ RigidMotion.about(
+            self.hinge.axis, 2 * math.pi * self.moved / self.lead, poses[self.a].space(self.on_a))
+
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         yield from super().equations(poses, store)
@@ -572,10 +736,10 @@ class Screw(Cylindrical):
         cosine, sine = cosine_and_sine(self.hinge, poses, store)
         yield Equation(f"{self.name}: thread", sine * sp.cos(moved) - cosine * sp.sin(moved))
 
-    def relative_velocity(self) -> Array:
+    def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""
-        along: Array = self.hinge.rate * self.lead / (2 * math.pi) * self.hinge.axis
-        return along
+        speed = (self.hinge.rate or 0.0) * self.lead / (2 * math.pi)
+        return speed * self.hinge.axis_at(poses)
 
 
 @dataclass(eq=False, repr=False)
@@ -586,12 +750,21 @@ class Universal(Joint):
     """
 
     arms: tuple[Array, Array] = field(kw_only=True)
-    rates: tuple[float, float] = (0.0, 0.0)
+    rates: tuple[float | None, float | None] = (None, None)
+
+    def start_rates(self, poses: Poses) -> Iterator[StartRate]:
+        """Yield both rates."""
+        zero = np.zeros(3)
+        for frame, arm, rate in zip((self.a, self.b), self.arms, self.rates, strict=True):
+            if rate is not None:
+                e = poses[frame].moved.direction(arm)
+                yield self.name, rate, {self.a: (zero, -e), self.b: (zero, e)}
 
     def turn(self, poses: Poses) -> bool:
         """Propagate the angular velocity: Ω_b = Ω_a + the rates about both arms."""
-        first, second = (rate * arm for rate, arm in zip(self.rates, self.arms, strict=True))
-        return Align(self.name, self.a, self.b, first + second, 1.0).turn(poses)
+        first, second = ((rate or 0.0) * poses[frame].moved.direction(arm) for frame, arm, rate
+                         in zip((self.a, self.b), self.arms, self.rates, strict=True))
+        return propagate("spin", poses[self.a], poses[self.b], first + second)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
@@ -611,7 +784,12 @@ class Gear(Connection):
         """Yield the constraint; values of its parameters go into ``store``."""
         (c1, s1), (c2, s2) = (joint.turned(z, poses, store)
                               for z, joint in zip(self.teeth, self.joints, strict=True))
-        yield Equation(f"{self.name}: mesh", s1 * c2 + c1 * s2)
+        sine, cosine = s1 * c2 + c1 * s2, c1 * c2 - s1 * s2
+        meshed = sum(z * joint.displacement for z, joint in zip(
+            self.teeth, self.joints, strict=True))  # where the given angles start
+        phase = named_number(f"{self.name}_phase", meshed, store)
+        yield Equation(f"{self.name}: mesh", sine * sp.cos(phase) - cosine * sp.sin(phase)
+                       if meshed else sine)
 
 
 @dataclass(eq=False, repr=False)
@@ -622,13 +800,12 @@ class RheonomicConstraint(Connection):
     """
 
     law: sp.Expr = field(kw_only=True)
-    begin: float = field(kw_only=True)  # f(0)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraint; values of its parameters go into ``store``."""
         hinge = hinge_of(self)
         c, s = cosine_and_sine(hinge, poses, store)
-        since = self.law - named_number(f"{self.name}_begin", self.begin, store)
+        since = self.law - named_number(f"{self.name}_begin", hinge.angle, store)
         yield Equation(f"{self.name}: angle", c * sp.sin(since) - s * sp.cos(since),
                        ConstraintForce("axial", hinge.ends(poses, store)[0]))
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_items, as_mapping, as_text, choose, few, shown, whole
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event, as_events
 from ...core.exact_numbers import exact
+from ...core.frozen_dict import FrozenDict
 from ...core.html import card, table
 from ...core.inertia import Inertia, as_moments_or_tensor, real_array
 from ...core.registry import FRAMES, RULES
@@ -27,6 +28,7 @@ __all__ = ["Model", "whole_array"]
 Array = NDArray[Any]
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Model:
     """A system, its parameters and a state to start from.
@@ -96,12 +98,12 @@ class Model:
             state.setflags(write=False)
         model = object.__new__(cls)
         model.__dict__.update(
-            parameters=MappingProxyType(dict(numbers.parameters)), q0=q0, p0=p0,
-            bodies=MappingProxyType({name: as_moments_or_tensor(inertia)
+            parameters=FrozenDict(numbers.parameters), q0=q0, p0=p0,
+            bodies=FrozenDict({name: as_moments_or_tensor(inertia)
                                      for name, inertia in numbers.bodies.items()}),
             dt=numbers.dt, steps=numbers.steps, description=numbers.description, frame="",
-            rules=MappingProxyType(dict(numbers.rules)), events=numbers.events,
-            units=MappingProxyType({}), visuals=MappingProxyType(dict(numbers.visuals)),
+            rules=FrozenDict(numbers.rules), events=numbers.events,
+            units=FrozenDict({}), visuals=FrozenDict(numbers.visuals),
             system_digest=system_digest, _name=numbers.name,
             _make=make)
         return model
@@ -112,6 +114,12 @@ class Model:
             if name != "system" or "_make" not in self.__dict__:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             return self.__dict__.setdefault("system", self._make().system)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled and copied: the system, and not the function that makes it."""
+        state = {**self.__dict__, "system": self.system}
+        state.pop("_make", None)
+        return state
 
     def __post_init__(self) -> None:
         if not isinstance(self.system, System):
@@ -128,15 +136,15 @@ class Model:
             "parameters", self.parameters, "{'m': 1.0}").items()}
         bodies = {name: as_moments_or_tensor(inertia) for name, inertia in as_mapping(
             "bodies", self.bodies, "{'gamma': (I1, I2, I3)}").items()}
-        object.__setattr__(self, "parameters", MappingProxyType(values))
-        object.__setattr__(self, "bodies", MappingProxyType(bodies))
+        object.__setattr__(self, "parameters", FrozenDict(values))
+        object.__setattr__(self, "bodies", FrozenDict(bodies))
         rules = as_mapping("rules", self.rules, "{'gamma': 'auto'}")
         for name, rule in rules.items():
             choose(f"rules[{name!r}]", rule, RULES)
             if name not in bodies or name in values:
                 raise InputError(f"Model {self.name!r} has a rule for {name!r}, which is no "
                                  "inertia parameter without a value; leave it out.")
-        object.__setattr__(self, "rules", MappingProxyType(dict(rules)))
+        object.__setattr__(self, "rules", FrozenDict(rules))
         visuals = {name: tuple(as_items(f"visuals[{name!r}]", shapes, "shapes")) for name, shapes
                    in as_mapping("visuals", self.visuals, "{'arm': [shape]}").items()}
         for name, shapes in visuals.items():
@@ -145,14 +153,14 @@ class Model:
                 if not isinstance(shape, Shape):
                     raise InputError(f"visuals[{name!r}] has {shown(shape)}; give instances of "
                                      "gyrospark.Shape.")
-        object.__setattr__(self, "visuals", MappingProxyType(visuals))
+        object.__setattr__(self, "visuals", FrozenDict(visuals))
         units = as_mapping("units", self.units, "{'mgl': 'N.m'}")
         named = [*map(str, (*self.system.parameters, *self.system.q, *self.system.p)),
                  *self.system.quantities]
         for name, unit in units.items():
             choose("name of a number with a unit", name, named)
             base_units(unit)
-        object.__setattr__(self, "units", MappingProxyType(dict(units)))
+        object.__setattr__(self, "units", FrozenDict(units))
         if self.dt is not None:
             object.__setattr__(self, "dt", self._number("dt", self.dt))
         if self.steps is not None:

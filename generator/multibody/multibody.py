@@ -25,8 +25,16 @@ from ...core.arguments import (
     whole,
 )
 from ...core.errors import InputError
-from ...core.inertia import Inertia, RepName, as_inertia, is_tensor, moments_of, real_array
-from ...core.projection import Projection, project
+from ...core.inertia import (
+    Inertia,
+    RepName,
+    as_inertia,
+    is_tensor,
+    moments_of,
+    real_array,
+    warn_of_degrees,
+)
+from ...core.projection import Projection
 from ...core.shapes import Shape
 from ...core.warnings import warn
 from ..symbolic.derivatives import derivative
@@ -139,6 +147,8 @@ class Multibody:
             "steps": None if steps is None else count(steps),
             "description": as_text("description", description),
         }
+        #: Whether bodies are described where they start, as robots' files place them.
+        self._describes_start = False
 
     def __repr__(self) -> str:
         return (f"<Multibody {self.name}: "
@@ -192,7 +202,7 @@ class Multibody:
         InputError
             For names used twice and for numbers that no body can have.
         """
-        self._components.claim(name)
+        self._components.claim(name, "body")
         check_rep(name, rep)
         given = as_inertia(inertia, f"inertia of {name!r}")
         start = initial_state(name, quaternion, rotation, position, velocity, angular_velocity)
@@ -210,7 +220,7 @@ class Multibody:
         ``inertia`` holds the principal moments about that point, or the tensor, ``centre`` the
         centre of mass from it in body axes, ``at`` where in space it is. All else as for ``body``.
         """
-        self._components.claim(name)
+        self._components.claim(name, "body")
         check_rep(name, rep)
         given = as_inertia(inertia, f"inertia of {name!r}")
         origin = vector(f"fixed point of {name!r}", at)
@@ -231,7 +241,7 @@ class Multibody:
 
         ``position`` and ``velocity`` are in space; by default as ball joints require, else 0.
         """
-        self._components.claim(name)
+        self._components.claim(name, "body")
         point = Particle.named(name)
         self._components.values[str(point.mass)] = positive(f"mass of {name!r}", mass)
         self._components.bodies[point] = initial_state(
@@ -242,7 +252,7 @@ class Multibody:
         self, name: str, body: Frame | str, *, mass: float, inertia: Sequence[float],
         axis: ArrayLike | None = None, axis_on_body: ArrayLike | None = None,
         axis_in_space: ArrayLike | None = None, at: ArrayLike | None = None,
-        on_body: ArrayLike | None = None, rate: float = 0.0,
+        on_body: ArrayLike | None = None, rate: float | None = None,
     ) -> Body:
         """Add a wheel that spins on a body, on the bearing ``NAME_bearing``, a revolute.
 
@@ -316,7 +326,8 @@ class Multibody:
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
         axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
+        on_b: ArrayLike | None = None, rate: float | None = None,
+        angle: float | None = None,
     ) -> Revolute:
         """Join a and b by a hinge: five constraints, ``name: x``, ``y``, ``z``, ``axis 1, 2``.
 
@@ -324,8 +335,8 @@ class Multibody:
         ``axis_on_body`` is its direction in the axes of a, or of b where a is the ground. A
         warning is given if ``axis`` differs in the axes of a. ``rate`` is the angular
         velocity of b against a about it in rad/s, from which an angular velocity that is not
-        given follows; ``angle`` is its measure at the start, in rad. All else as for
-        ``ball``.
+        given follows; ``angle``, in rad, turns b and the bodies beyond it to the start, from the
+        positions, attitudes and axes that are given, where it is 0. All else as for ``ball``.
         """
         return self._join(Revolute(name, **self._pair(name, a, b, at, on_a, on_b),
                                    hinge=self._hinge(
@@ -335,7 +346,8 @@ class Multibody:
     def align(
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
         axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
-        rate: float = 0.0, angle: float = 0.0,
+        rate: float | None = None,
+        angle: float | None = None,
     ) -> Align:
         """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
 
@@ -348,39 +360,40 @@ class Multibody:
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
         axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, speed: float = 0.0, travel: float = 0.0,
+        on_b: ArrayLike | None = None, speed: float | None = None,
+        travel: float | None = None,
     ) -> Prismatic:
         """Let b slide along an axis of a without turning: five constraints.
 
         ``axis`` is its direction in space at the start, along which b moves at ``speed`` in m/s;
-        ``at`` any point of it; ``travel`` is its measure at the start, in m. All else as for
-        ``ball``. Constraints: ``name: axis 1``, ``axis 2``, ``across 1``, ``across 2``, ``turn``.
+        ``at`` any point of it; ``travel``, in m, moves b and the bodies beyond it to the start,
+        from the given positions, where it is 0. All else as for ``ball``. Constraints:
+        ``name: axis 1``, ``axis 2``, ``across 1``, ``across 2``, ``turn``.
         """
         return self._join(Prismatic(
             name, **self._pair(name, a, b, at, on_a, on_b),
             hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space)),
-            speed=float(finite(f"speed of {name!r}", speed, ())),
-            travel=float(finite(f"travel of {name!r}", travel, ()))))
+            speed=_number_or_none(f"speed of {name!r}", speed), **self._travel(name, travel)))
 
     def cylindrical(
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
         axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, rate: float = 0.0, speed: float = 0.0,
-        angle: float = 0.0, travel: float = 0.0,
+        on_b: ArrayLike | None = None, rate: float | None = None,
+        speed: float | None = None, angle: float | None = None, travel: float | None = None,
     ) -> Cylindrical:
         """Let b slide along an axis of a and turn about it: four constraints, as ``prismatic``."""
         return self._join(Cylindrical(
             name, **self._pair(name, a, b, at, on_a, on_b),
             hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate, angle),
-            speed=float(finite(f"speed of {name!r}", speed, ())),
-            travel=float(finite(f"travel of {name!r}", travel, ()))))
+            speed=_number_or_none(f"speed of {name!r}", speed), **self._travel(name, travel)))
 
     def planar(
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
         axis_on_body: ArrayLike | None = None, axis_in_space: ArrayLike | None = None,
         at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, rate: float = 0.0, angle: float = 0.0,
+        on_b: ArrayLike | None = None, rate: float | None = None,
+        angle: float | None = None,
     ) -> Planar:
         """Keep a plane of b on one of a: three constraints.
 
@@ -396,8 +409,8 @@ class Multibody:
         self, name: str, a: Frame | str, b: Frame | str, *, lead: float,
         axis: ArrayLike | None = None, axis_on_body: ArrayLike | None = None,
         axis_in_space: ArrayLike | None = None, at: ArrayLike | None = None,
-        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None, rate: float = 0.0,
-        travel: float = 0.0,
+        on_a: ArrayLike | None = None, on_b: ArrayLike | None = None, rate: float | None = None,
+        travel: float | None = None,
     ) -> Screw:
         """Let b turn about an axis of a and move along it by ``lead`` (m) a turn: five constraints.
 
@@ -410,12 +423,13 @@ class Multibody:
         return self._join(Screw(
             name, **self._pair(name, a, b, at, on_a, on_b), lead=pitch,
             hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate),
-            travel=float(finite(f"travel of {name!r}", travel, ()))))
+            **self._travel(name, travel)))
 
     def universal(
         self, name: str, a: Frame | str, b: Frame | str, *, axis_a: ArrayLike,
         axis_b: ArrayLike, at: ArrayLike | None = None, on_a: ArrayLike | None = None,
-        on_b: ArrayLike | None = None, rate_a: float = 0.0, rate_b: float = 0.0,
+        on_b: ArrayLike | None = None, rate_a: float | None = None,
+        rate_b: float | None = None,
     ) -> Universal:
         """Join a and b by a cross with an axis in each, Cardan's joint: four constraints.
 
@@ -426,8 +440,8 @@ class Multibody:
         if abs(float(arms[0] @ arms[1])) > 1e-6:
             raise InputError(f"The axes of {name!r} are not at right angles: {shown(axis_a)} and "
                              f"{shown(axis_b)}; correct one of them.")
-        rates = (float(finite(f"rate_a of {name!r}", rate_a, ())),
-                 float(finite(f"rate_b of {name!r}", rate_b, ())))
+        rates = (_number_or_none(f"rate_a of {name!r}", rate_a),
+                 _number_or_none(f"rate_b of {name!r}", rate_b))
         return self._join(Universal(name, **self._pair(name, a, b, at, on_a, on_b),
                                     arms=arms, rates=rates))
 
@@ -613,7 +627,7 @@ class Multibody:
             ``axis`` in space at the start; ``inertia`` in kg m², kg for a slide; ``at``, a point
             of the axis of a hinge in space at the start; ``angle`` and ``rate`` of a hinge, or
             ``travel`` and ``speed`` of a slide, at the start, one of which makes it a hinge or a
-            slide.
+            slide; angles and travels move the bodies beyond, as those of ``revolute`` do.
 
         Raises
         ------
@@ -645,17 +659,17 @@ class Multibody:
         axis = _direction(name, "axis", keys["axis"])
         at = vector(f"at of {name!r}", keys.get("at", (0.0, 0.0, 0.0)))
         body = self._flywheel_body(name, keys["inertia"])
+        value, start = self._value(_number_or_none(f"{kind} of {name!r}", keys.get(kind)))
         return Link(Coordinate(
-            name, a, body, kind=kind, value=float(finite(f"{kind} of {name!r}", keys.get(kind, 0.0),
-                                                         ())),
-            speed=float(finite(f"{rate} of {name!r}", keys.get(rate, 0.0), ()))), axis, at)
+            name, a, body, kind=kind, value=value, start_value=start,
+            speed=_number_or_none(f"{rate} of {name!r}", keys.get(rate))), axis, at)
 
     def _flywheel_body(
         self, name: str, inertia: float, times: float = 1.0, numbers: Sequence[str] = ("",)
     ) -> FlywheelBody:
         """Return coordinates with so many times an inertia."""
         body = FlywheelBody.of(name, numbers)
-        self._components.claim(body.name)
+        self._components.claim(body.name, "body")
         self._components.values[str(body.mass)] = times * positive(f"inertia of {name!r}", inertia)
         zero = np.zeros(len(numbers))
         self._components.bodies[body] = InitialState(
@@ -702,7 +716,7 @@ class Multibody:
         joint : what ``revolute`` or ``align`` returned, a flywheel on it, or its name
         angle : expression of ``time`` and parameters
             φ of the second body against the first about the axis, rad: f(0) is the joint's angle
-            where the bodies start, and f'(0) its rate. Its multiplier is
+            where the bodies start, which it does not move, and f'(0) its rate. Its multiplier is
             the torque about the axis that the drive exerts on the second body, as a motor's, and
             back on the first, N m; ``trajectory.joint(name).torque()`` has it in space axes. The
             angle of a flywheel is ``ratio`` times that of its joint, which is driven.
@@ -723,22 +737,25 @@ class Multibody:
         law = self._law(f"angle of {name!r}", angle)
         begin, rate = self._components.initial_value_and_rate(f"angle of {name!r}", law)
         hinge = hinge_of(driven)
-        if hinge.rate not in (0.0, rate):
+        if hinge.rate not in (None, rate):
             raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
                              f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
                              "rate.")
-        if hinge.angle not in (0.0, begin):
+        if hinge.start_angle not in (None, begin) or hinge.angle not in (0.0, begin):
             raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
-                             f"{hinge.angle:.6g}: these are one angle; leave out the joint's.")
-        hinge.rate, hinge.angle = rate, begin
+                             f"{hinge.start_angle or hinge.angle:.6g}: these are one angle; leave "
+                             "out the joint's.")
+        hinge.rate = rate
+        if hinge.start_angle is None:
+            hinge.angle = begin
         return self._join(RheonomicConstraint(
-            name, driven.a, driven.b, joints=(driven,), law=law, begin=begin))
+            name, driven.a, driven.b, joints=(driven,), law=law))
 
     # ------------------------------------------------------------ forces, parameters and quantities
 
     def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
         """Return a symbol for potentials, forces and quantities, with its value."""
-        self._components.claim(name)
+        self._components.claim(name, "parameter")
         domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
         number = float(finite(f"parameter {name!r}", value, ()))
         if positive and number <= 0:
@@ -835,7 +852,7 @@ class Multibody:
             Where in space it is, m: of ``time`` and parameters. At t = 0 bodies that follow from
             it begin there, with its velocity.
         """
-        self._components.claim(name)
+        self._components.claim(name, "body")
         x, y, z = (self._law(f"path of {name!r}", e) for e in three_expressions(
             f"path of {name!r}", path))
         made = MovingPoint(name, (x, y, z), three_expressions(
@@ -933,11 +950,12 @@ class Multibody:
             as_text("a constraint to leave out", name)
             for name in as_items("without", without, "constraints' names")}
         assembly = Assembly(self._components, left_out)
+        assembly.warn_of_sizes()
         self.redundancy = assembly.redundancy()
         if redundant == "refuse":
-            self.redundancy.refuse()
+            self.redundancy.refuse('; redundant="leave out" does so')
         system, store = assembly.make_system(self.redundancy.left_out), assembly.store
-        self.start = project(NumericSystem(system, store), assembly.q0, assembly.p0)
+        self.start = assembly.consistent_state(NumericSystem(system, store))
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         return Model(system, store, self.start.q, self.start.p, bodies, visuals=self._visuals,
                      **self._about)
@@ -950,8 +968,10 @@ class Multibody:
                 not isinstance(point, FlywheelBody)):
             raise InputError(f"{link.name!r} asks for axes of {point.name!r}, a point mass, which "
                              "has none; join it by a ball, a rod or a spring, or give a body.")
-        self._components.claim(link.name)
+        self._components.claim(link.name, "joint")
         self._components.connections.append(link)
+        if self._describes_start:
+            self._components.placed.add(link)
         return link
 
     def _pair(
@@ -968,13 +988,25 @@ class Multibody:
                 optional_vector(f"on_b of {name!r}", on_b))
 
     def _hinge(
-        self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float = 0.0,
-        angle: float = 0.0,
+        self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float | None = None,
+        angle: float | None = None,
     ) -> Align:
         first, second = self._components.frames(name, a, b)
+        value = _number_or_none(f"angle of {name!r} in rad", angle)
+        described, start = self._value(value)
+        if start is not None:
+            warn_of_degrees(f"The angle of {name!r}", [start],
+                            cure=f'{math.radians(start):.6g}, or "{start:g} deg" in a file')
         return Align(name, first, second, self._axis(name, first, second, axes),
-                     float(finite(f"rate of {name!r} in rad/s", rate, ())),
-                     float(finite(f"angle of {name!r} in rad", angle, ())))
+                     _number_or_none(f"rate of {name!r} in rad/s", rate), described, start)
+
+    def _travel(self, name: str, travel: float | None) -> dict[str, Any]:
+        described, start = self._value(_number_or_none(f"travel of {name!r}", travel))
+        return {"travel": described, "start_travel": start}
+
+    def _value(self, value: float | None) -> tuple[float, float | None]:
+        """Return a coordinate of a joint in the described pose, and at the start if it is given."""
+        return (value or 0.0, None) if self._describes_start else (0.0, value)
 
     def _axis(self, name: str, a: Frame, b: Frame, axes: Axes) -> Array:
         """Return the unit vector of an axis in space at the start."""
@@ -1005,6 +1037,7 @@ class Multibody:
         self._components.values[str(body.weight)] = mean if weight is None else nonzero(
             f"{body.rep} of {body.name!r}", weight)
         self._components.inertia[body] = inertia
+        start.is_placed = self._describes_start
         self._components.bodies[body] = start
         return body
 
@@ -1014,7 +1047,7 @@ class Multibody:
         self._components.refuse_measure(measured, what)
         symbol = sp.Symbol(f"{measured.name}_{what}", real=True)
         if symbol not in self._components.measures:
-            self._components.claim(str(symbol))
+            self._components.claim(str(symbol), "parameter")
             self._components.symbols[str(symbol)] = symbol
             self._components.measures[symbol] = measured, what
         return symbol
@@ -1053,6 +1086,11 @@ def _rest(what: str, given: Any) -> float | tuple[float, float]:
     if lower > upper:
         raise InputError(f"The {what} is {shown(given)}; give the lower end first.")
     return lower, upper
+
+
+def _number_or_none(what: str, given: Any) -> float | None:
+    """Return a finite number, or None where none is given."""
+    return None if given is None else float(finite(what, given, ()))
 
 
 def _coordinate(joint: Connection) -> str:

@@ -54,6 +54,9 @@ def read_text(path: Path, most: int) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if b"\0" in content[:1024] and content[:2] not in (b"\xff\xfe", b"\xfe\xff"):  # UTF-16
+            raise UnusableFileError(f"it is no text: it begins with {content[:8]!r}; give the file "
+                                    "of a model, .toml, .urdf, .xml or .sdf.") from None
         raise UnusableFileError(f"it is not UTF-8 ({error}); save it in that encoding.") from None
 
 

@@ -79,6 +79,14 @@ class SplittingScheme:
         return any(one.has_gradients for one in self.compositions)
 
     @property
+    def work_has_order_2(self) -> bool:
+        """Whether drag works on rotations that do not commute with free motions.
+
+        That work is an integral over each free motion by the trapezoidal rule.
+        """
+        return any(body.drag != 0 and body.further for body in self.splitting.bodies)
+
+    @property
     def name(self) -> str:
         """Names of the compositions, in words."""
         first, *rest = self.compositions
@@ -209,7 +217,7 @@ class SplittingScheme:
     def _hoisted(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
         """Return expressions in constants of the run; at least one, for C has no empty arrays."""
         clock = self.splitting.system.time
-        return [self.constants.hoist(e).xreplace({clock: _TIME})
+        return [self.constants.since_start(e).xreplace({clock: _TIME})
                 for e in expressions] or [sp.S.Zero]
 
     def _kinetic(self, *, further: bool = True) -> sp.Expr:

@@ -412,11 +412,11 @@ def hoisted(system: System) -> tuple[System, Constants]:
     time = () if system.time is None else (system.time,)
     clock = {system.time: "_t", TIME_STEP: "_dt"} if system.is_time_dependent else {}
     constants = Constants(system.parameters, (*system.q, *system.p, *system.velocities, *time),
-                          clock, system.inputs)
-    defining = {name: constants.hoist(e) for name, e in system.defining.items()}
-    g = tuple(constants.hoist(e) for e in system.constraints)
-    rows = tuple(constants.hoist(e) for e in system.velocity_constraints)
-    forces = tuple(constants.hoist(e) for e in system.forces)
+                          clock, system.inputs, system.time)
+    defining = {name: constants.since_start(e) for name, e in system.defining.items()}
+    g = tuple(map(constants.since_start, system.constraints))
+    rows = tuple(map(constants.since_start, system.velocity_constraints))
+    forces = tuple(map(constants.since_start, system.forces))
     symbols = tuple(constants.definitions.values())
     made: System = replace(system, parameters=symbols, constraints=g, forces=forces,
                            velocity_constraints=rows, quantities={}, **defining)

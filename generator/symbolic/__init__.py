@@ -6,6 +6,7 @@
     switching_functions    functions with two sides: |u|, max, where
     piecewise              an expression with conditions as a piecewise function of one variable
     cardinal_functions     f(z)/z, which divided differences contain
+    phases                 a late time as a start and the time since, which keeps its digits
     numeric_evaluation     expressions as numbers, by NumPy or mpmath
     rounding_errors        a running error analysis of an expression
     identities             whether two expressions are the same function: proved, or sampled

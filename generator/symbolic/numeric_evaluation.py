@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
+from .phases import Phase
 from .shared_subexpressions import Shared
 from .switching_functions import Switch
 
@@ -68,6 +69,9 @@ class Evaluator:
             return self._switch(e)
         if isinstance(e, Shared):
             return self(e.args[0])
+        if isinstance(e, Phase):
+            number, s, start, b = map(self, e.args)
+            return number * s * start + b
         if e.func in (sp.Abs, sp.sign, sp.floor):
             return self._of_sign(e.func, self(e.args[0]))
         raise InputError(f"{e} cannot be computed: no value is known for "

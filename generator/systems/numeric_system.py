@@ -86,10 +86,14 @@ class NumericConstraints:
         self._g_t = list(g_t) or [sp.Integer(0)] * len(constraints)
         self.coordinates = [str(x) for x in q]
         self.expressions = constraints
-        self._q = q
+        self.symbols, self.values = q, parameters
         used: set[sp.Symbol] = set().union(
             *(g.free_symbols for g in (*constraints, *self._A, *self._a, *self._g_t))) - set(q)
         self._parameters = values_of(used, parameters)
+
+    def set_value(self, symbol: sp.Symbol, value: float) -> None:
+        """Give a parameter another value."""
+        self._parameters[symbol] = value
 
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""
@@ -102,7 +106,7 @@ class NumericConstraints:
 
     @cached_property
     def _pattern(self) -> Pattern:
-        return Pattern.of(self.expressions, self._q)
+        return Pattern.of(self.expressions, self.symbols)
 
     def G(self, q: Array) -> Array | SparseMatrix:
         """Return g_q, shape (m, n); as for g, callers check that it is finite."""
@@ -137,7 +141,7 @@ class NumericConstraints:
         return [*self.constraint_names, *self.velocity_constraint_names]
 
     def _at(self, q: Array) -> dict[sp.Symbol, Any]:
-        return dict(zip(self._q, q, strict=True)) | self._parameters
+        return dict(zip(self.symbols, q, strict=True)) | self._parameters
 
 
 class NumericSystem(NumericConstraints):
@@ -182,9 +186,14 @@ class NumericSystem(NumericConstraints):
             return product
         if not len(G):
             return np.zeros((0, 0))
-        along = self._state(q[:, None], p[:, None] + 1j * TINY * G.T)
-        matrix: Array = G @ evaluate(self._velocity, along).imag / TINY
+        matrix: Array = G @ self.H_pp_times(q, p, G.T)
         return matrix
+
+    def H_pp_times(self, q: Array, p: Array, directions: Array) -> Array:
+        """Return H_pp times directions of momenta, shape (n, k)."""
+        along = self._state(q[:, None], p[:, None] + 1j * TINY * directions)
+        slopes: Array = evaluate(self._velocity, along).imag / TINY
+        return slopes
 
     @cached_property
     def _terms(self) -> tuple[sp.Expr, ...]:

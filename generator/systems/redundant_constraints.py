@@ -72,8 +72,8 @@ class Redundancy:
                 f"{self.model!r} {verb} redundant: the others imply {_quoted(self.left_out)}. "
                 f"These depend on each other: {_quoted(self.involved)}.")
 
-    def refuse(self) -> None:
-        """Refuse constraints that others imply.
+    def refuse(self, cure: str = "") -> None:
+        """Refuse constraints that others imply; ``cure`` says how else they are left out.
 
         Raises
         ------
@@ -82,7 +82,7 @@ class Redundancy:
         """
         if self.left_out:
             raise InputError(f"{self} Leave out {_quoted(self.left_out)}; the motion stays the "
-                             "same.")
+                             f"same{cure}.")
 
 
 def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redundancy:

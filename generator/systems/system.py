@@ -15,17 +15,19 @@ Nothing here knows of quaternions: a system is its symbols, its H and its g.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 import sympy as sp
 
 from ...core.arguments import as_flag, as_items, as_mapping, as_text, few, shown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.frozen_dict import FrozenDict
 from ...core.html import card, table
 from ..parsing.reserved_names import is_taken
 from .body_layout import BodyLayout, JointLayout
@@ -44,6 +46,7 @@ _MANY = 8
 _SHOWN = 6
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class System:
     """A holonomic Hamiltonian system with n coordinates and m constraints.
@@ -125,7 +128,7 @@ class System:
         as_flag("rigid_body", self.rigid_body)
         object.__setattr__(self, "H", as_expression(self.H))
         quantities = as_mapping("quantities", self.quantities, "{'height': q[1]}")
-        object.__setattr__(self, "quantities", MappingProxyType(
+        object.__setattr__(self, "quantities", FrozenDict(
             {name: as_expression(e) for name, e in quantities.items()}))
         for what, letter, count in (("constraint_names", "g", self.m),
                                     ("velocity_constraint_names", "A", self.velocity_count)):
@@ -151,6 +154,9 @@ class System:
                 "velocities; give the symbol of each coordinate's velocity, in the same order.")
         count = self.m + self.velocity_count
         if count > len(self.q) - (self.clock is None):
+            from .redundant_constraints import refuse_redundant_anywhere  # imports this module
+
+            refuse_redundant_anywhere(self)
             raise InputError(
                 f"System {self.name!r} has {count} constraints on {len(self.q)} "
                 "coordinates; fewer constraints than coordinates must remain. If drives determine "
@@ -217,7 +223,7 @@ class System:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(
                     f"System {self.name!r} has a symbol named {name!r}; names are letters, digits "
-                    "and '_' and begin with a letter."
+                    f"and '_' and begin with a letter{_latin(name)}."
                 )
             if is_taken(name) or self._is_guard(name):
                 raise InputError(
@@ -470,3 +476,12 @@ class System:
         if self.velocity_count and self.m > _MANY:
             return products
         return [[shortest(e) for e in row] for row in products]
+
+
+def _latin(name: str) -> str:
+    """Return a name of letters for one with Greek ones, as the end of a sentence."""
+    letters = [unicodedata.name(letter, "").lower().split() if not letter.isascii() else [letter]
+               for letter in name]
+    if not all(len(words) == 1 or "letter" in words for words in letters):
+        return ""
+    return f"; write sympy.Symbol({''.join(words[-1] for words in letters)!r})"

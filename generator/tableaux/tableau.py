@@ -19,6 +19,7 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, formula, table
 from .enclosures import enclose_part, map_entries, widest_radius
@@ -75,6 +76,7 @@ class NumericTableau:
         return f"<NumericTableau: {len(self.b)} stages, p = {len(self.c_tilde) - 1}>"
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Tableau:
     """An (s, p)-SPARK tableau (A.1)-(A.7).

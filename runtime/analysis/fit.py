@@ -10,8 +10,9 @@ samples, about as many as determine all unknowns, are fitted first, then twice a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_items, as_mapping, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
+from ...core.frozen_dict import NO_PARAMETERS
+from ...core.progress import log_progress
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
 from ..bindings.inputs import Inputs, as_inputs
 from ..derivatives.kept_steps import refuse_run
@@ -27,7 +30,7 @@ from ..derivatives.tangent_run import tangents_of
 from ..derivatives.tangent_space import Tangents
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
-from .least_squares import Linear, determined, minimise, reduced
+from .least_squares import SHARE, Linear, determined, minimise, reduced
 from .observations import Observation, Observe, observation_of
 
 if TYPE_CHECKING:
@@ -46,8 +49,6 @@ _EARLY, _EARLY_TOLERANCE = 8, 1e-1
 _TOLERANCE = 1e-8
 #: How far a time may be from a whole number of steps, in steps.
 _OFF_GRID = 1e-3
-#: Share of a combination below which a name is not part of it.
-_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ class Fit:
         Of the estimates, in units of the parameters, σ²(JᵀJ)⁺ over the determined directions: what
         is ``undetermined`` has no part in it.
     sigma : dict of str to float
-        One standard deviation of each name; infinite where it is part of an undetermined
-        combination.
+        One standard deviation of each name; infinite where the data do not tell it to within its
+        own size. A small part of an undetermined combination may be known.
     undetermined : list of dict of str to float
         Combinations that the data do not determine, each as relative changes of parameters (of a
         parameter that is 0, the change itself) and of the "start" (the larger of |dq|/|q| and
@@ -273,7 +274,8 @@ class Fitting:
 
 def fit(
     step: Stepper, t: ArrayLike, data: ArrayLike, *, q: ArrayLike, p: ArrayLike,
-    parameters: Mapping[str, Any], observe: str | Sequence[str] | Observe = "attitude",
+    parameters: Mapping[str, Any] = NO_PARAMETERS,
+    observe: str | Sequence[str] | Observe = "attitude",
     dt: Number | None = None, free: Sequence[str] | None = None, fixed: Sequence[str] = (),
     sigma: ArrayLike | None = None, t0: float = 0.0, horizons: Sequence[int] | None = None,
     inputs: Mapping[str, Any] | ArrayLike | None = None, hold: int = 1, max_iterations: int = 50,
@@ -379,14 +381,25 @@ def fit(
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
     iterations = 0
-    for count in counts:
-        last = count == counts[-1]
-        fitting.samples = count
-        found = minimise(point, fitting.scaled_residuals, fitting.linearise, fitting.moved,
-                         fitting.excess, _TOLERANCE if last else _EARLY_TOLERANCE,
-                         most if last else _EARLY, fitting.truncation(point))
-        point, iterations = found.point, iterations + found.iterations
+    with log_progress(f"fitting {step.name}", len(counts)) as report:
+        for number, count in enumerate(counts):
+            last = count == counts[-1]
+            fitting.samples = count
+            linearise = fitting.linearise if report is None else partial(
+                _reported, fitting.linearise, report, number)
+            found = minimise(point, fitting.scaled_residuals, linearise, fitting.moved,
+                             fitting.excess, _TOLERANCE if last else _EARLY_TOLERANCE,
+                             most if last else _EARLY, fitting.truncation(point))
+            point, iterations = found.point, iterations + found.iterations
     return _result(fitting, point, iterations, counts, found.converged, known=sigma is not None)
+
+
+def _reported(
+    linearise: Callable[[Point], Linear], report: Callable[[int], Any], done: int, point: Point
+) -> Linear:
+    """Return the residuals at a point with their derivatives; report the horizons that are done."""
+    report(done)
+    return linearise(point)
 
 
 def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
@@ -501,9 +514,9 @@ def _result(
     held = determined(at, uncertain)
     covariance = held.covariance * noise**2
     names = [*free, *(f"start[{k}]" for k in range(basis.shape[1]))]
-    undetermined, parts = _combinations(held.null, free, values, basis, _start_sizes(point))
-    sigma = {name: float("inf") if name in parts else float(np.sqrt(variance))
-             for name, variance in zip(names, np.diag(covariance), strict=True)}
+    undetermined = _combinations(held.null, free, values, basis, _start_sizes(point))
+    sigma = {name: noise * float(np.sqrt(variance))
+             for name, variance in zip(names, held.variances, strict=True)}
     return Fit(dict(point.parameters), point.q, point.p, names, covariance, sigma, undetermined, r,
                rms, truncation, basis, horizons, iterations, converged)
 
@@ -516,21 +529,16 @@ def _start_sizes(point: Point) -> Array:
 
 def _combinations(
     null: Array, free: list[str], values: Array, basis: Array, sizes: Array
-) -> tuple[list[dict[str, float]], set[str]]:
-    """Return undetermined directions by names, and which names are part of any."""
+) -> list[dict[str, float]]:
+    """Return undetermined directions by names."""
     count, n = len(free), len(sizes) // 2
     starts = basis @ null[count:] / sizes[:, None]
     relative = null[:count] / np.where(values == 0, 1.0, values)[:, None]
     found: list[dict[str, float]] = []
-    parts: set[str] = set()
     for row in reduced(np.concatenate([relative, starts])):
         weights = dict(zip(free, row[:count].tolist(), strict=True))
         if basis.shape[1]:
             weights["start"] = float(max(np.linalg.norm(row[count : count + n]),
                                          np.linalg.norm(row[count + n :])))
-        found.append({name: x for name, x in weights.items() if abs(x) > _SHARE})
-        parts |= {*found[-1]}
-    if "start" in parts:
-        moves = np.abs(null[count:]).max(axis=1)
-        parts |= {f"start[{k}]" for k, x in enumerate(moves) if x > _SHARE * moves.max()}
-    return found, parts
+        found.append({name: x for name, x in weights.items() if abs(x) > SHARE})
+    return found

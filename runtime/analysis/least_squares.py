@@ -25,6 +25,8 @@ Point = TypeVar("Point")
 
 #: Singular values below this share of the largest are round-off of the derivatives.
 RANK = 1e-10
+#: A part of a direction that is smaller is none.
+SHARE = 1e-3
 #: Standard deviation of a direction, in units, beyond which no step is taken along it.
 _BEYOND = 10.0
 #: μ/σ² of a step, and the factor by which it grows where a step fails.
@@ -146,10 +148,14 @@ class Determined:
         For residuals of variance 1, over the determined directions alone.
     null : array, shape (k, l)
         Directions that are not determined.
+    variances : array, shape (k,)
+        Of each unknown over all directions; infinite where it has a part in one that changes
+        nothing, or where one standard deviation is longer than 1 in the units.
     """
 
     covariance: Array
     null: Array
+    variances: Array
 
 
 def determined(at: Linear, noise: float) -> Determined:
@@ -161,10 +167,15 @@ def determined(at: Linear, noise: float) -> Determined:
     _, s, Vt = np.linalg.svd(triangle(at.J * at.units), full_matrices=True)
     full = np.zeros(len(Vt))
     full[: len(s)] = s
-    kept = full > max(RANK * full[0], noise)
+    moves = full > RANK * full[0]
+    kept = moves & (full > noise)
     directions = Vt.T * at.units[:, None]
     part = directions[:, kept] / full[kept]
-    return Determined(part @ part.T, directions[:, ~kept])
+    variances = ((directions[:, moves] / full[moves])**2).sum(axis=1)
+    idle = (np.abs(Vt.T[:, ~moves]) > SHARE).any(axis=1)
+    vague = ~kept.all() & (noise * np.sqrt(variances) > at.units)
+    return Determined(part @ part.T, directions[:, ~kept],
+                      np.where(idle | vague, np.inf, variances))
 
 
 def reduced(null: Array) -> Array:

@@ -14,7 +14,7 @@ are found backwards through the stored R (Ginelli et al., Phys. Rev. Lett. 99, 1
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, few, shown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
+from ...core.progress import Progress, as_progress, log_progress
 from ...core.warnings import warn
-from ..bindings.array_checks import as_callback, as_positive_count
+from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import SolverName
 from ..derivatives.kept_steps import pieces, refuse_run, singular
 from .unitary_frame import UnitaryFrame, canonical_form, isotropic_flag
@@ -45,6 +48,7 @@ _BLOCKS = 32, 4
 _SPREAD = 1e8
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Lyapunov:
     """Lyapunov exponents of a run, with what shows how far they have converged.
@@ -122,10 +126,11 @@ class Lyapunov:
 
 def lyapunov(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Mapping[str, Any], count: int | None = None, every: int = 10, t0: Number = 0.0,
+    parameters: Mapping[str, Any] = NO_PARAMETERS, count: int | None = None, every: int = 10,
+    t0: Number = 0.0,
     inputs: Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
     solver: SolverName = "auto", covariant: bool = False,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress = None,
 ) -> Lyapunov:
     """Return the Lyapunov exponents of the run from (q, p).
 
@@ -142,8 +147,8 @@ def lyapunov(
         Steps between two QR decompositions.
     covariant : bool
         Compute covariant Lyapunov vectors too; 2 n k numbers are kept for each row, and back.
-    progress : callable, optional
-        Called now and then with the number of steps done.
+    progress : callable or bool, optional
+        As of ``integrate``.
 
     Raises
     ------
@@ -169,16 +174,18 @@ def lyapunov(
         raise InputError(f"count = {wanted} is more than the dimension 2 (n − m) = {size} of the "
                          f"tangent spaces of {stepper.name}"
                          + (f"; give at most {size}." if size else ": nothing moves."))
-    keep, report = as_flag("covariant", covariant), as_callback("progress", progress)
+    keep = as_flag("covariant", covariant)
+    as_progress(progress)
     run = stepper.resolved(stepper.run_arguments(
         q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0, inputs=inputs,
         hold=hold, solver=solver), quiet=True)
     refuse_run(run)
     stepper.warned(run)
     found = Benettin(stepper, run, wanted, keep)
-    for done in found.advance():
-        if report is not None:
-            report(done)
+    with log_progress(f"exponents of {stepper.name}", run.steps, progress) as report:
+        for done in found.advance():
+            if report is not None:
+                report(done)
     return found.result()
 
 
@@ -186,8 +193,8 @@ class Benettin:
     """Directions along a run, with a QR decomposition after every so many steps."""
 
     def __init__(self, stepper: Stepper, run: RunArguments, count: int, keep: bool) -> None:
-        self.stepper, self.run, self.binding = stepper, run, stepper.derivative_binding
-        self.keep, self._kept_run = keep, stepper.derivative_binding.begin(run)
+        self.stepper, self.run, self.binding = stepper, run, stepper.derivative_binding()
+        self.keep, self._kept_run = keep, stepper.derivative_binding().begin(run)
         self.frame = self._frame(0, run.q, run.p)
         self.unit = isotropic_flag(self.frame.J)[:, :count]
         self.full = count == len(self.frame.J)

@@ -31,8 +31,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_items, few, shown, unknown
+from ...core.calls import explain_arguments
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
 from ..bindings.array_checks import as_positive_count
 from ..derivatives.tangent_space import Tangents
 from .unitary_frame import canonical_form, tangent_projection
@@ -60,6 +62,7 @@ _NEAR = 1e-3
 _STILL = 1e-6
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class PeriodicOrbit:
     """A periodic orbit of a stepper: after ``steps`` steps of ``dt`` it is where it began.
@@ -131,7 +134,7 @@ class PeriodicOrbit:
 
 def periodic_orbit(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Mapping[str, Any], fix: str | Sequence[str] | None = "energy",
+    parameters: Mapping[str, Any] = NO_PARAMETERS, fix: str | Sequence[str] | None = "energy",
     free: str | None = None, t0: Number = 0.0, max_iterations: int = 20,
 ) -> PeriodicOrbit:
     """Return the periodic orbit z = Φ_h^N(z) near (q, p), with a period near steps · dt.
@@ -333,7 +336,7 @@ class OrbitSearch:
         end = np.concatenate([now.tangents.q[-1], now.tangents.p[-1]]).astype(float)
         dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
         if not self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
-            binding, n = self.stepper.derivative_binding, self.stepper.n
+            binding, n = self.stepper.derivative_binding(), self.stepper.n
             z = now.z + now.gap
             end = tangent_projection(binding, binding.own.parameters(now.parameters, self.t0),
                                      z[:n].copy(), z[n:].copy())[1] @ end

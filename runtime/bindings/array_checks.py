@@ -15,7 +15,7 @@ from ...core.errors import InputError
 from ...core.exact_numbers import as_double, exact
 from .real_numbers import as_float
 
-__all__ = ["all_finite", "as_array", "as_callback", "as_numbers", "as_positive_count", "as_real",
+__all__ = ["all_finite", "as_array", "as_numbers", "as_positive_count", "as_real",
            "as_step", "converted_to"]
 
 #: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
@@ -142,9 +142,3 @@ def as_positive_count(name: str, value: Any, least: int = 0) -> int:
     return count
 
 
-def as_callback(name: str, value: Any) -> Any:
-    """Return a function that is called on the way, or None."""
-    if value is not None and not callable(value):
-        raise InputError(f"{name} = {shown(value)} cannot be called; give a function that takes "
-                         "the number of steps (or cells) done, such as print.")
-    return value

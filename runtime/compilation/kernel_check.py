@@ -71,6 +71,8 @@ class CheckFunction:
     name: str
     kind: Kind
     kernels: tuple[KernelText, ...]
+    #: Kernel that is not evaluated → the C in it that is not read.
+    unread: Mapping[str, str]
 
     @property
     def declaration(self) -> str:
@@ -112,7 +114,7 @@ class CheckFunction:
 {self.declaration}
 {self.declaration[:-1]}
 {{
-    static const int sizes[{len(sizes)}][2] = {{ {', '.join(sizes)} }};
+    static const int sizes[{max(len(sizes), 1)}][2] = {{ {', '.join(sizes) or '{ 0, 0 }'} }};
     const int *size = sizes[kernel];
     {value} *x = memory, *y = x + size[0];
     for (long i = 0; i < points; i += {step}) {{
@@ -194,12 +196,15 @@ def check_functions(
     prefix: str, kernels: Sequence[KernelText], kinds: Iterable[Kind]
 ) -> list[CheckFunction]:
     """Return the check functions of an object, one for each of these kinds of kernels."""
-    made = []
+    functions = []
     for kind in kinds:
-        some = tuple(k for k in kernels if k.on_lanes == (kind == "lanes") and outputs_of(k))
-        if some:
-            made.append(CheckFunction(f"{prefix}_evaluate_{kind}", kind, some))
-    return made
+        of_kind = [k for k in kernels if k.on_lanes == (kind == "lanes") and outputs_of(k)]
+        if of_kind:
+            refusals = {k.name: k.refusal for k in of_kind if k.refusal}
+            functions.append(CheckFunction(
+                f"{prefix}_evaluate_{kind}", kind,
+                tuple(k for k in of_kind if k.name not in refusals), refusals))
+    return functions
 
 
 def check_text(functions: Iterable[CheckFunction], source: str) -> str:
@@ -216,33 +221,41 @@ def check_text(functions: Iterable[CheckFunction], source: str) -> str:
 
 def differences(
     module: Any, functions: Iterable[CheckFunction], real: Real, points: int = POINTS
-) -> tuple[list[KernelMismatch], dict[str, int]]:
-    """Return the kernels that differ, with the place that differs most, and the kernels compared.
+) -> tuple[list[KernelMismatch], dict[str, int], dict[str, str]]:
+    """Return the kernels that differ, the kernels compared, and those that were not.
 
     ``points`` is how many random points are drawn: a multiple of 16.
 
     Returns
     -------
-    list of Difference
-        At most one for each kernel.
+    list of KernelMismatch
+        At most one for each kernel, of the output that differs most.
     dict of str to int
         Kernel → outputs compared at two points or more, where their values are finite.
+    dict of str to str
+        Kernel of which outputs were not compared → why.
     """
-    found, compared = [], {}
+    found: list[KernelMismatch] = []
+    compared: dict[str, int] = {}
+    unchecked: dict[str, str] = {}
     working, wide = arithmetic(real, wide=False), arithmetic(real, wide=True)
     for function in functions:
+        unchecked |= {name: f"{text} is not read" for name, text in function.unread.items()}
         for number, kernel in enumerate(function.kernels):
-            worst, entries = _compare(module, function, number, working, wide, real, points)
-            compared[kernel.name] = entries
+            worst, missing = _compare(module, function, number, working, wide, real, points)
+            compared[kernel.name] = len(outputs_of(kernel)) - len(missing)
             found += [] if worst is None else [worst]
-    return found, compared
+            if missing:
+                outputs = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
+                unchecked[kernel.name] = f"{outputs or 'its value'} is finite at no random point"
+    return found, compared, unchecked
 
 
 def _compare(
     module: Any, function: CheckFunction, number: int, working: Arithmetic, wide: Arithmetic,
     real: Real, count: int,
-) -> tuple[KernelMismatch | None, int]:
-    """Return the output of a kernel that is off most, if any is, and how many were compared."""
+) -> tuple[KernelMismatch | None, list[str]]:
+    """Return the output of a kernel that is off most, if any is, and those not compared."""
     kernel = function.kernels[number]
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
     missing, worst, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
@@ -276,7 +289,7 @@ def _compare(
                 worst = KernelMismatch(kernel.name, place, found, exact[finite][at], allowed)
         if not missing:
             break
-    return worst, len(outputs_of(kernel)) - len(missing)
+    return worst, list(missing)
 
 
 def _bounds(

@@ -37,7 +37,8 @@ _FIELD = re.compile(r"offsetof\(parameters_t, (\w+)\)")
 _ARRAY = re.compile(r"(const )?[\w ]+ (\w+)((?:\[\d+\])+)")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 #: A token of an expression: a number, a name with its indices, a sign.
-_TOKEN = re.compile(r"\s*(?:(?P<number>\d+\.?\d*(?:e[+-]?\d+)?)(?:F\d+|[fL])?"
+_TOKEN = re.compile(r"\s*(?:(?P<number>0[xX][\da-fA-F]*\.?[\da-fA-F]*[pP][+-]?\d+"
+                    r"|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:F\d+|[fFlL])?"
                     r"|(?P<name>[A-Za-z_]\w*(?:->\w+)?(?:\[\d+\])*)|(?P<sign>[-+*/(),]))")
 _STATEMENT = re.compile(
     r"(?:const [\w ]+ (?P<local>\w+)|(?P<place>[\w>-]+(?:\[\d+\])*)) = (?P<value>.*)")
@@ -48,7 +49,7 @@ _NO_SUM = re.compile(r"sum\[[01]\] = (?:0|splat\(0\))")
 _PRODUCT = re.compile(
     r"{ const [\w ]+ factors\[\] = { (?P<factors>[^{}]*) }; (?:lanes_)?add_product\([^{}]*\); }")
 _FACTORS = re.compile(r"product (?P<factors>.*)")
-_UNUSED = re.compile(r"\(void\)\w+(?:->\w+)?")
+_UNUSED = re.compile(r"\(void\)\w+(?:->\w+)?(?:, \(void\)\w+(?:->\w+)?)*")
 #: Operator → how tightly it binds, and what it computes.
 _OPERATORS: dict[str, tuple[int, Callable[..., Any]]] = {
     "+": (1, operator.add), "-": (1, operator.sub), "*": (2, operator.mul),
@@ -60,7 +61,7 @@ Expression = list[tuple[str, str, int]]
 
 
 class UnreadableError(Exception):
-    """A text is no kernel: it has a loop, a branch, or an unknown call."""
+    """C that is not read here: a loop, a branch, an unknown call."""
 
 
 @dataclass(frozen=True)
@@ -93,20 +94,31 @@ class KernelText:
         """Its statements: what is done (local, place, product, return), where, with what."""
         return _statements(self.body)
 
+    @property
+    def refusal(self) -> str:
+        """The first C in its body that is not read here; empty if all is."""
+        try:
+            return "" if self.statements else "an empty body"
+        except UnreadableError as error:
+            return repr(str(error))
+
 
 def kernels_of(source: str) -> list[KernelText]:
-    """Return the kernels in the text of a stepper, and how its constants are prepared."""
-    readable = [kernel for match in _KERNEL.finditer(source)
-                if (kernel := _kernel(match)) is not None]
+    """Return the kernels in the text of a stepper, and how its constants are prepared.
+
+    A kernel is a function whose arrays have numbers as sizes; the engine's have names.
+    """
+    kernels = [kernel for match in _KERNEL.finditer(source)
+               if (kernel := _kernel(match)) is not None]
     prepare = _PREPARE.search(source)
     if prepare is None:
-        return readable
+        return kernels
     body = _LOOP.sub(lambda loop: _unroll(loop["statement"], source), prepare["body"])
     outputs: dict[str, tuple[int, ...]] = dict.fromkeys(
         re.findall(r"^ *c->(\w+(?:\[\d+\])?) =", body, re.MULTILINE), ())
     names: dict[str, tuple[int, ...]] = dict.fromkeys(re.findall(r"par->(\w+)", body), ())
     made = KernelText("prepare", "void", "constants", names, outputs, (), body)
-    return [made, *readable] if outputs else readable
+    return [made, *kernels] if outputs else kernels
 
 
 def _unroll(statement: str, source: str) -> str:
@@ -125,13 +137,12 @@ def _unroll(statement: str, source: str) -> str:
 
 
 def _kernel(match: re.Match[str]) -> KernelText | None:
-    """Return a function as a kernel; None for one with loops, branches or other arguments."""
+    """Return a function as a kernel; None for one with other arguments."""
     try:
-        kernel = KernelText(match["name"], match["returns"], match["constants"],
-                            *_arrays(match["arrays"], match["returns"]), match["body"])
-        return kernel if kernel.statements else None
+        arrays = _arrays(match["arrays"], match["returns"])
     except UnreadableError:
         return None
+    return KernelText(match["name"], match["returns"], match["constants"], *arrays, match["body"])
 
 
 def _arrays(
@@ -256,6 +267,10 @@ class Arithmetic:
         """Return the value of a function of C at arrays of points."""
         if name in ("choose", "maximum", "minimum", "sign"):
             return self._switch(name, arguments)
+        if name == "phase":  # of time.c.jinja, at points where a time is no late one
+            high, low, s, t, b = arguments
+            angle = (high + low) * s * t + b
+            return self.call("atan2", [self.call("sin", [angle]), self.call("cos", [angle])])
         if name.removesuffix("_slope") in _CARDINAL:
             return self._cardinal(name, arguments[0])
         if self.functions is not np:
@@ -305,7 +320,8 @@ _DERIVATIVES: dict[str, Callable[[Arithmetic, Any], Any]] = {
 }
 _FUNCTIONS = {"sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh",
               "acosh", "atanh", "exp", "log", "floor", "sqrt", "pow", "fabs", "choose", "maximum",
-              "minimum", "sign", "splat", *_CARDINAL, *(f"{name}_slope" for name in _CARDINAL)}
+              "minimum", "sign", "splat", "phase", *_CARDINAL,
+              *(f"{name}_slope" for name in _CARDINAL)}
 
 
 def _plain(text: str) -> str:
@@ -321,16 +337,33 @@ def arithmetic(real: Real, *, wide: bool) -> Arithmetic:
     """Return the arithmetic of a type, or one with more digits for the same numbers."""
     if real.bits <= 24:
         dtype = np.float64 if wide else np.float32
-        return Arithmetic(lambda text: dtype(np.float32(text)), np)
+        return Arithmetic(lambda text: dtype(np.float32(_double(text))), np)
     if real.bits <= 53:
         long = np.longdouble if wide else np.float64  # which are the same on some machines
-        return Arithmetic(lambda text: long(float(text)), np)
+        return Arithmetic(lambda text: long(_double(text)), np)
     from mpmath import MPContext
 
     context, working = MPContext(), MPContext()
     working.prec = real.bits
     context.prec = real.bits * (2 if wide else 1)
-    return Arithmetic(lambda text: context.mpf(working.mpf(text)), context)
+    return Arithmetic(lambda text: context.mpf(working.mpf(_exact(text))), context)
+
+
+_HEXADECIMAL = re.compile(r"0[xX]([\da-fA-F]*)\.?([\da-fA-F]*)[pP]([+-]?\d+)")
+
+
+def _double(literal: Any) -> float:
+    """Return a literal of C, or a number, as a double."""
+    is_hexadecimal = isinstance(literal, str) and _HEXADECIMAL.fullmatch(literal)
+    return float.fromhex(literal) if is_hexadecimal else float(literal)
+
+
+def _exact(literal: Any) -> Any:
+    """Return a literal of C as mpmath takes it: a hexadecimal one as an integer and a power of 2.
+    """
+    parts = _HEXADECIMAL.fullmatch(literal) if isinstance(literal, str) else None
+    return literal if parts is None else (int(parts[1] + parts[2], 16),
+                                          int(parts[3]) - 4 * len(parts[2]))
 
 
 @dataclass(frozen=True)

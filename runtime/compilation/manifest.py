@@ -52,9 +52,8 @@ def read_manifest(name: str, files: Mapping[str, str]) -> dict[str, Any]:
 
 
 def manifest_warnings(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the warnings of a manifest, about its tableau and its system, with the part of each.
-    """
-    return [(part, remark) for part in ("tableau", "system")
+    """Return the warnings of a manifest, on tableau, scheme and system, with the part of each."""
+    return [(part, remark) for part in ("tableau", "scheme", "system")
             for remark in manifest.get(part, {}).get("remarks", ())]
 
 

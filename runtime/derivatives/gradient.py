@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import as_items, as_mapping, choose, few, shown, unknown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
 from ...core.registry import function_of
@@ -46,6 +47,7 @@ _UNITS = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9,
           "kib": 2**10, "mib": 2**20, "gib": 2**30}
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Gradient:
     """The gradient of a function of a run.
@@ -58,8 +60,9 @@ class Gradient:
         By the start: of the function of (q, p) projected onto the constraints.
     start : array, shape (2 (n − m),)
         By coordinates y of the tangent space at the start, z0 + B y; ``basis`` is B.
-    inputs : array, shape (steps, inputs)
-        By the inputs of each step, where there are inputs.
+    inputs : array, shape (rows, inputs)
+        By each row of inputs as it was given: of a row that ``hold`` keeps for several steps, and
+        of inputs that stay, the sum over their steps.
     wrt : tuple of str
         What was asked for; ``gradient[name]`` gives one of them, or any parameter, dt or t0.
     switched_steps : int
@@ -288,7 +291,7 @@ def gradient_of(
         As the run itself does: there is no partial gradient.
     """
     refuse_run(run)
-    binding, n = stepper.derivative_binding, stepper.n
+    binding, n = stepper.derivative_binding(), stepper.n
     names = [*stepper.binding.parameter_names, "dt", "t0"]
     fed = stepper.binding.input_names if run.inputs is not None else []
     columns = [2 * n + names.index(u) for u in fed]
@@ -419,7 +422,7 @@ def backwards(
     own = stepper.binding
     width = 16 if own.c_type not in ("float", "double") else np.dtype(own.dtype).itemsize
     a_step = (2 * stepper.n + stepper.unknowns) * width
-    kept = stepper.derivative_binding.begin(run)
+    kept = stepper.derivative_binding().begin(run)
     if run.steps * a_step <= memory:
         steps, status = kept.keep(run.steps)
         _check(stepper, run, kept, status, end)
@@ -474,7 +477,7 @@ def _reversed(
     if end is None:
         last = stepper.run(replace(run, every=max(run.steps, 1)))
         end = last.q[-1], last.p[-1]
-    binding, state, left = stepper.derivative_binding, end, run.steps
+    binding, state, left = stepper.derivative_binding(), end, run.steps
     while left:
         count = min(512, left)
         back = stepper.run(replace(

@@ -115,7 +115,7 @@ class SingleStep:
 
     def __init__(self, stepper: Stepper, run: RunArguments) -> None:
         refuse_run(run)
-        self._binding, self._run = stepper.derivative_binding, run
+        self._binding, self._run = stepper.derivative_binding(), run
         kept = self._binding.begin(run)
         (steps,) = pieces(stepper, run, kept)
         self.parameters = kept.parameters

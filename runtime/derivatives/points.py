@@ -134,8 +134,8 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
 
 def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
     """Return the points at fixed times; a time between two steps belongs to the first of them."""
-    ends = stepper.binding.times(run.t0, run.dt, np.array([0, run.steps + 1]))
-    at = places_of(stepper, ends, run.dt, t)
+    ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps + 1]))
+    at = places_of(stepper, run.t0, ends, run.dt, t)
     return [_point(run, int(step), rest)
             for step, rest in zip(at.steps, at.rest.tolist(), strict=True)]
 
@@ -149,7 +149,7 @@ def _point(run: RunArguments, step: int, tau: Any) -> Point:
 def _of_event(
     stepper: Stepper, run: RunArguments, event: Event, found: Crossings
 ) -> list[Point]:
-    rest = (found.t - stepper.binding.times(run.t0, run.dt, found.steps)).tolist()
+    rest = (found.elapsed - stepper.binding.times(0 * run.t0, run.dt, found.steps)).tolist()
     points = [replace(_point(run, int(step), tau), name=event.name, normal=_normal(
                   stepper, run, event, found, i))
               for i, (step, tau) in enumerate(zip(found.steps, rest, strict=True))]
@@ -163,7 +163,7 @@ def _normal(
     stepper: Stepper, run: RunArguments, event: Event, found: Crossings, i: int
 ) -> Array:
     """Return the derivatives of an event's value at one of its crossings."""
-    binding, system = stepper.derivative_binding, stepper.manifest["system"]
+    binding, system = stepper.derivative_binding(), stepper.manifest["system"]
     quantities, states = list(system.get("quantities", ())), [
         *system["coordinates"], *system["momenta"]]
     if event.quantity not in quantities:
@@ -242,7 +242,7 @@ def cotangent_at(
     the multipliers of the step that leads to the point.
     """
     if point.tau is None:
-        found = stepper.binding.new(stepper.derivative_binding.rows)
+        found = stepper.binding.new(stepper.derivative_binding().rows)
         found[: len(w)] = w
         found[-1] = s
         return found
@@ -251,7 +251,7 @@ def cotangent_at(
         found = step.adjoint(w, multipliers)
         of_start = found[-1] - found[-2]
     else:
-        unit = stepper.binding.new(stepper.derivative_binding.rows, 1)
+        unit = stepper.binding.new(stepper.derivative_binding().rows, 1)
         unit[-2] = 1
         v = step.tangent(unit, multipliers is not None)[:, 0]
         whole = w if multipliers is None else np.concatenate([w, multipliers])

@@ -31,6 +31,8 @@ Array = NDArray[Any]
 
 #: |G dq| beyond this share of |G| |dq| is no round-off.
 _OFF = 1e-10
+#: Round-off of G dq: 64 ε of each entry, as in the test of starts.
+_ROUNDING = 64 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,8 @@ class TangentSpace:
     ) -> None:
         self.binding, self.n = binding, binding.n
         self._names = constraint_names
+        sizes = [float(np.linalg.norm(x.astype(float))) for x in (q, p)]
+        self._shares = sizes[0] / (sizes[1] or sizes[0] or 1.0)
         self.g, self.f = binding.constraint_derivatives(parameters, q, p)
         n = self.n
         self._G, self._f_p = self.g[:, :n], self.f[:, n : 2 * n]
@@ -131,13 +135,16 @@ class TangentSpace:
 
     def refuse_off(self, directions: Array) -> None:
         """Refuse directions of q that leave g = 0, naming the constraint."""
-        dq = directions[: self.n].astype(float)
+        dq, dp = (part.astype(float) for part in (directions[: self.n],
+                                                  directions[self.n : 2 * self.n]))
         G = self._G.astype(float)
+        # A direction along momenta has a dq of round-off alone, where as much of q as of p changes.
+        round_off = _ROUNDING * self._shares * np.linalg.norm(dp, axis=0)
         for mu, row in enumerate(G):
             off = np.abs(row @ dq)
-            sizes = np.linalg.norm(row) * np.linalg.norm(dq, axis=0)
-            worst = int(np.argmax(off - _OFF * sizes)) if off.size else 0
-            if off.size and off[worst] > _OFF * sizes[worst]:
+            bounds = np.linalg.norm(row) * (_OFF * np.linalg.norm(dq, axis=0) + round_off)
+            worst = int(np.argmax(off - bounds)) if off.size else 0
+            if off.size and off[worst] > bounds[worst]:
                 raise InputError(
                     f"Direction {worst} leaves the constraint {self._names[mu]!r}: its rate is "
                     f"{row @ dq[:, worst]:.3g}. Give a direction with G dq = 0, or project=True.")

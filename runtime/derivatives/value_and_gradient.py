@@ -34,7 +34,7 @@ def objective(
     first = stepper.resolved(stepper.run_arguments(
         q, p, dt=dt, steps=0, t0=options.get("t0", 0.0),
         parameters=stepper.parameters_with_inputs(parameters, held)))
-    binding = stepper.derivative_binding
+    binding = stepper.derivative_binding()
     space = TangentSpace(binding, binding.own.parameters(first.parameters, first.t0), first.q,
                          first.p, stepper.constraint_names)
     basis = space.basis()

@@ -8,6 +8,8 @@ is nearer to the level than both its neighbours, the steps on its two sides are 
 into. A sine of θ rad a step is seen so for θ < π, and passes the bound of the compiled code, that
 its nearest state is no further off than it moves on both sides, where 1 − c ≤ 4c(1 − c²) with
 c = cos(θ/2): up to θ = 2.72. What turns more often than that between two states cannot be seen.
+A step that begins or ends exactly on the level is kept too: its two ends do not say on which side
+the value was in between.
 """
 
 from __future__ import annotations
@@ -29,6 +31,8 @@ Array = NDArray[Any]
 
 #: States that are kept from piece to piece: a step is looked into with a neighbour on either side.
 TAIL = 3
+#: A run starts on a level, perhaps, if its value is that share of its first change from it.
+_AT_START = 2.0**-40
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,8 @@ class Brackets:
     before: Array
     after: Array
     turning: Array
+    #: Whether the step begins or ends on the level, or the run begins within rounding of it.
+    on_level: Array
     #: The values one and two steps before, in doubles, shape (brackets, 2); NaN before the run.
     past: Array
 
@@ -120,14 +126,15 @@ class Brackets:
     @classmethod
     def together(cls, parts: Sequence[Brackets]) -> Brackets:
         """Return all of them, in order."""
-        names = ("event", "step", "q", "p", "before", "after", "turning", "past")
+        names = ("event", "step", "q", "p", "before", "after", "turning", "on_level",
+                 "past")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def of(self, chosen: Array) -> Brackets:
         """Return some of them."""
         return Brackets(self.event[chosen], self.step[chosen], self.q[chosen], self.p[chosen],
                         self.before[chosen], self.after[chosen], self.turning[chosen],
-                        self.past[chosen])
+                        self.on_level[chosen], self.past[chosen])
 
 
 def _turning(
@@ -227,18 +234,25 @@ class EventDetector:
     def _crossings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
         """Note the steps from row ``first`` on in which a value changes its sign."""
         before, after = values[first:-1], values[first + 1:]
-        falls = (before > 0) & (after <= 0) & (self._wanted <= 0)
-        rises = (before < 0) & (after >= 0) & (self._wanted >= 0)
-        found = falls | rises
-        if not found.any():
-            return
-        row, event = np.nonzero(found)
-        if self._ending[event].any():
-            end = int(row[self._ending[event]].min())
+        falls = (before > 0) & (after < 0) & (self._wanted <= 0)
+        rises = (before < 0) & (after > 0) & (self._wanted >= 0)
+        moved = np.concatenate([np.full((1, len(self._wanted)), True), values != 0])
+        # between two zeros a value rests, unless it came there in the step before
+        on_level = np.where(before == 0, (after != 0) | moved[first : first + len(before)],
+                            after == 0)
+        if not done + first:
+            on_level[0] |= (falls | rises)[0] & (
+                abs(before[0]) <= _AT_START * abs(after[0] - before[0]))
+        row, event = np.nonzero(falls | rises | on_level)
+        sure = ~on_level[row, event]  # one that is on its level ends the run once it is solved for
+        if (self._ending[event] & sure).any():
+            end = int(row[self._ending[event] & sure].min())
             self.ends_in = done + first + end
             kept = row <= end
-            row, event = row[kept], event[kept]
-        self._note(done, row + first, event, q, p, values, turning=False)
+            row, event, sure = row[kept], event[kept], sure[kept]
+        for kind in (True, False):
+            self._note(done, row[sure == kind] + first, event[sure == kind], q, p, values,
+                       on_level=not kind)
 
     def _turnings(self, done: int, first: int, q: Array, p: Array, values: Array) -> None:
         """Note the steps in which a value may touch its level, with a neighbour on either side.
@@ -251,12 +265,13 @@ class EventDetector:
         self._note(done, row[new], event[new], q, p, values, turning=True)
 
     def _note(self, done: int, row: Array, event: Array, q: Array, p: Array, values: Array, *,
-              turning: bool) -> None:
+              turning: bool = False, on_level: bool = False) -> None:
         if len(row):
             earlier = row[:, None] - [1, 2]  # the tail has both, unless the run begins there
             past = np.where(earlier < 0, np.nan, values[earlier, event[:, None]].astype(float))
             self._parts.append(Brackets(event, done + row, q[row], p[row], values[row, event],
-                                        values[row + 1, event], np.full(len(row), turning), past))
+                                        values[row + 1, event], np.full(len(row), turning),
+                                        np.full(len(row), on_level), past))
 
     def close(self, ahead: tuple[Array, Array] | None = None) -> None:
         """Look into the last step, though no neighbour is there behind it.

@@ -121,6 +121,8 @@ def _within(share: Array, least: Array) -> Array:
 
 #: Steps that are solved for side by side.
 _AT_ONCE = 2**15
+#: Shares of a step after which it is looked on which side of its level a value is.
+_SHARES = 2.0 ** (-5.0 * np.arange(1, 17))
 #: Looks for the place where a value turns, at most: half a dozen are usual.
 _LOOKS = 80
 
@@ -144,8 +146,9 @@ def crossings_of(
         for i in range(0, len(every), _AT_ONCE):
             part = np.arange(i, min(i + _AT_ONCE, len(every)))
             work = _Work(stepper, levels, runs, every.of(part), owner[part], fill)
-            parts += [_single(work), *([_twofold(work)] if work.brackets.turning.any() else ())]
-    return _by_run(stepper, levels, parts, len(runs))
+            parts += [_single(work), *([_twofold(work)] if work.brackets.turning.any() else ()),
+                      *([_beside_level(work)] if work.brackets.on_level.any() else ())]
+    return _by_run(stepper, levels, parts, runs)
 
 
 def detectors_for(
@@ -235,7 +238,8 @@ def _ended(
         np.concatenate([trajectory.p[states], last.p]),
         np.concatenate([flat[:steps], rows.multipliers]).astype(binding.dtype),
         np.concatenate([trajectory.iterations[:steps], rows.iterations]),
-        np.concatenate([trajectory.work[states], trajectory.report.work + rows.work]))
+        np.concatenate([trajectory.work[states], trajectory.report.work + rows.work]),
+        np.concatenate([trajectory.elapsed[states], last.elapsed]))
     return trajectory.of_states(made)
 
 
@@ -246,9 +250,10 @@ def row_of_event(stepper: Stepper, run: RunArguments, brackets: Brackets, event:
     """
     at = np.flatnonzero(brackets.step == event.steps[0])[:1]
     t0 = stepper.binding.times(run.t0, run.dt, event.steps)
+    part = event.elapsed - stepper.binding.times(0 * run.t0, run.dt, event.steps)
     parameters = {name: np.array([value], stepper.binding.number_type)
                   for name, value in run.at_step(int(event.steps[0])).parameters.items()}
-    rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, event.t - t0, parameters,
+    rows = run_together(stepper, brackets.q[at], brackets.p[at], t0, part, parameters,
                         lambda computed: fill_ensemble(computed, 1, lambda: False), 1).rows
     return Rows(event.q, event.p, rows.multipliers[:, 1], rows.iterations[:, 1], rows.work[:, 1])
 
@@ -257,7 +262,7 @@ def ending(events: tuple[Event, ...], found: dict[str, Crossings], dt: Any) -> s
     """Return the name of the terminal event that happens first; None if none does."""
     ends = [one.name for one in events if one.terminal and len(found[one.name])]
     ahead = 1 if dt > 0 else -1
-    return min(ends, key=lambda name: (found[name].steps[0], ahead * found[name].t[0]),
+    return min(ends, key=lambda name: (found[name].steps[0], ahead * found[name].elapsed[0]),
                default=None)
 
 
@@ -279,22 +284,51 @@ class _Work:
         return times
 
     def tolerance(self, which: Array) -> Array:
-        """Return what share of a step a time of the run cannot tell apart."""
+        """Return what share of a step a time since the start cannot tell apart."""
         runs, owner = self.runs, self.owner[which]
-        size = np.maximum(abs(self.t(which)), abs(runs.dt[owner]))
+        size = np.maximum(abs(self.brackets.step[which] * runs.dt[owner]), abs(runs.dt[owner]))
         share: Array = epsilon_of_times(self.stepper) * size / abs(runs.dt[owner])
         return share
 
-    def states(self, share: Array, which: Array) -> tuple[Array, Array, Array, Array]:
-        """Return times, states and the events' values after shares of a step in brackets."""
-        owner = self.owner[which]
-        t, dt = self.t(which), share * self.runs.dt[owner]
+    def states(
+        self, share: Array, which: Array, end: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return times, states and the events' values after shares of a step in brackets.
+
+        Times are those since the start of the step.
+
+        The shares count from the start of the step, or from its ``end``, whose states are given.
+        """
+        owner, start = self.owner[which], self.brackets
+        q, p = (start.q[which], start.p[which]) if end is None else end
+        t, since = self.t(which), 0 * share
+        dt = share * self.runs.dt[owner]
         columns = {name: column[owner] for name, column in self.runs.parameters.items()}
-        held = self.runs.inputs
-        inputs = None if held is None else held.taken(owner, self.brackets.step[which])
-        q, p = partial_steps(self.stepper, self.brackets.q[which], self.brackets.p[which], t, dt,
-                             columns, self.fill, inputs)
-        return t + dt, q, p, self._values(which, t + dt, q, p)
+        held, step = self.runs.inputs, start.step[which]
+        if end is not None:
+            since = since + self.runs.dt[owner]
+            t, step = t + since, step + (share > 0)
+        inputs = None if held is None else held.taken(owner, step)
+        q, p = partial_steps(self.stepper, q, p, t, dt, columns, self.fill, inputs)
+        return since + dt, q, p, self._values(which, t + dt, q, p)
+
+    def slopes(self, which: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
+        """Return value over share just behind (−1: before) a state on the level; 0 where it rests.
+
+        Of shares from 2⁻⁵ to 2⁻⁸⁰ the least three are taken over which the value falls as a power
+        does, of the first order to the third: rounding does not.
+        """
+        none = 0 * self.tolerance(which)
+        y = np.column_stack([self.states(none + ahead * share, which, end)[3]
+                             for share in _SHARES]).astype(float)
+        with np.errstate(all="ignore"):
+            ratio = y[:, :-1] / y[:, 1:]
+        falls = (ratio > 2**4) & (ratio < 2**16)
+        steady = falls[:, :-1] & falls[:, 1:]
+        last = steady.shape[1] - 1 - steady[:, ::-1].argmax(axis=1)
+        slopes: Array = np.where(steady.any(axis=1),
+                                 y[np.arange(len(y)), last] / _SHARES[last], 0)
+        return slopes
 
     def _values(self, which: Array, t: Array, q: Array, p: Array) -> Array:
         """Return the value of each bracket's own event."""
@@ -319,7 +353,8 @@ class _Roots:
     step: Array
     #: As a share of the step, a double: what orders two of one step.
     place: Array
-    t: Array
+    #: Times since the start of the step.
+    since: Array
     q: Array
     p: Array
     rising: Array
@@ -328,20 +363,26 @@ class _Roots:
 class _Best:
     """The state with the least value so far, of each root that is sought in a part of a step."""
 
-    def __init__(self, work: _Work, which: Array, low: Array, high: Array) -> None:
+    def __init__(
+        self, work: _Work, which: Array, low: Array, high: Array, known: Array | None = None
+    ) -> None:
+        """``known`` has two columns: whether 0 and 1 are zeros, which are divided out."""
         self._work, self.which, self._low, self._width = work, which, low, high - low
+        self._known = np.zeros((len(which), 2), bool) if known is None else known
         binding = work.stepper.binding
-        self.t = work.t(which)
+        self.since = 0 * work.t(which)
         self.q, self.p = (binding.new(len(which), binding.n) for _ in range(2))
-        self._size = 0 * self.t - 1  # none yet
+        self._size = self.since - 1  # none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
         """Return the values at x from 0 to 1 within those parts."""
         share = self._low[roots] + x * self._width[roots]
-        t, q, p, values = self._work.states(share, self.which[roots])
+        since, q, p, values = self._work.states(share, self.which[roots])
+        at_start, at_end = self._known[roots].T
+        values = values / np.where(at_start, share, 1) / np.where(at_end, 1 - share, 1)
         better = (self._size[roots] < 0) | (abs(values) < self._size[roots])
         at = roots[better]
-        self.t[at], self.q[at], self.p[at] = t[better], q[better], p[better]
+        self.since[at], self.q[at], self.p[at] = since[better], q[better], p[better]
         self._size[at] = abs(values[better])
         return values
 
@@ -349,24 +390,47 @@ class _Best:
         """Return them."""
         work, which = self._work, self.which
         owner = work.owner[which]
-        place = ((self.t - work.t(which)) / work.runs.dt[owner]).astype(float)
+        place = (self.since / work.runs.dt[owner]).astype(float)
         return _Roots(owner, work.brackets.event[which], work.brackets.step[which], place,
-                      self.t, self.q, self.p, rising)
+                      self.since, self.q, self.p, rising)
 
 
 def _single(work: _Work) -> _Roots:
     """Return the roots of steps between whose ends a value changes its sign."""
     brackets = work.brackets
-    which = np.flatnonzero(~brackets.turning)
+    which = np.flatnonzero(~brackets.turning & ~brackets.on_level)
     best = _Best(work, which, *_whole(work, which))
     before, after = brackets.before[which], brackets.after[which]
-    ends, inside = np.flatnonzero(after == 0), np.flatnonzero(after != 0)
-    if len(ends):  # the step ends there: a whole step leads there again
-        best(work.tolerance(which)[ends] * 0 + 1, ends)
-    start = _cubic_zero(brackets.past[which[inside]], before[inside], after[inside])
-    zeros(lambda x, i: best(x, inside[i]), before[inside], after[inside],
-          work.tolerance(which)[inside], start)
+    zeros(best, before, after, work.tolerance(which),
+          _cubic_zero(brackets.past[which], before, after))
     return best.roots(before < 0)
+
+
+def _beside_level(work: _Work) -> _Roots:
+    """Return the roots of steps that begin or end on the level, or begin within rounding of it.
+
+    The level at the start of a step is no root of it: the step before ends there, or the run begins
+    there. At its end it is one if the value comes from one side and does not go back to it.
+    """
+    brackets = work.brackets
+    which = np.flatnonzero(brackets.on_level)
+    first, last = _whole(work, which)
+    behind, before = (values[which].astype(float) for values in (brackets.before, brackets.after))
+    known = np.column_stack([behind, before]) == 0
+    starts, ends = map(np.flatnonzero, known.T)
+    behind[starts] = work.slopes(which[starts], 1)
+    since, q, p, _ = work.states(last[ends], which[ends])
+    before[ends] = comes = work.slopes(which[ends], -1, (q, p))
+    goes = work.slopes(which[ends], 1, (q, p))
+    inside = np.flatnonzero(behind * before < 0)
+    best = _Best(work, which[inside], first[inside], last[inside], known[inside])
+    zeros(best, behind[inside], before[inside], work.tolerance(which[inside]))
+    through = np.flatnonzero((comes != 0) & (comes * goes <= 0))
+    own = which[ends[through]]
+    at_end = _Roots(work.owner[own], brackets.event[own], brackets.step[own], np.ones(len(own)),
+                    since[through], q[through], p[through], comes[through] < 0)
+    roots = _together([best.roots(behind[inside] < 0), at_end])
+    return _chosen(roots, _wanted(work, roots))
 
 
 def _twofold(work: _Work) -> _Roots:
@@ -382,8 +446,7 @@ def _twofold(work: _Work) -> _Roots:
           work.tolerance(twice) / (high - low))
     rising = np.concatenate([before, value]) < 0
     roots = best.roots(rising)
-    wanted = np.array([one.direction for one in work.levels.events])[roots.event]
-    return _chosen(roots, (wanted == 0) | ((wanted > 0) == rising))
+    return _chosen(roots, _wanted(work, roots))
 
 
 def _turned(work: _Work, which: Array) -> tuple[Array, Array, Array]:
@@ -453,25 +516,47 @@ def _whole(work: _Work, which: Array) -> tuple[Array, Array]:
     return none, none + 1
 
 
+def _wanted(work: _Work, roots: _Roots) -> Array:
+    """Return whether roots have their events' directions, and are not the start of their run.
+
+    A run from the state of an event starts within the rounding of times of its level: of that of
+    t0, which the event had, as far as it is little of a step.
+    """
+    wanted = np.array([one.direction for one in work.levels.events])[roots.event]
+    runs, owner = work.runs, roots.owner
+    step = abs(runs.dt[owner])
+    rounding = np.minimum(4 * epsilon_of_times(work.stepper) * np.maximum(
+        abs(runs.t0[owner]), step), 2.0**-20 * step)
+    starts = (roots.step == 0) & (abs(roots.since) <= rounding)
+    right: Array = ((wanted == 0) | ((wanted > 0) == roots.rising)) & ~starts
+    return right
+
+
+def _together(parts: list[_Roots]) -> _Roots:
+    return _Roots(*(np.concatenate([getattr(part, name) for part in parts])
+                    for name in _Roots.__dataclass_fields__))
+
+
 def _chosen(roots: _Roots, chosen: Array) -> _Roots:
     return _Roots(*(getattr(roots, name)[chosen] for name in _Roots.__dataclass_fields__))
 
 
 def _by_run(
-    stepper: Stepper, levels: Levels, parts: list[_Roots], runs: int
+    stepper: Stepper, levels: Levels, parts: list[_Roots], runs: EnsembleArguments
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run by the events' names, along the run."""
-    roots = _Roots(*(np.concatenate([getattr(part, name) for part in parts])
-                     for name in _Roots.__dataclass_fields__)) if parts else _none(stepper)
-    found: list[dict[str, Crossings]] = [{} for _ in range(runs)]
+    roots = _together(parts) if parts else _none(stepper)
+    found: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
     for number, event in enumerate(levels.events):
         own = _chosen(roots, roots.event == number)
         own = _chosen(own, np.lexsort((own.place, own.step, own.owner)))
-        ends = np.searchsorted(own.owner, np.arange(runs + 1))
+        elapsed = own.step * runs.dt[own.owner] + own.since
+        t = runs.t0[own.owner] + elapsed
+        ends = np.searchsorted(own.owner, np.arange(len(runs) + 1))
         for crossings, start, end in zip(found, ends[:-1], ends[1:], strict=True):
             row = slice(start, end)
-            crossings[event.name] = Crossings(own.t[row], own.q[row], own.p[row], own.step[row],
-                                              own.rising[row])
+            crossings[event.name] = Crossings(t[row], own.q[row], own.p[row], own.step[row],
+                                              own.rising[row], elapsed[row])
     return found
 
 

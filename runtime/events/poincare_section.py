@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import choose, shown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
 from ..bindings.array_checks import as_positive_count
 from ..bindings.binding import SolverName
 
@@ -26,6 +28,7 @@ __all__ = ["Section", "section"]
 Array = NDArray[Any]
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Section:
     """The points of a section, those of each trajectory one behind the other.
@@ -104,7 +107,7 @@ class Section:
 
 def section(
     stepper: Stepper, q: ArrayLike, p: ArrayLike, *, event: Event, dt: Number | ArrayLike,
-    steps: int, parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
+    steps: int, parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] = NO_PARAMETERS,
     t0: Number | ArrayLike = 0.0, solver: SolverName = "auto", tolerance: Number | None = None,
     max_iterations: int = 50, workers: int | None = None, tangents: Tangents | None = None,
 ) -> Section:

@@ -1,6 +1,7 @@
 """Whether states are on the constraints, up to round-off: many of them at once.
 
-Round-off is what 64 ε of each coordinate and momentum is worth in g and f, whatever their units.
+Round-off is what 64 ε of each coordinate and momentum is worth in g and f, whatever their units,
+and in f 64 ε of what forces add to the momenta in a step.
 IMS and EMS let the momentum constraint oscillate at their truncation error (paper, Fig. 7), and
 their own results must be usable as a start: there f may be as large as what an explicit Euler
 step, without constraint forces, changes in it.
@@ -18,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..bindings.binding import Binding
+from ...core.projection import project
+from ..bindings.binding import Binding, CompiledConstraints
 
 if TYPE_CHECKING:
     from .run_arguments import RunArguments
@@ -90,10 +92,29 @@ def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArgu
         what = "the constraints on momenta and velocities"
     raise InputError(
         f"The start is off the constraints: |g(q)| = {g:.3e}{norm}, {what} = {f:.3e} "
-        f"(allowed {g_bound:.1e} and {f_bound:.1e}). "
-        f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * binding.is_timed})` "
-        "moves it onto them."
-    )
+        f"(allowed {g_bound:.1e} and {f_bound:.1e}). {_cure(binding, manifest, parameters, run)}")
+
+
+def _cure(
+    binding: Binding, manifest: dict[str, Any], parameters: Any, run: RunArguments
+) -> str:
+    """Return how a start gets onto the constraints, or why it does not."""
+    q, p = run.q.copy(), run.p.copy()
+    if binding.project(parameters, q, p) and binding.dtype is np.float64 and not binding.rows:
+        try:
+            with np.errstate(all="ignore"):
+                project(CompiledConstraints(binding, manifest, parameters), run.q, run.p)
+        except InputError as error:
+            return str(error)
+    cure = (f"`q, p = stepper.project(q, p, parameters=...{', t=t0' * binding.is_timed})` "
+            "moves it onto them.")
+    given, moved = (np.concatenate(x).astype(float) for x in ((run.q, run.p), (q, p)))
+    single = float(np.finfo(np.float32).eps)
+    if binding.epsilon < single and (given.astype(np.float32) == given).all() and (
+            np.abs(moved - given).max() <= 8 * single * np.abs(given).max()):
+        cure += (" All its numbers are of single precision: compute them from arrays of doubles, "
+                 "x.astype(float).")
+    return cure
 
 
 def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
@@ -210,14 +231,20 @@ def _judged(
               for x in (x.astype(float, copy=False) for x in (q, p)))
     g, f, *changes = _sizes(binding, parameters, q, p, dq, dp, moves)
     g_bound, f_bound = (epsilons * change for change in changes)
-    for i in np.flatnonzero(f > f_bound) if not keeps_f else ():
+    for i in np.flatnonzero(f > f_bound):
         row = slice(i, i + 1)
         own = parameters + i if binding.sets(parameters) > 1 else parameters
         x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
+        if keeps_f:  # near rest a step rounds what forces add to p, and constraints take away
+            kick = float(np.abs(x[binding.kicks]).max(initial=0))
+            kick *= 1.0 if binding.solves_increments else abs(float(dt[i]))
+            f_bound[row] = epsilons * _sizes(binding, own, q[row], p[row], dq[row],
+                                             dp[row] + nudge * kick, moves)[3]
+            continue
         n = binding.n
-        dq, dp = (moves.euler * np.array([float(np.abs(d).max())])
-                  for d in (x[:n], x[n : 2 * n]))
-        f_bound[row] += _sizes(binding, own, q[row], p[row], dq, dp, moves)[3]
+        by_q, by_p = (moves.euler * np.array([float(np.abs(d).max())])
+                      for d in (x[:n], x[n : 2 * n]))
+        f_bound[row] += _sizes(binding, own, q[row], p[row], by_q, by_p, moves)[3]
     return Defects(g, f, g_bound, f_bound)
 
 

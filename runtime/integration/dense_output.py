@@ -68,7 +68,8 @@ def _states_at(
     refuse_of_another(stepper, trajectory)
     refuse_forgotten(stepper, trajectory)
     t = _times(stepper, times)
-    at = places_of(stepper, trajectory.t, trajectory.dt, t)
+    elapsed = trajectory.elapsed
+    at = places_of(stepper, trajectory.t[0], elapsed, trajectory.dt, t)
     q, p = trajectory.q[at.rows].copy(), trajectory.p[at.rows].copy()
     work = trajectory.work[at.rows].copy()
     of_steps = flat_multipliers(trajectory)
@@ -78,7 +79,7 @@ def _states_at(
     multipliers[ended] = of_steps[at.rows[ended] - 1]
     iterations[ended] = trajectory.iterations[at.rows[ended] - 1]
     made = _Made(q, p, work, multipliers, iterations)
-    stored = np.rint(((trajectory.t - trajectory.t[0]) / trajectory.dt).astype(float)).astype(int)
+    stored = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
     for steps, part in _parts(trajectory, at):
         _go(stepper, trajectory, fill, made, part, trajectory.t[at.rows[part]],
             np.full(len(part), trajectory.dt), begun=stored[at.rows[part]], steps=at.steps[part],
@@ -101,8 +102,8 @@ def stored_steps_at(stepper: Stepper, run: RunArguments, times: ArrayLike) -> Ar
     """
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
-    ends = stepper.binding.times(run.t0, run.dt, np.array([0, run.steps]))
-    at = places_of(stepper, ends, run.dt, _times(stepper, times))
+    ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
+    at = places_of(stepper, run.t0, ends, run.dt, _times(stepper, times))
     stored_steps = np.unique(np.append(at.steps[at.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]
 
@@ -190,22 +191,26 @@ def _parts(trajectory: Trajectory, at: Places) -> list[tuple[int, Array]]:
     return found
 
 
-def places_of(stepper: Stepper, stored: Array, dt: Any, t: Array) -> Places:
-    """Return where the times are, or refuse those outside of the run."""
-    ahead = 1 if dt > 0 else -1
-    outside = (ahead * (t - stored[0]) < 0) | (ahead * (t - stored[-1]) > 0)
+def places_of(stepper: Stepper, t0: Any, stored: Array, dt: Any, t: Array) -> Places:
+    """Return where the times t are, or refuse those outside of the run.
+
+    ``stored`` are the times of stored rows since the start t0: what is late has digits enough.
+    """
+    ahead, t = 1 if dt > 0 else -1, t - t0
+    # what rounding cannot tell from the end of a step is the end of it
+    reach = 2 * epsilon_of_times(stepper) * max(abs(t0), abs(t0 + stored[-1]))
+    outside = (ahead * (t - stored[0]) < -reach) | (ahead * (t - stored[-1]) > reach)
     if outside.any():
         raise InputError(
-            f"The time {float(t[outside][0])} is outside of the run, which goes from "
-            f"{float(stored[0])} to {float(stored[-1])} s; ask for times in between.")
+            f"The time {float(t0 + t[outside][0])} is outside of the run, which goes from "
+            f"{float(t0)} to {float(t0 + stored[-1])} s; ask for times in between.")
     times = stepper.binding.times
-    # what rounding cannot tell from the end of a step is the end of it
-    reach = ahead * t + 2 * epsilon_of_times(stepper) * max(abs(stored[0]), abs(stored[-1]))
-    rows = np.searchsorted(ahead * stored, reach, side="right") - 1
+    near = ahead * t + reach
+    rows = np.searchsorted(ahead * stored, near, side="right") - 1
     steps = np.array([int(x) for x in (t - stored[rows]) / dt], dtype=int)
-    steps += ahead * times(stored[rows], dt, steps + 1) <= reach  # a quotient rounds either way
+    steps += ahead * times(stored[rows], dt, steps + 1) <= near  # a quotient rounds either way
     rest = t - times(stored[rows], dt, steps)
-    return Places(rows, steps, np.where(ahead * t + abs(rest) <= reach, 0 * rest, rest))
+    return Places(rows, steps, np.where(abs(rest) <= reach, 0 * rest, rest))
 
 
 def epsilon_of_times(stepper: Stepper) -> float:

@@ -19,7 +19,9 @@ __all__ = ["Diagnosis", "diagnose"]
 
 Array = NDArray[Any]
 
-_NOT_CONVERGED, _SINGULAR, _STAGNATED, _DIVERGED = 1, 2, 4, 5
+_NOT_CONVERGED, _SINGULAR, _NOT_FINITE, _STAGNATED, _DIVERGED = 1, 2, 3, 4, 5
+#: Of a parameter beyond it the square, as of momenta, leaves the range of doubles.
+_LARGE = 1e150
 #: How often the time step is halved.
 _HALVINGS = 30
 #: Slopes of constraints are difference quotients, right to nine digits.
@@ -59,6 +61,11 @@ def diagnose(
             cure="That is a change point of the mechanism, from which no step is determined: start "
                  "beside it, or pass it with another time step")
     dt, smallest = _smaller_step(binding, run, q, p, t)
+    largest = max(run.parameters, key=lambda name: abs(float(run.parameters[name])), default=None)
+    if dt is None and status == _NOT_FINITE and largest is not None and (
+            abs(float(run.parameters[largest])) > _LARGE):
+        return replace(found, cure=f"{largest} = {float(run.parameters[largest]):.6g} leads out of "
+                       "the range of floating-point numbers; take other units")
     if dt is not None:
         return replace(found, dt=dt, cure=f"From there a step of dt = {dt:.9g} does")
     return replace(found, cure=f"From there no step down to dt = {smallest:.3g} does")

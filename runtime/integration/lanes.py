@@ -33,6 +33,8 @@ Array = NDArray[Any]
 
 #: Coordinates in all steps up to which a run takes less time than the start of threads.
 _FEW_NUMBERS = 2**14
+#: Seconds between two numbers of stored states that are reported.
+_REPORTED = 0.5
 #: Batches of short runs that are integrated in one call.
 _TOGETHER = 16
 
@@ -196,14 +198,23 @@ def threads_of(workers: int | None) -> int:
     return CORES if workers is None else as_positive_count("workers", workers, least=1)
 
 
-def fill_ensemble(computed: EnsembleStates, threads: int, stop: Callable[[], bool]) -> None:
+def fill_ensemble(
+    computed: EnsembleStates, threads: int, stop: Callable[[], bool],
+    report: Callable[[int], Any] | None = None,
+) -> None:
     """Integrate all batches: each thread takes the next one until there is none.
 
-    Where threads would cost more than they gain, the calling one takes all.
+    Where threads would cost more than they gain, the calling one takes all. It calls ``report``
+    with the number of states that are stored.
     """
     workers, first = min(threads, len(computed.reports)), computed.runs.first
     if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:
-        return computed.fill(range(len(computed.reports)), stop)
+        def stop_and_report() -> bool:
+            if report is not None:
+                report(sum(computed.stored))
+            return stop()
+
+        return computed.fill(range(len(computed.reports)), stop_and_report)
     batches, broken = SimpleQueue[int | None](), threading.Event()
     for batch in (*range(len(computed.reports)), *[None] * workers):
         batches.put(batch)
@@ -214,7 +225,13 @@ def fill_ensemble(computed: EnsembleStates, threads: int, stop: Callable[[], boo
     with ThreadPoolExecutor(workers) as pool:
         futures = [pool.submit(work) for _ in range(workers)]
         try:
-            for future in wait(futures, return_when=FIRST_EXCEPTION).done:
-                future.result()
+            running = set(futures)
+            while running:
+                ended, running = wait(running, None if report is None else _REPORTED,
+                                      FIRST_EXCEPTION)
+                for future in ended:
+                    future.result()
+                if report is not None:
+                    report(sum(computed.stored))
         finally:  # where memory ran out, say, the others are not finished for nobody
             broken.set()

@@ -35,14 +35,14 @@ from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 from .consistency import defects_of_starts
 
 if TYPE_CHECKING:
-    from ..bindings.binding import SolverName
+    from ..bindings.binding import Binding, SolverName
     from ..events.detection import EventDetector
     from ..steppers.stepper import Stepper
     from .frame_following import Follow
 
 __all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
            "as_parameters", "checked_runs", "refuse_auto", "refuse_choice", "step_count",
-           "warn_of_negative"]
+           "warn_of_late_start", "warn_of_negative"]
 
 Array = NDArray[Any]
 
@@ -465,6 +465,26 @@ def warn_of_negative(parameters: Mapping[str, Any]) -> None:
             warn(f"Parameter {name} = {least:.6g} is below 0. The motion does not depend on it, "
                  "but its error does: several times that of a value near the moments of inertia, "
                  "such as m.")
+
+
+#: A start is late if it is that many durations of the run.
+_LATE = 1000
+
+
+def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
+    """Warn of times whose rounding is no longer little of a step, where the system depends on them.
+
+    ``t0`` and ``dt`` are numbers, or one for each of many runs.
+    """
+    if not steps or not (binding.time is not None or binding.quantities_take_time):
+        return
+    late, step = np.abs(np.asarray(t0, float)), np.abs(np.asarray(dt, float))
+    rounding = binding.epsilon * np.where(late > _LATE * steps * step, late, 0) / step
+    if (worst := float(np.max(rounding))) > np.sqrt(binding.epsilon):
+        warn(f"t0 = {float(np.max(late)):.6g} s rounds times to {worst:.1g} of a step. Sines, "
+             "cosines and tangents of a t + b in H, g and F keep their digits; what else depends "
+             "on t, quantities, and states between steps have errors of that size. Start at t0 = 0 "
+             "to avoid them.")
 
 
 #: What t_end, t0 and dt may be off by, in parts of their sizes: two roundings of a double each.

@@ -334,11 +334,12 @@ def trajectory_of(
     def states() -> States:
         done = int(report.steps)
         stored = run.stored(done)
+        steps = run.steps_of_rows(done)
         return States(
             binding, manifest, binding.parameters(given, run.t0),
-            binding.times(run.t0, run.dt, run.steps_of_rows(done)), rows.q[: stored + 1],
+            binding.times(run.t0, run.dt, steps), rows.q[: stored + 1],
             rows.p[: stored + 1], rows.multipliers[:stored], rows.iterations[:stored],
-            rows.work[: stored + 1])
+            rows.work[: stored + 1], binding.times(0 * run.t0, run.dt, steps))
 
     return Trajectory.of(
         states,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, choose, shown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.inertia import inertia_matrix, real_array
 from ..compilation.body_columns import BodyAt, PlacedAt, bodies_of, numbers
@@ -28,6 +29,7 @@ FrameName = Literal["body", "space"]
 FRAMES: tuple[FrameName, ...] = ("body", "space")
 
 
+@explain_arguments
 class BodyMotion:
     """One body of a trajectory; made by ``Trajectory.body``.
 

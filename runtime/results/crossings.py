@@ -27,6 +27,8 @@ class Crossings:
         Whole steps of the run before each.
     rising : array of bool, shape (K,)
         Whether the quantity rises there along the run.
+    elapsed : array, shape (K,)
+        Times since the start of the run, which have more digits than t where that is late.
     """
 
     t: Array
@@ -34,6 +36,7 @@ class Crossings:
     p: Array
     steps: Array
     rising: Array
+    elapsed: Array
 
     def __len__(self) -> int:
         return len(self.t)
@@ -45,7 +48,7 @@ class Crossings:
 
     def until(self, last: Crossings, dt: Any) -> Crossings:
         """Return those that are no later, in a run with steps dt, than another crossing."""
-        step, later = last.steps[0], (self.t - last.t[0]) * dt > 0
+        step, later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
         return self._some((self.steps < step) | (self.steps == step) & ~later.astype(bool))
 
     def since(self, steps: int) -> Crossings:
@@ -54,7 +57,7 @@ class Crossings:
 
     def _some(self, chosen: Array) -> Crossings:
         return Crossings(self.t[chosen], self.q[chosen], self.p[chosen], self.steps[chosen],
-                         self.rising[chosen])
+                         self.rising[chosen], self.elapsed[chosen])
 
     def __repr__(self) -> str:
         if not len(self):

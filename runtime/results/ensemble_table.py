@@ -14,7 +14,7 @@ from ...core.arguments import as_path
 from ...core.errors import MissingDependencyError
 from ...core.event import Event, refuse_unusable_names
 from ...core.extras import install
-from ...core.file_formats import format_of, result_file, with_ending
+from ...core.file_formats import format_of, result_file
 from .run_arrays import OUTPUTS, about, labels_of, parts
 from .state_columns import event_headings, events_path, headings, states_of, write_csv
 from .trajectory_file import storable
@@ -52,7 +52,7 @@ def to_xarray(ensemble: Ensemble) -> xarray.Dataset:
 
 def save(ensemble: Ensemble, path: Any) -> Path:
     """Write an ensemble to a file; see ``Ensemble.save``."""
-    target = with_ending(as_path("path", path, "ensemble.npz"), ".npz")
+    target = as_path("path", path, "ensemble.npz")
     form = format_of(target, "An ensemble", "states")
     write = form.writer("ensemble")
     form.require_packages()
@@ -86,7 +86,7 @@ def _write_events(ensemble: Ensemble, part: Path) -> None:
     """Write the events to a second file, with the number of the trajectory of each."""
     write_csv(part, ["trajectory", *event_headings(ensemble.members[0].manifest["system"])], (
         [np.full(len(found), i), np.full(len(found), name), found.t, found.q, found.p,
-         found.steps, found.rising.astype(int)]
+         found.steps, found.rising.astype(int), found.elapsed]
         for name, events in ensemble.events.items()
         for i, found in enumerate(map(events.__getitem__, range(len(events))))))
 
@@ -123,7 +123,7 @@ def _variables(ensemble: Ensemble) -> Variables:
         found[f"{along}_trajectory"] = (
             [along], np.repeat(np.arange(len(each)), events.count), told)
         for part, inner in (("t", []), ("q", ["coordinate"]), ("p", ["coordinate"]),
-                            ("steps", []), ("rising", [])):
+                            ("steps", []), ("rising", []), ("elapsed", [])):
             found[f"{along}_{part}"] = ([along, *inner], np.concatenate(
                 [getattr(crossings, part) for crossings in each]), told)
     return found

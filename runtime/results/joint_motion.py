@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import as_flag, choose
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.warnings import warn
 from ..compilation.body_columns import JointAt, Pull, numbers
@@ -26,6 +27,7 @@ _STILL = np.array([[1.0, 0.0, 0.0, 0.0]])
 _STEADY = 0.5
 
 
+@explain_arguments
 class JointMotion:
     """One joint between two bodies a and b; made by ``Trajectory.joint``.
 
@@ -79,6 +81,9 @@ class JointMotion:
         InputError
             For a joint without such an axis.
         """
+        unit = np.degrees(1.0) if as_flag("degrees", degrees) else 1.0
+        if self._is_measured("angle"):
+            return self._run.quantity(f"{self.name}_angle") * unit
         n1, n2, e, of_b = self._axes()
         q_a, q_b = self._attitudes()
         if self._at.zero:
@@ -95,7 +100,11 @@ class JointMotion:
         made = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
         turn = np.unwrap(turn - made) + made
         self._warn_of_turns(np.diff(t), rate, np.diff(turn - made))
-        return turn * (np.degrees(1.0) if as_flag("degrees", degrees) else 1.0)
+        return turn * unit
+
+    def _is_measured(self, what: str) -> bool:
+        """Whether a quantity has the measure, as for joints in a row, which have no common axis."""
+        return not self.has_axis and f"{self.name}_{what}" in self._run.quantities
 
     def _warn_of_turns(self, spans: Array, rate: Array, off: Array) -> None:
         """Say where states are too far apart for their rates to tell whole turns.
@@ -119,6 +128,8 @@ class JointMotion:
 
         What is raised is that of ``angle``.
         """
+        if self._is_measured("rate"):
+            return self._run.quantity(f"{self.name}_rate")
         return self._rate(self._axes()[2])
 
     def _rate(self, e: Array) -> Array:

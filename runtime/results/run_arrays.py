@@ -43,6 +43,8 @@ class States:
     t, q, p, multipliers, iterations, work : array
         A row a state; of multipliers and iterations, which belong to steps, one less where the
         start has none.
+    elapsed : array, optional
+        Times since the start, which have more digits than t where that is late.
     """
 
     binding: Binding
@@ -54,6 +56,7 @@ class States:
     multipliers: Array
     iterations: Array
     work: Array
+    elapsed: Array | None = None
 
     @property
     def arrays(self) -> tuple[Array, ...]:

@@ -150,7 +150,7 @@ def event_headings(system: Mapping[str, Any]) -> list[str]:
     """Return the headings of that file: the event's name, then what ``Crossings`` have of it."""
     shape = (len(system["coordinates"]),)
     return headings(system, {"event": (), "time": (), "q": shape, "p": shape, "steps": (),
-                             "rising": ()})
+                             "rising": (), "elapsed": ()})
 
 
 def spreadsheet_text(name: str) -> str:
@@ -167,5 +167,5 @@ def save_events(trajectory: Trajectory, path: Path) -> None:
         with result_file(events_path(path), "The table") as part:
             write_csv(part, event_headings(trajectory.manifest["system"]), [
                 [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p,
-                 found.steps, found.rising.astype(int)]
+                 found.steps, found.rising.astype(int), found.elapsed]
                 for name, found in trajectory.events.items()])

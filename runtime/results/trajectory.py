@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_path, choose, shown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
-from ...core.file_formats import format_of, with_ending
+from ...core.file_formats import format_of
 from ...core.records import changed
 from ..compilation.body_columns import bodies_of, joints_of, placed_of
 from .body_motion import BodyMotion, PlacedMotion, total_momenta
@@ -43,6 +44,7 @@ class Maker(Protocol):
         """Return H of states, or the energy of their motion."""
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Trajectory(Shown):
     """States of a run, stored every ``every`` steps.
@@ -148,6 +150,17 @@ class Trajectory(Shown):
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def elapsed(self) -> Array:
+        """Times since the start, which have more digits than t where that is late.
+
+        Those of a run; of states from a file, and of states between steps, differences of t.
+        """
+        self.t  # noqa: B018 - the states are there then
+        known = None if self._states is None else self._states.elapsed
+        found: Array = self.t - self.t[0] if known is None else known.copy()
+        return found
 
     def __repr__(self) -> str:
         report = self.report
@@ -265,7 +278,7 @@ class Trajectory(Shown):
                              f"body({self.bodies[0]!r}).")
         if name is None:
             name = self.bodies[0]
-        at = choose(f"body of system {system!r}", name, self.bodies)
+        at = choose(f"body of system {system!r}:", name, self.bodies)
         return (PlacedMotion(self, at, placed[at]) if at in placed else
                 BodyMotion(self, at, bodies[at]))
 
@@ -297,7 +310,7 @@ class Trajectory(Shown):
                              f"say which, as in joint({next(iter(joints))!r}).")
         if name is None:
             name = next(iter(joints))
-        at = choose(f"joint of system {system!r}", name, joints)
+        at = choose(f"joint of system {system!r}:", name, joints)
         return JointMotion(self, at, joints[at])
 
     def angular_velocity(self, body: str | None = None) -> Array:
@@ -431,7 +444,7 @@ class Trajectory(Shown):
     ) -> Path:
         """Write the states to a file, which appears complete or not at all; return its path.
 
-        - .npz (also where the name has no ending): all arrays with all their digits, the names of
+        - .npz: all arrays with all their digits, the names of
           their columns, parameters, report, events and manifest: what ``load`` reads.
         - .csv: a column a number, under the names of coordinates, momenta and quantities; events
           in a second file, ``run.events.csv``. ``columns`` are those that are wanted, as for
@@ -441,11 +454,12 @@ class Trajectory(Shown):
         Raises
         ------
         InputError
-            For another ending; for columns that are not there, or of another file than .csv.
+            For another ending, or none; for columns that are not there, or of another file than
+            .csv.
         GyrosparkError
             If the file cannot be written.
         """
-        target = with_ending(as_path("path", path, "run.npz"), ".npz")
+        target = as_path("path", path, "run.npz")
         form = format_of(target, "A trajectory", "states")
         if columns is not None and not form.tabular:
             raise InputError(f"columns are those of a .csv file, and {target.name!r} is none; end "

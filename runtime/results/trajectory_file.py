@@ -31,7 +31,7 @@ __all__ = ["read_npz", "save_npz", "storable"]
 Array = NDArray[Any]
 _FORMAT = 2
 #: The arrays of an event.
-_CROSSING = ("t", "q", "p", "steps", "rising")
+_CROSSING = ("t", "q", "p", "steps", "rising", "elapsed")
 #: The arrays of tangents; those of multipliers where they were asked for.
 _TANGENTS = ("q", "p", "start", "t", "multipliers")
 #: Arrays of names, for other readers of the file.
@@ -133,14 +133,14 @@ def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossing
     """Return the events; raise whatever is found wrong with them."""
     wide = REALS[about["manifest"]["real"]].in_mpmath
     n, found = len(about["manifest"]["system"]["coordinates"]), {}
-    for name, (t, q, p, steps, rising) in crossings.items():
-        t, q, p = (_from_bytes(x) if wide else x for x in (t, q, p))
-        shapes = [x.shape for x in (t, q, p, steps, rising)]
-        if shapes != [(len(t),), (len(t), n), (len(t), n), (len(t),), (len(t),)]:
+    for name, (t, q, p, steps, rising, elapsed) in crossings.items():
+        t, q, p, elapsed = (_from_bytes(x) if wide else x for x in (t, q, p, elapsed))
+        shapes = [x.shape for x in (t, q, p, steps, rising, elapsed)]
+        if shapes != [(len(t),), (len(t), n), (len(t), n), *[(len(t),)] * 3]:
             raise ValueError("an event has parts of several lengths")
         if not isinstance(name, str) or steps.dtype.kind != "i" or rising.dtype.kind != "b":
             raise ValueError("an event has parts of another type")
-        found[name] = Crossings(t, q, p, steps, rising)
+        found[name] = Crossings(t, q, p, steps, rising, elapsed)
     return found
 
 

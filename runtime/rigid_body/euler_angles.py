@@ -29,8 +29,9 @@ def check_sequence(sequence: Any) -> tuple[list[int], bool]:
     letters = sequence if isinstance(sequence, str) else ""
     known = len(letters) == 3 and ({*letters} <= {*"xyz"} or {*letters} <= {*"XYZ"})
     if not known or letters[1] in (letters[0], letters[2]):
+        count = f", which has {len(letters)} letters" if letters and len(letters) != 3 else ""
         raise InputError(
-            f"Euler angles have no sequence {shown(sequence)}; give three axes, neighbours "
+            f"Euler angles have no sequence {shown(sequence)}{count}; give three axes, neighbours "
             "different: small letters, 'zyx', turn about the axes of space, capitals, 'ZXZ', "
             "about those of the body.")
     return ["xyz".index(letter) for letter in letters.lower()], letters.isupper()

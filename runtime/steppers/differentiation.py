@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_flag, as_mapping, choose, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
 from ...core.registry import function_of
 from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.binding import SolverName
@@ -89,9 +90,8 @@ class Differentiation(Evaluation):
         self.constraint_names: list[str] = list(system.get(
             "constraint_names", [f"g{i}" for i in range(self.m)]))
 
-    @property
     def derivative_binding(self) -> DerivativeBinding:
-        """Calls of tangents and adjoints, derived and compiled when this is first asked for."""
+        """Calls of tangents and adjoints, derived and compiled when first called."""
         with self._deriving:
             if not self._derivative_binding:
                 if self._derive is None:
@@ -108,10 +108,9 @@ class Differentiation(Evaluation):
                     own, self.binding, self.manifest["scheme"]["keeps_momentum_constraint"]))
         return self._derivative_binding[0]
 
-    @property
     def second_binding(self) -> SecondBinding:
-        """Calls of derivatives of adjoints, derived and compiled when this is first asked for."""
-        first = self.derivative_binding
+        """Calls of derivatives of adjoints, derived and compiled when first called."""
+        first = self.derivative_binding()
         with self._deriving:
             if not self._second_binding:
                 if self.symmetries:
@@ -128,9 +127,8 @@ class Differentiation(Evaluation):
                 self._second_binding.append(SecondBinding(own, first))
         return self._second_binding[0]
 
-    @property
     def control_files(self) -> dict[str, str]:
-        """Header, source and manifest of profile control, derived when first asked for."""
+        """Header, source and manifest of profile control, derived when first called."""
         with self._deriving:
             if not self._control_files:
                 derive = self._derive.of_others if self._derive is not None else None
@@ -154,7 +152,8 @@ class Differentiation(Evaluation):
 
     def jvp(
         self, q: ArrayLike, p: ArrayLike, dq: ArrayLike, dp: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Any], d: Mapping[str, Number] | None = None, t0: Number = 0.0,
+        parameters: Mapping[str, Any] = NO_PARAMETERS, d: Mapping[str, Number] | None = None,
+        t0: Number = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
     ) -> tuple[Array, Array, Array, Array]:
         """Return (q1, p1) of a step and its derivative (dq1, dp1) along a direction.
@@ -193,7 +192,8 @@ class Differentiation(Evaluation):
         return kept.end[:n], kept.end[n:], made[:n], made[n:]
 
     def vjp(
-        self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Any],
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Any] = NO_PARAMETERS,
         wrt: str | Sequence[str] | None = None, t0: Number = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
     ) -> tuple[Array, Array, Callable[..., Gradient]]:
@@ -206,7 +206,7 @@ class Differentiation(Evaluation):
         run = self._single(q, p, dt, parameters, t0, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
         kept, space = self._kept_step(run)
-        own, n = self.derivative_binding.own, self.n
+        own, n = self.derivative_binding().own, self.n
 
         def back(wq: ArrayLike, wp: ArrayLike, multipliers: ArrayLike | None = None) -> Gradient:
             w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
@@ -218,7 +218,7 @@ class Differentiation(Evaluation):
 
     def hvp(
         self, q: ArrayLike, p: ArrayLike, dq: ArrayLike, dp: ArrayLike, wq: ArrayLike,
-        wp: ArrayLike, *, dt: Number, parameters: Mapping[str, Any],
+        wp: ArrayLike, *, dt: Number, parameters: Mapping[str, Any] = NO_PARAMETERS,
         d: Mapping[str, Number] | None = None, t0: Number = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
     ) -> Gradient:
@@ -240,7 +240,7 @@ class Differentiation(Evaluation):
             As of ``jvp``; for systems that have no second derivatives.
         """
         run = self._single(q, p, dt, parameters, t0, inputs)
-        own, n = self.derivative_binding.own, self.n
+        own, n = self.derivative_binding().own, self.n
         kept, space = self._kept_step(run)
         dz = self._direction(dq, dp, d, 1)[:, 0].copy()
         if not as_flag("project", project):
@@ -259,7 +259,7 @@ class Differentiation(Evaluation):
         self, dq: ArrayLike, dp: ArrayLike, d: Mapping[str, Number] | None, count: int
     ) -> Array:
         """Return directions with all rows, a column each."""
-        binding, n = self.derivative_binding, self.n
+        binding, n = self.derivative_binding(), self.n
         own = binding.own
         dz: Array = own.new(binding.rows, count)
         for place, (name, x) in enumerate((("dq", dq), ("dp", dp))):
@@ -290,7 +290,7 @@ class Differentiation(Evaluation):
         """Return one step, and the tangent space at its start."""
         stepper: Any = self
         kept = SingleStep(stepper, run)
-        return kept, TangentSpace(self.derivative_binding, kept.parameters, run.q, run.p,
+        return kept, TangentSpace(self.derivative_binding(), kept.parameters, run.q, run.p,
                                   self.constraint_names)
 
     # ------------------------------------------------------------ runs
@@ -417,7 +417,8 @@ class Differentiation(Evaluation):
 
     def value_and_gradient(
         self, loss: Callable[[Trajectory], tuple[Any, Mapping[str, ArrayLike]]], q: ArrayLike,
-        p: ArrayLike, *, wrt: str | Sequence[str], parameters: Mapping[str, Any], dt: Number,
+        p: ArrayLike, *, wrt: str | Sequence[str], parameters: Mapping[str, Any] = NO_PARAMETERS,
+        dt: Number,
         steps: int, memory: str = DEFAULT_MEMORY, **options: Any,
     ) -> Callable[[ArrayLike], tuple[float, Array]]:
         """Return f(x) → (loss, gradient), for ``scipy.optimize.minimize(f, x0, jac=True)``.

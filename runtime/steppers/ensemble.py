@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import shown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError, StepFailed, Stopped
 from ...core.event import Event, as_events
 from ...core.exact_numbers import Number
 from ...core.html import card, table
 from ...core.interrupts import Interrupts, catch_ctrl_c
+from ...core.progress import log_progress
 from ...core.records import changed
 from ..bindings.array_checks import as_numbers, as_positive_count
 from ..bindings.inputs import Inputs, as_inputs
@@ -46,6 +48,7 @@ from ..integration.run_arguments import (
     checked_runs,
     refuse_auto,
     refuse_choice,
+    warn_of_late_start,
     warn_of_negative,
 )
 from ..integration.step_loop import failure_of, trajectory_of
@@ -65,6 +68,7 @@ __all__ = ["Ensemble", "integrate_members"]
 Array = NDArray[Any]
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Ensemble:
     """The trajectories of ``integrate_ensemble``; the leading axis is the trajectory.
@@ -146,7 +150,7 @@ class Ensemble:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write all trajectories to a file, which appears complete or not at all; return its path.
 
-        - .npz (also where the name has no ending): the arrays of ``to_xarray`` under their names,
+        - .npz: the arrays of ``to_xarray`` under their names,
           with all their digits, and ``about``, JSON with the manifest: for ``numpy.load``.
         - .csv: a row for each state, with the number of its trajectory.
         - .nc: ``to_xarray`` as NetCDF-4, in doubles: for ``xarray.open_dataset``.
@@ -154,7 +158,7 @@ class Ensemble:
         Raises
         ------
         InputError
-            For another ending.
+            For another ending, or none.
         GyrosparkError
             If the file cannot be written.
         """
@@ -213,9 +217,11 @@ def integrate_members(
     runs = _checked(stepper, q, p, dt, t0, parameters, options, inputs, hold)
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
-    with catch_ctrl_c() as interrupts:
+    with (log_progress(f"integrating {len(runs):,} times {stepper.name}",
+                       len(runs) * (runs.first.rows + 1)) as report,
+          catch_ctrl_c() as interrupts):
         def fill(some: EnsembleStates) -> None:
-            fill_ensemble(some, threads_of(workers), lambda: interrupts.requested)
+            fill_ensemble(some, threads_of(workers), lambda: interrupts.requested, report)
 
         fill(computed)
         crossings = [] if levels is None else crossings_of(stepper, levels, runs,
@@ -255,6 +261,7 @@ def _checked(
     given = _with_frames(stepper, given, fed)
     runs = replace(checked_runs(stepper, given), inputs=fed)
     warn_of_negative(runs.parameters)
+    warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
     if runs.first.steps:
         stepper.rotations.warn(runs.parameters, runs.dt, runs.q, runs.p)
     return runs
@@ -266,7 +273,7 @@ def _integrate_on(
 ) -> Ensemble | DeviceEnsemble:
     """Integrate each row of q and p on a card; arrays that lie there stay there."""
     try:
-        name, text = stepper.name, cuda_text(stepper.name, stepper.control_files)
+        name, text = stepper.name, cuda_text(stepper.name, stepper.control_files())
     except InputError as error:
         raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
     state, like = None, q
@@ -335,7 +342,7 @@ def _with_tangents(
     stepper: Stepper, ensemble: Ensemble, wanted: Tangents, threads: int, stop: Callable[[], bool]
 ) -> Ensemble:
     """Return an ensemble whose trajectories have their tangents, with the bits of each alone."""
-    _ = stepper.derivative_binding  # compiled once, before threads ask for it
+    _ = stepper.derivative_binding()  # compiled once, before threads ask for it
 
     def made(i: int) -> Trajectory | None:
         if i in ensemble.failures or stop():

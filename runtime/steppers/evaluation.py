@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_flag
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
 from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
 from ...core.shapes import Shape
@@ -67,7 +68,7 @@ class Evaluation:
 
     def residual(
         self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Number], t: Number = 0.0,
+        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
     ) -> Array:
         """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
 
@@ -79,7 +80,7 @@ class Evaluation:
 
     def jacobian(
         self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Number], t: Number = 0.0,
+        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
     ) -> Array:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
         self._refuse_unless_solving("Jacobian")
@@ -87,7 +88,8 @@ class Evaluation:
         return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
 
     def guess(
-        self, q: ArrayLike, p: ArrayLike, *, dt: Number, parameters: Mapping[str, Number],
+        self, q: ArrayLike, p: ArrayLike, *, dt: Number,
+        parameters: Mapping[str, Number] = NO_PARAMETERS,
         t: Number = 0.0,
     ) -> Array:
         """Return the x from which a step's iteration starts."""
@@ -104,7 +106,7 @@ class Evaluation:
     # ------------------------------------------------------------ about a state
 
     def energy(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
         t: Number | ArrayLike = 0.0, of_motion: bool = False,
     ) -> Array:
         """Return H(q, p, t) in the stepper's own representation; leading axes are kept.
@@ -133,7 +135,7 @@ class Evaluation:
         return H.reshape(shape)
 
     def momenta(
-        self, q: ArrayLike, v: ArrayLike, *, parameters: Mapping[str, Number],
+        self, q: ArrayLike, v: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
         t: Number | ArrayLike = 0.0,
     ) -> Array:
         """Return the momenta p = L_v(q, v, t) of velocities, of a system from its Lagrangian.
@@ -154,7 +156,7 @@ class Evaluation:
         return p.reshape(*shape, self.n)
 
     def velocities(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
         t: Number | ArrayLike = 0.0,
     ) -> Array:
         """Return the velocities v = H_p(q, p, t): the way back of ``momenta``, raising as it."""
@@ -170,7 +172,7 @@ class Evaluation:
                              "System.from_lagrangian makes one that knows them.")
 
     def quantities(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number],
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
         t: Number | ArrayLike = 0.0,
     ) -> dict[str, Array]:
         """Return each quantity of the system at states (q, p); leading axes are kept.
@@ -184,7 +186,8 @@ class Evaluation:
                 for i, name in enumerate(self.binding.quantity_names)}
 
     def defects(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
+        t: Number = 0.0
     ) -> tuple[Array, Array]:
         """Return g(q, t) and the constraint on the momenta (qᵀp for a body), m entries each.
 
@@ -195,7 +198,8 @@ class Evaluation:
         return g[0], f[0]
 
     def project(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
+        t: Number = 0.0
     ) -> tuple[Array, Array]:
         """Return the state moved onto the constraints: q/|q| and p without its part along q.
 
@@ -207,7 +211,8 @@ class Evaluation:
         return self._projected(*state, run)
 
     def consistent(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number], t: Number = 0.0
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
+        t: Number = 0.0
     ) -> Projection:
         """Return what ``project`` does, with a report of what was moved.
 

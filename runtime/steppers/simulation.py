@@ -13,15 +13,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import proposal
-from ...core.errors import InputError, StepFailed, Stopped
+from ...core.calls import explain_arguments
+from ...core.errors import AbsentError, InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import FrozenDict
 from ...core.interrupts import catch_ctrl_c
 from ...core.records import changed
 from ..bindings.array_checks import as_positive_count, as_real
@@ -226,6 +227,7 @@ class RecordingRun(AdvancingRun):
                              self.p.copy())
 
 
+@explain_arguments
 class Simulation:
     """A trajectory that its caller advances: ``Stepper.start`` makes it, ``advance`` takes steps.
 
@@ -345,8 +347,8 @@ class Simulation:
             Where the simulation was started without ``record=True``; while another thread uses it.
         """
         if not self._records:
-            raise InputError("This simulation keeps its last state alone; start it by "
-                             "step.start(..., record=True) for sim.trajectory.")
+            raise AbsentError("This simulation keeps its last state alone; start it by "
+                              "step.start(..., record=True) for sim.trajectory.")
         self._take()
         try:
             found = self._held.trajectory(self._stepper.manifest)
@@ -391,7 +393,7 @@ class Simulation:
             As ``integrate`` does; also where the state is off the constraints with the new ones.
             The simulation then keeps the old ones.
         """
-        return MappingProxyType(self._held.run.parameters)
+        return FrozenDict(self._held.run.parameters)
 
     @parameters.setter
     def parameters(self, parameters: Mapping[str, Number]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 import threading
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, as_mapping, choose, few
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event, as_events
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
+from ...core.progress import Progress, log_progress
 from ...core.records import changed
-from ..bindings.array_checks import as_callback, as_positive_count, as_real
+from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import SOLVERS, SolverName
 from ..bindings.inputs import Inputs, as_inputs
 from ..compilation.manifest import manifest_warnings
@@ -31,10 +34,12 @@ from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
 from ..integration.frame_following import follow_frame
+from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
     Origin,
     RunArguments,
     step_count,
+    warn_of_late_start,
     warn_of_negative,
 )
 from ..integration.step_loop import integrate
@@ -54,6 +59,7 @@ Array = NDArray[Any]
 _LONGEST = 300
 
 
+@explain_arguments
 class Stepper(Differentiation):
     """A stepper compiled from generated C.
 
@@ -135,7 +141,7 @@ class Stepper(Differentiation):
         p: ArrayLike,
         *,
         dt: Number,
-        parameters: Mapping[str, Any],
+        parameters: Mapping[str, Any] = NO_PARAMETERS,
         t0: Number = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
         solver: SolverName = "auto",
@@ -180,7 +186,7 @@ class Stepper(Differentiation):
         p0: ArrayLike,
         *,
         dt: Number,
-        parameters: Mapping[str, Any],
+        parameters: Mapping[str, Any] = NO_PARAMETERS,
         t0: Number = 0.0,
         solver: SolverName = "auto",
         tolerance: Number | None = None,
@@ -216,7 +222,7 @@ class Stepper(Differentiation):
         *,
         dt: Number | Literal["auto"],
         steps: int | None = None,
-        parameters: Mapping[str, Any],
+        parameters: Mapping[str, Any] = NO_PARAMETERS,
         t0: Number = 0.0,
         t_end: Number | None = None,
         round: bool = False,
@@ -227,7 +233,7 @@ class Stepper(Differentiation):
         solver: SolverName = "auto",
         tolerance: Number | None = None,
         max_iterations: int = 50,
-        progress: Callable[[int], None] | None = None,
+        progress: Progress = None,
         t_eval: ArrayLike | None = None,
         events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None,
@@ -283,8 +289,10 @@ class Stepper(Differentiation):
             Bound on the last increment relative to the state; by default down to round-off.
         max_iterations : int
             Iterations (of each kind) before a step counts as failed.
-        progress : callable, optional
-            Called now and then with the number of steps done.
+        progress : callable or bool, optional
+            A function is called now and then with the number of steps done. True shows the share
+            that is done, False does not; by default an interactive Python and a notebook show it
+            after a second.
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
             ``at``. They lie between t0 and t0 + steps dt, in any order.
@@ -321,10 +329,12 @@ class Stepper(Differentiation):
         # Pilots have measured the error of a step that they have found.
         warned = not run.steps or choice is not None or self.warned(run) or run.rows < 2
         asked = as_events(events, self.manifest["system"])
-        found = observed(self, run, asked, as_callback("progress", progress)).made_by(
-            self, Origin(run, asked))
+        with log_progress(f"integrating {self.name}", run.steps, progress) as report:
+            found = observed(self, run, asked, report).made_by(self, Origin(run, asked))
         if not warned:
             self.rotations.warn_of(found)
+            if found.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
+                warn_of_frequency(self.binding, run, self.order)
         if t_eval is not None:
             found = self.at(found, t_eval)
         return found if tangents is None else with_tangents(self, tangents, found)
@@ -336,7 +346,7 @@ class Stepper(Differentiation):
         *,
         dt: Number | ArrayLike,
         steps: int,
-        parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]],
+        parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] = NO_PARAMETERS,
         t0: Number | ArrayLike = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
         hold: int = 1,
@@ -437,7 +447,7 @@ class Stepper(Differentiation):
 
     def run_arguments(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-        parameters: Mapping[str, Any], t0: Number = 0.0, every: int = 1,
+        parameters: Mapping[str, Any] = NO_PARAMETERS, t0: Number = 0.0, every: int = 1,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
         solver: SolverName = "auto", tolerance: Number | None = None, max_iterations: int = 50,
     ) -> RunArguments:
@@ -497,6 +507,7 @@ class Stepper(Differentiation):
     def warned(self, run: RunArguments) -> bool:
         """Warn of γ below 0, and where a body turns too far in a step; return whether one does."""
         warn_of_negative(run.parameters)
+        warn_of_late_start(self.binding, run.t0, run.dt, run.steps)
         return self.rotations.warn(run.parameters, run.dt, run.q[None], run.p[None])
 
 

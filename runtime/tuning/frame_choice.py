@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_mapping, choose, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
 from ...core.interrupts import before_start
 from ...core.registry import AIMS
 from ...core.warnings import warn
@@ -44,7 +45,7 @@ def choose_frame(
     p: ArrayLike,
     *,
     dt: Number,
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, Any] = NO_PARAMETERS,
     bodies: Mapping[str, Sequence[float]] | None = None,
     steps: int = PILOT_STEPS,
     t0: Number = 0.0,

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_mapping, choose, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
 from ...core.interrupts import before_start
 from ...core.registry import AIMS, Aim
 from ..bindings.array_checks import as_positive_count
@@ -120,7 +121,7 @@ def choose_gamma(
     p: ArrayLike,
     *,
     dt: Number,
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, Any] = NO_PARAMETERS,
     bodies: Mapping[str, Sequence[float]] | None = None,
     aim: Aim | None = None,
     steps: int = PILOT_STEPS,

@@ -6,6 +6,6 @@
     archive         libraries for platforms, and the file that holds all
     slave           a loaded FMU, by ctypes
 
-core.h, fmi2.c and fmi3.c are the C beside them; fmi2*.h and fmi3*.h are the headers of the FMI
-project, under the 2-clause BSD licence that stands in each.
+core.h, fmi2.c and fmi3.c are the C beside them. fmi2.h and fmi3.h declare the types that
+co-simulation reads, and export.h refuses the functions that an FMU here does not offer.
 """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import uuid
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,7 +14,7 @@ from ...core.units import base_units
 from ..artefact import Options, parameter_fields
 from .variables import LEAST, Variable, unit_of
 
-__all__ = ["absent_functions", "build_description", "model_description", "model_header", "token"]
+__all__ = ["build_description", "model_description", "model_header", "token"]
 
 
 def token(manifest: Mapping[str, Any], variables: Sequence[Variable], version: int) -> str:
@@ -168,37 +167,3 @@ enum {{ N = {len(system["coordinates"])}, V = {velocities}, OBSERVED = {quantiti
 #define INITIAL {{ {starts}, \\
     .parameters = {{ {members} }} }}
 """
-
-
-_TYPE = re.compile(r"typedef\s+(\w+)\s+(fmi\d\w+)TYPE\s*\((.*?)\)\s*;", re.S)
-_COMMENT = re.compile(r"/\*.*?\*/", re.S)
-_VALUES = re.compile(r"ValueReference\s+\w+\[\]\s*,\s*size_t\s+(\w+)")
-
-
-def absent_functions(types: str, written: str) -> str:
-    """Return sources/absent.h: the functions of an interface that are not written.
-
-    Each refuses, but for one of no variables, which has nothing to refuse.
-
-    Parameters
-    ----------
-    types : str
-        The header that declares the type of each function.
-    written : str
-        The C that has the others.
-    """
-    lines = ["/* Generated: functions that this FMU does not offer. */"]
-    known = {*re.findall(r"\bfmi\d\w+", written)}
-    for result, function, text in _TYPE.findall(_COMMENT.sub("", types)):
-        if function in known:
-            continue
-        arguments = [" ".join(one.split()) for one in text.split(",")]
-        names = [re.sub(r"\[.*?\]", "", one).split()[-1].strip("*") for one in arguments]
-        unused = ", ".join(f"(void){one}" for one in names)
-        none = _VALUES.search(" ".join(text.split()))
-        refusal = f'refuse({names[0]}, "{function} is not offered by this FMU")'
-        answer = "NULL" if not result.endswith("Status") else refusal if none is None else \
-            f"{none[1]} == 0 ? {result[:4]}OK : {refusal}"
-        lines += [f"{result} {function}({', '.join(arguments)})",
-                  "{", f"    {unused};", f"    return {answer};", "}"]
-    return "\n".join(lines) + "\n"

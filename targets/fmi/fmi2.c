@@ -1,6 +1,7 @@
 /* A stepper as an FMU for co-simulation, FMI 2.0. */
 #include "core.h"
-#include "fmi2Functions.h"
+#include "export.h"
+#include "fmi2.h"
 
 typedef struct {
     model_t model;
@@ -40,17 +41,18 @@ static fmi2Status refuse(fmi2Component c, const char *text)
     const status_t status = (call); \
     return report(c, status, why)
 
-const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
-const char *fmi2GetVersion(void) { return fmi2Version; }
+EXPORT const char *FMI(GetTypesPlatform)(void) { return FMI2_PLATFORM; }
+EXPORT const char *FMI(GetVersion)(void) { return FMI2_VERSION; }
 
 /* Only sentences about a status are logged, and those always. */
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String names[])
+EXPORT fmi2Status FMI(SetDebugLogging)(fmi2Component c, fmi2Boolean on, size_t n,
+    const fmi2String names[])
 {
     (void)c, (void)on, (void)n, (void)names;
     return fmi2OK;
 }
 
-fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
+EXPORT fmi2Component FMI(Instantiate)(fmi2String name, fmi2Type type, fmi2String guid,
     fmi2String resources, const fmi2CallbackFunctions *calls, fmi2Boolean visible,
     fmi2Boolean logging)
 {
@@ -70,48 +72,52 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid,
     return i;
 }
 
-void fmi2FreeInstance(fmi2Component c) { free(c); }
+EXPORT void FMI(FreeInstance)(fmi2Component c) { free(c); }
 
-fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance,
-    fmi2Real start, fmi2Boolean has_stop, fmi2Real stop)
+EXPORT fmi2Status FMI(SetupExperiment)(fmi2Component c, fmi2Boolean has_tolerance,
+    fmi2Real tolerance, fmi2Real start, fmi2Boolean has_stop, fmi2Real stop)
 {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
     REPORT(c, core_set_up(MODEL(c), start, why));
 }
 
-fmi2Status fmi2EnterInitializationMode(fmi2Component c)
+EXPORT fmi2Status FMI(EnterInitializationMode)(fmi2Component c)
 {
     REPORT(c, core_enter(MODEL(c), MODEL(c)->time, why));
 }
 
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { REPORT(c, core_exit(MODEL(c), why)); }
-fmi2Status fmi2Terminate(fmi2Component c) { REPORT(c, core_terminate(MODEL(c), why)); }
+EXPORT fmi2Status FMI(ExitInitializationMode)(fmi2Component c)
+{
+    REPORT(c, core_exit(MODEL(c), why));
+}
+EXPORT fmi2Status FMI(Terminate)(fmi2Component c) { REPORT(c, core_terminate(MODEL(c), why)); }
 
-fmi2Status fmi2Reset(fmi2Component c)
+EXPORT fmi2Status FMI(Reset)(fmi2Component c)
 {
     *MODEL(c) = initial;
     return fmi2OK;
 }
 
-fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Real values[])
+EXPORT fmi2Status FMI(GetReal)(fmi2Component c, const fmi2ValueReference r[], size_t n,
+    fmi2Real values[])
 {
     REPORT(c, core_get(MODEL(c), r, n, values, why));
 }
 
-fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n,
+EXPORT fmi2Status FMI(SetReal)(fmi2Component c, const fmi2ValueReference r[], size_t n,
     const fmi2Real values[])
 {
     REPORT(c, core_set(MODEL(c), r, n, values, why));
 }
 
-fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real H, fmi2Boolean no_way_back)
+EXPORT fmi2Status FMI(DoStep)(fmi2Component c, fmi2Real t, fmi2Real H, fmi2Boolean no_way_back)
 {
     (void)no_way_back;
     REPORT(c, core_step(MODEL(c), t, H, why));
 }
 
 /* After a step that was discarded: the model is where it was. */
-fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
+EXPORT fmi2Status FMI(GetRealStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
 {
     if (kind != fmi2LastSuccessfulTime)
         return refuse(c, "the one status that is a real number is fmi2LastSuccessfulTime");
@@ -119,25 +125,26 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
     return fmi2OK;
 }
 
-fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
+EXPORT fmi2Status FMI(GetBooleanStatus)(fmi2Component c, const fmi2StatusKind kind,
+    fmi2Boolean *value)
 {
     if (kind != fmi2Terminated)
         return refuse(c, "the one status that is a boolean is fmi2Terminated");
-    *value = fmi2False;
+    *value = 0;
     return fmi2OK;
 }
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+EXPORT fmi2Status FMI(GetFMUstate)(fmi2Component c, fmi2FMUstate *state)
 {
     REPORT(c, core_keep(MODEL(c), state, why));
 }
 
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+EXPORT fmi2Status FMI(SetFMUstate)(fmi2Component c, fmi2FMUstate state)
 {
     REPORT(c, core_restore(MODEL(c), state, why));
 }
 
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+EXPORT fmi2Status FMI(FreeFMUstate)(fmi2Component c, fmi2FMUstate *state)
 {
     (void)c;
     free(*state);
@@ -145,22 +152,31 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
     return fmi2OK;
 }
 
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+EXPORT fmi2Status FMI(SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
     (void)c, (void)state;
     *size = STATE_BYTES;
     return fmi2OK;
 }
 
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+EXPORT fmi2Status FMI(SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[],
+    size_t size)
 {
     REPORT(c, core_write(state, (unsigned char *)bytes, size, why));
 }
 
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
+EXPORT fmi2Status FMI(DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size,
     fmi2FMUstate *state)
 {
     REPORT(c, core_read((const unsigned char *)bytes, size, state, why));
 }
 
-#include "absent.h" /* generated: the other functions of the interface, which return fmi2Error */
+/* The rest of the interface. */
+ABSENT_OF_VARIABLES(GetInteger) ABSENT_OF_VARIABLES(GetBoolean) ABSENT_OF_VARIABLES(GetString)
+ABSENT_OF_VARIABLES(SetInteger) ABSENT_OF_VARIABLES(SetBoolean) ABSENT_OF_VARIABLES(SetString)
+ABSENT_OF_VARIABLES(GetDirectionalDerivative) ABSENT_OF_VARIABLES(SetRealInputDerivatives)
+ABSENT_OF_VARIABLES(GetRealOutputDerivatives)
+ABSENT(EnterEventMode) ABSENT(NewDiscreteStates) ABSENT(EnterContinuousTimeMode)
+ABSENT(CompletedIntegratorStep) ABSENT(SetTime) ABSENT(SetContinuousStates) ABSENT(GetDerivatives)
+ABSENT(GetEventIndicators) ABSENT(GetContinuousStates) ABSENT(GetNominalsOfContinuousStates)
+ABSENT(CancelStep) ABSENT(GetStatus) ABSENT(GetIntegerStatus) ABSENT(GetStringStatus)

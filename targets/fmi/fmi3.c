@@ -1,6 +1,7 @@
 /* A stepper as an FMU for co-simulation, FMI 3.0: no event mode, no clocks, no early return. */
 #include "core.h"
-#include "fmi3Functions.h"
+#include "export.h"
+#include "fmi3.h"
 
 typedef struct {
     model_t model;
@@ -33,16 +34,18 @@ static fmi3Status refuse(fmi3Instance c, const char *text)
     const status_t status = (call); \
     return report(c, status, why)
 
-const char *fmi3GetVersion(void) { return fmi3Version; }
+EXPORT const char *FMI(GetVersion)(void) { return FMI3_VERSION; }
 
 /* Only sentences about a status are logged, and those always. */
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String names[])
+EXPORT fmi3Status FMI(SetDebugLogging)(fmi3Instance c, fmi3Boolean on, size_t n,
+    const fmi3String names[])
 {
     (void)c, (void)on, (void)n, (void)names;
     return fmi3OK;
 }
 
-fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources,
+EXPORT fmi3Instance FMI(InstantiateCoSimulation)(fmi3String name, fmi3String token,
+    fmi3String resources,
     fmi3Boolean visible, fmi3Boolean logging, fmi3Boolean events, fmi3Boolean early,
     const fmi3ValueReference required[], size_t n, fmi3InstanceEnvironment environment,
     fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
@@ -65,25 +68,28 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     return i;
 }
 
-void fmi3FreeInstance(fmi3Instance c) { free(c); }
+EXPORT void FMI(FreeInstance)(fmi3Instance c) { free(c); }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance,
+EXPORT fmi3Status FMI(EnterInitializationMode)(fmi3Instance c, fmi3Boolean has_tolerance,
     fmi3Float64 tolerance, fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop)
 {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
     REPORT(c, core_enter(MODEL(c), start, why));
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { REPORT(c, core_exit(MODEL(c), why)); }
-fmi3Status fmi3Terminate(fmi3Instance c) { REPORT(c, core_terminate(MODEL(c), why)); }
+EXPORT fmi3Status FMI(ExitInitializationMode)(fmi3Instance c)
+{
+    REPORT(c, core_exit(MODEL(c), why));
+}
+EXPORT fmi3Status FMI(Terminate)(fmi3Instance c) { REPORT(c, core_terminate(MODEL(c), why)); }
 
-fmi3Status fmi3Reset(fmi3Instance c)
+EXPORT fmi3Status FMI(Reset)(fmi3Instance c)
 {
     *MODEL(c) = initial;
     return fmi3OK;
 }
 
-fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n,
+EXPORT fmi3Status FMI(GetFloat64)(fmi3Instance c, const fmi3ValueReference r[], size_t n,
     fmi3Float64 values[], size_t count)
 {
     if (count != n)
@@ -91,7 +97,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n
     REPORT(c, core_get(MODEL(c), r, n, values, why));
 }
 
-fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n,
+EXPORT fmi3Status FMI(SetFloat64)(fmi3Instance c, const fmi3ValueReference r[], size_t n,
     const fmi3Float64 values[], size_t count)
 {
     if (count != n)
@@ -99,28 +105,28 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n
     REPORT(c, core_set(MODEL(c), r, n, values, why));
 }
 
-fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 H, fmi3Boolean no_way_back,
+EXPORT fmi3Status FMI(DoStep)(fmi3Instance c, fmi3Float64 t, fmi3Float64 H, fmi3Boolean no_way_back,
     fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
     (void)no_way_back;
     reason_t reason = { "" };
     const status_t status = core_step(MODEL(c), t, H, &reason);
-    *event = *terminate = *early = fmi3False;
+    *event = *terminate = *early = false;
     *last = MODEL(c)->time;
     return report(c, status, &reason);
 }
 
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
+EXPORT fmi3Status FMI(GetFMUState)(fmi3Instance c, fmi3FMUState *state)
 {
     REPORT(c, core_keep(MODEL(c), state, why));
 }
 
-fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
+EXPORT fmi3Status FMI(SetFMUState)(fmi3Instance c, fmi3FMUState state)
 {
     REPORT(c, core_restore(MODEL(c), state, why));
 }
 
-fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
+EXPORT fmi3Status FMI(FreeFMUState)(fmi3Instance c, fmi3FMUState *state)
 {
     (void)c;
     free(*state);
@@ -128,22 +134,39 @@ fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
+EXPORT fmi3Status FMI(SerializedFMUStateSize)(fmi3Instance c, fmi3FMUState state, size_t *size)
 {
     (void)c, (void)state;
     *size = STATE_BYTES;
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
+EXPORT fmi3Status FMI(SerializeFMUState)(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[],
+    size_t size)
 {
     REPORT(c, core_write(state, bytes, size, why));
 }
 
-fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size,
+EXPORT fmi3Status FMI(DeserializeFMUState)(fmi3Instance c, const fmi3Byte bytes[], size_t size,
     fmi3FMUState *state)
 {
     REPORT(c, core_read(bytes, size, state, why));
 }
 
-#include "absent.h" /* generated: the other functions of the interface, which return fmi3Error */
+/* The rest of the interface. */
+ABSENT_INSTANCE(InstantiateModelExchange) ABSENT_INSTANCE(InstantiateScheduledExecution)
+#define ABSENT_TYPE(type) \
+    ABSENT_OF_VARIABLES(Get##type) ABSENT_OF_VARIABLES(Set##type)
+ABSENT_TYPE(Float32) ABSENT_TYPE(Int8) ABSENT_TYPE(UInt8) ABSENT_TYPE(Int16) ABSENT_TYPE(UInt16)
+ABSENT_TYPE(Int32) ABSENT_TYPE(UInt32) ABSENT_TYPE(Int64) ABSENT_TYPE(UInt64) ABSENT_TYPE(Boolean)
+ABSENT_TYPE(String) ABSENT_TYPE(Binary) ABSENT_TYPE(Clock) ABSENT_TYPE(IntervalDecimal)
+ABSENT_TYPE(IntervalFraction) ABSENT_TYPE(ShiftDecimal) ABSENT_TYPE(ShiftFraction)
+ABSENT_OF_VARIABLES(GetDirectionalDerivative) ABSENT_OF_VARIABLES(GetAdjointDerivative)
+ABSENT_OF_VARIABLES(GetOutputDerivatives)
+ABSENT(GetNumberOfVariableDependencies) ABSENT(GetVariableDependencies)
+ABSENT(EnterConfigurationMode) ABSENT(ExitConfigurationMode) ABSENT(EnterEventMode)
+ABSENT(EvaluateDiscreteStates) ABSENT(UpdateDiscreteStates) ABSENT(EnterStepMode)
+ABSENT(EnterContinuousTimeMode) ABSENT(CompletedIntegratorStep) ABSENT(SetTime)
+ABSENT(SetContinuousStates) ABSENT(GetContinuousStates) ABSENT(GetContinuousStateDerivatives)
+ABSENT(GetNominalsOfContinuousStates) ABSENT(GetEventIndicators) ABSENT(GetNumberOfEventIndicators)
+ABSENT(GetNumberOfContinuousStates) ABSENT(ActivateModelPartition)

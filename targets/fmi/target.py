@@ -14,7 +14,6 @@ from ..artefact import MARKER, Built, Options, refuse_names
 from ..native import native_bits
 from .archive import compile_fmu, library_of
 from .description import (
-    absent_functions,
     build_description,
     model_description,
     model_header,
@@ -26,9 +25,6 @@ from .variables import variables_of
 __all__ = ["Fmu"]
 
 _HERE = Path(__file__).parent
-#: Of the FMI project, under the licence in each of them.
-_HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
-            3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")}
 #: Without arguments, of model.h and of what core.h includes beyond <float.h> and <math.h>.
 _MACROS = frozenset([
     "GUID", "VARIABLES", "INITIAL", "EOF", "BUFSIZ", "FILENAME_MAX", "FOPEN_MAX", "TMP_MAX",
@@ -61,11 +57,10 @@ class Fmu:
         version, name = self.version, manifest["name"]
         variables = variables_of(manifest, options)
         own = {file: (_HERE / file).read_text(encoding="utf-8")
-               for file in ("core.h", f"fmi{version}.c", *_HEADERS[version])}
+               for file in ("core.h", "export.h", f"fmi{version}.h", f"fmi{version}.c")}
         code = {
             **{file: sources[file] for file in (f"{name}.c", f"{name}.h")}, **own,
             "model.h": model_header(manifest, options, variables, version),
-            "absent.h": absent_functions(own[_HEADERS[version][1]], own[f"fmi{version}.c"]),
             **({"buildDescription.xml": build_description(name)} if version == 3 else {}),
         }
         return {

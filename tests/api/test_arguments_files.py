@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, RUN, TOP, equal, refused
 
 
@@ -30,12 +31,12 @@ def test_saved_is_loaded_bit_for_bit(saved):
     assert [p.name for p in path.parent.iterdir()] == ["top.npz"]
 
 
-@pytest.mark.parametrize("real", ["float", "long-double"])
+@pytest.mark.parametrize("real", ["long-double"])
 def test_other_types_are_saved_too(real, tmp_path):
-    step = gs.stepper("IMS", real=real)
+    step = systems.stepper("heavy_top", real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     made = step.integrate(q, p, steps=5, **RUN)
-    again = gs.Trajectory.load(made.save(tmp_path / "top"))
+    again = gs.Trajectory.load(made.save(tmp_path / "top.npz"))
     assert equal(made, again)
     assert again.q.dtype == made.q.dtype == step.binding.dtype
 
@@ -49,11 +50,12 @@ def test_failed_trajectory_is_saved_too(failures, tmp_path):
 def test_names_of_files(saved, tmp_path, monkeypatch):
     made, _ = saved
     monkeypatch.chdir(tmp_path)
-    for bad in ("a.b", "a.xlsx", "top.npz.zip"):
+    for bad in ("a.b", "a.xlsx", "top.npz.zip", "c", tmp_path / "c"):
         with refused(r"\.npz, \.csv, \.nc"):
             made.save(bad)
     assert made.save("a.NPZ") == Path("a.NPZ")
-    assert made.save(str(tmp_path / "c")) == tmp_path / "c.npz"
+    assert not (tmp_path / "c.npz").exists()
+    assert made.save(str(tmp_path / "c.npz")) == tmp_path / "c.npz"
     for bad in ("", ".", "/"):
         with refused("file name"):
             made.save(bad)
@@ -83,7 +85,7 @@ def test_damaged_files_are_refused(saved, tmp_path):
         bad.write_bytes(good[:size])
         with refused("bad.npz"):
             gs.Trajectory.load(bad)
-    for _ in range(300):
+    for _ in range(60):
         content = bytearray(good)
         for place in rng.integers(0, len(good), rng.integers(1, 4)):
             content[place] ^= int(rng.integers(1, 256))
@@ -171,7 +173,7 @@ def test_file_of_another_version(saved, tmp_path):
 @pytest.mark.parametrize("name", ["run.npz", "run.csv", "run.nc", "run.png", "run.html"])
 def test_a_missing_folder_is_named(name, tmp_path):
     """With the way to make it; nothing is made."""
-    run = gs.stepper("IMS").integrate(TOP.q0, TOP.p0, steps=2, **RUN)
+    run = systems.stepper("heavy_top").integrate(TOP.q0, TOP.p0, steps=2, **RUN)
     write = {".png": run.plot, ".html": run.view}.get(Path(name).suffix, run.save)
     with pytest.raises(gs.GyrosparkError, match="mkdir"):
         write(tmp_path / "no" / "such" / name)
@@ -180,7 +182,7 @@ def test_a_missing_folder_is_named(name, tmp_path):
 
 def test_messages_say_the_way(gyrospark):
     """Rows of starts, a parameter of 0, an example from elsewhere, a mass of a named model."""
-    step = gs.stepper("IMS")
+    step = systems.stepper("heavy_top")
     for rows in (np.tile(TOP.q0, (3, 1)), [TOP.q0.tolist()] * 3):
         with pytest.raises(gs.InputError, match="integrate_ensemble"):
             step.integrate(rows, rows, steps=1, **RUN)

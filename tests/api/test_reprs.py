@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
+import json
+import pickle
 import re
 
 import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, RUN, TOP
 from gyrospark.certificates.verification import verify_stepper
 from gyrospark.generator.spec import Spec
+from gyrospark.generator.systems.system_digest import system_digest
 from gyrospark.runtime.steppers.run_defaults import RunDefaults
+from processes import python
 
 
 def built():
@@ -35,10 +41,10 @@ def small_system():
 def shown(gl3, tmp_path_factory):
     """Objects of every public class, and of those that their attributes and calls return."""
     run = gl3.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
-    chain, tableau = gs.models.chain(10), gs.tableau("G-L", stages=3)
+    chain, tableau = gs.models.chain(3), gs.tableau("G-L", stages=3)
     choice = gs.choose_gamma(gl3, TOP.q0, TOP.p0, dt=1e-3, parameters=TOP.parameters, steps=20,
                              bodies={"gamma": TOP.inertia})
-    framed = gs.stepper("G-L", 2, frame="symmetries")
+    framed = systems.stepper("heavy_top_in_frame")
     frame = gs.choose_frame(framed, TOP.q0, TOP.p0, dt=1e-2, parameters=RUN["parameters"], steps=8)
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
     dip = gs.Event("q1", level=0.2)
@@ -46,9 +52,6 @@ def shown(gl3, tmp_path_factory):
     swung = gl3.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
     many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
     moved = gl3.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(), **RUN)
-    x, y, m = sp.symbols("x y m", positive=True)
-    pendulum = gs.stepper("G-L", 2, system=gs.System((x,), (y,), (m,), y**2 / 2 - 9.81 * sp.cos(x),
-                                                     name="swing"))
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
         framed, frame, *framed.symmetries,
@@ -62,7 +65,8 @@ def shown(gl3, tmp_path_factory):
         moved, moved.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
         gs.lyapunov(gl3, TOP.q0, TOP.p0, steps=40, every=20, **RUN),
         gs.fit(gl3, run.t[::100], run.q[::100], q=TOP.q0, p=TOP.p0, free=["I1"], **RUN),
-        gs.periodic_orbit(pendulum, [0.3], [0.0], dt=2.05 / 40, steps=40, parameters={"m": 1.0}),
+        gs.periodic_orbit(systems.stepper("oscillator"), [0.3], [0.0], dt=3.1 / 40, steps=40,
+                          parameters={"k": 4.0}, fix="x"),
         gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, swung.events["q1"], gs.cite(gl3),
         gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
         gs.build("cpp", "fast-top", scheme="EMS", dt=1e-3, out=out.parent / "cpp"),
@@ -82,6 +86,51 @@ def test_reprs_are_short_and_say_what_it_is(shown):
         assert text.count("\n") < 3
         assert name in text
         assert not re.search(r"\bat 0x|object at", text), text
+
+
+def test_every_object_is_pickled_and_copied(shown):
+    for thing in shown:
+        for other in (copy.copy(thing), copy.deepcopy(thing), pickle.loads(pickle.dumps(thing))):
+            assert type(other) is type(thing)
+            assert repr(other) == repr(thing)
+
+
+def test_a_spawned_process_gets_every_object(shown, tmp_path):
+    (tmp_path / "objects").write_bytes(pickle.dumps(shown))
+    read = python("import pathlib, pickle\n"
+                  "for thing in pickle.loads(pathlib.Path('objects').read_bytes()):\n"
+                  "    print(type(thing).__name__)", cwd=tmp_path)
+    assert read.split() == [type(thing).__name__ for thing in shown]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_every_attribute_is_there_or_absent(shown):
+    """hasattr and inspect.getmembers take an AttributeError, and no other error."""
+    for thing in shown:
+        if not isinstance(thing, gs.System) or thing.n < 10:  # it derives what it is asked for
+            assert inspect.getmembers(thing)
+    (simulation,) = (thing for thing in shown if isinstance(thing, gs.Simulation))
+    assert not hasattr(simulation, "trajectory")
+    with pytest.raises(gs.InputError, match="record"):
+        _ = simulation.trajectory
+
+
+def test_a_model_and_its_system_are_the_same_in_another_process(shown):
+    model = gs.models.double_pendulum()
+    other = pickle.loads(pickle.dumps(model))
+    assert "_make" not in vars(other)
+    assert system_digest(other.system) == system_digest(model.system)
+    assert other.parameters == model.parameters
+    assert json.loads(json.dumps(model.parameters)) == dict(model.parameters)
+    with pytest.raises(TypeError, match="dict"):
+        other.parameters["g"] = 3.0
+
+
+def test_errors_are_pickled_with_what_they_carry():
+    for error in (gs.Stopped("Stopped at step 3 of 5.", 2, dataset="the cells"),
+                  gs.CompilerError("failed", command=["cc"], stderr="why")):
+        other = pickle.loads(pickle.dumps(error))
+        assert (str(other), vars(other)) == (str(error), vars(error))
 
 
 @pytest.mark.parametrize(("find", "text"), [

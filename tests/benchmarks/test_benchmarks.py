@@ -11,8 +11,6 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.benchmarks import (
-    batches,
-    contest,
     drift,
     ensembles,
     events,
@@ -30,10 +28,10 @@ from gyrospark.benchmarks import (
     tops,
 )
 from gyrospark.benchmarks.contest import ContestRow, Limits, compete, judged, with_ratios
-from gyrospark.benchmarks.peers import exudyn_bodies, mujoco_bodies, optional, ours, pydy_bodies
+from gyrospark.benchmarks.peers import optional, ours
 from gyrospark.benchmarks.peers.entry import PeerEntry
 from gyrospark.commands import main
-from gyrospark.commands.bench import PRINT, _print_accuracies
+from gyrospark.commands.bench import _print_accuracies
 from gyrospark.core.extras import install
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from gyrospark.sweeps.run_sweep import run_study
@@ -82,15 +80,6 @@ def test_times_are_the_clocks():
 
 
 # ---------------------------------------------------------------- reference
-
-
-def test_reference_is_where_a_precise_run_ends():
-    """By another method than the one that made it; 1 s of all eight tops."""
-    step = gs.stepper("G-L", stages=4, rep="gamma")
-    starts = tops.tops(8)
-    ends = [step.integrate(top.q, top.p, dt=1e-3, steps=1000, every=1000,
-                           parameters=tops.parameters()).q[-1] for top in starts]
-    assert reference_states.distance(np.array(ends), 1).max() < 1e-14
 
 
 def test_reference_knows_its_times():
@@ -173,15 +162,7 @@ def test_ratios_are_over_the_base():
     assert [row.ratio for row in with_ratios(rows[1:2])] == [None]
 
 
-def test_every_peer_has_entries():
-    for name in peers.PEERS:
-        found = peers.entries([name])
-        assert found, name
-        assert all(e.peer == name for e in found)
-        assert len({e.name for e in found}) == len(found)
-        assert peers.entries([name], quick=True), name
-
-
+@pytest.mark.slow  # other programs, which few machines have
 @pytest.mark.parametrize("name", sorted(set(peers.PEERS) - {"gyrospark"}))
 def test_quick_peers_arrive(name):
     """Each peer that is installed goes where the reference is; the others say what is missing."""
@@ -193,11 +174,6 @@ def test_quick_peers_arrive(name):
     exact = ours.prepare(ours.Method("G-L", 3, 1e-3), "newton")(0.1)
     assert np.linalg.norm(tops.axis(end.q) - tops.axis(exact.q)) < 1e-3
     np.testing.assert_allclose(end.omega, exact.omega, atol=0.2)
-
-
-def test_an_unknown_solver_is_a_row():
-    with pytest.raises(optional.Unavailable, match="not available"):
-        ours.prepare(ours.Method("G-L", 2, 1e-3), "clairvoyance")
 
 
 # ---------------------------------------------------------------- steps, ensembles, drift
@@ -212,11 +188,6 @@ def test_solvers_of_a_step_agree():
     assert cell.ratio["auto"] == pytest.approx(cell.ns["newton"] / cell.ns["auto"])
 
 
-def test_every_variant_has_a_problem():
-    for variant in steps.variants():
-        assert variant.problem().q0.shape == (4,)
-
-
 def test_ensembles_report_the_worst():
     found = [e for e in ensembles.ensemble_entries(8) if e.name == "gyrospark G-L s=4 Δt=0.01, "
              "1 worker"]
@@ -224,15 +195,6 @@ def test_ensembles_report_the_worst():
     assert row.trajectories == 8
     assert 1e-12 < row.row.error < 1e-7
     assert row.wall_us_per_second is not None
-
-
-def test_batches_arrive():
-    """heyoka's lanes, each against the reference of its own top."""
-    found = [e for e in ensembles.ensemble_entries(8, quick=True) if e.peer == "heyoka"]
-    row, _ = judged(found[0], Limits(t_end=1.0))
-    if row.note:
-        pytest.skip(row.note)
-    assert row.error < 1e-14
 
 
 def test_drift_goes_through_the_decades(tmp_path):
@@ -245,14 +207,6 @@ def test_drift_goes_through_the_decades(tmp_path):
     stopped, = drift.follow([entry("still", still)], Limits(t_end=10.0, most=0.0))
     assert stopped.points == ()
     assert "its end" in stopped.note
-
-
-def test_contest_says_what_it_does():
-    said = []
-    compete([entry("still", still)], SHORT, said.append)
-    assert len(said) == 2
-    assert "still" in said[0]
-    assert contest.ContestRow("a", "1", "b", 1.0).as_dict()["setting"] == "b"
 
 
 def test_a_line_joins_what_nothing_beats():
@@ -278,6 +232,7 @@ def quick_builds(monkeypatch):
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
 
 
+@pytest.mark.slow  # derives and compiles two chains
 @pytest.mark.usefixtures("quick_builds")
 def test_chains_grow(tmp_path):
     said = []
@@ -291,25 +246,6 @@ def test_chains_grow(tmp_path):
     assert min(two.model_s, two.generate_s, two.compile_s) > 0
     assert max(two.constraint_max, two.momentum_constraint_max) < 1e-14
     assert drawn(pictures.draw_growth, [one, two], tmp_path)
-
-
-@pytest.mark.usefixtures("quick_builds")
-def test_scales_have_costs_and_slopes(tmp_path, monkeypatch):
-    """Every axis; a size that the disk has no room for is left out, and said to be."""
-    said: list[str] = []
-    sizes = {"bodies": (), "stages": (2,), "trajectories": (10, 20), "numbers": (10**3, 10**30)}
-    rows = scaling.compare_scales(sizes, 1, 1e-4, said.append, tmp_path)
-    assert [(row.axis, row.size) for row in rows] == [
-        ("stages", 2), ("trajectories", 10), ("trajectories", 20), ("numbers", 10**3),
-        ("numbers", 10**30)]
-    assert all(value > 0 for row in rows for value in row.costs.values())
-    assert not rows[-1].costs
-    assert "free" in rows[-1].note
-    assert not list(tmp_path.iterdir())
-    assert scaling.slopes(rows, "trajectories")["memory"] > 0
-    text = scaling.page(rows, "a machine", " --quick")
-    assert text.count("| slope |") == 3
-    assert "bench scale --quick" in text
 
 
 def test_a_slope_is_that_of_the_logarithms():
@@ -344,41 +280,7 @@ def test_linkages_are_held_where_both_bodies_are(linkage):
         np.testing.assert_allclose(a, b, atol=1e-13)
 
 
-def beside(peer: str, linkage: peer_linkages.Linkage) -> list[joined_bodies.BodyRow]:
-    """Rows of a quick run of one program; skips the test without that program."""
-    rows = joined_bodies.compare_bodies([linkage], [peer], 1, 1e-4, quick=True)
-    if rows[0].note.startswith("not installed"):
-        pytest.skip(rows[0].note)
-    assert rows[0].reference_error < 1e-14
-    assert all(row.seconds and not row.note for row in rows)
-    return rows
-
-
-@pytest.mark.usefixtures("quick_builds")
-def test_exudyn_goes_where_we_go():
-    """As its step goes to 0 it ends at our reference: another program, another formulation."""
-    coarse, fine = beside("exudyn", peer_linkages.chain_of(2))
-    assert fine.error < coarse.error / 3.5  # second order
-    assert fine.limit < 1e-6
-
-
-@pytest.mark.usefixtures("quick_builds")
-def test_mujoco_goes_where_we_go():
-    """The chain at once; the loop, held by a soft constraint, by a second order."""
-    row, = beside("mujoco", peer_linkages.chain_of(2))  # no smaller step is needed
-    assert row.error < 1e-6
-    coarse, fine = beside("mujoco", peer_linkages.closed_loop())
-    assert fine.error < coarse.error / 3.5
-    assert fine.limit < fine.error / 4  # of the next order
-
-
-@pytest.mark.usefixtures("quick_builds")
-def test_pydy_goes_where_we_go():
-    row, = beside("pydy", peer_linkages.chain_of(2))
-    assert row.error < 1e-7
-    assert row.us_per_step is None  # its steps are of any length
-
-
+@pytest.mark.slow  # two runs of each step
 @pytest.mark.usefixtures("quick_builds")
 def test_ours_arrives_on_bodies(tmp_path):
     rows = joined_bodies.compare_bodies([peer_linkages.chain_of(2)], ["gyrospark"], 1, 1e-4,
@@ -389,60 +291,6 @@ def test_ours_arrives_on_bodies(tmp_path):
     assert joined_bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error) == rows[1]
     assert joined_bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error / 2) is None
     assert drawn(pictures.draw_bodies, rows, tmp_path)
-
-
-@pytest.mark.usefixtures("quick_builds")
-def test_batches_of_bodies_are_compared_with_one_alone(capsys):
-    """The same motions, from the lanes and without; the first start is the model's own."""
-    linkage, said = peer_linkages.chain_of(2), []
-    row, = batches.compare_batches([linkage], 3, quick=True, watch=said.append)
-    assert len(said) == 1
-    assert "G-L s=2" in said[0]
-    assert not row.failed
-    assert row.ratio == pytest.approx(row.us_batch / row.us_alone, rel=0.5)
-    assert row.difference < 1e-14  # 50 steps of round-off
-    assert row.constraint_max < 4 * 2.0**-52
-    assert row.newton_steps == 0
-    assert row.sweeps == pytest.approx(row.sweeps_alone, rel=0.1)
-    step = gs.stepper("G-L", 2, system=linkage.model)
-    q, _ = batches.starts(linkage, step, 2)
-    np.testing.assert_allclose(q[0], linkage.model.q0, atol=1e-15)
-    assert np.abs(q[1] - q[0]).max() > 1e-3
-    PRINT["batches"]([row])
-    assert "chain of 2" in capsys.readouterr().out
-
-
-@pytest.mark.usefixtures("quick_builds")
-@pytest.mark.parametrize("module", [exudyn_bodies, mujoco_bodies, pydy_bodies],
-                         ids=lambda module: module.PACKAGE)
-def test_bodies_without_a_program_are_a_row(monkeypatch, module):
-    def missing(name, package=None):
-        raise optional.Unavailable(f"not installed (pip install {module.PACKAGE})")
-
-    monkeypatch.setattr(module, "need", missing)
-    row, = joined_bodies.compare_bodies([peer_linkages.chain_of(1)], [module.PACKAGE], 1, 1e-4,
-                                        quick=True)
-    assert f"pip install {module.PACKAGE})" in row.note
-    assert not row.failed
-
-
-@pytest.mark.usefixtures("quick_builds")
-def test_bodies_that_a_program_cannot_build_are_a_row(monkeypatch):
-    def broken(linkage):
-        raise RuntimeError("Failed to compile")
-
-    monkeypatch.setattr(pydy_bodies, "PydyBodies", broken)
-    row, = joined_bodies.compare_bodies([peer_linkages.chain_of(1)], ["pydy"], 1, 1e-4, quick=True)
-    assert row.failed
-    assert "Failed" in row.note
-
-
-@pytest.mark.usefixtures("quick_builds")
-def test_pydy_says_what_it_is_not_derived_for():
-    row, = joined_bodies.compare_bodies([peer_linkages.closed_loop()], ["pydy"], 1, 1e-4,
-                                        quick=True)
-    assert "loop" in row.note
-    assert not row.failed
 
 
 # ---------------------------------------------------------------- stores
@@ -471,29 +319,13 @@ def test_what_storing_adds_is_that_of_a_round():
 # ---------------------------------------------------------------- sweeps
 
 
-@pytest.mark.parametrize("every", [None, 5])
-def test_the_kernel_does_what_the_sweep_does(every):
+def test_the_kernel_does_what_the_sweep_does():
     """Otherwise shares mean nothing: the same bits from the bare kernel, in another order."""
-    study = sweeping.study_of(sweeping.SweepCase("steps", 9, 20, every), "G-L 2")
+    study = sweeping.study_of(sweeping.SweepCase("steps", 9, 20, 5), "G-L 2")
     q, p = sweeping.kernel_job(study, 2)()
     result = run_study(study)
     assert np.array_equal(q.reshape(9, 9, 4), result.q)
     assert np.array_equal(p.reshape(9, 9, 4), result.p)
-
-
-def test_sweeps_are_rows(tmp_path):
-    said = []
-    case = sweeping.SweepCase("samples", 8, 10, 5, 1)
-    row, = sweeping.compare_sweeps([case], ["EMS"], 2, said.append)
-    assert len(said) == 1
-    assert all(word in said[0] for word in ("EMS", "8²", "10", "samples"))
-    assert (row.cells, row.work, row.failed) == (64, 640, False)
-    assert row.wall.keys() == row.cpu.keys() == set(sweeping.WAYS)
-    assert all(len(times) == 2 for times in row.wall.values())
-    assert row.bytes_per_cell > 8 * (11 + 8 + 3 * 8)  # numbers, ends, and three stored states
-    assert row.files > 16
-    assert row.as_dict()["share"]["kernel"] == 1
-    assert drawn(pictures.draw_sweeps, [row], tmp_path)
 
 
 def test_shares_are_those_of_a_round():
@@ -502,17 +334,6 @@ def test_shares_are_those_of_a_round():
     assert row.share("store") == 0.8
     assert row.ns("store") == 2.5e8
     assert row.share("memory") is None
-
-
-def test_a_cluster_that_is_not_installed_is_a_row(monkeypatch):
-    def missing(module, package=None):
-        raise optional.Unavailable("not installed (pip install distributed)")
-
-    monkeypatch.setattr(sweeping, "need", missing)
-    row, = sweeping.compare_sweeps([sweeping.SweepCase("dask", 4, 5)], ["EMS"], 1)
-    assert row.note.startswith("distributed: ")
-    assert "pip install distributed)" in row.note
-    assert not row.failed
 
 
 # ---------------------------------------------------------------- the command
@@ -534,13 +355,6 @@ def bench(monkeypatch, capsys, tmp_path):
     return caller
 
 
-def test_a_peer_of_bodies_alone_has_no_top(bench):
-    code, out, _ = bench("peers", "--quick", "--peers", "pydy", "--base", "DOP853")
-    assert code == 0
-    assert out.count("\n") == 1
-    assert "joints" in out
-
-
 def test_each_program_of_bodies_has_a_column(capsys):
     """The cheapest that is exact enough, and its cost over that of the first program."""
     rows = [joined_bodies.BodyRow("chain", peer, "1", "x", 1e-3, seconds=seconds, error=error)
@@ -556,31 +370,7 @@ def test_each_program_of_bodies_has_a_column(capsys):
     assert [line[3] for line in lines if "1e-06" in line] == ["–"]
 
 
-def test_events_of_other_programs(monkeypatch):
-    """Each program finds them where they are; one that is missing says so in its row."""
-    monkeypatch.setitem(sys.modules, "heyoka", None)
-    peers_ = ["gyrospark", "heyoka"] + ["scipy"] * bool(importlib.util.find_spec("scipy"))
-    rows = events.compare_events([events.Pendulum(6)], peers_, 1, 1e-4)
-    assert [row.peer for row in rows][:3] == ["gyrospark", "gyrospark", "heyoka"]
-    for row in rows:
-        if row.peer == "heyoka":
-            assert "pip install heyoka)" in row.note
-            assert not row.failed
-            assert row.median("events") is None
-            continue
-        assert row.found == 6
-        assert row.time_error < 1e-10
-        assert row.dense_error < 1e-9
-        assert all(row.median(what) > 0 for what in ("alone", "events", "dense"))
-
-
-def test_events_of_heyoka_are_those_of_the_pendulum():
-    pytest.importorskip("heyoka")
-    row, = events.compare_events([events.Pendulum(6)], ["heyoka"], 1, 1e-4)
-    assert (row.found, row.note) == (6, "")
-    assert max(row.time_error, row.dense_error) < 1e-13
-
-
+@pytest.mark.slow  # in long double
 def test_events_of_the_top():
     """Against long double: the height falls through its level as often, at the same times."""
     top = events.FastTop(0.5)
@@ -589,12 +379,6 @@ def test_events_of_the_top():
     assert len(times) > 2
     assert max(top.errors(times, job.dense())) < 1e-9
     assert top.errors(times[1:], job.dense())[0] == float("inf")
-
-
-def test_command_prints_a_table(bench):
-    code, out, _ = bench("--quick", "--peers", "gyrospark", "--rounds", "1")
-    assert code == 0
-    assert "G-L s=2 Δt=0.001 auto" in out
 
 
 def test_command_writes_json_and_a_picture(bench, tmp_path):
@@ -662,13 +446,3 @@ def test_command_says_what_is_missing_before_it_measures(
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert install(extra) in err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_command_says_that_one_of_ours_failed(bench, monkeypatch):
-    def failing(method, solver):
-        raise gs.InputError("It does not work.")
-
-    monkeypatch.setattr(ours, "prepare", failing)
-    code, out, _ = bench("--quick", "--peers", "gyrospark", "--rounds", "1")
-    assert code == 1
-    assert "It does not work." in out

@@ -23,6 +23,7 @@ def source(name):
     return next(make for found, make in sources() if found == name)()
 
 
+@pytest.mark.slow  # compiles at -O3
 @pytest.mark.parametrize("kind", ["gcc", "clang"])
 def test_full_optimisation_differs_by_rounding_alone(kind):
     compiler(kind)
@@ -34,6 +35,7 @@ def test_full_optimisation_differs_by_rounding_alone(kind):
     assert any(one.error > 0 for one in found)
 
 
+@pytest.mark.slow  # compiles checks of each kernel
 def test_kernels_are_compared_in_each_build():
     kind = next(iter(COMPILERS), None) or pytest.skip("gcc and clang are not installed")
     found = list(compare_kernels(source("heavy_top_gl1_gamma"), [Build(kind, ("-O0",))], POINTS))

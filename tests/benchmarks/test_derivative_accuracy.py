@@ -9,14 +9,13 @@ import pytest
 import gyrospark as gs
 from gyrospark.benchmarks.derivative_accuracy import measure, subjects
 
-FEW = ("simple-pendulum",)
 #: Of 567 coordinates, which takes minutes, and for scheme splitting alone.
 LARGE = {"four-bars-40", "waters"}
-MANY = [pytest.param(name, marks=[] if name in FEW else pytest.mark.slow)
-        for name in (*gs.references.names(), *gs.models.__all__) if name not in LARGE]
 
 
-@pytest.mark.parametrize("name", MANY)
+@pytest.mark.slow  # compiles the derivatives of each
+@pytest.mark.parametrize("name", [name for name in (*gs.references.names(), *gs.models.__all__)
+                                  if name not in LARGE])
 def test_one_step(name):
     (subject,) = subjects([name])
     small = subject.model.system.n <= 7

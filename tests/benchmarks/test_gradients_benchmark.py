@@ -12,8 +12,7 @@ import pytest
 from gyrospark.benchmarks import gradients, pictures
 from gyrospark.benchmarks.derivative_cost import COUNTS, cases, compare_derivatives
 from gyrospark.benchmarks.gradients import FastTopGradient, GradientRow, compare_gradients
-from gyrospark.benchmarks.peer_linkages import chain_of
-from gyrospark.benchmarks.peers.gradient_job import GradientJob, of_euler, top_start
+from gyrospark.benchmarks.peers.gradient_job import of_euler, top_start
 from gyrospark.benchmarks.tops import INERTIA, spin_of, tops
 from gyrospark.commands.bench import PRINT
 
@@ -23,6 +22,7 @@ def top():
     return FastTopGradient(0.2)
 
 
+@pytest.mark.slow  # compiles derivatives for speed
 def test_gradients_of_ours_and_of_what_is_missing(top, monkeypatch, tmp_path, capsys):
     """Adjoint and tangents agree with long double; each missing program says so in its row."""
     for module in ("heyoka", "diffrax", "jax", "casadi", "mujoco"):
@@ -68,46 +68,13 @@ def test_gradients_by_spin_are_those_by_momentum():
     assert given == pytest.approx(by_state @ rate + by_values[:3] @ dI, rel=1e-7)
 
 
-def test_an_error_is_seen(top):
-    """A gradient that is off by 1 % has an error of 1 %."""
-    job = top.ours(3, 4e-3)
-    found = job.gradient()
-    off = GradientJob(found.q * 1.01, found.p * 1.01)
-    by_start, by_parameters = top.errors(off)
-    assert by_start == pytest.approx(0.01, rel=1e-3)
-    assert by_parameters is None
-
-
-@pytest.mark.parametrize(("peer", "setting", "bound"), [
-    ("heyoka", "variational tol 1e-12 compact", 1e-11),
-    ("diffrax", "Dopri8 tol 1e-9", 1e-5),
-    ("casadi", "idas tol 1e-09 tight", 1e-4),
-    ("mujoco", "transitionFD implicit Δt=0.001", 0.05),
-])
-def test_gradients_of_others(top, peer, setting, bound):
-    pytest.importorskip(peer)
-    make = {(p, s): make for p, s, make in top.others(quick=False)}[peer, setting]
-    assert max(x for x in top.errors(make().gradient()) if x is not None) < bound
-
-
-@pytest.mark.parametrize(("peer", "setting", "bound"), [
-    ("casadi", "idas tol 1e-09 tight", 1e-5),
-    ("mujoco", "transitionFD implicit Δt=0.001", 0.1),
-])
-def test_gradients_of_others_on_a_chain(peer, setting, bound):
-    """Their (q, p), or joints of their own, are compared with ours in the tangent space."""
-    pytest.importorskip(peer)
-    case = gradients.LinkageGradient(chain_of(2), 0.2)
-    make = {(p, s): make for p, s, make in case.others(quick=False)}[peer, setting]
-    assert max(x for x in case.errors(make().gradient()) if x is not None) < bound
-
-
 def test_rows_of_a_method_are_a_family():
     names = [GradientRow("top", "ours", "1", f"G-L s=3 Δt={dt:g} adjoint").family
              for dt in (1e-3, 2e-3)]
     assert names[0] == names[1] == "ours G-L s=3 adjoint"
 
 
+@pytest.mark.slow  # compiles each count of tangents
 def test_costs_of_derivatives(capsys):
     row, = compare_derivatives(cases(quick=True), 1, 1e-4)
     assert row.steps == len(row.primal) * 100

@@ -30,17 +30,11 @@ def test_every_stepper_is_counted(pytestconfig):
         write(counter, dict(count_step(counter, *stepper) for stepper in STEPPERS))
         return
     assert len(KNOWN["steps"]) == len(STEPPERS)
-    assert set(FEW) < set(STEPPERS)
     assert KNOWN["flags"] == " ".join(FLAGS)
 
 
-#: One of each template; the others differ from them by numbers.
-FEW = (("G-L", 3, "gamma"), ("LIIIA-B", 3, "gamma"), ("EMS", None, "gamma"))
-
-
-@pytest.mark.parametrize("stepper", [
-    stepper if stepper in FEW else pytest.param(stepper, marks=pytest.mark.slow)
-    for stepper in STEPPERS], ids=lambda s: "-".join(map(str, s)))
+@pytest.mark.slow  # each is compiled for speed and run twice below valgrind
+@pytest.mark.parametrize("stepper", STEPPERS, ids=lambda s: "-".join(map(str, s)))
 def test_instructions(stepper, pytestconfig):
     if pytestconfig.getoption("update"):
         pytest.skip("the numbers are being made again")

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
 from gyrospark.benchmarks.long_runs import MECHANISMS, long_runs_page, measure_long_runs
-from gyrospark.benchmarks.peers import mujoco_scenes, pinocchio_scenes
+from gyrospark.benchmarks.peers import mujoco_scenes
 from gyrospark.benchmarks.scenes import scene_of
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import numeric
@@ -19,6 +16,7 @@ from gyrospark.references.problem_registry import REFERENCES
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 
+@pytest.mark.slow  # a thousand steps, compiled for speed
 def test_a_linkage_and_its_page():
     four_bar = MECHANISMS["four_bar"]
     (run,) = measure_long_runs(four_bar, steps=1000, stages=(2,))
@@ -32,7 +30,8 @@ def test_a_linkage_and_its_page():
     assert "](a.png)" in page
 
 
-@pytest.mark.parametrize("name", ["delta_robot", "stewart_platform"])
+@pytest.mark.parametrize("name", [
+    "delta_robot", pytest.param("stewart_platform", marks=pytest.mark.slow)])  # twice the bodies
 def test_mechanisms_start_at_rest_on_their_constraints(name):
     """The freedoms that are left are those of the platform and of legs about themselves."""
     model = getattr(gs.models, name)()
@@ -124,16 +123,3 @@ def _newton_euler(scene):
     K = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
     found = np.linalg.lstsq(K, np.concatenate([force, np.zeros(len(J))]))[0][:n]
     return found.reshape(-1, 6)[:, :3]
-
-
-@pytest.mark.parametrize("name", MECHANISMS)
-def test_other_programs_find_the_same_motion(name):
-    """Errors of an explicit step of order 1 go down in proportion to it."""
-    pytest.importorskip("pinocchio", exc_type=ImportError)
-    scene, seconds = MECHANISMS[name].scene, 100 * MECHANISMS[name].dt
-    ends = []
-    for steps in (100, 200, 400):
-        (end,) = pinocchio_scenes.PinocchioScene(scene).pieces(seconds / steps, steps, 1)
-        ends.append(np.concatenate([end[body].x for body in scene.bodies]))
-    first, second = (np.abs(a - b).max() for a, b in itertools.pairwise(ends))
-    assert math.log2(first / second) == pytest.approx(1, abs=0.3)

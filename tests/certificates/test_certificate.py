@@ -56,7 +56,9 @@ def verdicts(certificate):
 # ---------------------------------------------------------------- the compiled system
 
 
-@pytest.mark.parametrize("wrong", ["potential", "mass", "constraint", None])
+@pytest.mark.parametrize("wrong", [
+    "mass", "constraint", *(pytest.param(part, marks=pytest.mark.slow)
+                            for part in ("potential", None))])  # a stepper each
 def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
     """All that is measured of such a stepper holds: only the model's expressions tell."""
     known = pendulum()
@@ -80,9 +82,9 @@ def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
 
 
 @pytest.mark.parametrize(("scheme", "stages", "rep"), [
-    ("G-L", 1, "gamma"), ("G-L", 3, "alpha"), ("LIIIA-B", 4, "gamma"),
-    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ("G-L", 1, "alpha"), ("G-L", 3, "gamma"), ("LIIIA-B", 4, "alpha")))])
+    ("G-L", 2, "gamma"), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("G-L", 1, "alpha"), ("G-L", 3, "gamma"), ("G-L", 3, "alpha"), ("LIIIA-B", 4, "gamma"),
+        ("LIIIA-B", 4, "alpha")))])
 def test_spark_on_the_fast_top(scheme, stages, rep):
     found = gs.certify(TOP, scheme, stages, rep=rep)
     assert found.holds
@@ -127,6 +129,7 @@ def test_ims_on_the_fast_top():
     assert found.line("energy").holds is None
 
 
+@pytest.mark.slow  # a stepper of its own
 def test_ims_without_constraints_is_symplectic():
     found = gs.certify(model_of("oscillator"), "IMS")
     assert found.line(LOOP).holds is True
@@ -134,10 +137,12 @@ def test_ims_without_constraints_is_symplectic():
 
 
 @pytest.mark.parametrize(("name", "scheme", "stages"), [
-    ("pendulum", "G-L", 2), ("oscillator", "LIIIA-B", 3), ("pendulum", "EMS", None),
+    ("oscillator", "LIIIA-B", 3), ("pendulum", "EMS", None),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ("runner", "G-L", 2), ("oscillator", "G-L", 2), ("pendulum", "LIIIA-B", 3),
-        ("runner", "LIIIA-B", 3), ("runner", "EMS", None), ("oscillator", "EMS", None)))])
+        ("pendulum", "G-L", 2), ("runner", "G-L", 2), ("oscillator", "G-L", 2),
+        ("pendulum", "LIIIA-B", 3), ("runner", "LIIIA-B", 3), ("runner", "EMS", None),
+        ("oscillator", "EMS", None)))])
+@pytest.mark.slow  # 3 CPU s; other cases run all its branches
 def test_any_system(name, scheme, stages):
     found = gs.certify(model_of(name), scheme, stages)
     assert found.holds, [line for line in found.lines if line.holds is False]
@@ -147,6 +152,7 @@ def test_any_system(name, scheme, stages):
     assert (found.line("energy").holds is True) == (scheme == "EMS")
 
 
+@pytest.mark.slow  # a stepper of its own
 def test_spherical_double_pendulum():
     """Two rods in space: ∮p·dq, the vertical angular momentum, and the user's own quantity."""
     names = [f"{c}{i}" for i in (1, 2) for c in "xyz"]
@@ -158,11 +164,12 @@ def test_spherical_double_pendulum():
             sum((a - b) ** 2 for a, b in zip(q[:3], q[3:], strict=True)) - 1)
     system = gs.System(q, p, (m, g), H, rods, name="rods", quantities={"height": q[2] + q[5]})
     start = [0.6, 0, -0.8, 0.6, 0.8, -1.4]
-    step = gs.stepper("G-L", 3, system=system)
+    step = gs.stepper("G-L", 2, system=system)
     values = {"m": 1.0, "g": 9.81}
     q0, p0 = step.project(start, [0.1, 1, 0, 0.3, 0.2, 0.5], parameters=values)
-    found = gs.certify(gs.Model(system, values, q0, p0, dt=0.005, steps=400))
-    assert found.stepper == "rods_gl3"
+    found = gs.certify(gs.Model(system, values, q0, p0, dt=0.005, steps=100),
+                       "G-L", 2)
+    assert found.stepper == "rods_gl2"
     assert found.holds
     assert found.line(LOOP).holds is True
     assert found.line(VERTICAL).holds is True
@@ -171,7 +178,7 @@ def test_spherical_double_pendulum():
     assert height.value > 0.1
 
 
-@pytest.mark.parametrize("moment", [2, mp.mpf("0.0012"), np.float32(0.0012), Fraction(3, 2500)])
+@pytest.mark.parametrize("moment", [2, mp.mpf("0.0012"), Fraction(3, 2500)])
 def test_parameters_of_any_type(moment):
     """Judged is the double that the run took."""
     found = gs.certify(TOP, "G-L", 2, steps=20, parameters={"I2": moment})
@@ -201,7 +208,7 @@ def agm(a, b):
     return a
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 3), ("EMS", None), ("IMS", None)])
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
 def test_rest_at_the_start_in_the_middle_and_at_the_end(scheme, stages):
     """|g_q H_p| is that of the motion, not of three instants at which there is none."""
     found = gs.certify(pendulum(), scheme, stages)
@@ -213,7 +220,7 @@ def test_rest_at_the_start_in_the_middle_and_at_the_end(scheme, stages):
     assert found.line("energy").holds is (None if stages else True)  # H and g are quadratic
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 3), ("EMS", None), ("IMS", None)])
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
 def test_equilibrium(scheme, stages):
     """Nothing moves: the scale is that of forces in balance, and no order can be seen."""
     found = gs.certify(pendulum(at_rest=True), scheme, stages)
@@ -233,8 +240,7 @@ def test_energy_of_a_small_swing(size):
     assert energy.value < energy.bound < 1e-12
 
 
-@pytest.mark.parametrize("start", [([0, 0], [0, 0]), ([0, 0], [1, 0]), ([1e6, 0], [1, 0]),
-                                   ([1, 0], [0, 0])])
+@pytest.mark.parametrize("start", [([0, 0], [0, 0]), ([1e6, 0], [1, 0])])
 def test_a_free_particle(start):
     """At the origin, through it, far from it; at rest and not."""
     (x, y), (u, v) = sp.symbols("x y", real=True), sp.symbols("u v", real=True)
@@ -255,6 +261,7 @@ def test_sliding_in_a_plane():
     assert found.line(G).bound < 1e-15
 
 
+@pytest.mark.slow  # a stepper of its own
 def test_a_start_within_round_off_is_not_held_against_the_scheme():
     """|q|² − 1 = 30 ε at the start is allowed; the first step takes it back."""
     top = gs.problems.fast_top()
@@ -264,7 +271,7 @@ def test_a_start_within_round_off_is_not_held_against_the_scheme():
     assert found.line(G).value < 4 * EPS
 
 
-@pytest.mark.parametrize("dt", [0.02, 0.01, 0.005])
+@pytest.mark.parametrize("dt", [0.01])
 def test_high_orders_are_seen_above_round_off(dt):
     """Order 8 on the pendulum: errors from 1e-5 to 1e-12 of the state show it."""
     order = gs.certify(pendulum(), "G-L", 4, dt=dt, steps=20).line("order")
@@ -299,12 +306,14 @@ def test_a_tableau_that_is_not_symplectic_fails(tmp_path):
     assert sound.holds
 
 
+@pytest.mark.slow  # exact algebra refutes the same in test_certificate_pairs.py
 def test_a_tableau_with_two_kinds_of_weights_fails(tmp_path):
     path = bent_tableau(tmp_path, b_hat=["501/1000", "499/1000"])
     found = gs.certify(model_of("oscillator"), tableau=path, allow_invalid=True)
     assert found.line(LOOP).holds is False
 
 
+@pytest.mark.slow  # exact algebra refutes the same in test_certificate_pairs.py
 def test_a_projection_that_is_not_symplectic_fails(tmp_path):
     """Ã off: of the constraint forces alone, so that a system without constraints is not hurt."""
     changes = {"A_tilde": [["1/6 + 1/1000", "1/3 - sqrt(3)/6 - 1/1000", 0],
@@ -337,7 +346,7 @@ def test_reversal_of_a_method_that_is_not_symmetric(tmp_path):
 
 
 def test_order_of_each_scheme():
-    for scheme, stages in (("G-L", 1), ("G-L", 2), ("G-L", 4), ("LIIIA-B", 3), ("EMS", None)):
+    for scheme, stages in (("G-L", 2), ("G-L", 3), ("EMS", None)):
         step = gs.stepper(scheme, stages)
         seen = measure_order(step, TOP.q0, TOP.p0, 1e-3, PARAMETERS, lambda h: (1.0, 0.2))
         assert abs(seen.order - step.order) < 0.1, (scheme, stages, seen)
@@ -430,7 +439,7 @@ def test_arguments_are_refused_in_words():
 
 def test_single_precision_is_held_to_its_own_rounding():
     """The same lines as in double; what round-off bounds is 2²⁹ times as large."""
-    found = {real: gs.certify(TOP, "G-L", 2, steps=300, real=real) for real in ("double", "float")}
+    found = {real: gs.certify(TOP, "G-L", 2, steps=100, real=real) for real in ("double", "float")}
     assert found["float"].stepper == "heavy_top_gl2_gamma_float"
     assert found["float"].holds
     for name in (LOOP, REVERSAL, G, F, VERTICAL, FIGURE):
@@ -471,8 +480,9 @@ def swing(torque, **more):
 
 
 @pytest.mark.parametrize(("torque", "scheme", "stages"), [
-    ("drag", "EMS", None), ("turned", "G-L", 2), ("pumped", "G-L", 2),
+    ("pumped", "G-L", 2),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ("drag", "EMS", None), ("turned", "G-L", 2),
         ("drag", "G-L", 2), ("turned", "EMS", None), ("pumped", "EMS", None)))])
 def test_forces(torque, scheme, stages):
     """No loop invariant without a gradient; constraints, reversal and EMS's energy are kept."""

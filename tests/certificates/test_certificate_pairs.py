@@ -116,13 +116,23 @@ MODELS = {
 }
 
 
-@pytest.mark.parametrize("name", MODELS)
+#: Those whose systems and schemes the others have too: a certificate costs a quarter of a second.
+SLOW = ("a linear oscillator keeps its energy with G-L", "G-L is symplectic on any oscillator",
+        "a round oscillator keeps its angular momentum with EMS",
+        "a push that is a gradient is symplectic with IMS",
+        "a damped run is still in balance with EMS",
+        "a constraint of any kind keeps G-L symplectic",
+        "gravity of any direction keeps the angular momentum about that")
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in MODELS])
 def test_models(name: str) -> None:
     pair = MODELS[name]
     right = certificate(pair.system, pair.scheme, tuple(pair.right.items()))
     assert verdict(right, pair.quantity) is pair.verdicts[0]
     assert right.holds
-    for size in SIZES:
+    for size in SIZES[::2]:
         values = pair.right | {pair.changed: pair.right[pair.changed] + size}
         spoilt = certificate(pair.system, pair.scheme, tuple(values.items()))
         assert verdict(spoilt, pair.quantity) is pair.verdicts[1], size
@@ -138,7 +148,7 @@ def test_starts_off_the_constraints_are_refused(part: str, size: float) -> None:
         gs.certify(gs.Model(SPHERE, LEVEL, q, p, dt=0.02, steps=10), "G-L", 2)
 
 
-@pytest.mark.parametrize("size", [*SIZES, 1e-15])
+@pytest.mark.parametrize("size", [1e-6, 1e-9, 1e-15])
 def test_nearly_symmetric_tops(size: float) -> None:
     """I₂ = I₁ (1 + size) keeps nothing about its figure axis, and all of it about the vertical."""
     top = gs.problems.fast_top()
@@ -152,11 +162,9 @@ def test_nearly_symmetric_tops(size: float) -> None:
         assert figure.holds is TOLD
         assert "a near symmetry" in figure.why
     assert (figure is None) == (size == 1e-6)
-    exact = gs.certify(top, "G-L", 2, steps=100)
-    assert exact.line("angular momentum about the body's axis 3").holds is HOLDS
 
 
-@pytest.mark.parametrize("size", [*SIZES, 1e-8, 1e-7, 1e-15])
+@pytest.mark.parametrize("size", [1e-6, 1e-8, 1e-15])
 def test_tilted_potentials(size: float) -> None:
     """Gravity along (size, 0, 1) keeps the angular momentum about just that, for any size."""
     q = sp.symbols("q0:4", real=True)
@@ -342,8 +350,8 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
 # ---------------------------------------------------------------- a compiled tableau
 
 
-@pytest.mark.parametrize("size", [0.0, SIZES[2], *(pytest.param(e, marks=pytest.mark.slow)
-                                                   for e in SIZES[:2])])
+@pytest.mark.parametrize("size", [SIZES[2], *(pytest.param(e, marks=pytest.mark.slow)
+                                              for e in (0.0, *SIZES[:2]))])
 def test_a_compiled_tableau(tmp_path: Path, size: float) -> None:
     """1e-6 is measured, 1e-12 is not: exact algebra refutes both, and says which the run shows."""
     path = tmp_path / "table.json"

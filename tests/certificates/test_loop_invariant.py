@@ -33,7 +33,7 @@ def test_area_of_an_ellipse():
     assert tail == 0.0
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), modes=st.integers(1, 7), n=st.integers(1, 5))
 def test_any_band_limited_curve(seed, modes, n):
     """∮ p·dq = π Σ_k k (c_k^p d_k^q − d_k^p c_k^q) exactly, wherever the curve lies."""
@@ -77,8 +77,7 @@ def test_loop_lies_on_the_constraints():
 
 
 @pytest.mark.parametrize(("scheme", "stages", "kept"), [
-    ("G-L", 1, True), ("G-L", 4, True), ("LIIIA-B", 2, True), ("EMS", None, False),
-    ("IMS", None, False),
+    ("G-L", 2, True), ("LIIIA-B", 2, True), ("EMS", None, False),
 ])
 def test_drift_of_schemes(scheme, stages, kept):
     """1e-12 of ∮|p dq| over 1000 steps for SPARK; EMS and IMS stray by a million times that."""
@@ -90,6 +89,7 @@ def test_drift_of_schemes(scheme, stages, kept):
     assert loop.drift <= 1e-13 * loop.scale if kept else loop.drift > 1e-8 * loop.scale
 
 
+@pytest.mark.slow  # thousands of steps of a loop
 def test_a_smaller_loop_where_a_large_one_tears():
     """A pencil on its tip parts neighbours by e^30; no loop is resolved, and that is said."""
     parameters = {"I1": 1.0, "I2": 1.0, "I3": 0.01, "mgl": 9.0, "gamma": 0.5}
@@ -98,6 +98,6 @@ def test_a_smaller_loop_where_a_large_one_tears():
     short = loop_drift(step, *upright, SIZES, dt=0.02, steps=100, parameters=parameters)
     assert short.resolved
     assert short.drift <= 1e-13 * short.scale
-    no_room = loop_drift(step, *upright, (1e9 * SIZES[0], SIZES[1]), dt=0.02, steps=1000,
+    no_room = loop_drift(step, *upright, (1e9 * SIZES[0], SIZES[1]), dt=0.02, steps=300,
                          parameters=parameters)
     assert no_room is None or not no_room.resolved or no_room.drift <= 1e-12 * no_room.scale

@@ -21,6 +21,7 @@ def table(gyrospark, tmp_path):
     return path
 
 
+@pytest.mark.slow  # tests/runtime/analysis fits the same
 def test_what_made_a_table_is_found(gyrospark, table):
     options = ("--scheme", "G-L", "--stages", "2", "--dt", "0.01", "--observe", "x,y")
     found = gyrospark("fit", MODEL, str(table), *options, "--set", "g=8", "--free", "g,start",

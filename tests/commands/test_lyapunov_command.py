@@ -11,7 +11,7 @@ MODEL = ROOT / "examples/double_pendulum.toml"
 
 
 def test_report_and_picture(gyrospark, tmp_path):
-    answer = gyrospark("lyapunov", MODEL, "--dt", "0.01", "--t-end", "2", "--plot", "a.png")
+    answer = gyrospark("lyapunov", MODEL, "--dt", "0.01", "--t-end", "0.5", "--plot", "a.png")
     assert answer.code == 0
     assert answer.stderr == ""
     assert "λ4" in answer.stdout

@@ -22,19 +22,14 @@ def test_every_name_is_listed_with_a_sentence(gyrospark):
         assert f"  {name} " in said
 
 
-#: test_run_names.py runs three of these by their names and compares the bits; the last, of seven
-#: bodies, takes seven seconds.
-SLOW = ("lagrange_top", "double_pendulum", "chain", "stewart_platform")
-
-
 def test_the_list_is_that_of_python():
     assert {name.replace("-", "_") for name in PROBLEMS} <= set(dir(gs.problems))
     assert set(MODELS) <= set(dir(gs.models))
 
 
+# Models take seconds to derive; test_run_names.py runs one.
 @pytest.mark.parametrize("name", [*PROBLEMS, *(
-    pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
-    for name in MODELS)])
+    pytest.param(name, marks=pytest.mark.slow) for name in MODELS)])
 def test_every_problem_and_model_is_run_by_its_name(name, gyrospark):
     scheme = ("splitting", "--order", "2") if name == "waters" else ("IMS",)
     answer = gyrospark("run", name, "--scheme", *scheme, "--dt", "1e-3", "--steps", "2", "--json")

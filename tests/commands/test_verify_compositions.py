@@ -14,8 +14,10 @@ SPLITTING = ["verify", "--scheme", "splitting"]
 
 
 @pytest.mark.parametrize(("arguments", "name", "order"), [
-    (["--order", "2"], "Strang", 2), (["--composition", "G4"], "G4", 4),
-    (["--composition", "KL8"], "KL8", 8), (["--composition", "ABA1064"], "ABA1064", 4)])
+    (["--order", "2"], "Strang", 2),
+    # The order is measured in 60 digits: seconds each.
+    *(pytest.param(["--composition", name], name, order, marks=pytest.mark.slow)
+      for name, order in (("G4", 4), ("KL8", 8), ("ABA1064", 4)))])
 def test_compositions_hold(arguments, name, order, gyrospark):
     answer = gyrospark(*SPLITTING, *arguments)
     assert (answer.code, answer.stderr) == (0, "")
@@ -46,6 +48,7 @@ def test_all_of_them(gyrospark):
     assert document["holds"] is True
 
 
+@pytest.mark.slow  # tests/generator/splitting proves the parts of every system
 def test_a_stepper_of_a_system_has_its_parts_proved(gyrospark):
     (one,) = gyrospark("verify", "heavy_top_splitting4_gamma", "--json").document["verified"]
     found = {line["name"]: line["found"] for line in one["conditions"]}

@@ -166,7 +166,9 @@ def builder(inertia, tilt, rep="gamma"):
     return build.model()
 
 
-@pytest.mark.parametrize(("scheme", "stages", "rep"), [("G-L", 2, "gamma"), ("EMS", None, "alpha")])
+@pytest.mark.slow  # two builders' models in two representations; a free tensor is tested below
+@pytest.mark.parametrize(("scheme", "stages", "rep"), [
+    ("G-L", 2, "gamma"), ("EMS", None, "alpha")])
 def test_a_body_with_a_tensor_moves_as_the_one_in_principal_axes(scheme, stages, rep):
     """Two ways to every motion; what comes out is in the axes in which all was said.
 

@@ -12,13 +12,13 @@
 #include <stdlib.h>
 #include <string.h>
 #if VERSION == 2
-#include "fmi2Functions.h"
+#include "fmi2.h"
 #else
-#include "fmi3Functions.h"
+#include "fmi3.h"
 #endif
 #ifdef LINKED
 #define LOAD(file) ((void *)(file))
-#define GET(prefix, name) prefix##name##TYPE *name = prefix##name;
+#define GET(result, name, ...) extern result name(__VA_ARGS__);
 #elif defined _WIN32
 #include <windows.h>
 #define LOAD(file) LoadLibraryA(file)
@@ -30,10 +30,10 @@
 #endif
 
 #ifndef LINKED
-#define GET(prefix, name) \
-    prefix##name##TYPE *name = FIND(library, #prefix #name); \
+#define GET(result, name, ...) \
+    result (*name)(__VA_ARGS__) = FIND(library, #name); \
     if (name == NULL) { \
-        puts("no " #prefix #name); \
+        puts("no " #name); \
         return 1; \
     }
 #endif
@@ -54,27 +54,40 @@ int main(int count, char **a)
         r[k] = (unsigned)(atoi(a[5]) + (int)k);
     int failed = 0;
 #if VERSION == 2
-    GET(fmi2, Instantiate) GET(fmi2, SetupExperiment) GET(fmi2, EnterInitializationMode)
-    GET(fmi2, ExitInitializationMode) GET(fmi2, DoStep) GET(fmi2, GetReal) GET(fmi2, FreeInstance)
+    GET(void *, fmi2Instantiate, fmi2String, fmi2Type, fmi2String, fmi2String,
+        const fmi2CallbackFunctions *, int, int)
+    GET(fmi2Status, fmi2SetupExperiment, void *, int, double, double, int, double)
+    GET(fmi2Status, fmi2EnterInitializationMode, void *)
+    GET(fmi2Status, fmi2ExitInitializationMode, void *)
+    GET(fmi2Status, fmi2DoStep, void *, double, double, int)
+    GET(fmi2Status, fmi2GetReal, void *, const unsigned *, size_t, double *)
+    GET(void, fmi2FreeInstance, void *)
     const fmi2CallbackFunctions calls = { NULL, calloc, free, NULL, NULL };
-    fmi2Component c = Instantiate("model", fmi2CoSimulation, a[2], "", &calls, 0, 0);
-    failed |= c == NULL || SetupExperiment(c, 0, 0, 0, 0, 0) || EnterInitializationMode(c)
-        || ExitInitializationMode(c);
+    void *c = fmi2Instantiate("model", fmi2CoSimulation, a[2], "", &calls, 0, 0);
+    failed |= c == NULL || fmi2SetupExperiment(c, 0, 0, 0, 0, 0)
+        || fmi2EnterInitializationMode(c) || fmi2ExitInitializationMode(c);
     for (int k = 0; k < steps && !failed; ++k)
-        failed |= DoStep(c, k*dt, dt, 1);
-    failed = failed || GetReal(c, r, n, x);
+        failed |= fmi2DoStep(c, k*dt, dt, 1) != fmi2OK;
+    failed = failed || fmi2GetReal(c, r, n, x);
+#define FREE fmi2FreeInstance
 #else
-    GET(fmi3, InstantiateCoSimulation) GET(fmi3, EnterInitializationMode)
-    GET(fmi3, ExitInitializationMode) GET(fmi3, DoStep) GET(fmi3, GetFloat64)
-    GET(fmi3, FreeInstance)
+    GET(void *, fmi3InstantiateCoSimulation, fmi3String, fmi3String, fmi3String, bool, bool, bool,
+        bool, const uint32_t *, size_t, void *, fmi3LogMessageCallback,
+        fmi3IntermediateUpdateCallback)
+    GET(fmi3Status, fmi3EnterInitializationMode, void *, bool, double, double, bool, double)
+    GET(fmi3Status, fmi3ExitInitializationMode, void *)
+    GET(fmi3Status, fmi3DoStep, void *, double, double, bool, bool *, bool *, bool *, double *)
+    GET(fmi3Status, fmi3GetFloat64, void *, const uint32_t *, size_t, double *, size_t)
+    GET(void, fmi3FreeInstance, void *)
     bool flags[3];
     double last;
-    fmi3Instance c = InstantiateCoSimulation("model", a[2], NULL, 0, 0, 0, 0, NULL, 0, NULL, NULL,
-        NULL);
-    failed |= c == NULL || EnterInitializationMode(c, 0, 0, 0, 0, 0) || ExitInitializationMode(c);
+    void *c = fmi3InstantiateCoSimulation("model", a[2], NULL, 0, 0, 0, 0, NULL, 0, NULL, NULL, NULL);
+    failed |= c == NULL || fmi3EnterInitializationMode(c, 0, 0, 0, 0, 0)
+        || fmi3ExitInitializationMode(c);
     for (int k = 0; k < steps && !failed; ++k)
-        failed |= DoStep(c, k*dt, dt, 1, flags, flags + 1, flags + 2, &last);
-    failed = failed || GetFloat64(c, r, n, x, n);
+        failed |= fmi3DoStep(c, k*dt, dt, 1, flags, flags + 1, flags + 2, &last) != fmi3OK;
+    failed = failed || fmi3GetFloat64(c, r, n, x, n);
+#define FREE fmi3FreeInstance
 #endif
     for (size_t k = 0; k < n && !failed; ++k) {
         uint64_t bits;
@@ -82,6 +95,6 @@ int main(int count, char **a)
         printf("%016llx\n", (unsigned long long)bits);
     }
     if (c != NULL)
-        FreeInstance(c);
+        FREE(c);
     return failed;
 }

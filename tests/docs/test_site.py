@@ -54,31 +54,30 @@ def cells(path: Path) -> list[str]:
     return [documents.quick(cell) for cell in found]
 
 
-#: Of several bodies or schemes, derived for seconds each; the build runs them, too.
-LONG_PAGES = {f"gallery/{name}" for name in (
-    "andrews", "bicycle", "car_axis", "cardan", "chain", "crane", "delta_robot", "dipoles",
-    "double_top", "energy", "fitted_top", "four_bar", "gimbal", "kapitza", "kovalevskaya",
-    "many_digits", "rattleback", "reactions", "regular_precession", "robot_arm", "rolling_disc",
-    "satellite_with_wheel", "section", "slew", "slider_crank", "solar_panels", "three_wheels",
-    "waters", "work_and_precision")} | {"tutorials/closed_loops", "tutorials/reaction_wheels"}
+#: Those that compile little; the build runs all, too.
+QUICK_PAGES = {"citing", "conventions", "gallery/chaplygin_sleigh"}
 
 
 @pytest.mark.parametrize("path", [
-    pytest.param(path, marks=[pytest.mark.slow] if names(path) in LONG_PAGES else [])
+    pytest.param(path, marks=[pytest.mark.slow] * (names(path) not in QUICK_PAGES))
     for path in PAGES], ids=names)
 def test_cells_of_a_page(path, tmp_path):
     done = warm_call(["-c", RUNNER, json.dumps(cells(path))], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("path", PAGES, ids=names)
-def test_pages_with_cells_can_be_opened_as_notebooks(path):
-    text = path.read_text(encoding="utf-8")
-    head = re.match(r"---\n(.*?)\n---\n\n# ", text, flags=re.DOTALL)
-    assert head
-    assert "kernelspec: {name: python3" in head[1]
-    for cell in cells(path):
-        assert ast.parse(cell).body
+def test_the_quick_pages_are_there():
+    assert {names(path) for path in PAGES} > QUICK_PAGES
+
+
+def test_pages_with_cells_can_be_opened_as_notebooks():
+    for path in PAGES:
+        text = path.read_text(encoding="utf-8")
+        head = re.match(r"---\n(.*?)\n---\n\n# ", text, flags=re.DOTALL)
+        assert head, path
+        assert "kernelspec: {name: python3" in head[1], path
+        for cell in cells(path):
+            assert ast.parse(cell).body, path
 
 
 def module(name: str):
@@ -216,6 +215,7 @@ SHORT = ["-b", "dummy", "-D", "root_doc=reference/index",
          "-D", "suppress_warnings=ref.doc,ref.ref,myst.xref_missing,toc.not_readable"]
 
 
+@pytest.mark.slow  # Sphinx reads all docstrings for ten seconds
 def test_the_reference_is_built_without_a_warning(tmp_path):
     """Every public docstring and the commands' help, as the site reads them, a line for a page."""
     done = built(tmp_path, *SHORT)

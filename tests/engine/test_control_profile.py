@@ -18,6 +18,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from c_programs import shared_library
 from compilers import MAIN, compiler
 from gyrospark.core.errors import InputError
@@ -121,16 +122,17 @@ def small(tmp_path_factory):
 # ---------------------------------------------------------------- the same numbers
 
 
-@pytest.mark.parametrize("spec", [
-    SMALL, Spec("G-L", 3), Spec("EMS", None, "alpha"), Spec("IMS"), Spec("LIIIA-B", 3, "alpha"),
-], ids=lambda spec: spec.name)
+@pytest.mark.parametrize("spec", [SMALL, Spec("EMS"), *(
+    pytest.param(spec, marks=pytest.mark.slow)  # the same C with other tables
+    for spec in (Spec("G-L", 3), Spec("EMS", None, "alpha"), Spec("IMS"),
+                 Spec("LIIIA-B", 3, "alpha")))], ids=lambda spec: spec.name)
 def test_steps_are_those_of_the_full_stepper(spec, tmp_path):
     """Where steps end does not depend on where sweeps began, but for rounding.
 
     Errors of rounding grow like t; the conserved ones do not. A unit in the last place of a rate
     is worth h|k| eps a step: some hundred eps after 500 of them.
     """
-    own = Control(made(spec), tmp_path, FLAGS)
+    own = Control(made(spec), tmp_path)
     parameters = TOP.parameters | {spec.rep: gs.gamma_m(TOP.inertia)}
     q, p = own.begin(parameters, TOP.q0, TOP.p0, 1e-3).run(500)
     full = gs.stepper(spec.scheme, spec.stages, spec.rep, real=spec.real)
@@ -142,12 +144,12 @@ def test_steps_are_those_of_the_full_stepper(spec, tmp_path):
 
 
 def test_long_runs_keep_what_the_full_stepper_keeps(small):
-    """Energy and |g| over 10^4 steps, in a type of 24 bits."""
-    q, p = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(10_000)
+    """Energy and |g| over 4000 steps, in a type of 24 bits."""
+    q, p = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(4000)
     run = gs.stepper("G-L", 2, real="float").integrate(
-        TOP.q0, TOP.p0, dt=1e-3, steps=10_000, parameters=PARAMETERS)
+        TOP.q0, TOP.p0, dt=1e-3, steps=4000, parameters=PARAMETERS)
     eps = float(np.finfo(np.float32).eps)
-    double = gs.stepper("G-L", 2)
+    double = systems.stepper("heavy_top")
     H = double.energy(q.astype(float), p.astype(float), parameters=PARAMETERS)
     error, full = abs(H - H[0]).max(), run.report.energy_error_max
     assert error <= 2 * full + 2 * eps * abs(H[0])
@@ -155,23 +157,10 @@ def test_long_runs_keep_what_the_full_stepper_keeps(small):
     assert abs((q.astype(float) * p).sum(1)).max() <= 2 * eps * abs(p).max()
 
 
-@pytest.mark.parametrize(("scheme", "file"), [
-    ("EMS", "examples/double_pendulum.toml"), ("G-L", "examples/double_pendulum.toml"),
-    ("IMS", "examples/dragged_top.toml"), ("G-L", "examples/bungee.toml"),
-    pytest.param("G-L", "examples/pendulum.toml", marks=pytest.mark.slow),
-    pytest.param("G-L", "examples/dragged_top.toml", marks=pytest.mark.slow),
-])
-def test_other_systems(scheme, file, tmp_path):
-    """Constraints of joints, where W varies; forces; a switch; models from files."""
-    stages = 2 if scheme == "G-L" else None
-    model = gs.load_model(ROOT / file)
-    spec = Spec.checked(scheme, stages, None, str(ROOT / file))
-    own = Control(made(spec), tmp_path)
-    full = gs.stepper(scheme, stages, system=str(ROOT / file))
-    gammas = {name: 0.0016 for name in full.parameter_domains if name not in model.parameters}
-    parameters = {**model.parameters, **gammas}
-    run = full.integrate(model.q0, model.p0, dt=1e-3, steps=60, parameters=parameters)
-    q, p = own.begin(parameters, model.q0, model.p0, 1e-3).run(60)
+def check_another_system(own, full, parameters, q0, p0, t0=0.0):
+    """Steps, energy, and starts from velocities, in both profiles."""
+    run = full.integrate(q0, p0, dt=1e-3, t0=t0, steps=60, parameters=parameters)
+    q, p = own.begin(parameters, q0, p0, 1e-3).run(60)
     eps = np.finfo(float).eps
     assert abs(q - run.q).max() <= 400 * eps * max(1, abs(run.q).max())
     assert abs(p - run.p).max() <= 400 * eps * max(abs(run.p).max(), 1e-3)
@@ -182,19 +171,48 @@ def test_other_systems(scheme, file, tmp_path):
     assert status == OK
     assert np.array_equal(at, q[0])  # on the constraints already
     assert abs(momenta - p[0]).max() <= 8 * eps * abs(p[0]).max()
-    if model.system.m > 1:  # joints
+    if full.m > 1:  # joints
         assert own.started(parameters, q[0] + 1e-3, velocity)[0] == INVALID
         assert own.started(parameters, q[0], velocity + 1e-3)[0] == INVALID
+
+
+@pytest.mark.parametrize(("scheme", "stages", "name"), [
+    ("G-L", 2, "two_rods"), ("EMS", None, "pushed_pendulum"), ("G-L", 2, "dragged_pendulum")])
+def test_other_systems(scheme, stages, name, tmp_path):
+    """Constraints of two rods, where W varies; forces, inputs and time."""
+    case, full = systems.case(name), systems.stepper(name, scheme, stages)
+    source = generate(Spec(scheme, stages).with_profile("control"), system=case.system).source
+    check_another_system(Control(source, tmp_path), full, case.parameters,
+                         *systems.start(name, full))
+
+
+@pytest.mark.slow  # systems of files are derived for seconds
+@pytest.mark.parametrize(("scheme", "file"), [
+    ("EMS", "double_pendulum"), ("G-L", "double_pendulum"), ("IMS", "dragged_top"),
+    ("G-L", "bungee"), ("G-L", "pendulum"), ("G-L", "dragged_top")])
+def test_systems_of_files(scheme, file, tmp_path):
+    """Constraints of joints, forces, a switch."""
+    path, stages = str(ROOT / f"examples/{file}.toml"), 2 if scheme == "G-L" else None
+    model, full = gs.load_model(path), gs.stepper(scheme, stages, system=path)
+    gammas = {name: 0.0016 for name in full.parameter_domains if name not in model.parameters}
+    check_another_system(Control(made(Spec.checked(scheme, stages, None, path)), tmp_path), full,
+                         {**model.parameters, **gammas}, model.q0, model.p0)
 
 
 # ---------------------------------------------------------------- bounds and ends
 
 
-def test_sizes_are_those_promised(small, tmp_path):
+@pytest.fixture(scope="module")
+def large(tmp_path_factory):
+    """Three stages in double."""
+    return Control(made(Spec("G-L", 3)), tmp_path_factory.mktemp("large"))
+
+
+def test_sizes_are_those_promised(small, large):
     """Lines and memory of 2-G-L in float, and memory of 3-G-L in double."""
     assert made(SMALL).source.count("\n") <= 900
     assert small.work_size() <= 2048
-    assert Control(made(Spec("G-L", 3)), tmp_path).work_size() <= 4096
+    assert large.work_size() <= 4096
 
 
 def test_needs_nothing_but_the_maths_library(tmp_path):
@@ -274,7 +292,7 @@ def test_arguments_outside_of_their_domains_begin_nothing(wrong, small):
     assert small.step() == OK
 
 
-@pytest.mark.parametrize("spec", [SMALL, Spec("IMS"), Spec("splitting", order=4)],
+@pytest.mark.parametrize("spec", [SMALL, Spec("splitting", order=4)],
                          ids=lambda spec: spec.name)
 def test_memory_of_zeros_is_no_trajectory(spec, tmp_path):
     """As of `static NAME_work work;`: refused until it begins, and after a refused begin."""
@@ -323,11 +341,11 @@ def test_starts_from_an_attitude_and_an_angular_velocity(small):
         assert not p.any()
 
 
-def test_quaternions_of_any_accepted_length_are_normalised(small, tmp_path):
+def test_quaternions_of_any_accepted_length_are_normalised(small, large):
     """From a length whose square keeps its digits up to one whose square does not overflow."""
     omega, unit = [0.1, -0.2, 30.0], np.array([0.6, 0.5, -0.4, 0.3])
     unit /= np.linalg.norm(unit)
-    for own in (small, Control(made(Spec("IMS")), tmp_path)):
+    for own in (small, large):
         kind = np.finfo(own.type)
         least, most = (float(x) ** 0.5 for x in (kind.tiny / kind.eps, kind.max))
         for length in (1.01 * least, 1, 0.99 * most):
@@ -423,10 +441,12 @@ def test_tableaux_without_sweeps_are_refused(monkeypatch):
 def test_manifests_name_their_profile():
     assert json.loads(made(SMALL).manifest)["profile"] == "control"
     assert json.loads(generate(SMALL).source.manifest)["profile"] == "full"
+    of_file = json.loads(made(Spec.checked("G-L", 2, None, str(
+        ROOT / "examples/bungee.toml"))).manifest)
+    assert (of_file["profile"], of_file["system"]["time"]) == ("control", "t")
 
 
-@pytest.mark.parametrize("spec", [Spec("G-L", 2), Spec("IMS"), Spec("EMS")],
-                         ids=lambda spec: spec.method)
+@pytest.mark.parametrize("spec", [Spec("G-L", 2), Spec("EMS")], ids=lambda spec: spec.method)
 def test_a_point_at_rest_at_the_origin_starts(spec, tmp_path):
     """x'' = u from x = x' = 0, where neither position nor velocity has a scale."""
     x, y, u = sp.symbols("x y u", real=True)
@@ -544,32 +564,46 @@ def test_same_bits_on_aarch64(spec, tmp_path):
 # ---------------------------------------------------------------- derivatives
 
 
+@pytest.mark.parametrize(("scheme", "stages", "name"), [
+    ("G-L", 2, "heavy_top"), ("EMS", None, "heavy_top")])
+def test_derivatives_are_those_of_the_full_stepper(scheme, stages, name, tmp_path):
+    """At the unknowns of the tenth step: tangents along the constraints, and the adjoint."""
+    case, full = systems.case(name), systems.differentiable(name, scheme, stages)
+    source = generate(Spec(scheme, stages).with_profile("control"), derivatives=True,
+                      system=None if name == "heavy_top" else case.system).source
+    check_derivatives(Control(source, tmp_path), full, case.parameters,
+                      *systems.start(name, full))
+
+
+@pytest.mark.slow  # derivatives of each in both profiles
 @pytest.mark.parametrize("spec", [
-    SMALL, Spec("EMS", None, "alpha"), Spec("splitting", order=4),
-    pytest.param(Spec("G-L", 3), marks=pytest.mark.slow),
+    SMALL, Spec("EMS", None, "alpha"), Spec("splitting", order=4), Spec("G-L", 3),
     Spec.checked("G-L", 2, None, str(ROOT / "examples/double_pendulum.toml")),
     Spec.checked("G-L", 2, None, str(ROOT / "examples/bungee.toml")),
 ], ids=lambda spec: spec.name)
-def test_derivatives_are_those_of_the_full_stepper(spec, tmp_path):
-    """At the unknowns of the tenth step: tangents along the constraints, and the adjoint.
+def test_derivatives_of_other_types_schemes_and_files(spec, tmp_path):
+    if spec.model is None:
+        full = gs.stepper(spec.scheme, spec.stages, spec.rep, real=spec.real, order=spec.order)
+        values, q, p = TOP.parameters | {spec.rep: PARAMETERS["gamma"]}, TOP.q0, TOP.p0
+        if spec.rep is None:
+            values = PARAMETERS
+    else:
+        full, model = gs.stepper(spec.scheme, spec.stages, system=spec.model), gs.load_model(
+            spec.model)
+        values, q, p = dict(model.parameters), model.q0, model.p0
+    check_derivatives(Control(made(spec, derivatives=True), tmp_path), full, values, q, p)
+
+
+def check_derivatives(own, full, parameters, q, p):
+    """Compare tangents and adjoint of both profiles.
 
     The end of the step and the factors of J are rounded in another way: some ulp of the largest
     entry of a column, or, as of γ, on which a step hardly depends, of a state per parameter.
     """
-    own = Control(made(spec, derivatives=True), tmp_path)
-    if spec.model is None:
-        full = gs.stepper(spec.scheme, spec.stages, spec.rep, real=spec.real, order=spec.order)
-        parameters, q, p = PARAMETERS, TOP.q0, TOP.p0
-        parameters = TOP.parameters | {spec.rep: PARAMETERS["gamma"]}
-    else:
-        full = gs.stepper(spec.scheme, stages=spec.stages, system=spec.model)
-        model = gs.load_model(spec.model)
-        parameters = dict(model.parameters)
-        q, p = model.q0, model.p0
     own.begin(parameters, q, p, 1e-3).run(9)
     q, p = own.q.copy(), own.p.copy()
     assert own.step() == OK
-    binding = full.derivative_binding
+    binding = full.derivative_binding()
     x = np.zeros(binding.own.unknowns, own.type)
     options = own.ffi.new(f"{own.name}_options *", [0.0, 50])
     own.keep(own.w, options, own.pointer(x))
@@ -596,6 +630,7 @@ def test_derivatives_are_those_of_the_full_stepper(spec, tmp_path):
     assert (abs(dz.T @ (z_bar - cotangent)) <= w.sum() * allowed).all()
 
 
+@pytest.mark.slow  # compiled twice for size
 def test_a_program_with_derivatives_is_one_file(tmp_path):
     """The C compiles alone, without warnings, and its text grows by less than 18 kB at -Os."""
     sizes = []

@@ -90,6 +90,7 @@ def test_headers_compile_alone(folder, checking):
         assert_compiles([*checking, *flags], headers)
 
 
+@pytest.mark.slow  # every variant of every header
 def test_headers_compile_in_each_variant(checking):
     """Those that guard themselves: of each variant that their text tells apart in one unit."""
     own = [(defined(macros), header) for header in filter(is_guarded, HEADERS)
@@ -231,19 +232,14 @@ def test_dense_systems_with_known_solutions(linear, n, power):
 SINGULAR, NOT_FINITE = 2, 3
 
 
-@pytest.mark.parametrize(("second", "status"), [
-    ([0.0, 0.0], SINGULAR), ([2.0, 4.0], SINGULAR), ([np.nan, 4.0], NOT_FINITE),
-    ([np.inf, 4.0], NOT_FINITE)])
-def test_dense_systems_without_solution_have_a_status(linear, second, status):
+@pytest.mark.parametrize(("rows", "status"), [
+    ([[1.0, 2.0], [0.0, 0.0]], SINGULAR), ([[1.0, 2.0], [2.0, 4.0]], SINGULAR),
+    ([[0.1, 0.7], [0.1, 0.7]], SINGULAR), ([[1.0, 2.0], [np.nan, 4.0]], NOT_FINITE),
+    ([[1.0, 2.0], [np.inf, 4.0]], NOT_FINITE)])
+def test_dense_systems_without_solution_have_a_status(linear, rows, status):
     ffi, lib = linear
-    A, b = np.array([[1.0, 2.0], second]), np.ones(2)
+    A, b = np.array(rows), np.ones(2)
     assert lib.solve_dense(2, pointer(ffi, A), pointer(ffi, b)) == status
-
-
-def test_equal_rows_are_singular(linear):
-    ffi, lib = linear
-    A, b = np.array([[0.1, 0.7], [0.1, 0.7]]), np.ones(2)
-    assert lib.solve_dense(2, pointer(ffi, A), pointer(ffi, b)) == SINGULAR
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -584,6 +580,14 @@ TOYS = {
                {"omega": 0.2, "damping": 0.3}),
 }
 NEWTON, FIXED_POINT = 1, 2
+#: Each feature once with stages and once at the midpoint; a toy takes half a second to compile.
+FEW = ("free, separable", "sphere, scalar W, separable", "ellipsoid", "two of three", "driven",
+       "frame", "midpoint, sphere, constant W", "midpoint, driven", "midpoint, frame", "EMS")
+
+
+def marked(names):
+    """Return names of toys as parameters; those beyond the few are slow."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name not in FEW)) for name in names]
 
 
 @pytest.fixture(scope="module")
@@ -599,14 +603,14 @@ def loaded(tmp_path_factory, other_tables):
     return load
 
 
-@pytest.fixture(params=TOYS)
+@pytest.fixture(params=marked(TOYS))
 def toy(request, loaded):
     return loaded(request.param)
 
 
 def toys_without(*features):
     """Return the names of the toys that have none of some features."""
-    return [name for name, toy in TOYS.items() if not any(map(toy.has, features))]
+    return marked(name for name, toy in TOYS.items() if not any(map(toy.has, features)))
 
 
 def test_a_step_solves_its_equations(toy):
@@ -721,7 +725,7 @@ def test_inputs_are_held_over_steps(loaded):
     assert np.array_equal(p, P[-1])
 
 
-@pytest.mark.parametrize("name", [name for name, toy in TOYS.items() if toy.m])
+@pytest.mark.parametrize("name", marked(name for name, toy in TOYS.items() if toy.m))
 def test_projection_brings_a_state_onto_the_constraints(name, loaded):
     toy = loaded(name)
     q, p = (x.copy() for x in toy.start)
@@ -746,9 +750,9 @@ def test_a_rotated_state_loses_no_digit(loaded):
 # ---------------------------------------------------------------- profiles
 
 
-@pytest.mark.parametrize("features", [SCALAR, {}, FREE, {**TWO, "GS_SEPARABLE": 1}, MEAN,
-                                      {**SCALAR, **MEAN}, {**FREE, **MEAN},
-                                      {**MEAN, **TWO, "GS_FORCES": 1}],
+@pytest.mark.parametrize("features", [SCALAR, {**MEAN, **TWO, "GS_FORCES": 1}, *(
+    pytest.param(features, marks=pytest.mark.slow) for features in (
+        {}, FREE, {**TWO, "GS_SEPARABLE": 1}, MEAN, {**SCALAR, **MEAN}, {**FREE, **MEAN}))],
                          ids=lambda features: " ".join(map(str, features)) or "ellipsoid")
 def test_profiles_come_to_where_the_full_stepper_comes(features, tmp_path, other_tables):
     """Newton of profile run has the same bits; iterations of both profiles are the same."""
@@ -816,9 +820,9 @@ def test_sums_of_products_have_twice_the_digits(loaded):
             assert abs(mp.mpf(sums[0]) + mp.mpf(sums[1]) - exact) <= 1e-29 * abs(factors).max()**3
 
 
-@pytest.mark.parametrize("s", [7])
-def test_products_by_even_and_odd_parts(s, tmp_path, other_tables):
+def test_products_by_even_and_odd_parts(tmp_path, other_tables):
     """Against the whole tables, which are rounded once more; three numbers: a pair and one."""
+    s = 7
     toy = Toy({"TOY_STAGES": s, "TOY_TABLES": f'"tables{s}.h"', "GS_EVEN_ODD": 1}).load(
         tmp_path, other_tables)
     whole = FastTableau(gs.tableau("G-L", s)).tables(REALS["double"])
@@ -858,14 +862,9 @@ def test_iterations_end_where_the_next_change_is_round_off(loaded):
         assert not failed
 
 
-def test_iterations_end_below_the_tolerance(loaded):
+def test_iterations_end_below_the_tolerance_and_where_they_stagnate(loaded):
     toy = loaded("ellipsoid")
-    ended, failed = converges(toy, linear_changes(0.1), tolerance=1.5e-6)
-    assert (ended, failed) == (6, False)  # 0.1, ..., 1e-6
-
-
-def test_iterations_that_stagnate_at_round_off_end(loaded):
-    toy = loaded("ellipsoid")
+    assert converges(toy, linear_changes(0.1), tolerance=1.5e-6) == (6, False)  # 0.1, ..., 1e-6
     ended, failed = converges(toy, [1e-2, 1e-6, 1e-10, 1e-14] + [3e-15] * 20)
     assert 5 <= ended <= 12
     assert not failed

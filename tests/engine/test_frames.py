@@ -21,7 +21,6 @@ import gyrospark as gs
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.symmetry.rotations import rotation_of
-from processes import ROOT
 
 TOP = gs.problems.fast_top()
 CONE = gs.problems.regular_precession()
@@ -97,6 +96,7 @@ def test_a_free_body_turns_about_any_axis_of_space():
     assert [s["conditions"] for s in said] == [["I1 = I2"], [], [], []]
 
 
+@pytest.mark.slow  # derives a double top in its frame
 def test_several_bodies_have_an_axis_each_and_the_vertical_together():
     step, _, _ = tops()
     assert [s.name for s in step.symmetries] == ["omega_a", "omega_b", "omega_space"]
@@ -146,7 +146,7 @@ def test_a_system_without_a_rotation_is_refused(system):
 @pytest.mark.parametrize(("scheme", "stages"), [
     ("G-L", 2), ("EMS", None), *(pytest.param(*other, marks=pytest.mark.slow) for other in
                                  [("G-L", 1), ("G-L", 3), ("LIIIA-B", 3), ("IMS", None)])])
-@pytest.mark.parametrize("ratio", [0.5, 1.5])
+@pytest.mark.parametrize("ratio", [0.5, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_regular_precession_has_no_error(scheme, stages, ratio):
     """In the frame of both rates q~ stands still, whatever the method and the step."""
     cone = gs.problems.regular_precession(radius_ratio=ratio)
@@ -176,7 +176,7 @@ def test_regular_precession_keeps_its_height_at_ten_times_the_papers_step(
     assert np.ptp(height(run.q)) < (8 * EPS if times == 10 else 1e-13)  # of turning back
 
 
-@pytest.mark.parametrize("real", ["double", "float128"])
+@pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_turning_back_costs_no_digit_after_a_million_seconds(real):
     """A sleeping top stands still in its frame; 1.25e8 rad are turned back as mpmath does it.
 
@@ -285,6 +285,7 @@ def test_the_map_is_symplectic():
 # ---------------------------------------------------------------- multipliers, and where g turns
 
 
+@pytest.mark.slow  # derives a double top in its frame
 def test_multipliers_turn_with_the_constraints():
     """Those of joints are given in axes of space: with ω_space they must be turned at each node."""
     step, numbers, (q, p) = tops()
@@ -370,7 +371,8 @@ def test_a_sweep_takes_rates_as_an_axis():
 
 
 @pytest.mark.parametrize("real", [
-    "float", "float128", pytest.param("long-double", marks=pytest.mark.slow)])
+    "float128", *(pytest.param(real, marks=pytest.mark.slow) for real in ("float", "long-double"))])
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_every_type_turns_back(real):
     step, cone = framed(real=real), with_gamma(CONE)
     rates = rates_of(framed(), CONE.q0, CONE.p0, cone)
@@ -385,13 +387,22 @@ def test_every_type_turns_back(real):
 
 
 def test_a_model_file_may_ask_for_frames(tmp_path):
-    text = (ROOT / "examples" / "satellite.toml").read_text(encoding="utf-8")
+    text = """
+        name = "quartic"
+        [system]
+        coordinates = ["x", "y"]
+        momenta = ["px", "py"]
+        hamiltonian = "(px**2 + py**2)/2 + (x**2 + y**2)**2/4"
+        [start]
+        q = [1, 0]
+        p = [0, 1]"""
     file = tmp_path / "moving.toml"
-    file.write_text('frame = "symmetries"\n' + text, encoding="utf-8")
-    step = gs.stepper("G-L", 1, system=str(file))
-    assert [s.name for s in step.symmetries][:1] == ["omega_body"]
-    assert gs.load_model(file).frame == "symmetries"
-    file.write_text('frame = "moving"\n' + text, encoding="utf-8")
+    for frame, names in (("", []), ('frame = "symmetries"', ["omega_space"])):
+        file.write_text(frame + text, encoding="utf-8")
+        made = generate(Spec.checked("G-L", 1, None, str(file)))
+        symmetries = json.loads(made.source.manifest).get("frame", {}).get("symmetries", ())
+        assert [symmetry["name"] for symmetry in symmetries] == names
+    file.write_text('frame = "moving"' + text, encoding="utf-8")
     with pytest.raises(gs.InputError, match="symmetries"):
         gs.load_model(file)
 

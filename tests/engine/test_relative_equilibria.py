@@ -19,9 +19,6 @@ from steady_motions import ACROSS, E1, E3, STEADY, WEIGHT, Steady, of_model, wit
 EPS = np.finfo(float).eps
 
 
-
-
-
 METHODS = [("G-L", 1), ("G-L", 3), ("LIIIA-B", 2), ("LIIIA-B", 3), ("IMS", None), ("EMS", None)]
 
 
@@ -31,11 +28,14 @@ def framed(name, scheme="G-L", stages=2):
     return gs.stepper(scheme, stages, system=steady.system, frame="symmetries", **steady.rep)
 
 
-@pytest.mark.parametrize("name", STEADY)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name != "free_body"))  # derived for seconds
+    for name in STEADY])
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_a_steady_motion_has_no_error(name):
     """Where the start's own least squares is the frame; without one the error is of the order."""
     steady, step = STEADY[name](), framed(name)
-    start = {"dt": steady.dt, "steps": 400, "parameters": steady.parameters}
+    start = {"dt": steady.dt, "steps": 200, "parameters": steady.parameters}
     plain = step.integrate(steady.q, steady.p, **start)
     run = step.integrate(steady.q, steady.p, **start | {"parameters": {
         **steady.parameters, "frame": "start"}})
@@ -65,6 +65,7 @@ def test_a_steady_motion_has_no_error_by_any_method(name, scheme, stages):
     assert steady.error(run) < allowed(steady, run)
 
 
+@pytest.mark.slow  # derives the satellite
 def test_the_satellites_frames_are_its_own_axis_and_the_orbits_where_it_is_a_ball():
     """The gradient is about the vertical, n l_y about the normal: both stay for a ball only."""
     own, normal = framed("satellite").symmetries
@@ -90,6 +91,7 @@ def wheelless() -> Steady:
     return of_model(build.model(), 5e-3)
 
 
+@pytest.mark.slow  # derives two bodies on one axis
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_reaction_wheel_errs_as_if_it_stood_still():
     """The body feels the wheel's momentum h and moments across, not how fast it turns.

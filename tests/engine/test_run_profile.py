@@ -39,9 +39,9 @@ def models():
     top, bead = (TOP.q0, TOP.p0), ([0.6, -0.8], [0.8, 0.6])
     named = {f"{scheme}{stages or ''} {real}": (Spec(scheme, stages, real=real), None, top,
                                                PARAMETERS, 1e-3)
-             for scheme, stages, real in (("G-L", 3, "double"), ("G-L", 2, "float"), ("EMS", None,
-                                          "double"), ("IMS", None, "double"), ("LIIIA-B", 3,
-                                          "long-double"))}
+             for scheme, stages, real in (("G-L", 3, "double"), ("EMS", None, "float"),
+                                          ("G-L", 2, "float"), ("IMS", None, "double"),
+                                          ("LIIIA-B", 3, "long-double"))}
     return named | {
         "long steps": (Spec("G-L", 3), None, top, PARAMETERS, 0.026),
         "forces": (Spec("G-L", 2), pendulum(), bead, DRAG, 0.05),
@@ -52,8 +52,9 @@ def models():
 
 
 MODELS = models()
-EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name in ("forces EMS", "free IMS")))
-         for name in MODELS]
+#: Of these, the default run compiles two profiles each.
+FEW = ("G-L3 double", "long steps", "EMS float", "forces")
+EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name not in FEW)) for name in MODELS]
 every_model = pytest.mark.parametrize("name", EVERY)
 
 
@@ -160,7 +161,9 @@ def text(array):
 @pytest.fixture(scope="module")
 def programs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("programs")
-    return cache(lambda name, profile: Program(made(name, profile), folder / f"{name} {profile}"))
+    compiled = cache(lambda name, profile: Program(made(name, profile),
+                                                   folder / f"{name} {profile}"))
+    return lambda name, profile: compiled("G-L3 double" if name == "long steps" else name, profile)
 
 
 AUTO, NEWTON, FIXED_POINT = 0, 1, 2
@@ -259,6 +262,7 @@ def test_nothing_but_what_the_header_declares(programs):
 # ---------------------------------------------------------------- programs
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_example_of_a_loop(gyrospark, tmp_path, monkeypatch):
     """The commands on its top. By Newton every number is the Python stepper's, to the bit.
 

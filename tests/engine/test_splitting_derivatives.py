@@ -17,7 +17,11 @@ TOP = gs.problems.fast_top()
 SYMMETRIC = TOP.parameters | {"gamma": 1.0}
 ASYMMETRIC = SYMMETRIC | {"I2": 1.3 * TOP.parameters["I1"]}
 MOMENTS = ["I1", "I2", "I3", "mgl"]
-STEP = gs.stepper("splitting", order=4)
+
+
+@cache
+def splitting():
+    return gs.stepper("splitting", order=4)
 
 
 def product(a, b):
@@ -65,7 +69,7 @@ class HeavyTop:
 def reference(q, p, h, values, steps):
     """Return the end of steps of order 4, of the composition that the parameters choose."""
     top, even = HeavyTop(*values), values[0] == values[1]
-    one = COMPOSITIONS[STEP.manifest["scheme"]["compositions"][even]]
+    one = COMPOSITIONS[splitting().manifest["scheme"]["compositions"][even]]
     q, l = list(q), [x / 2 for x in product(p, conjugate(q))[1:]]  # noqa: E741
     for _ in range(steps):
         for i, b in enumerate(one.kicks):
@@ -89,7 +93,7 @@ def test_tangents_against_differences_in_50_digits(case):
     p0 = TOP.p0 * (case != "at rest")
     steps, h = 3, 2e-3
     free = MOMENTS if case == "asymmetric" else ["I3", "mgl"]
-    run = STEP.integrate(TOP.q0, p0, dt=h, steps=steps, parameters=values,
+    run = splitting().integrate(TOP.q0, p0, dt=h, steps=steps, parameters=values,
                          tangents=gs.Tangents(parameters=free, dt=True))
     tangents = np.concatenate([run.tangents.q, run.tangents.p], axis=1)
     first, found = tangents[0], tangents[-1]
@@ -111,14 +115,14 @@ def test_tangents_against_differences_in_50_digits(case):
     kept = found[:, :6].T @ omega @ found[:, :6] - first[:, :6].T @ omega @ first[:, :6]
     assert np.abs(kept).max() < 1e-15 * np.abs(found[:, :6]).max()**2 + 1e-14
     w = np.random.default_rng(1).normal(size=8)
-    back = STEP.gradient(run, {"q": w[:4], "p": w[4:]}, wrt=["start", *free, "dt"]).vector()
+    back = splitting().gradient(run, {"q": w[:4], "p": w[4:]}, wrt=["start", *free, "dt"]).vector()
     assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
 
 
 def test_runs_backwards_from_checkpoints_and_in_reverse():
-    run = STEP.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=200, parameters=ASYMMETRIC, every=10)
+    run = splitting().integrate(TOP.q0, TOP.p0, dt=2e-3, steps=200, parameters=ASYMMETRIC, every=10)
     cotangents = {"q": run.q, "p": 3 * run.q}
-    kept, pieces, reverse = (STEP.gradient(run, cotangents, memory=memory).vector()
+    kept, pieces, reverse = (splitting().gradient(run, cotangents, memory=memory).vector()
                              for memory in ("256 MB", "10 kB", "none"))
     assert np.array_equal(kept, pieces)
     assert np.allclose(kept, reverse, rtol=1e-9, atol=1e-9 * np.abs(kept).max())
@@ -129,9 +133,10 @@ def test_symmetric_bodies_have_the_derivative_by_what_breaks_the_symmetry():
     near = SYMMETRIC | {"I2": SYMMETRIC["I1"] * (1 + 1e-9)}
     errors = []
     for steps in (20, 40):
-        found = [STEP.integrate(TOP.q0, TOP.p0, dt=0.04 / steps, steps=steps, parameters=values,
-                                tangents=gs.Tangents(start=None, parameters=["I2"])).tangents.q[-1]
-                 for values in (SYMMETRIC, near)]
+        found = [splitting().integrate(
+            TOP.q0, TOP.p0, dt=0.04 / steps, steps=steps, parameters=values,
+            tangents=gs.Tangents(start=None, parameters=["I2"])).tangents.q[-1]
+            for values in (SYMMETRIC, near)]
         errors.append(np.abs(found[0] - found[1]).max() / np.abs(found[1]).max())
     assert errors[1] < 1e-3
     assert errors[0] / errors[1] > 3.5
@@ -145,6 +150,7 @@ def on_constraints(z):
     return q, p
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_kicks_of_symmetric_bodies_that_depend_on_momenta_are_whole():
     """Tangents by differences of the step, adjoints by tangents: forces are no potential's."""
     system, values, _ = SYSTEMS["driven"]
@@ -191,8 +197,8 @@ def everything(torque: float = 0.0) -> gs.Model:
     return model.model()
 
 
-@pytest.mark.parametrize(("torque", "even"), [
-    (0.0, False), *(pytest.param(0.3, even, marks=pytest.mark.slow) for even in (False, True))])
+@pytest.mark.slow  # derives and compiles two orders of derivatives of a system with all features
+@pytest.mark.parametrize(("torque", "even"), [(0.0, False), (0.3, False), (0.3, True)])
 def test_forces_points_inputs_and_time(torque, even):
     """Tangents by differences; adjoints and Hessians by tangents and each other."""
     one, h, rng = everything(torque), 0.05, np.random.default_rng(3)
@@ -257,13 +263,14 @@ def test_analyses_of_runs():
     """A pendulum's period and Floquet multipliers, and exponents that cancel in pairs."""
     q = np.array([np.cos((np.pi - 0.6) / 2), np.sin((np.pi - 0.6) / 2), 0, 0])
     small = 2 * np.pi * np.sqrt(ASYMMETRIC["I1"] / ASYMMETRIC["mgl"])
-    found = gs.periodic_orbit(STEP, q, np.zeros(4), dt=1.02 * small / 60, steps=60,
+    found = gs.periodic_orbit(splitting(), q, np.zeros(4), dt=1.02 * small / 60, steps=60,
                               parameters=ASYMMETRIC)
     exact = small * 2 / np.pi * float(mp.ellipk(mp.sin(0.3)**2))
     assert found.residuals[-1] < 1e-13
     assert float(found.period) == pytest.approx(exact, rel=1e-6)
     assert np.prod(found.multipliers) == pytest.approx(1, abs=1e-12)
-    chaos = gs.lyapunov(STEP, TOP.q0, TOP.p0 / 20, dt=2e-3, steps=1000, parameters=ASYMMETRIC)
+    chaos = gs.lyapunov(splitting(), TOP.q0, TOP.p0 / 20, dt=2e-3, steps=1000,
+                        parameters=ASYMMETRIC)
     assert chaos.exponents + chaos.exponents[::-1] == pytest.approx(0, abs=1e-2 * max(
         chaos.exponents))
 
@@ -281,3 +288,11 @@ def test_points_without_bodies():
     assert np.linalg.det(columns) == pytest.approx(1, abs=1e-15)
     back = step.vjp([0.4], [0.1], **given)[2]([0.6], [-0.8])
     assert [*back.q, *back.p] == pytest.approx([0.6, -0.8] @ columns, abs=1e-15)
+    made = step.hvp([0.4], [0.1], [0.3], [-0.2], [0.6], [-0.8], d={"k": 0.5}, **given)
+    cotangents = [step.vjp([0.4 + s * 0.3], [0.1 - s * 0.2], wrt=["q", "p", "k"], dt=0.3,
+                           parameters={"k": 1.2 + s * 0.5, "m": 0.7})[2]([0.6], [-0.8])
+                  for s in (1e-5, -1e-5)]
+    for name in ("q", "p"):
+        after, before = (getattr(one, name) for one in cotangents)
+        assert getattr(made, name) == pytest.approx((after - before) / 2e-5, abs=1e-9)
+    assert made["k"] == pytest.approx((cotangents[0]["k"] - cotangents[1]["k"]) / 2e-5, abs=1e-9)

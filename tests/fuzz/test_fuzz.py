@@ -21,7 +21,7 @@ from processes import HELPERS, ROOT, environment
 every_entrance = pytest.mark.parametrize("name", list(ENTRANCES))
 INPUTS = [(name, path) for name in ENTRANCES for path in corpus(name)]
 #: Of seeded inputs, for each entrance; the slow ones get fewer of them.
-SECONDS = 0.25
+SECONDS = 0.15
 DRIVER = ROOT / "tests" / "fuzz" / "run.py"
 
 
@@ -41,7 +41,9 @@ def test_corpus_belongs_to_entrances():
     assert {path.name for path in CORPUS.iterdir()} <= set(ENTRANCES)
 
 
-@every_entrance
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "source"))  # a second end is rare
+    for name in ENTRANCES])
 def test_seeded_inputs(name):
     """The same inputs in every run, as many of them as there is time for; both kinds of end."""
     try_one(name, b"")  # what is compiled and imported first is not counted
@@ -100,6 +102,7 @@ def drive(*arguments: str, folder) -> subprocess.CompletedProcess[str]:
                           timeout=300, check=False)
 
 
+@pytest.mark.slow  # a process that starts others
 def test_driver_counts_what_it_tries(tmp_path):
     done = drive("--inputs", "60", "--seed", "2", "--entrance", "formula", folder=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from itertools import product
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ import gyrospark as gs
 TOP = gs.problems.fast_top()
 PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
 RUN = {"dt": 1e-3, "parameters": PARAMETERS}
-SCHEMES = [("IMS", None), ("EMS", None), ("G-L", 1), ("G-L", 3), ("LIIIA-B", 2), ("LIIIA-B", 4)]
+SCHEMES = [("EMS", None), ("G-L", 2), ("LIIIA-B", 3)]
 
 
 def identify(scheme):
@@ -38,10 +37,10 @@ LATE = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
 def late_failures():
     """Find runs from ``LATE`` that fail in the middle, by large steps and few iterations."""
     found = []
-    for scheme in (("G-L", 2), ("EMS", None), ("LIIIA-B", 3)):
+    for scheme in SCHEMES:
         step = gs.stepper(*scheme)
-        for dt, most in product(np.arange(0.09, 0.4, 0.004).tolist(), (6, 8, 10, 14, 50)):
-            options = {"dt": dt, "parameters": PARAMETERS, "max_iterations": most}
+        for dt in (0.12, 0.1, *np.arange(0.09, 0.2, 0.004).tolist()):  # 0.12 or 0.1 as a rule
+            options = {"dt": dt, "parameters": PARAMETERS, "max_iterations": 6}
             try:
                 with warnings.catch_warnings():  # runs that get to their end turn too far in a step
                     warnings.simplefilter("ignore", gs.InputWarning)

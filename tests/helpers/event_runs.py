@@ -38,7 +38,7 @@ def assert_same_events(stored, computed):
     """Check that two runs found the same, to the bit."""
     assert stored.keys() == computed.keys()
     for name, found in computed.items():
-        for part in ("t", "q", "p", "steps", "rising"):
+        for part in ("t", "q", "p", "steps", "rising", "elapsed"):
             assert bits(getattr(stored[name], part)) == bits(getattr(found, part)), (name, part)
 
 

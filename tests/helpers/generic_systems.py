@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from gyrospark.generator.systems.system import System
 from reference import Equations
 
@@ -58,14 +59,11 @@ def pendulum() -> Example:
 
 
 def runner() -> Example:
-    x, y, z, a, b, c = q_p = sp.symbols("x y z a b c", real=True)
-    M = sp.Symbol("M", positive=True)
-    k = sp.Symbol("k", real=True)
-    H = sp.sqrt(M**2 + a**2 + b**2 + c**2) * (1 + x**2 / 4) + k / (2 + z)
-    parameters = {"M": 0.8, "k": 1.7}
+    entry = systems.case("relativistic")
+    parameters = entry.parameters
 
     def by_hand(number):
-        M, k = (number(parameters[name]) for name in ("M", "k"))
+        M, k = (number(parameters[name]) for name in ("m", "k"))
 
         def root(p):
             return (M**2 + p @ p) ** 0.5
@@ -92,13 +90,11 @@ def runner() -> Example:
             mean_gradient=mean_gradient, mean_constraint=mean_constraint,
         )
 
-    return Example(System(q_p[:3], q_p[3:], (M, k), H, (x**4 + y**4 + z**2 - 1,), name="runner"),
-                   by_hand, parameters, (0.7, -0.6, 0.5), (0.6, 0.9, -0.4))
+    return Example(entry.system, by_hand, parameters, entry.q, entry.p)
 
 
 def oscillator() -> Example:
-    x, y, a, b = q_p = sp.symbols("x y a b", real=True)
-    H = (a**2 + b**2 + x**2 + y**2) / 2 + x**2 * y - y**3 / 3
+    entry = systems.case("henon_heiles")
 
     def by_hand(number):
         third = 1 / number(3)
@@ -118,8 +114,7 @@ def oscillator() -> Example:
             mean_gradient=mean_gradient, mean_constraint=lambda q0, q1: np.zeros((0, 2)),
         )
 
-    return Example(System(q_p[:2], q_p[2:], (), H, name="henon_heiles"), by_hand, {}, (0.3, -0.2),
-                   (0.25, 0.35))
+    return Example(entry.system, by_hand, {}, entry.q, entry.p)
 
 
 EXAMPLES = {make.__name__: make() for make in (pendulum, runner, oscillator)}
@@ -127,4 +122,7 @@ EXAMPLES = {make.__name__: make() for make in (pendulum, runner, oscillator)}
 
 @cache
 def stepper_for(name, scheme, stages):
+    known = {"runner": "relativistic", "oscillator": "henon_heiles"}
+    if name in known:
+        return systems.stepper(known[name], scheme, stages)
     return gs.stepper(scheme, stages, system=EXAMPLES[name].symbolic)

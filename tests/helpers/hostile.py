@@ -13,6 +13,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import sympy as sp
 import sympy.physics.mechanics as me
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP
 
 WRONG: dict[str, Any] = {
@@ -37,6 +39,24 @@ WRONG: dict[str, Any] = {
     "date": np.datetime64("2020-01-01"), "generator": (x for x in ()), "path": Path("nowhere"),
     "surrogate": "\ud800", "nul": "a\0b", "long": "x" * 1000,
 }
+
+
+class Later:
+    """An object that is built when a call is made; its attributes and results are later too."""
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._make = cache(make)
+
+    def __getattr__(self, name: str) -> Later:
+        return Later(lambda: getattr(self._make(), name))
+
+    def __call__(self, *arguments: Any) -> Later:
+        return Later(lambda: self._make()(*map(resolve, arguments)))
+
+
+def resolve(thing: Any) -> Any:
+    """Return an object, built now if it was to be built later."""
+    return thing._make() if isinstance(thing, Later) else thing
 
 
 @dataclass(frozen=True)
@@ -86,20 +106,21 @@ def value_and_gradient(step: gs.Stepper) -> Callable[..., Any]:
     return evaluate
 
 
-def calls(tmp_path: Path | None) -> list[Call]:
-    """Return a call for everything public; without a folder only to name them."""
-    tmp_path = tmp_path or Path()
-    step = gs.stepper("G-L", 3)
+def calls(tmp_path: Path) -> list[Call]:
+    """Return a call for everything public; nothing is compiled before one is made."""
+    step = Later(lambda: systems.stepper("heavy_top"))
     q, p = TOP.q0, TOP.p0
     run = {"dt": 1e-3, "parameters": PARAMETERS}
     state = {"q": q, "p": p}
-    made = step.integrate(q, p, steps=3, **run)
-    many = step.integrate_ensemble([q, q], [p, p], steps=3, workers=1, **run)
+    made = Later(lambda: resolve(step).integrate(q, p, steps=3, **run))
+    many = Later(lambda: resolve(step).integrate_ensemble([q, q], [p, p], steps=3, workers=1,
+                                                          **run))
     x, y = sp.symbols("x y", real=True)
     m = sp.Symbol("m", positive=True)
 
     def plain(name: str, function: Callable[..., Any], /, **arguments: Any) -> Call:
-        return Call(name, lambda: (function, arguments))
+        return Call(name, lambda: (resolve(function), {
+            key: resolve(value) for key, value in arguments.items()}))
 
     found = [
         plain("stepper", gs.stepper, scheme="G-L", stages=3, rep="gamma", system="heavy_top",
@@ -121,8 +142,9 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("choose_gamma", gs.choose_gamma, stepper=step, **state, dt=1e-2,
               parameters=TOP.parameters, bodies={"gamma": TOP.inertia}, steps=4, aim="energy",
               t0=0.0, run_steps=4),
-        plain("choose_frame", gs.choose_frame, stepper=gs.stepper("G-L", 2, frame="symmetries"),
-              **state, dt=1e-2, parameters=TOP.parameters | {"gamma": 0.001},
+        plain("choose_frame", gs.choose_frame,
+              stepper=Later(lambda: systems.stepper("heavy_top_in_frame")), **state, dt=1e-2,
+              parameters=TOP.parameters | {"gamma": 0.001},
               bodies={"gamma": TOP.inertia}, steps=8, t0=0.0, inputs=None, hold=1),
         plain("load_model", gs.load_model, path=str(tmp_path / "none.toml"), rep="gamma",
               real="double"),
@@ -176,7 +198,7 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("hessian", step.hessian, run=made, cotangents={"q": q}, loss=None, slopes=None,
               wrt=["I1"], memory="1 MB", solver="auto"),
         plain("Trajectory.hessian", made.hessian, cotangents={"q": q}, stepper=step),
-        Call("value_and_gradient", lambda: (value_and_gradient(step), {
+        Call("value_and_gradient", lambda: (value_and_gradient(resolve(step)), {
             "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "memory": "1 MB"}),
             kept=("loss",)),
         plain("fit", gs.fit, step=step, t=made.t, data=made.q, **state, parameters=PARAMETERS,
@@ -193,7 +215,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
         plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
         plain("start", step.start, q0=q, p0=p, **run, t0=0.0, solver="auto", tolerance=1e-12,
               max_iterations=50, record=False),
-        plain("advance", step.start(q, p, **run).advance, steps=2, inputs=None),
+        plain("advance", Later(lambda: resolve(step).start(q, p, **run)).advance, steps=2,
+              inputs=None),
         plain("Event", gs.Event, quantity="q1", level=0.0, direction=1, terminal=False, name="a"),
         plain("section", gs.section, stepper=step, q=[q, q], p=[p, p], **run, steps=3,
               event=gs.Event("q1"), t0=0.0, solver="auto", tolerance=None, max_iterations=50,
@@ -220,8 +243,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
                 base="fixed", angles=None, rates=None, ignore=(), gravity=(0.0, 0.0, -9.81),
                 position=(0.0, 0.0, 0.0), quaternion=None, velocity=None, angular_velocity=None,
                 rep="gamma", limits=None) for verb in ("load", "read")),
-        plain("residual", step.residual, x=np.zeros(step.unknowns), **state, **run, t=0.0),
-        plain("jacobian", step.jacobian, x=np.zeros(step.unknowns), **state, **run, t=0.0),
+        plain("residual", step.residual, x=np.zeros(18), **state, **run, t=0.0),
+        plain("jacobian", step.jacobian, x=np.zeros(18), **state, **run, t=0.0),
         plain("guess", step.guess, **state, **run, t=0.0),
         plain("energy", step.energy, **state, parameters=PARAMETERS, t=0.0, of_motion=False),
         plain("quantities", step.quantities, **state, parameters=PARAMETERS, t=0.0),
@@ -278,8 +301,8 @@ def calls(tmp_path: Path | None) -> list[Call]:
                                              "dict", "pi")),
         plain("cite", gs.cite, stepper=step),
         Call("record", lambda: (gs.record, {
-            "stepper": step, **state, **run, "out": tmp_path / "a.zarr", "steps": 3, "t0": 0.0,
-            "every": 1, "solver": "auto", "tolerance": 1e-12, "max_iterations": 50,
+            "stepper": resolve(step), **state, **run, "out": tmp_path / "a.zarr", "steps": 3,
+            "t0": 0.0, "every": 1, "solver": "auto", "tolerance": 1e-12, "max_iterations": 50,
             "resume": True, "seed": 1, "progress": None, "events": gs.Event("q1")})),
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
@@ -293,10 +316,10 @@ def calls(tmp_path: Path | None) -> list[Call]:
 
 def recording_calls(tmp_path: Path) -> Iterator[Call]:
     """Yield calls of what a stored run offers."""
+    @cache
     def stored() -> gs.Recording:
-        path = tmp_path / "kept.zarr"
-        return gs.record(gs.stepper("G-L", 3), TOP.q0, TOP.p0, dt=1e-3, steps=3, resume=True,
-                         parameters=PARAMETERS, out=path)
+        return gs.record(systems.stepper("heavy_top"), TOP.q0, TOP.p0, dt=1e-3, steps=3,
+                         parameters=PARAMETERS, out=tmp_path / "kept.zarr")
 
     yield Call("Recording.trajectory", lambda: (stored().trajectory, {"first": 0, "thin": 1}))
     yield Call("Recording.export", lambda: (stored().export, {

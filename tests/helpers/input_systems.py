@@ -20,3 +20,9 @@ def pendulum():
 @cache
 def stepper(make, scheme="G-L", stages=2, real="double"):
     return gs.stepper(scheme, stages, system=make(), real=real)
+
+
+def oscillator():
+    """Return one that one input pushes."""
+    return gs.System((x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, forces=[push], inputs=(push,),
+                     name="pushed_oscillator")

@@ -237,9 +237,10 @@ def declares(tokens: list[tuple[str | None, bytes, int]], i: int) -> bool:
 
 
 def mutants_of(root: Path, package: str) -> list[list[Mutant]]:
-    """Return the mutants of each statement of a package."""
+    """Return the mutants of each statement of a package, or of one file."""
     found = []
-    for path in sorted((root / package).rglob("*")):
+    whole = root / package
+    for path in sorted(whole.rglob("*")) if whole.is_dir() else [whole]:
         source = path.read_bytes() if path.suffix in (".py", ".h") else b""
         lines = source.decode().split("\n")
         places = python_places if path.suffix == ".py" else c_places

@@ -51,14 +51,26 @@ def imports() -> dict[str, dict[str, set[str]]]:
     return found
 
 
+@cache
+def statements(path: Path) -> list[ast.stmt]:
+    """Return every statement of a file but those that only type checkers read."""
+    found: list[ast.stmt] = []
+    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.stmt):
+            found.append(node)
+        inner = [child for name in ("body", "orelse", "finalbody", "handlers", "cases")
+                 for child in getattr(node, name, None) or [] if isinstance(child, ast.AST)]
+        if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
+            waiting += inner
+    return found
+
+
 def _imported(path: Path, module: str, home: Mapping[str, str]) -> Iterator[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for_checkers = {id(inner) for node in ast.walk(tree)
-                    if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
-                    for inner in ast.walk(node)}
     package = module.split(".")[:-1]
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.level and id(node) not in for_checkers:
+    for node in statements(path):
+        if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1]
             whole = ".".join([*base, *([node.module] if node.module else [])])
             for alias in node.names:

@@ -2,37 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import gyrospark as gs
-from calls import PARAMETERS, TOP
-from forced_systems import PARAMETERS as FORCED
-from forced_systems import pendulum
-from stores import START
-from structured_systems import made, start
+import systems
 
 
-def forced_run(out):
-    """A run with forces, quantities and time, of 13 rows in blocks of 4."""
-    step = gs.stepper("G-L", 2, system=pendulum())
-    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=FORCED)
-    return gs.record(step, q, p, out=out, dt=0.01, steps=35, every=3, t0=0.3, parameters=FORCED)
-
-
-def two_constraints(out):
-    q, p, parameters = start(driven=True)
-    return gs.record(made("G-L", 2, structured=True, driven=True), q, p, out=out, dt=1e-3,
-                     steps=10, parameters=parameters)
-
-
-def wide(out, real="long-double"):
-    step = gs.stepper("EMS", real=real)
-    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
-    return gs.record(step, q, p, out=out, dt=1e-3, steps=20, parameters=PARAMETERS)
+def record_case(out, name="heavy_top", real="double", steps=25, every=2, **options):
+    """Return the stored run of a case of the catalogue."""
+    step, case = systems.stepper(name, real=real), systems.case(name)
+    q, p = systems.start(name, step)
+    return gs.record(step, q, p, out=out, dt=case.dt, t0=case.t0, steps=steps, every=every,
+                     parameters=case.parameters, **options)
 
 
 RUNS = {
-    "top": lambda out: gs.record(gs.stepper("EMS"), **START, steps=25, every=2, out=out, seed=3),
-    "forced": forced_run, "two constraints": two_constraints, "long double": wide,
-    "float128": lambda out: wide(out, "float128"),
-    "float": lambda out: wide(out, "float"),
-    "one state": lambda out: gs.record(gs.stepper("EMS"), **START, steps=0, out=out),
+    "top": partial(record_case, seed=3),
+    "forced": partial(record_case, name="dragged_pendulum", steps=35, every=3),
+    "two constraints": partial(record_case, name="two_rods", steps=10, every=1),
+    "long double": partial(record_case, real="long-double"),
+    "float128": partial(record_case, real="float128"),
+    "one state": partial(record_case, steps=0, every=1),
 }

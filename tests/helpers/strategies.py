@@ -39,6 +39,15 @@ def usual(specs: Iterable[Spec]) -> list[Any]:
             (spec.stages + (spec.scheme == "LIIIA-B")) % 2 == 1))) for spec in specs]
 
 
+def few(specs: Iterable[Spec]) -> list[Any]:
+    """Return specs to run a test with: each scheme once, in both parametrisations; else slow."""
+    return [pytest.param(spec, marks=[pytest.mark.slow] * (spec not in _FEW)) for spec in specs]
+
+
+#: Each scheme once, of few stages; checked in or in the catalogue.
+_FEW = (Spec("IMS", None, "alpha"), Spec("EMS"), Spec("G-L", 2), Spec("LIIIA-B", 3, "alpha"))
+
+
 def identify(value: Any) -> str:
     """Return the test id of a spec."""
     return f"{value.method}-{value.rep}" if isinstance(value, Spec) else str(value)

@@ -1,12 +1,14 @@
-"""Chains of bodies whose Jacobian is sparse."""
+"""Systems whose Jacobian is sparse, in forms and dense: a sling of bodies, beads on rods."""
 
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import sympy as sp
 
+import budget
 from gyrospark.generator.multibody.rigid_body import kinetic_energy, left_matrix, rotation_matrix
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
@@ -51,3 +53,41 @@ def made(scheme: str, stages: int | None, structured: bool, driven: bool, real: 
     found = generate(Spec.checked(scheme, stages, None, None, real), system=sling(driven=driven),
                      structured=structured)
     return Stepper(found.source.name, found.source.files())
+
+
+BEADS = {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}
+
+
+def beads(links: int = 2) -> System:
+    """Return beads on rods whose mass depends on place, on a pivot and in a field that time moves.
+
+    There are dampers between them, and a drive at the end.
+    """
+    q = sp.symbols(f"x0:{2 * links}", real=True)
+    p = sp.symbols(f"y0:{2 * links}", real=True)
+    k, c, f, omega = sp.symbols("k c f omega", positive=True)
+    t = sp.Symbol("t", real=True)
+    points = [(0, f * sp.sin(omega * t) / 5), *zip(q[::2], q[1::2], strict=True)]
+    rods = [(b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 - 1 for a, b in pairwise(points)]
+    H = sum(a**2 for a in p) / 2 + 9 * sum(q[1::2])
+    H += sum(x**2 * (v**2 / 8 + f * sp.cos(t)) for x, v in zip(q[::2], p[1::2], strict=True))
+    forces = [-k * a for a in p]
+    for i in range(2 * links - 2):
+        pull = c * (p[i + 2] - p[i]) * (1 + q[i] * q[i + 2] / 5)
+        forces[i], forces[i + 2] = forces[i] + pull, forces[i + 2] - pull
+    forces[-2] += f * sp.sin(omega * t) * q[-1]
+    return System(q, p, (k, c, f, omega), H, rods, forces=forces, time=t, name="beads")
+
+
+def start_of_beads(step: Stepper, t0: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a state of two beads on the constraints."""
+    return step.project([0.6, -0.8, 1.4, -1.4], [0.8, 0.6] * 2, parameters=BEADS, t=t0)
+
+
+@cache
+def made_beads(scheme: str, stages: int | None, structured: bool, real: str = "double"):
+    """Return a stepper of two beads, in forms or dense."""
+    with budget.shared():
+        source = generate(Spec.checked(scheme, stages, None, None, real), system=beads(),
+                          structured=structured).source
+        return Stepper(source.name, source.files())

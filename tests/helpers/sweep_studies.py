@@ -12,7 +12,7 @@ OVER = {"gamma": GAMMAS, "dt": STEPS}
 STUDY = """
 model = "fast-top"
 scheme = "G-L 2"
-steps = 400
+steps = 100
 [grid]
 gamma = { from = 4e-4, to = 4e-3, count = 40, spacing = "log" }
 dt = { from = 1e-4, to = 2e-3, count = 32, spacing = "log" }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import input_systems
 from flows import PARAMETERS, TOP, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import InputError
 
@@ -103,3 +104,14 @@ def test_opti_swings_a_pendulum(second_order):
     assert np.abs(run.q.T - found.value(q)).max() < 1e-8
     assert np.abs(run.q[-1] - [np.sin(angle), -np.cos(angle)]).max() < 1e-7
     assert found.value(casadi.sumsqr(u)) == pytest.approx(opti.value(opti.f))
+
+
+def test_one_input_is_a_column():
+    """A symbolic column has one shape, whether it is a row for each step or a vector."""
+    step = input_systems.stepper(input_systems.oscillator)
+    flow, u = gc.run(step, steps=5, dt=0.05), casadi.MX.sym("u", 5, 1)
+    F = casadi.vertcat(*flow([0.3], [0.2], {"k": 1.3}, inputs=u))
+    rows = np.linspace(-1, 1, 5)[:, None]
+    run = step.integrate([0.3], [0.2], dt=0.05, steps=5, parameters={"k": 1.3}, inputs=rows)
+    found = casadi.Function("f", [u], [F])(rows).full()[:, 0]
+    assert np.array_equal(found, [*run.q[-1], *run.p[-1]])

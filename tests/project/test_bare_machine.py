@@ -217,6 +217,7 @@ def full(tmp_path_factory):
     return Machine(folder, furnish(tmp_path_factory.mktemp("typed")))
 
 
+@pytest.mark.slow  # installs the wheel
 def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
     assert megabytes(bare.bin.parent) < 200
     code = "from importlib.metadata import distributions\nfor d in distributions(): print(d.name)"
@@ -262,6 +263,7 @@ def _told(names: list[str], section: str) -> str:
 # ---------------------------------------------------------------- what is typed
 
 
+@pytest.mark.slow  # installs the wheel, and derives and compiles a dozen systems
 def test_commands_of_the_documents(bare, full):
     """Each distinct one; what needs an extra says so in a line, and works where it is.
 
@@ -296,6 +298,7 @@ def test_every_rule_is_used():
         assert any(re.search(pattern, text) for text in texts), pattern
 
 
+@pytest.mark.slow  # installs the wheel, and runs every block of the pages
 @pytest.mark.parametrize("path", [p for p in documents.DOCUMENTS if documents.blocks(p, "python")],
                          ids=lambda p: p.name)
 def test_python_of_the_documents(path, bare, full):

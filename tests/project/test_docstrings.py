@@ -29,7 +29,9 @@ EXAMPLES = {name: test for name, thing in public()
             if any(doctest.SKIP not in example.options for example in test.examples)}
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "choose_frame"))  # derives a frame
+    for name in EXAMPLES])
 def test_examples_of_a_docstring(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     result = doctest.DocTestRunner().run(EXAMPLES[name])

@@ -59,7 +59,9 @@ def test_c_is_changed_where_it_runs():
         ("y[i] = -x[i]*y[1]", "(void)0"), ("g(y)", "(void)0")}
 
 
-@pytest.mark.parametrize("package", ["generator", "runtime", "storage", "engine"])
+@pytest.mark.parametrize("package", [
+    "storage", "engine", *(pytest.param(package, marks=pytest.mark.slow)  # of many files
+                           for package in ("generator", "runtime"))])
 def test_each_of_this_project_changes_one_place_and_parses(package):
     assert ROOT.samefile(gyrospark.__path__[0])
     mutants = [mutant for place in mutants_of(ROOT, package) for mutant in place]

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from processes import FAST_TOP, python
 from sweep_studies import STUDY, study_file
 
@@ -34,6 +36,7 @@ def without(packages):
     return f"import sys\nsys.modules.update(dict.fromkeys({packages}))\n"
 
 
+@pytest.mark.slow  # ten commands with their stores
 def test_commands(tmp_path):
     """Each ends well, or names what is missing; no folder has anything hidden afterwards."""
     study_file(tmp_path, STUDY.replace("count = 40", "count = 4").replace("count = 32",

@@ -60,15 +60,6 @@ def test_runs_without_a_compiler(no_compiler, request):
     assert np.max(np.abs(np.array(run.q) - np.array(beside.q))) < 1000*np.finfo(float).eps
 
 
-def test_lanes_too(no_compiler):
-    top = gs.problems.fast_top()
-    step = gs.Stepper(NAME, checked_in_files(NAME))
-    given = {"dt": 1e-3, "steps": 5, "parameters": top.parameters | {"gamma": "m"}}
-    many = step.integrate_ensemble(np.tile(top.q0, (3, 1)), np.tile(top.p0, (3, 1)), **given)
-    one = step.integrate(top.q0, top.p0, **given)
-    np.testing.assert_array_equal(many.q[1][-1], one.q[-1])
-
-
 def test_other_steppers_ask_for_a_compiler(no_compiler):
     files = checked_in_files(NAME)
     with pytest.raises(CompilerError, match="No C compiler"):

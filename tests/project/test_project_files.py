@@ -63,6 +63,24 @@ def test_hosted_ci_has_the_systems_pythons_and_compilers(jobs):
     assert any("ziglang" in package for package in PROJECT["optional-dependencies"]["compiler"])
 
 
+def test_a_job_has_the_packages_that_interop_and_targets_skip_without(jobs):
+    run = commands(jobs["extras"])
+    (install,) = (line for line in run if "pip install" in line)
+    extras = re.search(r"\[(.*)\]", install)[1].split(",")
+    assert {"jax", "torch", "casadi", "wasm"} == {*extras} <= {*PROJECT["optional-dependencies"]}
+    (tests,) = (line for line in run if "pytest" in line)
+    folders = [word for word in tests.split() if word.startswith("tests/")]
+    assert folders == ["tests/interop", "tests/targets"]
+    assert all((ROOT / folder).is_dir() for folder in folders)
+
+
+def test_slow_tests_run_each_night():
+    workflow = read(".github/workflows/nightly.yml")
+    assert "schedule" in workflow[True]  # YAML reads "on" as true
+    assert "make test-long" in commands(workflow["jobs"]["long"])
+    assert "-m slow" in recipe("test-long")[0]
+
+
 def test_pre_commit_calls_what_is_there():
     for repository in read(".pre-commit-config.yaml")["repos"]:
         assert repository["repo"] == "local"  # versions are those of .venv
@@ -122,3 +140,15 @@ def test_the_conda_recipe_is_that_of_the_project():
     given = {line.replace(" ", "") for line in made["requirements"]["run"]}
     assert given == wanted | {f"python{PROJECT['requires-python']}", "c-compiler"}
     assert dict(line.split(" = ") for line in made["build"]["entry_points"]) == PROJECT["scripts"]
+
+
+def test_every_file_is_of_the_project():
+    """No file has a notice of copyright besides the licence: text of others is not copied."""
+    notice = re.compile(r"Copyright\s*(\(c\)|©|[12]\d{3})|SPDX-License|All rights reserved", re.I)
+    folders = [ROOT / name for name in (
+        "docs", "engine", "examples", "generator", "runtime", "targets", "templates", "tests")]
+    endings = {".c", ".cpp", ".css", ".cu", ".h", ".hpp", ".html", ".jinja", ".js", ".json", ".m",
+               ".rs", ".sdf", ".toml", ".urdf", ".xml"}
+    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in endings]
+    assert len(files) > 200
+    assert [path for path in files if notice.search(path.read_text(encoding="utf-8"))] == []

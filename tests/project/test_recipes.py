@@ -161,7 +161,8 @@ def checkout(tmp_path_factory):
     return copy
 
 
-@pytest.mark.parametrize("tool", ["ruff", "mypy"])
+@pytest.mark.parametrize("tool", [
+    "ruff", pytest.param("mypy", marks=pytest.mark.slow)])  # reads the package in another place
 def test_what_recipes_write_passes_the_lint(tool, checkout):
     pytest.importorskip("mypy")
     arguments = ["check", "--no-cache", checkout]
@@ -179,6 +180,7 @@ def test_what_recipes_write_passes_the_lint(tool, checkout):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow  # a run of pytest in a copy
 def test_what_recipes_write_passes_the_tests_of_the_project(checkout):
     """Those of processes and of single runs are not of what is written."""
     files = [f"tests/project/test_{name}.py" for name in ("architecture", "docstrings",
@@ -189,6 +191,7 @@ def test_what_recipes_write_passes_the_tests_of_the_project(checkout):
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow  # derives and compiles in a copy of the package
 def test_scheme(tmp_path):
     """RATTLE is 2-LIIIA-B: the same numbers, to the bit."""
     found = json.loads(*followed("scheme", tmp_path))
@@ -201,6 +204,7 @@ def test_scheme(tmp_path):
     assert found["constraint_max"] < 1e-15
 
 
+@pytest.mark.slow  # the same
 def test_problem(tmp_path):
     """Kovalevskaya's integral stays: the problem is her top, and no other."""
     followed("named problem", tmp_path)
@@ -211,6 +215,7 @@ def test_problem(tmp_path):
     assert np.ptp(run.axis()[:, 2]) > 0.1  # it moves
 
 
+@pytest.mark.slow  # the same
 def test_floating_point_type(tmp_path):
     """_Float64 has the numbers of double, and so do its results."""
     found = json.loads(*followed("floating-point", tmp_path))
@@ -224,6 +229,7 @@ def test_floating_point_type(tmp_path):
     assert (found["q"], found["p"]) == (list(run.report.q), list(run.report.p))
 
 
+@pytest.mark.slow  # the same, and draws
 def test_output(tmp_path):
     """The same in all files; gravity leaves its vertical part as it is."""
     followed("output", tmp_path)
@@ -244,6 +250,7 @@ def test_output(tmp_path):
                        np.linalg.norm(omega * inertia, axis=1), rtol=1e-14)
 
 
+@pytest.mark.slow  # the same
 def test_joint(tmp_path):
     """A model file with it keeps its four equations."""
     found = json.loads(*followed("joint", tmp_path))
@@ -256,6 +263,7 @@ def test_command(tmp_path):
     assert said.splitlines()[0].split() == ["IMS", "implicit", "midpoint", "scheme"]
 
 
+@pytest.mark.slow  # the same
 def test_target(tmp_path):
     (said,) = followed("target", tmp_path)
     assert "plain: header, C and manifest, of heavy_top_gl3_gamma" in said
@@ -263,6 +271,7 @@ def test_target(tmp_path):
     assert (tmp_path / "plain" / "heavy_top_gl3_gamma.c").is_file()
 
 
+@pytest.mark.slow  # runs a study in a copy of the package
 def test_study(tmp_path):
     (said,) = followed("study", tmp_path)
     assert "proved: A and Â are Verlet's" in said

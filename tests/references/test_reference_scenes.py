@@ -36,6 +36,7 @@ def test_a_scene_starts_where_the_model_does(name):
     assert set(found) == set(problem.groups)
 
 
+@pytest.mark.slow  # derives both Lagrangians again
 def test_andrews_and_the_governor_start_as_their_lagrangians_do():
     """Angles of bodies, but for whole turns, against coordinates."""
     for name in ("andrews", "flyball-governor-stiff"):

@@ -6,20 +6,13 @@ import itertools
 
 import numpy as np
 import pytest
-import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import LATE, PARAMETERS, TOP
-from forced_systems import PARAMETERS as FORCED
-from forced_systems import oscillator, pendulum, runner
 from gyrospark.storage import recording as recordings
 from gyrospark.storage.array_layout import block_rows, fields_of
 from stores import ARRAYS, START, assert_same, bits, recorded, small_blocks
-from structured_systems import made, start
-
-REALS = ("double", "float", "long-double", "float128")
-SOLVERS = ("auto", "newton", "fixed-point", "python")
-ALPHA = TOP.parameters | {"alpha": gs.gamma_m(TOP.inertia)}
 
 
 def check(step, out, **arguments):
@@ -36,80 +29,27 @@ def check(step, out, **arguments):
 # ---------------------------------------------------------------- the same as integrate
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_each_scheme_and_solver(step, solver, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("name", "scheme", "stages", "real", "solver"), [
+    ("heavy_top", "G-L", 2, "double", "auto"), ("heavy_top", "EMS", None, "double", "newton"),
+    ("heavy_top", "LIIIA-B", 3, "double", "python"), ("heavy_top", "G-L", 2, "float", "auto"),
+    ("heavy_top", "G-L", 2, "double", "fixed-point"), ("heavy_top", "G-L", 2, "float128", "auto"),
+    ("driven_oscillator", "G-L", 2, "double", "auto"), ("two_rods", "G-L", 2, "double", "auto"),
+    ("dragged_pendulum", "G-L", 2, "long-double", "auto"), ("sleigh", "G-L", 2, "double", "auto"),
+    ("dragged_pendulum", "G-L", 2, "double", "python")])
+def test_a_stored_run_is_that_of_integrate(name, scheme, stages, real, solver, tmp_path,
+                                           monkeypatch):
     """Blocks of 8 rows, of which the last is begun; a last state off the grid of ``every``."""
-    if solver == "fixed-point" and not step.manifest["fast_path"]["available"]:
-        pytest.skip("no sweeps")
     small_blocks(monkeypatch, 8)
-    check(step, tmp_path / "run.zarr", **START, steps=100, every=3, solver=solver)
-
-
-@pytest.mark.parametrize("rep", ["alpha", "gamma"])
-@pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("G-L", 3), ("LIIIA-B", 4)])
-def test_each_representation(scheme, stages, rep, tmp_path):
-    parameters = ALPHA if rep == "alpha" else PARAMETERS
-    check(gs.stepper(scheme, stages, rep), tmp_path / "run.zarr",
-          **START | {"parameters": parameters}, steps=50)
-
-
-@pytest.mark.parametrize("real", REALS)
-@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
-def test_each_real(scheme, stages, real, tmp_path, monkeypatch):
-    small_blocks(monkeypatch, 4)
-    step = gs.stepper(scheme, stages, real=real)
-    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
-    arguments = START | {"q": q, "p": p, "steps": 19, "every": 2}
-    check(step, tmp_path / "run.zarr", **arguments)
-    check(step, tmp_path / "python.zarr", **arguments | {"solver": "python"})
-
-
-SYSTEMS = {
-    "forces in time, m = 0": (oscillator, [0.7], [0.1]),
-    "forces and quantities, m = 1": (pendulum, [0.6, -0.8], [0.8, 0.6]),
-    "forces, not separable": (runner, [0.0, 1.0], [0.4, 0.0]),
-}
-
-
-@pytest.mark.parametrize(("name", "scheme", "real"), [
-    *((name, scheme, "double") for name in SYSTEMS for scheme in (("EMS", None), ("G-L", 2))),
-    ("forces and quantities, m = 1", ("EMS", None), "long-double"),
-    pytest.param("forces, not separable", ("G-L", 2), "long-double", marks=pytest.mark.slow)])
-def test_forces_time_and_quantities(name, scheme, real, tmp_path, monkeypatch):
-    small_blocks(monkeypatch, 8)
-    make, q, p = SYSTEMS[name]
-    step = gs.stepper(*scheme, system=make(), real=real)
-    q, p = step.project(q, p, parameters=FORCED)
-    for solver in ("auto", "python"):
-        check(step, tmp_path / f"{solver}.zarr", q=q, p=p, dt=0.01, steps=50, every=4,
-              parameters=FORCED, t0=0.3, solver=solver)
-
-
-def test_several_constraints(tmp_path, monkeypatch):
-    """m = 2: a bead where a plane cuts a sphere; multipliers have a dimension of constraints."""
-    small_blocks(monkeypatch, 8)
-    x, y, z, u, v, w = sp.symbols("x y z u v w", real=True)
-    g, = sp.symbols("g,", positive=True)
-    system = gs.System((x, y, z), (u, v, w), (g,), (u**2 + v**2 + w**2) / 2 + g * z,
-                       (x**2 + y**2 + z**2 - 1, x - y / 2), name="cut")
-    step = gs.stepper("G-L", 3, system=system)
-    q, p = step.project([0.4, 0.8, -0.4], [0.1, 0.2, 0.5], parameters={"g": 9.8})
-    found = check(step, tmp_path / "run.zarr", q=q, p=p, dt=0.01, steps=100, every=3,
-                  parameters={"g": 9.8})
-    assert found.trajectory().multipliers.shape == (34, step.binding.multipliers // 2, 2)
-
-
-def test_structured_chain(tmp_path, monkeypatch):
-    """Many bodies, whose linear algebra is that of a tree."""
-    small_blocks(monkeypatch, 8)
-    q, p, parameters = start(driven=True)
-    step = made("G-L", 2, structured=True, driven=True)
-    check(step, tmp_path / "run.zarr", q=q, p=p, dt=1e-3, parameters=parameters, steps=30, every=2)
+    step, case = systems.stepper(name, scheme, stages, real), systems.case(name)
+    q, p = systems.start(name, step)
+    recording = check(step, tmp_path / "run.zarr", q=q, p=p, dt=case.dt, t0=case.t0, steps=40,
+                      every=3, parameters=case.parameters, solver=solver)
+    if step.m > 1:
+        assert recording.trajectory().multipliers.shape[2] == step.m
 
 
 @pytest.mark.parametrize(("steps", "every"), [
-    (0, 1), (0, 7), (1, 1), (1, 9), (4096, 4096), (4097, 4096), (9000, 5000), (5000, 9000),
-    (12288, 4097), (8192, 1), (8193, 8192), (10_000, 3)])
+    (0, 1), (1, 9), (4096, 4096), (4097, 4096), (5000, 9000), (8193, 8192), (5000, 3)])
 def test_counts(steps, every, gl3, tmp_path, monkeypatch):
     """Around the 4096 steps that compiled code does in one call; nothing, and one row, as well."""
     small_blocks(monkeypatch, 1024)
@@ -122,7 +62,7 @@ def test_backwards(gl3, tmp_path):
 
 def test_chosen_gamma(tmp_path):
     """"auto" is chosen before the run begins; the store has the number."""
-    step = gs.stepper("G-L", 2)
+    step = systems.stepper("heavy_top")
     arguments = START | {"parameters": TOP.parameters | {"gamma": "auto"}, "steps": 50}
     found = check(step, tmp_path / "run.zarr", **arguments)
     assert isinstance(found.attributes["run"]["parameters"]["gamma"], float)
@@ -131,7 +71,7 @@ def test_chosen_gamma(tmp_path):
 def test_failed_step(failures, tmp_path, monkeypatch):
     """The error of a recorded run is the error of the run, with the same states."""
     small_blocks(monkeypatch, 2)
-    for number, (step, options, failure) in enumerate(failures):
+    for number, (step, options, failure) in enumerate(failures[:1]):
         out = tmp_path / f"{number}.zarr"
         for resume in (False, True):  # a run that has failed fails again at once
             with pytest.raises(gs.StepFailed) as again:
@@ -175,11 +115,11 @@ def test_part_of_a_recording(first, thin, gl3, tmp_path):
 @pytest.mark.parametrize("real", ["double", "float128"])
 def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatch):
     """Whatever the chunk and the place to begin: the rows of the whole, and one chunk at a time."""
-    step, read, rows = gs.stepper("IMS", real=real), recordings.stored_values, []
+    step, read, rows = systems.stepper("heavy_top", real=real), recordings.stored_values, []
     monkeypatch.setattr(recordings, "stored_values", lambda array, first, count, *what: [
         rows.append(count), read(array, first, count, *what)][1])
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
-    for chunk in (4, 8):
+    for chunk in (4, 8) if real == "double" else (4,):
         small_blocks(monkeypatch, chunk)
         found = recorded(step, tmp_path / "run.zarr", **START | {"q": q, "p": p}, steps=21)
         whole = found.trajectory()
@@ -195,8 +135,8 @@ def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatc
 
 def test_rows_of_a_block():
     """A power of two, of 32 MB at most, and of the run if that is shorter."""
-    for scheme in (("IMS", None), ("G-L", 3)):
-        fields = fields_of(gs.stepper(*scheme).manifest)
+    for scheme in (("EMS", None), ("G-L", 2)):
+        fields = fields_of(systems.stepper("heavy_top", *scheme).manifest)
         rows = block_rows(fields, 10**9)
         row = sum(field.row_bytes for field in fields)
         assert rows & (rows - 1) == 0

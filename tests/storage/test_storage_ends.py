@@ -37,9 +37,9 @@ FAST = {"GYROSPARK_OPTIMISE": "1"}
 
 TOP = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3"]
 #: A second and more, hundreds of pieces: there is time to end it in the middle.
-LONG = [*TOP, "--steps", "2000000", "--every", "50"]
+LONG = [*TOP, "--steps", "2000000", "--every", "500"]
 #: The first half of it, for what need not be ended.
-BEGUN = [*TOP, "--steps", "1000000", "--every", "50"]
+BEGUN = [*TOP, "--steps", "1000000", "--every", "500"]
 #: Ten seconds, with a tenth of a second from one look at the signals to the next.
 SLOW = [*TOP, "--steps", "40960", "--every", "10", "--solver", "python"]
 OUT = ["--out", "run.zarr", "--resume"]
@@ -76,7 +76,9 @@ def end(process):
 
 
 @pytest.mark.parametrize(("number", "code", "onward"), [
-    (signal.SIGINT, 130, True), (signal.SIGTERM, 143, False), (signal.SIGHUP, 129, False)])
+    (signal.SIGINT, 130, True),  # the others differ in their number alone
+    pytest.param(signal.SIGTERM, 143, False, marks=pytest.mark.slow),
+    pytest.param(signal.SIGHUP, 129, False, marks=pytest.mark.slow)])
 def test_signal_ends_a_run_at_a_commit(number, code, onward, whole, tmp_path):
     """It says where it stands, and all of that is in the store; the same command goes on.
 
@@ -89,7 +91,7 @@ def test_signal_ends_a_run_at_a_commit(number, code, onward, whole, tmp_path):
     stored = gs.open_recording(tmp_path / "run.zarr")
     assert stored.status == "running"
     assert stored.steps_done < 2_000_000
-    assert stored.states == stored.steps_done // 50 + 1
+    assert stored.states == stored.steps_done // 500 + 1
     assert stderr.count("\n") == 1
     assert f"{stored.steps_done:,} of 2,000,000" in stderr
     assert "--resume" in stderr
@@ -102,6 +104,7 @@ def test_signal_ends_a_run_at_a_commit(number, code, onward, whole, tmp_path):
     assert_same_bytes(whole, tmp_path / "run.zarr")
 
 
+@pytest.mark.slow  # a real process; test_interrupts.py has a second signal in this one
 def test_second_signal_ends_it_at_once(tmp_path):
     """Without a commit, and both are there before the first is heard: what was stored is whole."""
     made = cli(*TOP, "--steps", "2", "--solver", "python", cwd=tmp_path, **FAST)
@@ -117,12 +120,24 @@ def test_second_signal_ends_it_at_once(tmp_path):
     assert gs.open_recording(tmp_path / "run.zarr").status == "running"
 
 
+@pytest.mark.slow  # a real process; as under nohup
 def test_ignored_signal_stays_ignored(tmp_path):
-    """As under nohup."""
     process = begin([*BEGUN, *OUT], tmp_path, ignored=[signal.SIGHUP])
     process.send_signal(signal.SIGHUP)
     assert end(process)[0] == 0
     assert gs.open_recording(tmp_path / "run.zarr").status == "complete"
+
+
+def test_an_ignored_signal_does_not_end_a_run(gl3, tmp_path):
+    """As under nohup; the handler stays as it was."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        run = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=100,
+                        progress=lambda done: os.kill(os.getpid(), signal.SIGHUP))
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert run.status == "complete"
 
 
 def test_signal_after_the_last_step_loses_nothing(gl3, tmp_path):
@@ -157,12 +172,12 @@ def test_stopped_says_where(gl3, tmp_path):
 
 def test_runs_in_threads(gl3, tmp_path):
     """Signals are the main thread's; several runs at once are as good as one after another."""
-    stores = [tmp_path / f"{number}.zarr" for number in range(6)]
+    stores = [tmp_path / f"{number}.zarr" for number in range(3)]
     errors = []
 
     def work(store):
         try:
-            gs.record(gl3, **START, out=store, steps=20_000, every=3)
+            gs.record(gl3, **START, out=store, steps=5000, every=3)
         except BaseException as error:
             errors.append(error)
 
@@ -176,19 +191,18 @@ def test_runs_in_threads(gl3, tmp_path):
         assert_same_bytes(stores[0], store)
 
 
-def test_run_that_was_done_before_says_so(tmp_path):
+def test_run_that_was_done_before_says_so(gyrospark):
     """No step is left, so there is no time of one; the numbers are those of the store."""
     command = [*TOP, "--steps", "50", *OUT]
-    first, second = (cli(*command, "--json", cwd=tmp_path) for _ in range(2))
-    said = json.loads(second.stdout)
+    first, said = (gyrospark(*command, "--json").document for _ in range(2))
     assert (said["ns_per_step"], said["done_before"], said["resumed_at"]) == (None, True, 50)
-    assert "done_before" not in json.loads(first.stdout)
-    for key in json.loads(first.stdout).keys() - {"seconds", "ns_per_step"}:
-        assert said[key] == json.loads(first.stdout)[key]
-    text = cli(*command, cwd=tmp_path).stdout
+    assert "done_before" not in first
+    for key in first.keys() - {"seconds", "ns_per_step"}:
+        assert said[key] == first[key]
+    text = gyrospark(*command).stdout
     assert "  done before: " in text
     assert "µs a step" not in text
-    more = cli(*TOP, "--steps", "80", *OUT, cwd=tmp_path).stdout
+    more = gyrospark(*TOP, "--steps", "80", *OUT).stdout
     assert " step 50\n" in more
     assert "µs a step" in more
 
@@ -196,6 +210,7 @@ def test_run_that_was_done_before_says_so(tmp_path):
 # ---------------------------------------------------------------- two on one store
 
 
+@pytest.mark.slow  # a real process; the lock is tested in this one too
 def test_second_process_is_refused_and_a_dead_one_is_not_in_the_way(tmp_path):
     first = begin([*SLOW, *OUT], tmp_path)
     second = cli(*SLOW, *OUT, cwd=tmp_path, **FAST)
@@ -212,6 +227,7 @@ def test_second_process_is_refused_and_a_dead_one_is_not_in_the_way(tmp_path):
     assert end(third)[0] == 130
 
 
+@pytest.mark.slow  # a real process; test_storage_resume.py reads after each commit
 def test_reading_while_it_is_written(gl3, whole, tmp_path):
     """Every state that a reader sees is one of the run."""
     process = begin([*BEGUN, *OUT], tmp_path)
@@ -226,7 +242,7 @@ def test_reading_while_it_is_written(gl3, whole, tmp_path):
     assert end(process)[0] == 0
     assert seen
     np.testing.assert_array_equal(gs.open_recording(tmp_path / "run.zarr").trajectory().q,
-                                  exact[:20_001])
+                                  exact[:2001])
 
 
 # ---------------------------------------------------------------- kill -9
@@ -256,14 +272,10 @@ def killed(command, seconds, kills, folder, seed):
     return found
 
 
-@pytest.mark.parametrize(("command", "seconds"), [
-    pytest.param(*KILLED[name], id=name, marks=marks) for name, marks in {
-        "every step": [], "events": [],
-        "parts of blocks": [pytest.mark.slow],  # as those of events are
-        "model file": [pytest.mark.slow],  # test_storage_resume.py ends runs with forces
-    }.items()])
+@pytest.mark.slow  # five seconds each; test_storage_resume.py reads and resumes after each file
+@pytest.mark.parametrize(("command", "seconds"), KILLED.values(), ids=KILLED.keys())
 def test_killed_at_random(command, seconds, tmp_path):
-    killed([*command, "--steps", "40000"], seconds, 2, tmp_path / "0", seed=0)
+    killed([*command, "--steps", "20000"], seconds, 1, tmp_path / "0", seed=0)
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from work_memory import integers_of
 #: storage has none of, and of the last factorisation; operations are counted anew in each step.
 UNREAD = ("simulation.options.", "simulation.report.", "simulation.state_changed", "products",
           "effort", "exponents", "pivots")
-CASES = [0, 1, pytest.param(2, marks=pytest.mark.slow)]
+CASES = [0, *(pytest.param(number, marks=pytest.mark.slow) for number in (1, 2))]
 
 
 def state_of(one, data=None):
@@ -45,6 +45,7 @@ def signed(body):
 
 
 @pytest.mark.parametrize("number", CASES)
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_each_integer_of_work_memory_is_checked_or_not_read(number, tmp_path):
     """The list is that of the structs as they are compiled: what is added is found here."""
     one = case(number)
@@ -112,8 +113,8 @@ def test_more_steps_than_the_run_has_are_refused(tmp_path):
         gs.record(one.stepper, **one.arguments, out=path, resume=True)
 
 
-@pytest.mark.parametrize(("seed", "inputs"), [
-    (1, 80), pytest.param(2, 100_000, marks=pytest.mark.slow)])
+@pytest.mark.slow  # ten seconds and more; the checks above are of the same function
+@pytest.mark.parametrize(("seed", "inputs"), [(1, 80), (2, 100_000)])
 def test_forged_checkpoints_and_stores(seed, inputs, tmp_path):
     """In a process of its own, which tells what ended it."""
     done = subprocess.run(

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP
 from forced_systems import PARAMETERS as FORCED
-from forced_systems import pendulum
 from gyrospark.runtime.bindings.real_numbers import without_padding
 from gyrospark.runtime.compilation.compiler import find_compiler
 from stores import assert_same_bytes, recorded
@@ -45,7 +45,7 @@ def plain():
     """A long-double stepper without optimisation, which copies the most."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GYROSPARK_OPTIMISE", "0")
-        return gs.stepper("G-L", 2, system=pendulum(), real="long-double")
+        return systems.stepper("dragged_pendulum", real="long-double")
 
 
 def start(step):
@@ -53,7 +53,8 @@ def start(step):
     return {"q": q, "p": p, "dt": 0.01, "steps": 60, "every": 3, "parameters": FORCED}
 
 
-@pytest.mark.parametrize("solver", ["auto", "newton", "python"])
+@pytest.mark.parametrize("solver", [
+    "auto", *(pytest.param(solver, marks=pytest.mark.slow) for solver in ("newton", "python"))])
 def test_a_store(solver, plain, dirty, tmp_path):
     for pattern in (0, 171):
         dirty(pattern)
@@ -61,6 +62,7 @@ def test_a_store(solver, plain, dirty, tmp_path):
     assert_same_bytes(tmp_path / "0.zarr", tmp_path / "171.zarr")
 
 
+@pytest.mark.slow  # a stepper in long double each
 @pytest.mark.parametrize(("scheme", "frame"), [(("EMS", None), None), (("G-L", 2), "symmetries")])
 def test_a_store_of_the_top(scheme, frame, dirty, tmp_path, monkeypatch):
     """EMS, and a trajectory in a co-moving frame, have fields of their own."""
@@ -88,9 +90,10 @@ def test_a_file(plain, dirty, tmp_path):
     assert files[0] == files[1]
 
 
-@pytest.mark.parametrize("real", ["float", "double", "float128"])
+@pytest.mark.parametrize("real", [
+    "double", *(pytest.param(real, marks=pytest.mark.slow) for real in ("float", "float128"))])
 def test_no_other_type_has_padding(real, dirty, tmp_path):
-    step = gs.stepper("G-L", 2, system=pendulum(), real=real)
+    step = systems.stepper("dragged_pendulum", real=real)
     for pattern in (0, 171):
         dirty(pattern)
         recorded(step, tmp_path / f"{pattern}.zarr", **start(step))

@@ -112,6 +112,7 @@ def test_files_have_no_leftovers_of_another_kind(opened, tmp_path):
     assert names <= {"zarr.json", "0"}
 
 
+@pytest.mark.slow  # two processes; the order of sets is no part of what is stored
 def test_same_bytes_whatever_the_hash_seed(tmp_path):
     """Two processes, two orders of sets and of dictionaries of them."""
     code = FAST_TOP + """

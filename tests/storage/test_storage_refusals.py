@@ -13,6 +13,7 @@ import pytest
 import zarr
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP
 from command_line import RUN, refused
 from gyrospark.storage import recorder
@@ -97,8 +98,9 @@ def test_another_run_is_refused(change, words, gl3, begun):
 def test_another_stepper_is_refused(begun):
     """Scheme, stages, representation, real."""
     alpha = {"parameters": TOP.parameters | {"alpha": PARAMETERS["gamma"]}}
-    steppers = [(gs.stepper("EMS"), {}), (gs.stepper("G-L", 1), {}),
-                (gs.stepper("G-L", 3, "alpha"), alpha), (gs.stepper("G-L", 2, real="float"), {})]
+    steppers = [(systems.stepper("heavy_top", "EMS"), {}), (systems.stepper("heavy_top"), {}),
+                (systems.stepper("heavy_top_alpha"), alpha),
+                (systems.stepper("heavy_top", real="float"), {})]
     for step, change in steppers:
         with pytest.raises(gs.InputError, match=r"stepper.*'heavy_top_gl3_gamma'"):
             gs.record(step, **ARGUMENTS | change, out=begun, resume=True)
@@ -150,7 +152,7 @@ def test_store_of_another_version_that_is_not_understood(change, store, gl3):
 def test_last_digits_of_wide_starts(tmp_path):
     """Two starts that differ in their last bit alone are two runs."""
     for real, eps in (("long-double", 2.0**-64), ("float128", 2.0**-113)):
-        step = gs.stepper("EMS", real=real)
+        step = systems.stepper("heavy_top", real=real)
         q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
         arguments = START | {"q": q, "p": p, "steps": 2}
         gs.record(step, **arguments, out=tmp_path / f"{real}.zarr")
@@ -222,13 +224,6 @@ def test_what_is_no_path(name, gl3):
         with pytest.raises((gs.InputError, gs.StorageError)) as error:
             call()
         assert repr(name) in sentence(error.value)
-
-
-@pytest.mark.parametrize("seed", ["7", 1.5, object(), [1]])
-def test_what_is_no_seed(seed, gl3, tmp_path):
-    with pytest.raises(gs.InputError, match="whole number"):
-        gs.record(gl3, **ARGUMENTS, out=tmp_path / "run.zarr", seed=seed)
-    assert not list(tmp_path.iterdir())
 
 
 def test_numbers_of_numpy(gl3, tmp_path):
@@ -321,18 +316,18 @@ ATTRIBUTES = {
 }
 
 
-@pytest.mark.parametrize(("name", "value"), [(n, v) for n, vs in ATTRIBUTES.items() for v in vs],
-                         ids=lambda v: str(v))
-def test_hostile_attributes(name, value, store, gl3):
-    """Whatever a store says of itself: an error of ours when it is opened, or none at all."""
-    changed(store, **{name: value})
-    with pytest.raises(gs.InputError) as error:
-        gs.open_recording(store)
-    assert "run.zarr" in sentence(error.value)
-    for use in (lambda: everything(store, gl3),
-                lambda: gs.record(gl3, **ARGUMENTS, out=store, resume=True)):
+@pytest.mark.parametrize("name", ATTRIBUTES)
+def test_hostile_attributes(name, store, gl3):
+    """Whatever a store says of itself: an error of ours when it is opened or resumed."""
+    sound = (store / "zarr.json").read_bytes()
+    for value in ATTRIBUTES[name]:
+        (store / "zarr.json").write_bytes(sound)
+        changed(store, **{name: value})
+        with pytest.raises(gs.InputError) as error:
+            gs.open_recording(store)
+        assert "run.zarr" in sentence(error.value), value
         with pytest.raises(gs.InputError):
-            use()
+            gs.record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
 TEXTS = {
@@ -345,15 +340,15 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("file", ["zarr.json", "q/zarr.json", "time/zarr.json"])
-@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
-def test_garbage_for_metadata(text, file, store, gl3):
-    (store / file).write_text(text)
-    with pytest.raises(gs.InputError) as error:
-        gs.open_recording(store)
-    sentence(error.value)
-    with pytest.raises(gs.InputError):
-        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+@pytest.mark.parametrize("file", ["zarr.json", "q/zarr.json"])
+def test_garbage_for_metadata(file, store, gl3):
+    for text in TEXTS.values():
+        (store / file).write_text(text)
+        with pytest.raises(gs.InputError) as error:
+            gs.open_recording(store)
+        sentence(error.value)
+        with pytest.raises(gs.InputError):
+            gs.record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
 def test_bytes_for_metadata(store):
@@ -362,19 +357,19 @@ def test_bytes_for_metadata(store):
         gs.open_recording(store)
 
 
-@pytest.mark.parametrize("old_and_new", [("51", "30"), ("51", "52"), ("16", "8"),
-                                         ("float64", "float32"), ("0.0", '"x"')], ids=str)
 @pytest.mark.parametrize("name", ["q", "time", "iterations", "multipliers"])
-def test_arrays_of_another_form(name, old_and_new, store, gl3):
-    """Shape, blocks and type are compared before a run goes on."""
+def test_arrays_of_another_form(name, store, gl3):
+    """Shape, blocks and type are compared before a run is resumed."""
     file = store / name / "zarr.json"
     before = file.read_text()
-    file.write_text(before.replace(*old_and_new))
-    if file.read_text() != before:
-        with pytest.raises(gs.InputError):
-            everything(store, gl3)
-        with pytest.raises(gs.InputError):
-            gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+    for change in (("51", "30"), ("51", "52"), ("16", "8"), ("float64", "float32"),
+                   ("0.0", '"x"')):
+        file.write_text(before.replace(*change))
+        if file.read_text() != before:
+            with pytest.raises(gs.InputError):
+                everything(store, gl3)
+            with pytest.raises(gs.InputError):
+                gs.record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
 def test_blocks_of_other_lengths(store):
@@ -417,8 +412,7 @@ def test_damaged_array_is_not_extended(name, store, gl3):
     assert as_files(store) == before
 
 
-@pytest.mark.parametrize("block", [0, 1, 2])
-@pytest.mark.parametrize("name", ["q", "time", "iterations"])
+@pytest.mark.parametrize(("name", "block"), [("q", 0), ("time", 2), ("iterations", 1)])
 def test_missing_block(name, block, store, tmp_path):
     """Zarr would read it as NaN."""
     inner = "/0" if name == "q" else ""
@@ -431,9 +425,9 @@ def test_missing_block(name, block, store, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.zarr"]
 
 
-@pytest.mark.parametrize("end", [".csv", ".nc", ".npz"])
-@pytest.mark.parametrize("change", ["first", "middle", "last", "cut", "empty", "longer"])
-@pytest.mark.parametrize("name", ["q/c/1/0", "time/c/0", "energy/c/2"])
+@pytest.mark.parametrize(("name", "change", "end"), [
+    ("q/c/1/0", "first", ".csv"), ("time/c/0", "middle", ".nc"), ("energy/c/2", "last", ".npz"),
+    ("q/c/1/0", "cut", ".nc"), ("time/c/0", "empty", ".npz"), ("energy/c/2", "longer", ".csv")])
 def test_damaged_block(name, change, end, store):
     """A single bit is found by its checksum, and no file is exported."""
     data = bytearray((store / name).read_bytes())
@@ -473,7 +467,7 @@ def test_any_byte_of_a_damaged_store(store, gl3, tmp_path):
         gs.record(gl3, **ARGUMENTS, out=whole)
         shutil.copytree(store, tmp_path / "kept.zarr")
         files = sorted(p.relative_to(store) for p in store.rglob("*") if p.is_file())
-        for _ in range(40):
+        for _ in range(15):
             name = files[random.integers(len(files))]
             data = bytearray((store / name).read_bytes())
             data[random.integers(len(data))] ^= 1 << random.integers(8)

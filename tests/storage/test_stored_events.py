@@ -14,9 +14,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+import systems
 from event_runs import assert_same_events, in_pieces, pendulum, start
-from forced_systems import PARAMETERS as FORCED
-from forced_systems import pendulum as dragged
 from gyrospark.storage import array_layout
 from stores import (
     Interrupted,
@@ -55,11 +54,9 @@ def small(patch, chunk, rows, seconds=0.0):
 # ---------------------------------------------------------------- ended anywhere
 
 
-@pytest.mark.parametrize(("ends", "status", "steps"), [
-    ([], "complete", 60), ([DIP], "ended: touch", 16), ([STOP], "ended: stop", 29),
-    ([STOP, DIP], "ended: touch", 16)])
-@pytest.mark.parametrize(("chunk", "rows", "every", "calls"), [
-    (5, 4, 7, [2] * 5), (1, 1, 1, [11, 4, 5]), (4096, 64, 1, [])])
+@pytest.mark.parametrize(("ends", "status", "steps", "chunk", "rows", "every", "calls"), [
+    ([], "complete", 60, 7, 4, 7, [2] * 3), ([DIP], "ended: touch", 16, 5, 4, 7, [2] * 5),
+    ([STOP], "ended: stop", 29, 4, 4, 7, [2, 1]), ([STOP, DIP], "ended: touch", 16, 99, 64, 1, [])])
 def test_a_stored_run_finds_what_integrate_finds(
         ends, status, steps, chunk, rows, every, calls, tmp_path, monkeypatch) -> None:
     """Also the state where an event ends it; each run of pieces has the same files."""
@@ -79,8 +76,9 @@ def test_a_stored_run_finds_what_integrate_finds(
        chunk=st.integers(1, 60), seconds=st.sampled_from([0.0, 1e9]),
        calls=st.lists(st.integers(0, 9), max_size=3),
        ends=st.sampled_from([[], [], [DIP], [STOP]]), dt=st.sampled_from([0.1, -0.1, 0.07, 0.3]))
-@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck),
+@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck),
           phases=[Phase.generate])
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, ends, dt,
                                 tmp_path) -> None:
     step, run = arguments(steps=steps, every=every, dt=dt, events=EVENTS + ends)
@@ -92,7 +90,8 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, ends,
         assert_same_events(found.events, whole.events)
 
 
-@pytest.mark.parametrize("real", ["float", "long-double", "float128"])
+@pytest.mark.parametrize("real", [
+    "float128", *(pytest.param(real, marks=pytest.mark.slow) for real in ("float", "long-double"))])
 def test_each_real_ended_often(real, tmp_path, monkeypatch) -> None:
     """With all digits of the times and the states."""
     step, run = arguments(real, steps=40, every=3, events=[*EVENTS[1:3], STOP])
@@ -121,7 +120,9 @@ def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
     assert seen[-1] > 17
 
 
-@pytest.mark.parametrize("ends", [[], [DIP]])
+@pytest.mark.parametrize("ends", [
+    [], pytest.param([DIP], marks=pytest.mark.slow)])  # five seconds each
+@pytest.mark.slow  # 4 CPU s; other cases run all its branches
 def test_store_after_each_file_that_is_written(ends, tmp_path, monkeypatch) -> None:
     """A process may end between any two of them: the store is read, and goes on to the same."""
     step, run = arguments(steps=20, every=2, events=EVENTS[:2] + ends)
@@ -303,9 +304,10 @@ def test_an_end_before_the_first_stored_state(tmp_path) -> None:
 def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
     """Work in the last row: that of whole steps, and of the part of a step up to the event."""
     small_blocks(monkeypatch, 4)
-    step = gs.stepper("G-L", 2, system=dragged())
-    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=FORCED)
-    run = {"q": q, "p": p, "dt": 0.01, "steps": 400, "every": 3, "parameters": FORCED,
+    step = systems.stepper("dragged_pendulum")
+    q, p = systems.start("dragged_pendulum", step)
+    run = {"q": q, "p": p, "dt": 0.01, "steps": 400, "every": 3,
+           "parameters": systems.case("dragged_pendulum").parameters,
            "events": [gs.Event("height", level=-0.75, terminal=True)]}
     computed = step.integrate(**run)
     stored = recorded(step, tmp_path / "run.zarr", **run).trajectory()

@@ -41,7 +41,9 @@ def finding_of(key: str) -> Finding:
 
 #: The proofs of the slow one are checked by themselves below.
 every_finding = pytest.mark.parametrize("key", [
-    pytest.param(key, marks=pytest.mark.slow) if key == "odd-stages" else key for key in FINDINGS])
+    pytest.param(key, marks=pytest.mark.slow) if key in (
+        "odd-stages", "frames", "gamma-auto", "alpha-equals-gamma", "zero-of-the-error")
+    else key for key in FINDINGS])  # proofs and searches of several seconds
 
 
 @every_finding
@@ -95,8 +97,9 @@ def three_stages() -> Claim:
     return odd_proof.step_claim_rational(3)
 
 
-@pytest.mark.parametrize("claim", [two_stages, three_stages, lambda: odd_proof.gamma_claim((2,)),
-                                   lambda: odd_proof.variational_claim(range(2, 6))])
+@pytest.mark.parametrize("claim", [
+    pytest.param(two_stages, marks=pytest.mark.slow), three_stages,
+    lambda: odd_proof.gamma_claim((2,)), lambda: odd_proof.variational_claim(range(2, 6))])
 def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:
     assert claim().holds
 
@@ -157,7 +160,7 @@ def test_exact_motion_stays_on_its_constraints() -> None:
         assert sum(a * b for k in range(n + 1) for a, b in zip(x[k], y[n - k], strict=True)) == 0
 
 
-@pytest.mark.parametrize("s", [2, 3])
+@pytest.mark.parametrize("s", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_expansion_is_that_of_the_compiled_step(s: int) -> None:
     gamma, dt = 0.7, 0.04
     top = [[float(v) for v in part] for part in (STATE.l, STATE.vertical, STATE.inverse_inertia)]

@@ -125,6 +125,7 @@ def test_only_the_intended_term_is_dropped(rep):
 
 
 @pytest.mark.parametrize("rep", ["gamma", "alpha"])
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_same_residual_other_jacobian(rep):
     exact, inexact = gs.stepper("LIIIA-B", 3, rep), inexact_stepper("LIIIA-B", 3, rep)
     x = exact.guess(*STATE, dt=1e-2, parameters=parameters(rep))
@@ -223,6 +224,7 @@ def test_table_10():
 @pytest.mark.parametrize("make", [
     table_12, pytest.param(table_11, marks=pytest.mark.slow),
     pytest.param(table_13, marks=pytest.mark.slow)], ids=["12", "11", "13"])
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_lobatto_tables(make):
     table = make(Engine())
     assert all(c.holds for c in table.claims)

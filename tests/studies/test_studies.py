@@ -259,6 +259,7 @@ def files(quick_results):
     return report_files(quick_results)
 
 
+@pytest.mark.slow  # 3 CPU s; other cases run all its branches
 def test_page_has_every_anchor_and_no_network(files):
     links = _Links()
     links.feed(files["index.html"])

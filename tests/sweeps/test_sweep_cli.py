@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 
 import pytest
 
@@ -11,7 +11,7 @@ from gyrospark.sweeps import tiles
 from gyrospark.sweeps.results import fields_of
 from gyrospark.sweeps.study_file import parse_study
 from gyrospark.sweeps.sweep_plots import draw
-from processes import ROOT, cli
+from processes import ROOT
 from sweep_studies import GAMMAS, OVER, STUDY, TOP, study_file
 
 EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.toml"))
@@ -19,9 +19,9 @@ EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.toml"))
 
 def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
     study_file(tmp_path)
-    done = cli("sweep", "study.toml", "--plot", "s.png", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
+    done = gyrospark("sweep", "study.toml", "--plot", "s.png", "--json")
+    assert done.code == 0, done.stderr
+    said = done.document
     assert said["statuses"] == {"done": 1280}
     result = gs.open_sweep(tmp_path / "study.zarr")
     assert said["least"] == float(result.energy_error_max.min())
@@ -36,23 +36,31 @@ def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
 
 
 def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark):
-    path = study_file(tmp_path)
+    text = STUDY.replace("steps = 100", "steps = 300")  # more than the pilots have
+    path = study_file(tmp_path, text)
     done = gyrospark("sweep", "study.toml", "--dry-run", "--json")
     assert done.code == 0, done.stderr
     said = done.document
-    assert (said["cells"], said["steps"]) == (1280, 1280 * 400)
+    assert (said["cells"], said["steps"]) == (1280, 1280 * 300)
     assert not (tmp_path / "study.zarr").exists()
-    loaded = parse_study(STUDY, path)
+    loaded = parse_study(text, path)
     assert said["disk_bytes"] == 1280 * sum(f.row_bytes for f in fields_of(loaded.study))
     assert 0 < said["low"] <= said["cpu_seconds"] <= said["high"] < 60
     assert said["tiles"] == len(list(tiles.tiles_of(loaded.study)))
 
 
+def test_the_estimate_in_words(tmp_path, gyrospark):
+    study_file(tmp_path)
+    answer = gyrospark("sweep", "study.toml", "--dry-run")
+    assert "1,280 cells" in answer.stdout
+    assert re.search(r"on the disk +[\d.]+ kB", answer.stdout)
+
+
 @pytest.mark.parametrize(("text", "fragments"), [
     ("", ["model"]), ("x = ", ["not TOML"]), ("model = 3", ["model = 3"]),
     (STUDY + "\n[extra]\n", ["'extra'"]),
-    (STUDY.replace("steps = 400", 'steps = "many"'), ["steps", "many"]),
-    (STUDY.replace("steps = 400", "steps = true"), ["steps"]),
+    (STUDY.replace("steps = 100", 'steps = "many"'), ["steps", "many"]),
+    (STUDY.replace("steps = 100", "steps = true"), ["steps"]),
     (STUDY.replace("fast-top", "slow-top"), ["slow-top"]),
     (STUDY.replace("fast-top", "nothing.toml"), ["nothing.toml"]),
     (STUDY.replace("steps", "keep = 3\nsteps"), ["keep"]),
@@ -79,7 +87,10 @@ def test_wrong_options_end_in_one_sentence(arguments, tmp_path, gyrospark):
     assert len(done.stderr.splitlines()) == 1, done.stderr
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", [
+    pytest.param(path, id=path.stem,
+                 marks=[pytest.mark.slow] * (path.stem == "gamma_dt"))  # pilots of a million cells
+    for path in EXAMPLES])
 def test_examples_are_studies_and_say_how_to_begin(path, gyrospark):
     text = path.read_text(encoding="utf-8")
     assert parse_study(text, path).study.size > 1

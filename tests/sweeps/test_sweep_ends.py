@@ -5,19 +5,19 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
+import warnings
 from importlib import import_module
 
 import pytest
 
 import gyrospark as gs
-from gyrospark.sweeps import cluster, tiles
+from gyrospark.sweeps import cluster, compute_tile, tiles
 from gyrospark.sweeps.results import done_tiles
 from gyrospark.sweeps.run_sweep import run_study
 from gyrospark.sweeps.study_file import load_study
 from interruption import differences
-from processes import HELPERS, call, environment, gyrospark_command, wait_for
+from processes import HELPERS, call
 from sweep_studies import STUDY, study_file
 
 #: The least work of a tile, so that a study of some tenths of a second has a dozen.
@@ -25,7 +25,7 @@ WORK = 10**6
 
 
 def killed(folder, kills, seed):
-    path = study_file(folder)
+    path = study_file(folder, STUDY.replace("steps = 100", "steps = 400"))
     done = call([sys.executable, HELPERS / "interruption.py", folder, str(kills), str(seed),
                  "sweep", path, "--out", "{store}"], KILLING_WORK=str(WORK),
                 GYROSPARK_OPTIMISE="1")
@@ -35,30 +35,31 @@ def killed(folder, kills, seed):
     assert said["completed"] == said["same"] >= 1, said
 
 
-def test_killed_sweeps_end_in_the_same_bytes(tmp_path):
-    killed(tmp_path, 3, 1)
-
-
-@pytest.mark.slow
-def test_two_hundred_kills(tmp_path, monkeypatch):
+@pytest.mark.slow  # processes that are killed; test_sweep_stores.py ends sweeps in this one
+@pytest.mark.parametrize("kills", [3, 200])
+def test_killed_sweeps_end_in_the_same_bytes(kills, tmp_path, monkeypatch):
     monkeypatch.setattr("processes.PATIENCE", 3600)
-    killed(tmp_path, 200, 2)
+    killed(tmp_path, kills, 1)
 
 
-def test_ctrl_c_keeps_every_finished_cell(tmp_path):
-    study_file(tmp_path, STUDY.replace("count = 40", "count = 4000"))
-    command = gyrospark_command("sweep", "study.toml")
-    process = subprocess.Popen(command, cwd=tmp_path, text=True,
-                               env=environment(GYROSPARK_OPTIMISE="1"),
-                               stderr=subprocess.PIPE, stdout=subprocess.PIPE)
-    store = tmp_path / "study.zarr"
-    wait_for(process, lambda: done_tiles(store))
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert "--resume" in said
-    cells = int(said.split("Stopped with ")[1].split(" ")[0].replace(",", ""))
-    assert cells == int((gs.open_sweep(store).status == 0).sum()) > 0
+def test_ctrl_c_keeps_every_finished_cell(gyrospark, monkeypatch, tmp_path):
+    study_file(tmp_path)
+    monkeypatch.setattr(tiles, "_LEAST_STORED", 1)
+    monkeypatch.setattr(tiles, "_TILES", 2**30)
+    computed, compute = [], compute_tile.compute
+
+    def interrupted(*arguments):
+        computed.append(arguments)
+        if len(computed) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return compute(*arguments)
+
+    monkeypatch.setattr(compute_tile, "compute", interrupted)
+    answer = gyrospark("sweep", "study.toml")
+    assert answer.code == 130
+    assert "--resume" in answer.stderr
+    cells = int(answer.stderr.split("Stopped with ")[1].split(" ")[0].replace(",", ""))
+    assert cells == int((gs.open_sweep("study.zarr").status == 0).sum()) > 0
 
 
 def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):
@@ -83,9 +84,25 @@ def on_a_cluster(folder, what, **changes):
     return done.stdout
 
 
+def test_a_cluster_of_threads_writes_the_same_bytes(tmp_path, monkeypatch):
+    """Workers are threads of this process; scheduler and client are those of any cluster."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(tiles, "_LEAST_STORED", 10**4)
+    study = load_study(study_file(tmp_path)).study
+    run_study(study, out=tmp_path / "threads.zarr")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of Dask
+        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False,
+                                      dashboard_address=None, silence_logs=50) as local, \
+                distributed.Client(local) as client:
+            run_study(study, out=tmp_path / "cluster.zarr", dask=client)
+    assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
+
+
+@pytest.mark.slow  # processes of a cluster
 def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr(tiles, "_LEAST_STORED", WORK)
-    path = study_file(tmp_path, STUDY.replace("steps = 400", "steps = 200"))
+    path = study_file(tmp_path, STUDY.replace("steps = 100", "steps = 200"))
     study = load_study(path).study
     assert len(list(tiles.tiles_of(study))) > 4
     run_study(study, out=tmp_path / "threads.zarr")
@@ -114,6 +131,7 @@ def test_a_tile_that_kills_every_worker_is_left_and_done_later(tmp_path):
     assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
 
 
+@pytest.mark.slow  # processes of a cluster
 @pytest.mark.parametrize(("how", "words"), [
     ("signal", "0 of 1,280"), ("gone", "2 s")])
 def test_a_sweep_does_not_hang_where_no_worker_is(how, words, tmp_path):

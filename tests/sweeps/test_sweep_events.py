@@ -54,7 +54,8 @@ def test_first_times_and_counts_are_those_of_the_closed_form() -> None:
 
 
 @pytest.mark.parametrize(("real", "solver"), [
-    ("double", "newton"), ("float", "auto"), ("long-double", "auto")])
+    ("double", "newton"), ("long-double", "auto"),
+    pytest.param("float", "auto", marks=pytest.mark.slow)])  # another stepper
 def test_cells_find_what_single_runs_find(real: str, solver: str) -> None:
     """To the bit, in every type and by Newton's method, whatever the lengths of the cells."""
     model = pendulum()

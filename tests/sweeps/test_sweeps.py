@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import itertools
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+import systems
 from gyrospark.sweeps import compute_tile, tiles
 from gyrospark.sweeps.axes import value_axis
 from gyrospark.sweeps.plan import plan
@@ -20,16 +21,10 @@ from gyrospark.sweeps.results import BAD_START, StoreSink, fields_of, meanings
 from sweep_studies import GAMMAS, OVER, STEPS, TOP
 
 
-def pendulum(**more):
-    q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
-    m, g, l = sp.symbols("m g l", positive=True)  # noqa: E741
-    return gs.System(q, p, (m, g, l), H=(p[0]**2 + p[1]**2) / (2 * m) + m * g * q[1],
-                     constraints=[q[0]**2 + q[1]**2 - l**2], name="swept_pendulum", **more)
-
-
-def pendulum_model(**more):
-    return gs.Model(pendulum(**more), {"m": 1.0, "g": 9.81, "l": 1.0}, [0.6, -0.8], [0.8, 0.6],
-                    dt=0.01)
+def model_of(name):
+    """Return a case of the catalogue as a model."""
+    case = systems.case(name)
+    return gs.Model(case.system, dict(case.parameters), case.q, case.p, dt=case.dt)
 
 
 def alone(step, parameters, dt, steps, q=TOP.q0, p=TOP.p0, **options):
@@ -43,9 +38,9 @@ def alone(step, parameters, dt, steps, q=TOP.q0, p=TOP.p0, **options):
 
 
 @pytest.mark.parametrize(("scheme", "stages", "rep", "real"), [
-    ("IMS", None, "alpha", "double"), ("LIIIA-B", 4, "alpha", "double"),
-    *((*scheme, "gamma", real) for scheme in (("EMS", None), ("G-L", 2))
-      for real in ("double", "float", "long-double"))])
+    ("G-L", 2, "gamma", "double"), ("EMS", None, "gamma", "double"),
+    ("G-L", 2, "alpha", "double"), ("G-L", 2, "gamma", "long-double"),
+    pytest.param("EMS", None, "gamma", "float", marks=pytest.mark.slow)])
 def test_cells_are_runs_to_the_bit(scheme, stages, rep, real):
     over = {rep: GAMMAS, "dt": STEPS}
     result = gs.sweep("fast-top", over, scheme=scheme, stages=stages, rep=rep, real=real, steps=30,
@@ -97,13 +92,11 @@ def test_schemes_starts_lists_and_draws():
 
 
 def test_a_system_of_ones_own_with_forces_time_and_quantities():
-    t = sp.Symbol("t")
-    y = sp.Symbol("y", real=True)
-    model = pendulum_model(forces=[sp.cos(3 * t), -0.1 * y], time=t, quantities={"height": y + t})
-    result = gs.sweep(model, {"m": [1.0, 2.0]}, scheme="G-L", stages=2, steps=40)
-    step = gs.stepper("G-L", 2, system=model.system)
+    model = model_of("dragged_pendulum")
+    result = gs.sweep(model, {"c": [0.2, 0.4]}, scheme="G-L", stages=2, steps=40)
+    step = systems.stepper("dragged_pendulum")
     q, p = step.project(model.q0, model.p0, parameters=model.parameters)
-    run = alone(step, {"m": 2.0, "g": 9.81, "l": 1.0}, 0.01, 40, q, p)
+    run = alone(step, model.parameters | {"c": 0.4}, model.dt, 40, q, p)
     assert result.work[1] == run.report.work != 0
     assert result.quantity_height[1] == run.quantity("height")[-1]
     assert result.energy_error_max[1] == run.report.energy_error_max
@@ -111,10 +104,9 @@ def test_a_system_of_ones_own_with_forces_time_and_quantities():
 
 def test_no_fast_path_no_constraint_no_parameter():
     """A tableau-free corner: nothing is swept side by side, nothing needs to be consistent."""
-    x, px = sp.symbols("x px", real=True)
-    model = gs.Model(gs.System([x], [px], (), H=px**2 / 2 + x**4, name="quartic"), {}, [1.0], [0.0])
+    model = model_of("henon_heiles")
     result = gs.sweep(model, {"dt": [0.01, 0.02, 0.05]}, scheme="EMS", steps=50, solver="newton")
-    run = alone(gs.stepper("EMS", system=model.system), {}, 0.05, 50, [1.0], [0.0],
+    run = alone(systems.stepper("henon_heiles", "EMS"), {}, 0.05, 50, model.q0, model.p0,
                 solver="newton")
     assert np.array_equal(result.q[2], run.q[-1])
 
@@ -124,7 +116,7 @@ def test_a_duration_gives_each_step_its_number():
     assert list(result.steps_done) == [20, 67, 3]
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.integers(1, 9), st.integers(1, 40), st.integers(1, 3), st.integers(0, 2**31))
 def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, seed):
     numbers = np.random.default_rng(seed)
@@ -150,8 +142,8 @@ def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_diverging_cell_is_nan_with_its_reason_and_the_others_stay():
     over = {"gamma": [1.6e-3], "dt": [1e-3, 0.3, 2e-3, 50.0]}
-    result = gs.sweep(TOP, over, scheme="G-L", stages=3, steps=10)
-    good = gs.sweep(TOP, {"gamma": [1.6e-3], "dt": [1e-3, 2e-3]}, scheme="G-L", stages=3, steps=10)
+    result = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=10)
+    good = gs.sweep(TOP, {"gamma": [1.6e-3], "dt": [1e-3, 2e-3]}, scheme="G-L", stages=2, steps=10)
     assert list(result.status[0] == 0) == [True, False, True, False]
     assert result.isel(dt=[0, 2]).drop_vars("dt").equals(good.drop_vars("dt"))
     lost = result.isel(gamma=0, dt=1)
@@ -174,10 +166,18 @@ def test_a_start_off_the_constraints_is_reported(scheme):
     assert np.isnan(result.q[1:]).all()
 
 
+def test_a_model_that_starts_off_its_constraints_is_moved_with_a_warning():
+    model = model_of("pendulum")
+    off = replace(model, q0=1.01 * np.array(model.q0, dtype=float))
+    with pytest.warns(gs.InputWarning, match=r"constraints.*moved"):
+        result = gs.sweep(off, {"g": [1.0, 2.0]}, scheme="G-L", stages=2, steps=2)
+    assert result.status.values.tolist() == [0, 0]
+
+
 def test_a_start_is_checked_with_the_parameters_of_its_cell():
     """g of the pendulum has l in it: the start fits one length only."""
-    model = pendulum_model()
-    result = gs.sweep(model, {"l": [1.0, 1.5], "m": [1.0, 2.0]}, scheme="G-L", stages=2, steps=5)
+    model = model_of("pendulum")
+    result = gs.sweep(model, {"l": [1.0, 1.5], "g": [1.0, 2.0]}, scheme="G-L", stages=2, steps=5)
     assert result.status.values.tolist() == [[0, 0], [BAD_START, BAD_START]]
 
 
@@ -224,12 +224,9 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"gamma": [1e-3]}, {"duration": 1.0}, ["steps", "duration"]),
     ({"gamma": [1e-3]}, {"steps": None, "duration": -1.0}, ["duration"]),
     ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0, "every": 2}, ["every needs"]),
-    ({"gamma": [1e-3]}, {"steps": 0}, ["steps"]),
-    ({"gamma": [1e-3]}, {"every": 0}, ["every"]),
     ({"gamma": [1e-3]}, {"solver": "python"}, ["python"]),
     ({"gamma": [1e-3]}, {"real": "float128"}, ["float128"]),
     ({"gamma": [1e-3]}, {"keep": ["energy"]}, ["'energy'", "energy_error_max"]),
-    ({"gamma": [1e-3]}, {"workers": 0}, ["workers"]),
     ({"gamma": [1e-3]}, {"dt": None}, ["dt"]),
     ({"gamma": [1e-3]}, {"parameters": {"mgl": "heavy"}}, ["mgl", "heavy"]),
     ({"gamma": [1e-3]}, {"resume": True}, ["resume"]),
@@ -245,7 +242,7 @@ def test_refusals_come_before_anything_is_computed(over, options, fragments, mon
 
 def test_a_system_without_a_start_is_refused_with_the_cure():
     with pytest.raises(gs.InputError, match=r"gs\.Model\(system, "):
-        gs.sweep(pendulum_model().system, {"dt": [0.1]}, scheme="EMS", steps=1)
+        gs.sweep(model_of("pendulum").system, {"dt": [0.1]}, scheme="EMS", steps=1)
 
 
 def test_studies_and_stores_travel():

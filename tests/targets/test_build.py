@@ -58,6 +58,7 @@ def test_another_start_is_taken(built, model):
     assert "0.6" in (made.path / f"{made.stepper.name}.hpp").read_text()
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_native_bits_are_those_of_the_run_in_python(built):
     """Start, parameters and time step arrive: profile full goes the same way up to round-off."""
     made = built("cpp")

@@ -113,7 +113,7 @@ class OnCard:
 
 def test_a_trajectory_has_the_bits_of_profile_control(card, step):
     many = step.integrate_ensemble(*MANY, **RUN, device="cuda")
-    files = step.control_files
+    files = step.control_files()
     written = Written(json.loads(files[f"{step.name}.json"]), files)
     start = Options(RUN["dt"], tuple(TOP.q0), tuple(TOP.p0),
                     PARAMETERS | {"mgl": PARAMETERS["mgl"] * 1.2})
@@ -324,6 +324,7 @@ def test_the_text_is_cpp_too(texts):
 
 
 @pytest.mark.skipif(shutil.which("nvcc") is None, reason="there is no nvcc")
+@pytest.mark.slow  # seconds each
 @pytest.mark.parametrize("kind", SPECS)
 def test_nvcc_compiles_it_for_a_card(texts, kind, tmp_path):
     made = texts[kind]

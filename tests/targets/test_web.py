@@ -7,6 +7,7 @@ that are checked in by Node. ``pytest tests/targets/test_web.py --update`` build
 from __future__ import annotations
 
 import ctypes
+import functools
 import html
 import json
 import re
@@ -276,6 +277,7 @@ def test_pages_of_the_site_are_small(name):
     assert not re.search(r"https?://|src=|import |@[A-Z_]+@", page)
 
 
+@functools.cache
 def in_node(name, *arguments):
     """Run a page of the site in Node, with a document that counts; return what it said."""
     done = subprocess.run(["node", DATA / "run_page.js", SITE / f"{name}.html", *arguments],
@@ -284,7 +286,9 @@ def in_node(name, *arguments):
 
 
 @needs_node
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", [
+    "heavy_top", pytest.param("double_pendulum", marks=pytest.mark.slow)])  # 2 s of Node each
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_pages_of_the_site_run(name):
     for script in ("stepper.js", "page.js", "check.js"):
         subprocess.run(["node", "--input-type=module", "--check"], check=True,
@@ -300,9 +304,9 @@ def test_pages_of_the_site_run(name):
 
 @needs_node
 def test_a_page_has_the_bits_of_the_run_in_c(tmp_path, text_alone):
-    made = build("web", **PAGES["heavy_top"], out=tmp_path / "page.html")
+    made = build("web", **PAGES["heavy_top"] | {"scheme": "EMS"}, out=tmp_path / "page.html")
     said = in_node("heavy_top", "#scheme=EMS&t=0.5")
-    ems = next(x for x in made.options.steppers if x.manifest["scheme"]["method"] == "EMS")
+    (ems,) = made.options.steppers
     assert said["bits"] == native_bits(ems, made.options, 500)
     assert said["clock"].startswith("0.500")
 
@@ -367,6 +371,7 @@ def test_a_top_is_drawn_as_that_of_a_run(gl3):
         np.testing.assert_allclose(drawn["centre"], shape.centre, atol=1e-9)
 
 
+@pytest.mark.slow  # derives a double pendulum
 @needs_node
 def test_bodies_have_the_shape_of_those_of_a_run():
     model = gs.models.double_pendulum()

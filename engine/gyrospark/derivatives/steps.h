@@ -47,7 +47,7 @@ typedef struct {
     linearisation_t l;
 #endif
     real chain[CHAIN + 1]; /* nonzero derivatives of the constants by the parameters */
-    real z[Z], w[2*N], q[2*N], p[2*N], multipliers[ROOM]; /* or derivatives of them */
+    real multipliers[ROOM], z[Z], w[2*N], q[2*N], p[2*N]; /* or derivatives of them */
 #if GS_CONSTRAINED && GS_ELEMENTS
     hidden_t hidden;
 #endif
@@ -283,15 +283,17 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
     return status;
 }
 
-/* dz1 and, if not NULL, multipliers <- the derivatives of the results of step i along z */
-static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N],
-    real *multipliers)
+/* d->w and, if wanted, d->multipliers <- the derivatives of the results of step i along d->z */
+static void step_tangent_of(derivatives_t *d, int i, int with_multipliers)
 {
-    for (int a = 0; a < (multipliers == NULL ? 2*N : RESULTS); ++a) {
+    for (int a = 0; a < (with_multipliers ? RESULTS : 2*N); ++a) {
         real sum = 0;
         for (int e = 0; e < Z; ++e)
-            sum += d->rows[i][a*Z + e]*z[e];
-        *(a < 2*N ? dz1 + a : multipliers + a - 2*N) = sum;
+            sum += d->rows[i][a*Z + e]*d->z[e];
+        if (a < 2*N)
+            d->w[a] = sum;
+        else
+            d->multipliers[a - 2*N] = sum;
     }
 }
 
@@ -321,12 +323,11 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
     return linearise(&d->c, start + (real)first*dt, dt, q, p, x, q + N, p + N, &d->l);
 }
 
-static void step_tangent_of(derivatives_t *d, int i, const real z[Z], real dz1[2*N],
-    real *multipliers)
+static void step_tangent_of(derivatives_t *d, int i, int with_multipliers)
 {
     real dx[U + 1];
     (void)i;
-    step_tangent(&d->l, z, dx, dz1, multipliers);
+    step_tangent(&d->l, d->z, dx, d->w, with_multipliers ? d->multipliers : NULL);
 }
 
 static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,
@@ -367,7 +368,7 @@ int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], cons
     const int status = linearise_single(parameters, dt, q, p, x, results, d);
     for (int k = 0; k < count && status == OK; ++k) {
         to_constants(d, dz + k, count, d->z);
-        step_tangent_of(d, 0, d->z, d->w, multipliers == NULL ? NULL : d->multipliers);
+        step_tangent_of(d, 0, multipliers != NULL);
         for (int a = 0; a < 2*N; ++a)
             dz1[a*count + k] = d->w[a];
         for (int e = 0; e < MULTIPLIERS && multipliers != NULL; ++e)
@@ -418,7 +419,7 @@ int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
                 d->z[DT0] += (real)step*d->z[DH];
                 for (int a = 0; a < 2*N; ++a)
                     d->z[a] = tangents[a*count + k];
-                step_tangent_of(d, i, d->z, d->w, multipliers == NULL ? NULL : d->multipliers);
+                step_tangent_of(d, i, multipliers != NULL);
                 for (int a = 0; a < 2*N; ++a)
                     tangents[a*count + k] = d->w[a];
                 for (int e = 0; e < MULTIPLIERS && multipliers != NULL; ++e)

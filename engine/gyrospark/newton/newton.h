@@ -144,7 +144,7 @@ static int iterate(work_t *w, const options_t *options, real dt, const real q[N]
         for (int e = 0; e < U; ++e)
             x[e] -= w->r[e];
         if (!isfinite(norm(U, w->r))) /* `size` may be infinite: a body at rest */
-            return NOT_FINITE;
+            return *iterations == first ? NOT_FINITE : DIVERGED;
         if (size <= options->tolerance)
             return satisfies_constraints(w, dt, q, x);
         if (*iterations == first)
@@ -174,7 +174,8 @@ static int newton(work_t *w, const options_t *options, real dt, const real q[N],
         return status;
     euler_start(w, dt, q, p, x);
     zero_force_start(x);
-    return iterate(w, options, dt, q, p, x, iterations) == OK ? OK : status;
+    const int second = iterate(w, options, dt, q, p, x, iterations);
+    return second == OK || status == NOT_FINITE ? second : status;
 }
 
 #endif

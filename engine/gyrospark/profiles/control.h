@@ -37,7 +37,7 @@ static bool complete_step(state_t *w, real q[N], real p[N])
         }
         ++w->steps;
 #if GS_FORCED_BY_TIME
-        w->t = time_after(w->start_time, w->steps, w->h);
+        w->t = time_after((real)0, w->steps, w->h);
 #endif
     }
     return finite;
@@ -57,7 +57,12 @@ status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 {
     status_t status = INVALID;
     if ((w->begun == GS_BEGUN) && are_valid(parameters)) {
+#if GS_FORCED_BY_TIME
+        const parameters_t own = begun_at(w->start_time, parameters);
+        prepare(&own, &w->constants);
+#else
         prepare(parameters, &w->constants);
+#endif
         status = OK;
     }
     return status;
@@ -75,8 +80,12 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
         w->max_iterations = options->max_iterations;
         w->h = dt;
         w->h_inverse = (real)1/dt;
+#if GS_FORCED_BY_TIME
+        w->start_time = origin_of(parameters);
+#else
         w->start_time = start_time(parameters);
-        w->t = w->start_time;
+#endif
+        w->t = (real)0;
         w->history_length = 0;
         w->order = 0;
         w->iterations = 0;

@@ -82,10 +82,12 @@ void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *opt
 {
     w->simulation.options = *options;
     w->simulation.dt = dt;
-    w->simulation.start = start_time(parameters);
+#if GS_FORCED_BY_TIME
+    w->simulation.start = origin_of(parameters);
+#endif
     w->simulation.state_changed = 0;
     prepare(parameters, &w->constants);
-    IF_TIME(w->t = w->simulation.start;)
+    IF_TIME(w->t = 0;)
     begin(w, options, dt, q, p, &w->simulation.report);
     for (int a = 0; a < N; ++a) {
         w->simulation.q[a] = q[a];
@@ -96,9 +98,14 @@ void NAME(begin)(work_t *w, const parameters_t *parameters, const options_t *opt
 
 void NAME(set_parameters)(work_t *w, const parameters_t *parameters)
 {
-    IF_TIME(w->t = w->simulation.start + (real)w->simulation.report.steps*w->simulation.dt;)
+    IF_TIME(w->t = (real)w->simulation.report.steps*w->simulation.dt;)
     const real before = hamiltonian(AT(&w->constants, w->t), w->simulation.q, w->simulation.p);
+#if GS_FORCED_BY_TIME
+    const parameters_t own = begun_at(w->simulation.start, parameters);
+    prepare(&own, &w->constants);
+#else
     prepare(parameters, &w->constants);
+#endif
     w->simulation.report.energy_start += hamiltonian(AT(&w->constants,
         w->t), w->simulation.q, w->simulation.p) - before;
     w->simulation.state_changed = 1;
@@ -114,7 +121,7 @@ int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
     int differs = 0;
     for (int a = 0; a < N; ++a)
         differs |= !(q[a] == old_q[a]) || !(p[a] == old_p[a]);
-    IF_TIME(w->t = w->simulation.start + (real)w->simulation.report.steps*w->simulation.dt;)
+    IF_TIME(w->t = (real)w->simulation.report.steps*w->simulation.dt;)
     IF_TIME(at_time(&w->constants, w->t);)
     if (differs) /* the caller changed the state: the jump of H is no energy error */
         jump = hamiltonian(&w->constants, q, p) - hamiltonian(&w->constants, old_q, old_p);
@@ -124,7 +131,7 @@ int NAME(advance)(work_t *w, long steps, real q[N], real p[N])
         set_state(w, q, p);
     w->simulation.state_changed = 0;
     const int status = run_on(&w->simulation.options, IF_INPUTS(
-        no_inputs,) w->simulation.start, w->simulation.dt, steps, 1, q, p, none,
+        no_inputs,) 0, w->simulation.dt, steps, 1, q, p, none,
         &w->simulation.report, w);
     IF_FRAME(out_of_frame(w, q, p);)
     for (int a = 0; a < N; ++a) {

@@ -30,7 +30,12 @@ status_t NAME(set_parameters)(state_t *w, const parameters_t *parameters)
 {
     status_t status = INVALID;
     if ((w->begun == GS_BEGUN) && are_valid(parameters)) {
+#if GS_FORCED_BY_TIME
+        const parameters_t own = begun_at(w->start_time, parameters);
+        prepare(&own, &w->constants);
+#else
         prepare(parameters, &w->constants);
+#endif
         restart(w, w->q, w->p);
         status = OK;
     }
@@ -45,9 +50,13 @@ status_t NAME(begin)(state_t *w, const parameters_t *parameters, const options_t
     if (is_step(dt) && is_state(q, p) && is_option(options) && are_valid(parameters)) {
         w->begun = GS_BEGUN;
         w->steps = 0;
+#if GS_FORCED_BY_TIME
+        w->start_time = origin_of(parameters);
+#else
         w->start_time = start_time(parameters);
+#endif
         w->flows.h = dt;
-        w->flows.t = w->start_time;
+        w->flows.t = (real)0;
         w->flows.now.work = (real)0;
         w->flows.now.work_low = (real)0;
         prepare(parameters, &w->constants);
@@ -67,7 +76,7 @@ static bool complete_step(state_t *w, real q[N], real p[N])
     before = w->flows.now;
     const int was_underway = w->flows.is_underway;
 #if GS_FORCED_BY_TIME
-    w->flows.t = time_after(w->start_time, w->steps, w->flows.h);
+    w->flows.t = time_after((real)0, w->steps, w->flows.h);
 #endif
     if (was_underway == 0) {
         drift_on(&w->constants, &w->flows, 0);

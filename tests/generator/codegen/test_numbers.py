@@ -103,6 +103,8 @@ def test_the_hash_is_of_the_model_and_in_the_header(satellite):
     assert numbers(satellite)[1]["hash"] == manifest["hash"]
     other = replace(satellite, parameters={**satellite.parameters, "I1": 12.5})
     assert numbers(other)[1]["hash"] != manifest["hash"]
+    pendulum = parse_model(PENDULUM.replace("UNITS", ""), "spring.toml")
     full = [json.loads(generate(replace(SPEC, profile="full"), model=one, system=one.system)
-                       .source.manifest) for one in (satellite, other)]
+                       .source.manifest) for one in (pendulum, replace(pendulum, parameters={
+                           name: 2 * value for name, value in pendulum.parameters.items()}))]
     assert full[0] == full[1], "builds from Python depend on no value"

@@ -205,6 +205,7 @@ def formulas(draw: st.DrawFn, depth: int = 3) -> tuple[str, sp.Expr]:
 
 @given(formulas())
 @settings(max_examples=300, deadline=None)
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_agrees_with_operators(drawn: tuple[str, sp.Expr]) -> None:
     text, value = drawn
     try:

@@ -1,6 +1,6 @@
-"""Robots in MJCF of PyPI's wheels: accelerations and mass matrices are MuJoCo's.
+"""Accelerations of robots in MJCF beside MuJoCo's: random ones, each feature, those of wheels.
 
-    pip install mujoco gymnasium playground   # without them nothing is tested here
+    pip install gymnasium playground   # without them their robots are not tested here
 """
 
 from __future__ import annotations
@@ -12,12 +12,136 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.models.mjcf_document import read_document
-from gyrospark.generator.models.mjcf_robot import COMMON, read_mjcf_robot
-from gyrospark.generator.models.urdf import plain_name
-from robots import Motion
 
-mujoco = pytest.importorskip("mujoco", reason="pip install mujoco")
+mujoco = pytest.importorskip("mujoco", reason="pip install mujoco-core")
+
+from random_mjcf import compare, random_robot  # noqa: E402
+
+pytestmark = pytest.mark.filterwarnings("ignore:MuJoCo warns", "ignore:.*left out")
+#: Rounding of one solve of a system of 7 coordinates a body, in units of the largest number.
+CLOSE = 1e-8
+
+
+def compare_robots(tmp_path, seeds, loops):
+    """Return how many robots were compared, and how many refused by a sentence."""
+    compared, refusals, apart = 0, [], {}
+    for seed in seeds:
+        text = random_robot(seed, loops)
+        if text is None:
+            continue
+        path = tmp_path / f"{seed}.xml"
+        path.write_text(text)
+        try:
+            difference = compare(path)
+            compared += 1
+            if not difference <= CLOSE:
+                apart[seed] = difference
+        except gs.InputError as error:
+            refusals.append(str(error))
+    assert not apart
+    assert not any("\n" in sentence for sentence in refusals)
+    return compared, len(refusals)
+
+
+@pytest.mark.parametrize(("seeds", "loops"), [((17, 57), False), ((5, 8, 18), True)])
+def test_random_robots_move_as_in_mujoco(tmp_path, seeds, loops):
+    """Each is read: free, ball, slide and hinge joints, tendons, gravcomp, loops."""
+    assert compare_robots(tmp_path, seeds, loops) == (len(seeds), 0)
+
+
+@pytest.mark.slow  # 1,200 robots are derived, half a second each
+@pytest.mark.parametrize(("first", "loops"), [
+    *((first, False) for first in range(0, 1250, 125)), *((first, True) for first in (0, 125))])
+def test_many_random_robots_move_as_in_mujoco(tmp_path, first, loops):
+    """All kinds of what MJCF has: none differs without a word."""
+    compared, refused = compare_robots(tmp_path, range(first, first + 125), loops)
+    assert compared >= 30
+    assert compared + refused >= 90
+
+
+ARM = ('<worldbody><body name="b"><joint name="j" axis="0 1 0"/><geom size=".1" pos=".5 0 0"/>'
+       "{}</body></worldbody>")
+KEY = '<keyframe><key name="k" qpos="{}" qvel="{}" {}/></keyframe>'
+ONE_KEY = KEY.format("0.3", "0.7", 'ctrl="2"')
+MOTOR = '<actuator><{} joint="j"/></actuator>'
+CORD = ('<tendon><fixed stiffness="3" damping="2" springlength=".1"><joint joint="j" coef="2"/>'
+        "</fixed></tendon>")
+FREE = ('<worldbody><body name="b" gravcomp="{}"><freejoint align="true"/><geom size=".1" '
+        'pos=".3 .1 0"/><geom size=".2" pos="0 .4 .1"/></body></worldbody>')
+FREE_KEY = KEY.format("1 2 3 .5 .5 -.5 .5", "1 2 3 -1 1 .5", "")
+
+
+def row(*joints):
+    """Return one body with several joints, by kind, axis and more."""
+    return "<worldbody><body>" + "".join(
+        f'<joint name="j{k}" type="{kind}" axis="{axis}" {more}/>'
+        for k, (kind, axis, more) in enumerate(joints)) + (
+        '<inertial pos=".1 .2 -.3" mass="1.5" diaginertia=".05 .06 .04"/></body></worldbody>')
+
+
+FEATURES = {
+    "general default of another kind": "<default><general gainprm='3' biastype='affine' "
+    "biasprm='1 -2 -3'/></default>" + ARM.format("") + MOTOR.format("general") + ONE_KEY,
+    "position after a general default": "<default><general gear='2' biasprm='1 0 0'/></default>"
+    + ARM.format("") + MOTOR.format("position") + ONE_KEY,
+    "motor after a position default": "<default><position kp='5' kv='2'/></default>"
+    + ARM.format("") + MOTOR.format("motor") + ONE_KEY,
+    "springs of tendons disabled": '<option><flag spring="disable"/></option>' + ARM.format("")
+    + CORD + KEY.format("0.3", "0.7", ""),
+    "dampers of tendons disabled": '<option><flag damper="disable"/></option>' + ARM.format("")
+    + CORD + KEY.format("0.3", "0.7", ""),
+    "gravcomp with springs and dampers disabled": '<option><flag spring="disable" damper="disable"'
+    "/></option>" + FREE.format(1) + FREE_KEY,
+    "a lone negative gravcomp": FREE.format(-1) + FREE_KEY,
+    "a disabled group of actuators": '<option actuatorgroupdisable="2"/>' + ARM.format("")
+    + '<actuator><motor joint="j" group="2"/></actuator>' + ONE_KEY,
+    "fromto of a box with two sizes": ARM.format(
+        '<geom type="box" size=".1 .3" fromto="0 0 0 1 1 0"/>') + KEY.format("0.3", "0.7", ""),
+    "fromto of an ellipsoid": ARM.format(
+        '<geom type="ellipsoid" size=".1 .3" fromto="0 0 0 1 1 0"/>')
+    + KEY.format("0.3", "0.7", ""),
+    "a weld with relpose and anchor": FREE.format(0)[:-len("</worldbody>")]
+    + '<body name="c"><freejoint/><geom size=".1"/></body></worldbody><equality><weld body1="b" '
+    'body2="c" anchor=".1 .2 .3" relpose="0 0 1 1 1 0 0"/></equality>' + KEY.format(
+        "0 0 0 1 0 0 0 .1 .5 1.3 1 1 0 0", "1 2 3 -1 1 .5 0 0 0 0 0 0", ""),
+    "align with a keyframe": FREE.format(0) + FREE_KEY,
+    "total mass with fused bodies": '<compiler settotalmass="7" fusestatic="true"/>' + ARM.format(
+        '<body pos="1 0 0"><geom size=".1"/></body>') + KEY.format("0.3", "0.7", ""),
+    "a slide with a position actuator": "<default><position kp='50'/></default>" + row(
+        ("slide", "0.87 0 0.5", 'ref=".2" armature="1"'))
+    + '<actuator><position joint="j0" kv="2"/></actuator>' + KEY.format(".5", ".25", ""),
+    "a chain of a slide and two skew hinges": row(
+        ("slide", "0 .6 .8", 'armature=".3"'), ("hinge", "1 0 .5", 'armature=".02" pos="0 .1 0"'),
+        ("hinge", ".2 1 0", 'armature=".05" pos=".05 0 -.2"'))
+    + KEY.format(".2 .7 -1.1", ".5 -1.2 2", ""),
+    "two crossing hinges with springs": row(
+        ("hinge", "1 0 0", 'stiffness="3" springref="0"'), ("hinge", "0 1 0", 'stiffness="2"'))
+    + KEY.format(".4 -.7", "1.5 -2", ""),
+    "two slides that are not perpendicular": row(
+        ("slide", "1 0 0", 'stiffness="3"'), ("slide", ".6 .8 0", 'damping=".5"'))
+    + KEY.format(".3 1", "0 2", ""),
+    "a plane": row(("slide", "1 0 0", 'stiffness="3"'), ("slide", "0 0 1", 'damping=".5"'),
+                   ("hinge", "0 1 0", 'stiffness="1"')) + KEY.format(".3 1 2", "1 2 -1", ""),
+    "a damping ratio": ARM.format("") + '<actuator><position joint="j" kp="12" dampratio="0.5" '
+    'gear="2"/></actuator>' + ONE_KEY,
+}
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_features_move_as_in_mujoco(tmp_path, feature):
+    path = tmp_path / "robot.xml"
+    path.write_text('<mujoco><option gravity="1 2 -9"/><default><geom contype="0"/></default>'
+                    f"{FEATURES[feature]}</mujoco>")
+    assert compare(path, ignore="contact") <= CLOSE
+
+
+def test_controls_of_a_keyframe_stay_where_actuators_are_ignored(tmp_path):
+    """The first one is, a muscle-like filter; the number of the second is its own."""
+    path = tmp_path / "robot.xml"
+    path.write_text("<mujoco>" + ARM.format("") + '<actuator><position joint="j" timeconst="1"/>'
+                    '<motor name="m" joint="j"/></actuator>'
+                    + KEY.format("0.3", "0.7", 'ctrl="2 5" act="0"') + "</mujoco>")
+    assert gs.load_mjcf(path, ignore="actuator", keyframe=0).parameters["m"] == 5
 
 
 def files_of(*wheels):
@@ -36,46 +160,22 @@ def files_of(*wheels):
 FILES = files_of("gymnasium", "playground")
 
 
-def prepared(path):
-    """Return MuJoCo's model at a random state, without what is not modelled here."""
-    m = mujoco.MjModel.from_xml_path(str(path))
+@pytest.mark.parametrize("name", [
+    "gymnasium/inverted_double_pendulum.xml", "gymnasium/ant.xml", "gymnasium/hopper.xml",
+    "gymnasium/half_cheetah.xml", "gymnasium/walker2d.xml", "gymnasium/swimmer.xml",
+    "gymnasium/point.xml", "playground/acrobot.xml", "playground/cartpole.xml",
+    "playground/finger.xml", "playground/fish.xml", "playground/ball_in_cup.xml",
+    pytest.param("gymnasium/humanoid.xml", marks=pytest.mark.slow)])  # 13 bodies are derived
+def test_joints_accelerate_as_in_mujoco(name):
+    """Of robots of wheels, at control 0 and without what is ignored: to 1e-11 of the largest."""
+    if name not in FILES:
+        pytest.skip(f"pip install {name.partition('/')[0]}")
+    m = mujoco.MjModel.from_xml_path(str(FILES[name]))
     off = mujoco.mjtDisableBit
     m.opt.disableflags |= int(off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_FRICTIONLOSS
                               | off.mjDSBL_CLAMPCTRL)
     m.actuator_forcelimited[:] = m.jnt_actfrclimited[:] = 0
     m.opt.density = m.opt.viscosity = 0
-    d, rng = mujoco.MjData(m), np.random.default_rng(1)
-    mujoco.mj_integratePos(m, d.qpos, rng.uniform(-0.3, 0.3, m.nv), 1.0)
-    d.qvel[:] = rng.uniform(-1, 1, m.nv)
-    mujoco.mj_forward(m, d)
-    return m, d
-
-
-@pytest.mark.parametrize("name", [
-    "gymnasium/inverted_double_pendulum.xml", "gymnasium/ant.xml", "gymnasium/hopper.xml",
-    "gymnasium/half_cheetah.xml", "gymnasium/walker2d.xml", "gymnasium/swimmer.xml",
-    "gymnasium/point.xml", "gymnasium/humanoid.xml", "playground/acrobot.xml",
-    "playground/cartpole.xml", "playground/finger.xml", "playground/fish.xml",
-    "playground/ball_in_cup.xml"])
-def test_joints_accelerate_as_in_mujoco(name):
-    """Hinges and slides, with springs, dampers, armature and control 0: to 1e-11 of the largest."""
-    if name not in FILES:
-        pytest.skip(f"pip install {name.partition('/')[0]}")
-    path = FILES[name]
-    m, d = prepared(path)
-    robot = read_mjcf_robot(read_document(path.read_text(), path, COMMON), "robot")
-    angles, rates, rows = {}, {}, {}
-    for k, joint in enumerate(robot.joints.values()):
-        q, v = m.jnt_qposadr[k], m.jnt_dofadr[k]
-        count = {"free": 6, "ball": 3}.get(joint.kind, 1)
-        angles[joint.name] = d.qpos[q:q + joint.count] if count > 1 else float(d.qpos[q])
-        rates[joint.name] = d.qvel[v:v + count] if count > 1 else float(d.qvel[v])
-        if count == 1:
-            kind = "rate" if joint.kind == "hinge" else "speed"
-            rows[f"{plain_name(joint.name)}_{kind}"] = v
-    motion = Motion(gs.load_mjcf(path, ignore="all", angles=angles, rates=rates))
-    M = np.zeros((m.nv, m.nv))
-    mujoco.mj_fullM(m, d, M)
-    wanted = np.linalg.solve(M, d.qfrc_passive + d.qfrc_actuator - d.qfrc_bias)
-    found = np.array([motion.acceleration(row) for row in rows])
-    assert np.abs(found - wanted[[*rows.values()]]).max() <= 1e-11 * np.abs(wanted).max()
+    rng, qpos = np.random.default_rng(1), m.qpos0.copy()
+    mujoco.mj_integratePos(m, qpos, rng.uniform(-0.3, 0.3, m.nv), 1.0)
+    assert compare(FILES[name], m, qpos, rng.uniform(-1, 1, m.nv), ignore="all") <= 1e-11

@@ -101,6 +101,7 @@ def test_start_of_a_body_is_the_runtimes():
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
     lambda x: np.linalg.norm(x) > 0.1))
 @settings(max_examples=50, deadline=None)
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_rotation_matrix_and_quaternion_give_one_attitude(parts):
     """R → q up to its sign, whichever entry of q is the largest."""
     q = np.array(parts) / np.linalg.norm(parts)
@@ -425,6 +426,8 @@ def test_files_that_cannot_be_read(tmp_path):
     refused("a\0.toml", "file name")
     (tmp_path / "latin.toml").write_bytes(b"name = '\xe9'")
     refused(tmp_path / "latin.toml", "not UTF-8")
+    (tmp_path / "top.png").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")
+    refused(tmp_path / "top.png", r"PNG.*\.toml")
     with (tmp_path / "large.toml").open("wb") as file:
         file.truncate(50 * 2**20)
     refused(tmp_path / "large.toml", "262144")

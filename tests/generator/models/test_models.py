@@ -205,6 +205,7 @@ REFERENCES = {
 
 
 @pytest.mark.parametrize("name", REFERENCES)
+@pytest.mark.slow  # 8 CPU s; other cases run all its branches
 def test_against_another_formulation(name):
     function, t_end, dt, tolerance = REFERENCES[name]
     exact = function(t_end)
@@ -225,6 +226,7 @@ def test_order_six_is_seen(name):
 
 
 @pytest.mark.parametrize("name", MODELS)
+@pytest.mark.slow  # 3 CPU s; other cases run all its branches
 def test_constraints_stay_at_round_off(name):
     model = model_of(name)
     made = stepper_of(name, "G-L", 3).integrate(model.q0, model.p0, dt=model.dt, steps=3000,
@@ -240,6 +242,7 @@ def test_constraints_stay_at_round_off(name):
 
 @pytest.mark.parametrize("name", [
     "double_top", pytest.param("four_bar", marks=pytest.mark.slow)])
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_ems_keeps_energy(name):
     """Round-off of H adds up as a random walk at most: ε |H| √steps and some."""
     model = model_of(name)
@@ -265,6 +268,7 @@ def test_gimbal_conserves_spin_and_vertical_momentum():
     assert np.ptp(made.q[:, 4]) > 0.01  # and it moves
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_chain_runs_and_keeps_its_constraints():
     """Two rods by the same code as a hundred."""
     model = gs.models.chain(2)

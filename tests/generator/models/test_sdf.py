@@ -87,6 +87,15 @@ def test_angles_move_the_tree(tmp_path):
     (LINKS.replace("<mass>1", "<mass>-1") + JOINTS, "'crank'"),
     (LINKS.replace("<ixx>.001", "<ixx>nan") + JOINTS, "'nan'"),
     (LINKS + JOINTS + "<plugin/>", "plugin"), (LINKS + JOINTS + "<include/>", "<include>"),
+    (LINKS.replace("<ixx>.001</ixx>", "") + JOINTS, "<ixx>"),
+    (LINKS.replace("<pose>0 0 .5", "<pose degrees='no'>0 0 .5") + JOINTS, "'no'"),
+    (LINKS.replace("<pose>0 0 .5", "<pose rotation_format='euler'>0 0 .5") + JOINTS, "'euler'"),
+    (LINKS.replace("<pose>0 0 .5 0 -1.2 0", "<pose rotation_format='quat_xyzw'>0 0 .5 0 0 0 0")
+     + JOINTS, "quaternion"),
+    (LINKS + JOINTS.replace("</axis>", "<mimic joint='crank_pinn'/></axis>", 1), "'crank_pinn'"),
+    (LINKS + JOINTS.replace("</axis>", "<mimic/></axis>"), "joint="),
+    (LINKS + JOINTS + CLOSE.format("revolute").replace(
+        "</axis>", "<mimic joint='crank_pin'/></axis>"), "'loop'.*<mimic>"),
     (LINKS + JOINTS.replace("</axis>", "<limit><lower>-1</lower></limit></axis>"), "limits"),
     (LINKS, "roots"),
 ])
@@ -125,3 +134,110 @@ def test_ranges_are_elastic_on_wish(tmp_path):
     assert held.energy() - free.energy() == pytest.approx(40 * 0.2**2 / 2, rel=1e-12)
     with pytest.raises(gs.InputError, match="limits"):
         gs.load_sdf(written(tmp_path, LINKS + limited))
+
+
+# ---------------------------------------------------------------- one arm, by its closed form
+
+#: A rod of 2 kg and inertia .1 kg m² whose centre of mass is .5 m from a hinge about y.
+ARM = """<link name="arm">{link}<inertial><pose>.5 0 0 0 0 0</pose><mass>2</mass>
+<inertia><ixx>.01</ixx><iyy>.1</iyy><izz>.1</izz></inertia></inertial></link>"""
+PIN = """<joint name="pin" type="revolute"><parent>{parent}</parent><child>{child}</child>
+<axis><xyz>0 1 0</xyz></axis></joint>"""
+HELD = PIN.format(parent="world", child="arm")
+FREE_FALL = 2 * 9.81 * 0.5 / (0.1 + 2 * 0.25)
+
+
+def turning(tmp_path, text, **options):
+    """Return the angular acceleration of the pin of a file."""
+    path = tmp_path / "arm.sdf"
+    path.write_text(text)
+    return Motion(gs.load_sdf(path, **options)).acceleration("pin_rate")
+
+
+def model(inside, told="", version="1.11"):
+    return f'<sdf version="{version}"><model name="m"{told}>{inside}</model></sdf>'
+
+
+def test_a_link_may_be_without_weight(tmp_path):
+    """<gravity>: none of it, and half of it where another half has its own."""
+    for told, share in (("false", 0.0), ("true", 1.0), ("0", 0.0)):
+        found = turning(tmp_path, model(ARM.format(link=f"<gravity>{told}</gravity>") + HELD))
+        assert found == pytest.approx(share * FREE_FALL, rel=1e-13, abs=1e-13)
+    other = ARM.format(link="<gravity>false</gravity>").replace('"arm"', '"other"')
+    bolt = """<joint name="bolt" type="fixed"><parent>arm</parent><child>other</child></joint>"""
+    both = turning(tmp_path, model(ARM.format(link="") + other + bolt + HELD))
+    assert both == pytest.approx(FREE_FALL / 2, rel=1e-13)
+
+
+@pytest.mark.parametrize(("pose", "told", "share"), [
+    ("<pose>1 2 3 .5 0 .3</pose>", "", np.cos(0.5)),
+    ("<pose degrees='true'>1 2 3 0 60 0</pose>", "", 0.5),
+    ("<pose rotation_format='quat_xyzw'>0 0 0 .6 0 0 .8</pose>", "", 0.28),
+    ("<pose>0 0 0 .5 0 0</pose><frame name='f'><pose>1 0 0 .2 0 0</pose></frame>",
+     " placement_frame='f'", np.cos(0.3)),
+])
+def test_the_model_is_at_its_pose(tmp_path, pose, told, share):
+    """A hinge that the pose tilts has the share of gravity that is normal to it."""
+    found = turning(tmp_path, model(pose + ARM.format(link="") + HELD, told))
+    assert found == pytest.approx(share * FREE_FALL, rel=1e-13)
+
+
+@pytest.mark.parametrize("outside", [
+    PIN.format(parent="world", child="m::arm"),
+    PIN.format(parent="here", child="m::there") + "<frame name='here'><pose>1 0 0 0 0 0</pose>"
+    "</frame>",
+    PIN.format(parent="world", child="m").replace("<axis>", "<pose relative_to='m::arm'/><axis>"),
+])
+def test_joints_of_the_world_hold_the_model(tmp_path, outside):
+    """A joint beside the model, whose ends may be frames, is one of its own."""
+    inside = ARM.format(link="") + "<frame name='there' attached_to='arm'/>"
+    text = (f"<sdf version='1.11'><world name='w'><gravity>0 0 -9.81</gravity>{outside}"
+            f"<model name='m'><pose>3 0 0 0 0 0</pose>{inside}</model></world></sdf>")
+    assert turning(tmp_path, text) == pytest.approx(FREE_FALL, rel=1e-13)
+
+
+@pytest.mark.parametrize(("world", "g"), [
+    ("<gravity>0 0 -1.5</gravity>", 1.5), ("", 9.8),
+    ("<physics type='ode'><gravity>0 0 -1.5</gravity></physics>", 1.5),
+])
+def test_gravity_is_that_of_the_world(tmp_path, world, g):
+    """Also in <physics>, where it is before version 1.6; a world without has 9.8."""
+    text = (f"<sdf version='1.5'><world name='w'>{world}<model name='m'>{ARM.format(link='')}"
+            f"{HELD}</model></world></sdf>")
+    assert turning(tmp_path, text) == pytest.approx(FREE_FALL * g / 9.81, rel=1e-13)
+    with pytest.raises(gs.InputError, match="line 1"):
+        turning(tmp_path, text.replace(
+            "<model", "<physics><gravity>0 0 -3</gravity></physics><model", 1).replace(
+            "<world name='w'>", "<world name='w'><physics><gravity>0 0 -2</gravity></physics>"))
+
+
+def test_an_axis_may_follow_another(tmp_path):
+    """<mimic> inside <axis>: q₂ = 2 (q₁ − .1) + .3, one freedom, and the energy of both arms."""
+    second = ARM.format(link="<pose>0 1 0 0 0 0</pose>").replace('"arm"', '"other"')
+    follower = PIN.format(parent="world", child="other").replace('"pin"', '"second"').replace(
+        "</xyz>", """</xyz><mimic joint="pin"><multiplier>2</multiplier><offset>.3</offset>
+        <reference>.1</reference></mimic>""")
+    path = tmp_path / "arms.sdf"
+    path.write_text(model(ARM.format(link="") + second + HELD + follower))
+    motion = Motion(gs.load_sdf(path, angles={"pin": 0.4}))
+    assert motion.system.n - motion.system.m == 1
+    assert motion.value("second_angle") == pytest.approx(0.9, rel=1e-13)
+    torque = 2 * 9.81 * 0.5 * (np.cos(0.4) + 2 * np.cos(0.9))
+    assert motion.acceleration("pin_rate") == pytest.approx(torque / (0.6 * 5), rel=1e-12)
+
+
+def test_endless_ranges_have_no_ends(tmp_path):
+    endless = HELD.replace("</axis>", "<limit><lower>-inf</lower><upper>inf</upper></limit></axis>")
+    found = turning(tmp_path, model(ARM.format(link="") + endless))
+    assert found == pytest.approx(FREE_FALL, rel=1e-13)
+    with pytest.raises(gs.InputError, match="limits"):
+        turning(tmp_path, model(ARM.format(link="") + endless.replace(">inf", ">1")))
+
+
+def test_a_link_without_inertia_has_that_of_the_standard(tmp_path):
+    """1 kg and 1 kg m², told in a warning: a wheel on the tip of the arm."""
+    bare = """<link name="tip"><pose>1 0 0 0 0 0</pose></link><joint name="bolt" type="fixed">
+    <parent>arm</parent><child>tip</child></joint>"""
+    with pytest.warns(gs.InputWarning, match="tip"):
+        found = turning(tmp_path, model(ARM.format(link="") + bare + HELD))
+    assert found == pytest.approx(9.81 * 2 / (0.6 + 1 + 1), rel=1e-13)

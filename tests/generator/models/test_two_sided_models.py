@@ -168,6 +168,7 @@ def test_the_same_in_the_words_of_sympy(tmp_path):
     assert ours == theirs
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_a_thruster_for_a_while():
     """A body's torque as a Piecewise: Ω₃ grows while it fires, and stays; Ω₁, Ω₂ are 0."""
     body = gs.symbols

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.models.urdf import plain_name
+from gyrospark.generator.models.robot_builder import plain_name
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from robots import ARM, Motion
 
@@ -69,7 +69,7 @@ def test_a_damper_takes_power(arm):
 
 def test_accelerations_are_pinocchios(arm):
     """Joint accelerations of a tree with hinge, slide, wheel, damper and a fixed link to 1e-12."""
-    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
     other = pin.buildModelFromUrdf(str(arm))
     data = other.createData()
     rng = np.random.default_rng(4)
@@ -97,7 +97,7 @@ def files_of_robots():
 @pytest.mark.parametrize("name", ["ur5_robot", "xarm7", "go2", "solo12", "allegro_right_hand"])
 def test_robots_from_pypi_move_as_pinocchio_has_it(name):
     """An arm, legs, a hand: accelerations of all joints at random angles and rates."""
-    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
     path = files_of_robots().get(f"{name}.urdf")
     if path is None:
         pytest.skip("pip install example-robot-data (131 MB) to test real robots")
@@ -126,8 +126,29 @@ FLOATING = (('<link name="base"/>', '<link name="base"><inertial><mass value="3"
             ('<dynamics damping="0.3"/>', ""))
 
 
+def test_quaternions_are_rotations(tmp_path):
+    """quat_xyzw of URDF 1.1, of any length: the quarter turn about x that rpy has, too."""
+    turned = [("rpy=\"0.3 0.1 -0.4\"", told) for told in (
+        f'rpy="{math.pi / 2} 0 0"', 'quat_xyzw="3 0 0 3"')]
+    found = [Motion(gs.load_urdf(changed(
+        tmp_path, pair, ('<robot name="arm">', '<robot name="arm" version="1.1">')),
+        ignore="limits", **START)).acceleration("wheel_rate") for pair in turned]
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
+
+
+def test_ends_that_a_range_has_not(tmp_path):
+    """A missing end is 0 in URDF 1.0, and none in URDF 1.2."""
+    one = ('lower="-2" upper="2"', 'upper="2"')
+    for version, end in (("1.0", 0.0), ("1.2", 2.0)):
+        path = changed(tmp_path, one, ('<robot name="arm">', f'<robot name="arm" version='
+                                       f'"{version}">'))
+        free, held = (Motion(gs.load_urdf(path, angles={"shoulder": -0.5}, **told)).energy()
+                      for told in ({"ignore": "limits"}, {"limits": 40.0}))
+        assert held - free == pytest.approx(40 * 0.5**2 / 2 if end == 0 else 0, rel=1e-12)
+
+
 def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
-    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[robots]")
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
     path = changed(tmp_path, *FLOATING)
     other = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     v = [0.5, 0.1, 2.0, 0.3, 1.0, -0.4]  # of the base, whose centre of mass is its origin
@@ -143,6 +164,7 @@ def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
     assert np.abs(found - wanted[6:]).max() <= 1e-12 * np.abs(wanted).max()
 
 
+@pytest.mark.slow  # seconds of derivation; random trees beside Pinocchio have floating bases
 def test_a_floating_base_falls_and_turns(arm):
     """Without a force but weight: the centre of mass on a parabola, angular momentum kept."""
     model = gs.load_urdf(
@@ -175,13 +197,16 @@ def test_followers_follow(tmp_path):
     path.write_text(HINGE.replace("</robot>", FOLLOWERS), encoding="utf-8")
     model = gs.load_urdf(path, ignore="limits", angles={"shoulder": 0.5}, rates={"shoulder": 2.0})
     assert model.system.m == 20
-    step = gs.stepper("G-L", 2, system=model.system)
-    done = step.integrate(model.q0, model.p0, dt=0.005, steps=100, parameters=model.parameters)
-    a, s, w = (done.quantity(name)
-               for name in ("shoulder_angle", "slide_1_travel", "wheel_angle"))
-    assert np.ptp(a) > 0.3
-    assert np.abs(s + 0.2 * a - 0.05).max() <= 1e-14
-    assert np.abs(np.sin(w / 2 - 3 * a / 2)).max() <= 1e-14
+    motion = Motion(model)
+    a, s, w = map(motion.value, ("shoulder_angle", "slide_1_travel", "wheel_angle"))
+    assert a == pytest.approx(0.5, abs=8 * EPS)
+    assert s == pytest.approx(0.05 - 0.2 * a, abs=8 * EPS)
+    assert w == pytest.approx(3 * a, abs=8 * EPS)
+    for derivative in (motion.value, motion.acceleration):
+        a, s, w = map(derivative, ("shoulder_rate", "slide_1_speed", "wheel_rate"))
+        assert abs(a) > 0.1
+        assert s == pytest.approx(-0.2 * a, rel=1e-12)
+        assert w == pytest.approx(3 * a, rel=1e-12)
     with pytest.raises(gs.InputError, match=r"'wheel'.*'shoulder'"):
         gs.load_urdf(path, ignore="limits", angles={"wheel": 1.0})
 
@@ -210,6 +235,7 @@ def test_angles_and_rates_have_units(arm, told, radians):
     assert motion.value("slide_1_speed") == pytest.approx(0.5, rel=1e-14)
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_angles_beyond_a_turn_warn(arm, gyrospark):
     """Of hinges; a travel of 45 m is one, and a rate of 45 rad/s."""
     with pytest.warns(gs.InputWarning, match="shoulder.*45 deg"):
@@ -278,6 +304,13 @@ BAD = [
     ([('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://x"><xacro:include/>')],
      "xacro"),
     ([("<robot", "<sdf"), ("</robot", "</sdf")], "<sdf>"),
+    ([('<link name="plate">', '<link name="plate" xmlns:xacro="http://x"><xacro:if/>')], "xacro"),
+    ([('rpy="0.1 -0.2 0.3"', 'quat_xyzw="0 0 0 1"')], "line 6: <origin> has quat_xyzw=.*1.1"),
+    ([('<robot name="arm">', '<robot name="arm" version="1.1">'),
+      ('rpy="0.1 -0.2 0.3"', 'quat_xyzw="0 0 0 0"')], "0 0 0 1"),
+    ([('<robot name="arm">', '<robot name="arm" version="1.1">'),
+      ('rpy="0.1 -0.2 0.3"', 'rpy="0 0 0" quat_xyzw="0 0 0 1"')], "of them"),
+    ([('<robot name="arm">', '<robot name="arm" version="3">')], "'3'; choose 1.0"),
 ]
 
 
@@ -340,12 +373,16 @@ def closed(q1, q2, q3):
             0.4 * np.sin(a) + np.sin(b) + 0.7 * np.sin(c))
 
 
+MOVED = r"'crank_pin' 1\.18.*given 1\.2"
+
+
+@pytest.mark.slow  # seconds of derivation
 def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
     """A four-bar: one freedom is left, its energy is kept, and the loop by its own equations."""
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(CLOSING)
-    with pytest.warns(gs.InputWarning, match="left out"):
+    with pytest.warns(gs.InputWarning, match=MOVED), pytest.warns(match="left out"):
         model = gs.load_urdf(robot, loops=loops, angles=ANGLES)
     assert model.system.n - model.system.m == 1
     done = gs.stepper("G-L", 3, system=model.system).integrate(
@@ -371,10 +408,10 @@ def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
     told = f"""<constraint name="closing" type="{kind}"><parent link="rocker"/>
       <parent_origin xyz=".7 0 0" rpy=".2 0 0"/><parent_axis xyz="0 .980066577841242
       -.198669330795061"/><child link="frame"/><child_origin xyz="1.1 0 0"/></constraint></robot>"""
-    with pytest.warns(gs.InputWarning, match="closing"):
+    with pytest.warns(gs.InputWarning, match=MOVED), pytest.warns(match="closing"):
         wanted = Motion(gs.load_urdf(robot, loops=loops, angles=ANGLES))
     robot.write_text(FOUR_BAR.replace("</robot>", told))
-    with pytest.warns(gs.InputWarning, match="closing"):
+    with pytest.warns(gs.InputWarning, match=MOVED), pytest.warns(match="closing"):
         found = Motion(gs.load_urdf(robot, angles=ANGLES))
     for name in ("crank", "coupler", "rocker"):
         assert found.acceleration(f"{name}_pin_rate") == pytest.approx(

@@ -115,6 +115,7 @@ def gyrostat(C: float, across: float, e: np.ndarray, omega: np.ndarray, rate: fl
     return solve_ivp(slope, (0, 2), omega, rtol=1e-12, atol=1e-14, method="DOP853").y[:, -1]
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_a_body_with_a_rotor_is_a_gyrostat():
     e, omega, rate = np.array([1, 2, 2]) / 3, np.array([0.4, -0.3, 0.5]), 60.0
     build = gs.Multibody("gyrostat", gravity=(0, 0, 0))

@@ -127,7 +127,7 @@ def test_a_ball_on_a_turntable_moves_on_a_circle_at_two_sevenths_of_its_rate():
     """And the forces of the plane, at the stages, carry its momentum and its weight."""
     build = gs.Multibody("turntable")
     ball = build.body("ball", mass=0.3, inertia=[0.4 * 0.3 * 0.05**2] * 3, velocity=(0, 0.2, 0),
-                      position=(0.5, 0, 0.05), angular_velocity=(0, 0, 0))
+                      position=(0.5, 0, 0.05))
     build.rolls("table", ball, sphere=0.05, turning=3.5)
     model = build.model()
     step = gs.stepper("G-L", 3, system=model.system)

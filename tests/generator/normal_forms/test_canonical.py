@@ -100,7 +100,8 @@ SYSTEMS = {
 }
 
 zoo = pytest.mark.parametrize("system", [
-    pytest.param(system, id=name, marks=[pytest.mark.slow] if name == "four-bar" else [])
+    pytest.param(system, id=name, marks=[pytest.mark.slow] if name in (
+        "four-bar", "chain of bodies", "satellite") else [])  # bodies in numbers are quick
     for name, system in SYSTEMS.items()])
 
 
@@ -112,7 +113,9 @@ def parts(system):
 
 
 @pytest.mark.parametrize(("count", "spec"), [
-    (3, Spec.checked("G-L", 2)), (2, Spec.checked("EMS", None))], ids=["G-L", "EMS"])
+    (2, Spec.checked("G-L", 2)),
+    pytest.param(2, Spec.checked("EMS", None), marks=pytest.mark.slow)],  # derives ten times
+    ids=["G-L", "EMS"])
 def test_ten_equivalent_forms_of_a_chain_are_one_source(count, spec):
     """Byte for byte, header and manifest too."""
     written = [everywhere(change)(links(count)) for change in TEN.values()]
@@ -122,7 +125,7 @@ def test_ten_equivalent_forms_of_a_chain_are_one_source(count, spec):
         assert found == files[0], name
 
 
-@pytest.mark.parametrize("count", [2, 12])
+@pytest.mark.parametrize("count", [2, 5])
 @pytest.mark.parametrize("equal", [True, False])
 def test_equivalent_forms_of_a_chain_of_any_length(count, equal):
     system = links(count, equal=equal)
@@ -133,9 +136,10 @@ def test_equivalent_forms_of_a_chain_of_any_length(count, equal):
 
 @zoo
 def test_equivalent_forms_of_other_systems(system):
+    """Four forms that rebuild sums and quotients; a chain has all ten, random ones are below."""
     wanted = canonical(system())
-    for name, change in TEN.items():
-        assert parts(canonical(everywhere(change)(system()))) == parts(wanted), name
+    for name in ("expanded", "with common denominators", "in decimals", "nested"):
+        assert parts(canonical(everywhere(TEN[name])(system()))) == parts(wanted), name
 
 
 @zoo
@@ -147,17 +151,20 @@ def test_a_canonical_form_is_the_same_function_and_its_own_canonical_form(system
     assert parts(again) == parts(found)
 
 
-def test_readme_form_of_fifty_masses():
-    """(Σ p²)/(2m) once hid the terms: 85,000 lines of C instead of 4,600, four minutes of gcc."""
-    q, p = sp.symbols("x0:150", real=True), sp.symbols("p0:150", real=True)
+@pytest.mark.parametrize(("masses", "lines"), [
+    (10, 8000), pytest.param(50, 8000, marks=pytest.mark.slow)])
+def test_a_common_denominator_hides_no_terms(masses, lines):
+    """Of fifty masses (Σ p²)/(2m) once hid the terms: 85,000 lines of C instead of 4,600."""
+    count = 3 * masses
+    q, p = sp.symbols(f"x0:{count}", real=True), sp.symbols(f"p0:{count}", real=True)
     links_ = [sum((u - v) ** 2 for u, v in zip(q[i : i + 3], q[i - 3 : i] or (0, 0, 0),
-                                               strict=True)) - L**2 for i in range(0, 150, 3)]
+                                               strict=True)) - L**2 for i in range(0, count, 3)]
     sources = [generate(Spec.checked("G-L", 2), system=System(
         q, p, (m, k, L), H, links_, name="chain")).source.files() for H in (
             sum(e**2 for e in p) / (2 * m) + m * k * sum(q[2::3]),
             sum(e**2 / (2 * m) for e in p) + sum(m * k * e for e in q[2::3]))]
     assert sources[0] == sources[1]
-    assert max(text.count("\n") for text in sources[0].values()) < 8000
+    assert max(text.count("\n") for text in sources[0].values()) < lines
 
 
 # ---------------------------------------------------------------- random systems, random spellings
@@ -191,7 +198,7 @@ def systems(draw):
                   forces=forces if draw(st.booleans()) else ())
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(system=systems(), seed=st.integers(0, 2**32 - 1))
 def test_random_equivalent_forms_of_random_systems(system, seed):
     draw = random.Random(seed)
@@ -225,7 +232,7 @@ def test_names_do_not_matter():
     assert parts(canonical(other)) == [e.xreplace(names) for e in parts(wanted)]
 
 
-@pytest.mark.parametrize("count", [4, 12])
+@pytest.mark.parametrize("count", [4, 6])
 def test_equal_parts_of_a_chain_have_one_form(count):
     """Mass and height; the first spring or rod, and the others: of any length and spelling."""
     for change in (sp.expand, sp.together):
@@ -250,12 +257,14 @@ def test_models_of_bodies_cost_no_more(model):
     assert after[1] <= 1.05 * before[1]
 
 
-def test_operations_of_bodies_do_not_grow(monkeypatch):
+@pytest.mark.parametrize("model", [
+    gs.models.lagrange_top, pytest.param(gs.models.double_top, marks=pytest.mark.slow)])
+def test_operations_of_bodies_do_not_grow(model, monkeypatch):
     """All kernels of a stepper together, with and without the canonical form."""
     counts = []
     for change in (canonical, lambda system: system):
         monkeypatch.setattr(pipeline, "canonical", change)
-        made = generate(Spec.checked("G-L", 2), system=gs.models.double_top().system)
+        made = generate(Spec.checked("G-L", 2), system=model().system)
         counts.append(sum(n for kernel in json.loads(made.source.manifest)["operations"].values()
                           for n in kernel.values()))
     assert counts[0] <= counts[1]
@@ -277,7 +286,7 @@ ENDLESS = {
     "many factors": sp.Mul(*(x + i * y + px**2 + 1 for i in range(1, 30))) + py**2,
     "sum of many": sum(sp.Symbol(f"w{i}") for i in range(200)) ** 7 * px + py**2,
     "bars in bars": sum((px**2 + x) / (1 + x / (2 + y / (3 + x * y / (x + i)))) ** 3
-                        for i in range(1, 12)),
+                        for i in range(1, 6)),
     "roots in roots": sp.sqrt(1 + sp.sqrt(2 + (px + sp.sqrt(3 + (x + py) ** 8)) ** 8) ** 7) ** 5,
 }
 

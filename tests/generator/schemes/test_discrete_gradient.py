@@ -365,7 +365,7 @@ ANY = st.recursive(LEAVES, grow, max_leaves=7).filter(depends)
 rationals = st.fractions(-2, 2, max_denominator=1000)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(ANY, st.tuples(*[rationals] * 3), st.tuples(*[rationals] * 3))
 def test_identity_of_random_expressions_to_50_digits(e, at, step):
     with mpmath.workdps(50):
@@ -383,7 +383,7 @@ def test_identity_of_random_expressions_to_50_digits(e, at, step):
         assert abs(ends[1] - ends[0] - sum(terms)) <= mpmath.mpf("1e-40") * scale
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     POSITIVE,
     st.tuples(*[st.floats(0.5, 2)] * 3),

@@ -69,7 +69,7 @@ ZOO = {
 named = pytest.mark.parametrize("name", ZOO)
 #: Kinks of the above, their neighbours, and steps too small to change them.
 ENDS = [-2.0, -1.0, -0.5, -1e-9, 0.0, 1e-17, 0.3, 0.5, 0.5 + 1e-16, 1.0, 1.0000001, 1.7]
-PAIRS = list(product(ENDS, ENDS))[::2]
+PAIRS = list(product(ENDS, ENDS))[::5]
 
 
 @cache
@@ -119,7 +119,7 @@ def test_change_is_exact(name):
             size = max(1, *map(abs, wanted))
             assert abs(total - wanted[1] + wanted[0]) < mp.mpf(10) ** -40 * size, ends
             checked += 1
-    assert checked > 30
+    assert checked > 10
 
 
 @named
@@ -232,12 +232,12 @@ FAIR_PARAMETERS = {"k": 3.0, "a": 0.4, "r": 0.3}
 
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_EMS_keeps_the_energy(solver):
-    """20,000 steps with thousands of crossings: a random walk of roundings of H, which is 2."""
-    step, steps = gs.stepper("EMS", system=FAIR), 20_000
+    """4,000 steps with hundreds of crossings: a random walk of roundings of H, which is 2."""
+    step, steps = gs.stepper("EMS", system=FAIR), 4_000
     run = step.integrate(*FAIR_START, dt=0.02, steps=steps, parameters=FAIR_PARAMETERS,
                          solver=solver)
     crossings = (np.diff(np.sign(run.q[:, 1:3]), axis=0) != 0).sum()
-    assert crossings > 300
+    assert crossings > 60
     assert run.report.energy_error_max <= 4 * EPS * np.sqrt(steps) * 2
     assert run.report.iterations_max < 50
 
@@ -250,7 +250,7 @@ def test_solvers_agree_until_kinks_part_them():
         assert np.abs(one - other).max() <= 1e-12
 
 
-@pytest.mark.parametrize("stiffness", [1e2, 1e4, 1e6, 1e8])
+@pytest.mark.parametrize("stiffness", [1e2, 1e8])
 def test_steps_across_a_kink_are_found(stiffness):
     """p²/2 + ½ k max(0, x)², 2000 starts about to hit, h ω from 0.5 to 500: no step is refused.
 
@@ -312,7 +312,7 @@ def test_many_of_them():
     assert len(re.findall(r"static \w+ term\d+_energy", made.source.source)) <= 5
     step = gs.stepper("EMS", system=chain)
     start = np.linspace(-1, 5, n)
-    run = step.integrate(start, -start / 2, dt=0.02, steps=2000, parameters={"k": 2.0, "a": 0.5})
-    assert run.report.energy_error_max <= 4 * EPS * np.sqrt(2000) * 20
+    run = step.integrate(start, -start / 2, dt=0.02, steps=500, parameters={"k": 2.0, "a": 0.5})
+    assert run.report.energy_error_max <= 4 * EPS * np.sqrt(500) * 20
     dense = generate(Spec.checked("EMS"), system=chain, structured=False)
     assert "term0" not in dense.source.source

@@ -131,14 +131,14 @@ def test_steps_too_long_fail_or_are_right(spec):
     rule that trusts one ratio of increments takes it for the solution.
     """
     rng = np.random.default_rng(3)
-    drawn = [random_case(rng, spec.rep, turn=(0.5, 30)) for _ in range(3000)]
+    drawn = [random_case(rng, spec.rep, turn=(0.5, 30)) for _ in range(600)]
     many = stepper_of(spec).integrate_ensemble(
         np.array([case.q for case in drawn]), np.array([case.p for case in drawn]),
         dt=np.array([case.dt for case in drawn]), steps=1,
         parameters=[case.parameters for case in drawn])
     q = many.q[:, 1]
     done = np.isfinite(q).all(axis=1)
-    assert 100 < done.sum() < 2900
+    assert 20 < done.sum() < 580
     # Stages far from the unit sphere, |Q|² up to 100, leave that many ε in the last constraint.
     assert np.abs(np.einsum("ki,ki->k", q[done], q[done]) - 1).max() <= 100 * EPS
 
@@ -171,7 +171,7 @@ def test_ems_keeps_the_energy(rep):
     ΔH = Δp·D_pH + Δq·D_qH is an identity of the discrete gradient, so a step errs by the roundings
     of its solution alone. Other schemes move H by far more: the same number tells them apart.
     """
-    steps, rng = 10_000, np.random.default_rng(24)
+    steps, rng = 2_000, np.random.default_rng(24)
     for _ in range(4):
         case = random_case(rng, rep)
         scale = case.p @ case.p / 8 / min(case.inertia) + abs(case.parameters["mgl"])
@@ -292,7 +292,7 @@ def test_free_body_against_jacobi(rep):
     """
     body, dt, steps = gs.problems.free_body(), 5e-4, 500
     run = gs.stepper("G-L", 4, rep).integrate(
-        body.q0, body.p0, dt=dt, steps=steps,
+        body.q0, body.p0, dt=dt, steps=steps, every=50,
         parameters=body.parameters | {rep: gs.gamma_m(body.inertia)})
     omega = body.exact.angular_velocity(run.t)
     speed = np.linalg.norm(omega[0])
@@ -314,7 +314,8 @@ def test_regular_precession_against_its_closed_form():
     assert np.abs(run.axis()[:, 2] - math.cos(math.pi / 3)).max() <= walk(steps)
 
 
-@pytest.mark.parametrize("stages", [2, 3, 4, 5])
+@pytest.mark.parametrize("stages", [
+    2, 4, *(pytest.param(stages, marks=pytest.mark.slow) for stages in (3, 5))])  # odd as even
 def test_lobatto_types_agree(stages):
     """LIIIA-B-α = LIIIA-B-γ for α = γ (erratum 23), to round-off on every one of 100 steps."""
     rng, steps = np.random.default_rng(28), 100

@@ -166,6 +166,7 @@ def test_equal_bodies_share_templates():
     (lambda: gs.models.chain(3), ["chain_3", "'j0: x'"]),
     (gs.models.gimbal, ["gimbal"]),
 ])
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_joints_are_refused_by_name(make, words):
     with pytest.raises(gs.GyrosparkError) as error:
         split(make().system)

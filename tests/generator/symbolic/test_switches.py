@@ -198,6 +198,7 @@ def watched(**more):
 
 @pytest.mark.parametrize("real", ["double", "float", "long-double",
                                   pytest.param("float128", marks=pytest.mark.slow)])
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_C_of_every_type(real):
     """Against exact values at all points: a few roundings, and NaN where there is no value."""
     step = gs.stepper("IMS", system=watched(), real=real)

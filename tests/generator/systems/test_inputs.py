@@ -10,6 +10,7 @@ The second way is a run of one call a step, with the input as a parameter of tha
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,30 +20,21 @@ from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.steppers.stepper import Stepper
-from input_systems import k, pendulum, push, stepper, u, v, x, y
+from input_systems import k, push, u, v, x, y
 from strategies import EPS
+from systems import SCHEMES, case, stepper
 
-SCHEMES = [("IMS", None), ("EMS", None), ("G-L", 2)]
-schemes = pytest.mark.parametrize(("scheme", "stages"), SCHEMES)
-
-
-def cart():
-    return gs.System((x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, forces=[2 * push],
-                     inputs=(push,), name="cart")
+START = [0.6, -0.8], [0.8, 0.6]
 
 
-def one_by_one(step, q, p, rows, names, parameters, **what):
-    """Return the ends of steps, each a run of its own with its inputs among the parameters."""
-    states = [(np.array(q, float), np.array(p, float))]
-    for row in rows:
-        values = parameters | dict(zip(names, row, strict=True))
-        run = step.integrate(*states[-1], steps=1, parameters=values, **what)
-        states.append((run.q[-1], run.p[-1]))
-    return [np.array(part) for part in zip(*states, strict=True)]
+@cache
+def cart(stages=5, real="double"):
+    return gs.stepper("G-L", stages, real=real, system=gs.System(
+        (x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, forces=[2 * push], inputs=(push,), name="cart"))
 
 
 def test_a_cart_between_changes_is_a_closed_form():
-    step, rng = stepper(cart, "G-L", 6), np.random.default_rng(1)
+    step, rng = cart(), np.random.default_rng(1)
     values = rng.standard_normal(5)
     run = step.integrate([0.3], [0.1], dt=0.02, steps=50, parameters={"k": 4.0},
                          inputs=values, hold=10)
@@ -56,88 +48,9 @@ def test_a_cart_between_changes_is_a_closed_form():
     assert run.report.energy_error_max <= 256 * EPS  # work of the input
 
 
-@schemes
-@pytest.mark.parametrize("solver", ["auto", "newton", "fixed-point", "python"])
-def test_steps_have_their_own_inputs(scheme, stages, solver):
-    step, rng = stepper(pendulum, scheme, stages), np.random.default_rng(2)
-    rows = rng.standard_normal((24, 2))
-    what = {"dt": 0.02, "solver": solver}
-    run = step.integrate([0.6, -0.8], [0.8, 0.6], steps=24, parameters={"k": 2.0}, inputs=rows,
-                         **what)
-    q, p = one_by_one(step, [0.6, -0.8], [0.8, 0.6], rows, ("push", "pull"), {"k": 2.0}, **what)
-    assert np.abs(run.q - q).max() <= 256 * EPS
-    assert np.abs(run.p - p).max() <= 256 * EPS
-    named = step.integrate([0.6, -0.8], [0.8, 0.6], steps=24, parameters={"k": 2.0},
-                           inputs={"pull": rows[:, 1], "push": rows[:, 0]}, **what)
-    assert np.array_equal(named.q, run.q)
-    assert np.isnan(run.parameters["push"])  # it is no one number
-
-
-@schemes
-def test_inputs_are_held(scheme, stages):
-    step = stepper(pendulum, scheme, stages)
-    rows = np.random.default_rng(3).standard_normal((4, 2))
-    start = {"q": [0.6, -0.8], "p": [0.8, 0.6], "dt": 0.02, "parameters": {"k": 2.0}}
-    held = step.integrate(**start, steps=31, inputs=rows, hold=8)
-    each = step.integrate(**start, steps=31, inputs=np.repeat(rows, 8, axis=0)[:31])
-    assert np.array_equal(held.q, each.q)
-    assert np.array_equal(held.p, each.p)
-    every = step.integrate(**start, steps=31, inputs=rows, hold=8, every=5)
-    assert np.array_equal(every.q, held.q[[0, 5, 10, 15, 20, 25, 30, 31]])
-    same = step.integrate(**start | {"parameters": {"k": 2.0, "push": 0.3, "pull": -1}}, steps=31)
-    for inputs in ([0.3, -1], {"push": 0.3, "pull": -1}, np.tile([0.3, -1], (31, 1))):
-        assert np.array_equal(step.integrate(**start, steps=31, inputs=inputs).q, same.q)
-
-
-def test_a_loop_of_steps_gives_the_bits_of_a_run():
-    step = stepper(pendulum)
-    rows = np.random.default_rng(4).standard_normal((40, 2))
-    what = {"dt": 0.02, "parameters": {"k": 2.0}}
-    run = step.integrate([0.6, -0.8], [0.8, 0.6], steps=40, inputs=rows, **what)
-    q, p = np.array([0.6, -0.8]), np.array([0.8, 0.6])
-    for i, row in enumerate(rows):
-        q, p = step.step(q, p, inputs=row, **what)
-        assert np.array_equal(q, run.q[i + 1])
-        assert np.array_equal(p, run.p[i + 1])
-
-
-@schemes
-@pytest.mark.parametrize("solver", ["auto", "newton"])
-def test_each_trajectory_has_its_own_inputs(scheme, stages, solver):
-    step, rng = stepper(pendulum, scheme, stages), np.random.default_rng(5)
-    q0s, p0s = np.tile([0.6, -0.8], (11, 1)), np.tile([0.8, 0.6], (11, 1))
-    what = {"dt": 0.02, "steps": 20, "parameters": {"k": 2.0}, "solver": solver}
-    own = rng.standard_normal((11, 10, 2))
-    many = step.integrate_ensemble(q0s, p0s, inputs=own, hold=2, **what)
-    shared = step.integrate_ensemble(q0s, p0s, inputs=own[3], hold=2, **what)
-    fixed = step.integrate_ensemble(q0s, p0s, inputs={"push": own[:, :1, 0], "pull": 0.5}, **what)
-    for i in (0, 3, 10):
-        one = step.integrate(q0s[i], p0s[i], inputs=own[i], hold=2, **what)
-        assert np.abs(many.q[i] - one.q).max() <= 64 * EPS
-        assert np.abs(many.members[i].work - one.work).max() <= 64 * EPS
-        one = step.integrate(q0s[i], p0s[i], inputs=[own[i, 0, 0], 0.5], **what)
-        assert np.abs(fixed.q[i] - one.q).max() <= 64 * EPS
-    assert np.array_equal(shared.q[0], shared.q[10])
-    assert np.abs(shared.q[0] - many.q[3]).max() <= 64 * EPS
-
-
-def test_a_simulation_is_fed_as_it_goes():
-    step = stepper(pendulum)
-    rows = np.random.default_rng(8).standard_normal((6, 2))
-    run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.02, steps=30, parameters={"k": 2.0},
-                         inputs=rows, hold=5)
-    sim = step.start([0.6, -0.8], [0.8, 0.6], dt=0.02,
-                     parameters={"k": 2.0, "push": 0, "pull": 0})
-    for i, (one, other) in enumerate(rows):
-        sim.advance(2, push=one, pull=other)
-        copy = sim.copy()
-        copy.advance(3)
-        sim.advance(3)
-        assert np.array_equal(sim.q, run.q[5 * i + 5])
-        assert np.array_equal(sim.p, run.p[5 * i + 5])
-        assert np.array_equal(copy.q, sim.q)
-        assert sim.parameters["push"] == one
-    assert sim.report.energy_error_max == run.report.energy_error_max
+def test_names_and_numbers_of_inputs_of_a_simulation():
+    step = stepper("pushed_pendulum")
+    sim = step.start(*START, dt=0.02, parameters={"k": 2.0, "push": 0, "pull": 0})
     with pytest.raises(InputError, match=r"'pus'.*push, pull"):
         sim.advance(1, pus=2)
     with pytest.raises(InputError, match="Input push"):
@@ -145,13 +58,13 @@ def test_a_simulation_is_fed_as_it_goes():
 
 
 def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
-    step = stepper(pendulum)
+    step = stepper("pushed_pendulum")
     what = {"dt": 0.02, "steps": 30, "parameters": {"k": 2.0}}
-    run = step.integrate([0.6, -0.8], [0.8, 0.6], inputs=[0.3, -1], **what)
-    same = step.integrate([0.6, -0.8], [0.8, 0.6], **what | {
+    run = step.integrate(*START, inputs=[0.3, -1], **what)
+    same = step.integrate(*START, **what | {
         "parameters": {"k": 2.0, "push": 0.3, "pull": -1}})
     assert np.array_equal(run.at([0.33]).q, same.at([0.33]).q)
-    varied = step.integrate([0.6, -0.8], [0.8, 0.6], inputs={"push": np.arange(30), "pull": 1},
+    varied = step.integrate(*START, inputs={"push": np.arange(30), "pull": 1},
                             **what)
     found, read = varied.at([0.33]), gs.Trajectory.load(varied.save(tmp_path / "run.npz"))
     for forgotten in (found, read):
@@ -163,9 +76,9 @@ def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
 @pytest.mark.parametrize(("scheme", "stages"), SCHEMES)
 def test_a_state_between_steps_is_a_step_with_its_own_inputs(scheme, stages, every) -> None:
     """Each is one run more, of the part of a step and with the inputs of the step as parameters."""
-    step = stepper(pendulum, scheme, stages)
+    step = stepper("pushed_pendulum", scheme, stages)
     rows = np.random.default_rng(8).integers(-8, 8, (11, 2)) / 8
-    q, p, dt, hold = [0.6, -0.8], [0.8, 0.6], 0.02, 3
+    (q, p), dt, hold = START, 0.02, 3
     what = {"dt": dt, "steps": 31, "parameters": {"k": 2.0}, "inputs": rows, "hold": hold}
     whole = step.integrate(q, p, **what)
     shares = np.array([0.25, 3.5, 8.75, 14.125, 30.5, 2, 9.5])
@@ -184,7 +97,7 @@ def test_a_state_between_steps_is_a_step_with_its_own_inputs(scheme, stages, eve
 
 def test_events_of_runs_whose_inputs_change() -> None:
     """A cart under a held push: x = 1/4 by the closed form of each step; ensembles as runs."""
-    step, rows = stepper(cart, stages=5), np.array([0.5, -2.0, 1.0, 3.0, -1.5, 2.5, -3.0, 1.0])
+    step, rows = cart(), np.array([0.5, -2.0, 1.0, 3.0, -1.5, 2.5, -3.0, 1.0])
     what = {"dt": 0.25, "steps": 40, "parameters": {"k": 2.0}, "hold": 5}
     event = gs.Event("x", level=0.25)
     run = step.integrate([0.0], [0.0], inputs=rows, **what, events=event)
@@ -207,22 +120,27 @@ def test_events_of_runs_whose_inputs_change() -> None:
     assert np.abs(stop.q[-1] - 0.25).max() < 1e-15
 
 
-def test_forms_and_wide_numbers_have_inputs():
-    made = generate(Spec.checked("G-L", 2), system=pendulum(), structured=True)
+def test_forms_have_inputs():
+    made = generate(Spec.checked("G-L", 2), system=case("pushed_pendulum").system, structured=True)
     forms = Stepper(made.source.name, made.source.files())
     rows = np.random.default_rng(6).integers(-8, 8, (12, 2)) / 8
-    q, p = [0.6, -0.8], [0.8, 0.6]
-    dense = stepper(pendulum)
+    q, p = START
+    dense = stepper("pushed_pendulum")
     q, p = dense.project(q, p, parameters={"k": 2.0, "push": 0, "pull": 0})
     what = {"dt": 0.02, "steps": 12, "parameters": {"k": 2.0}, "inputs": rows}
     run = dense.integrate(q, p, **what)
     assert np.abs(forms.integrate(q, p, **what).q - run.q).max() <= 64 * EPS
     many = forms.integrate_ensemble([q, q], [p, p], **what)
     assert np.abs(many.q[1] - run.q).max() <= 64 * EPS
-    wide = stepper(cart, real="float128")
+
+
+@pytest.mark.slow  # two more steppers; forces of wide numbers are quick
+def test_wide_numbers_have_inputs():
+    rows = np.random.default_rng(6).integers(-8, 8, (12, 2)) / 8
+    wide = cart(2, "float128")
     run = wide.integrate([0.5], [0], dt=Fraction(1, 50), steps=12, parameters={"k": 2},
                          inputs=rows[:, 0])
-    same = stepper(cart).integrate([0.5], [0], dt=0.02, steps=12, parameters={"k": 2},
+    same = cart(2).integrate([0.5], [0], dt=0.02, steps=12, parameters={"k": 2},
                                    inputs=rows[:, 0])
     python = wide.integrate([0.5], [0], dt=Fraction(1, 50), steps=12, parameters={"k": 2},
                             inputs=rows[:, 0], solver="python")
@@ -256,15 +174,6 @@ def test_a_file_names_inputs(gyrospark, tmp_path):
     model = gs.load_model(path)
     assert [str(s) for s in model.system.inputs] == ["push"]
     assert model.parameters["push"] == 0.5
-    step = gs.stepper("G-L", 2, system=path)
-    what = {"dt": 0.02, "steps": 30, "parameters": model.parameters}
-    run = step.integrate(model.q0, model.p0, **what)
-    said = gyrospark("run", path, "--scheme", "G-L", "--stages", "2", "--json").document
-    assert list(map(float, said["q"])) == run.q[-1].tolist()
-    pushed = gyrospark("run", path, "--scheme", "G-L", "--stages", "2", "--json",
-                       "--set", "inputs.push=1").document
-    other = step.integrate(model.q0, model.p0, **what, inputs=1)
-    assert list(map(float, pushed["q"])) == other.q[-1].tolist()
     for bad, said in ((FILE.replace('"2*push"', '"2*x"'), "force"),
                       (FILE.replace("k = 4", "k = 4\npush = 1"), "once"),
                       (FILE.replace("k*x**2/2", "k*x**2/2 - push*x"), "as forces")):
@@ -287,9 +196,9 @@ def test_a_file_names_inputs(gyrospark, tmp_path):
     ([1, 2], 0, "hold"),
 ])
 def test_inputs_of_wrong_shape_are_refused(inputs, hold, said):
-    step = stepper(pendulum)
+    step = stepper("pushed_pendulum")
     with pytest.raises(InputError, match=said):
-        step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.02, steps=8, parameters={"k": 2.0},
+        step.integrate(*START, dt=0.02, steps=8, parameters={"k": 2.0},
                        inputs=inputs, hold=hold)
 
 
@@ -301,6 +210,6 @@ def test_inputs_that_nobody_declared_are_refused():
                        (u**2, [], {"quantities": {"seen": push}})):
         with pytest.raises(InputError, match="as forces"):
             gs.System((x, y), (u, v), (), H, g, inputs=(push,), name="wrong", **more)
-    step = stepper(pendulum)
+    step = stepper("pushed_pendulum")
     with pytest.raises(InputError, match="'push'"):
-        step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.02, steps=8, parameters={"k": 2.0})
+        step.integrate(*START, dt=0.02, steps=8, parameters={"k": 2.0})

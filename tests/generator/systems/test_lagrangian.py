@@ -18,6 +18,7 @@ import sympy as sp
 from sympy.core.cache import clear_cache
 
 import gyrospark as gs
+import systems
 from calls import refused
 from compilers import MAIN, compiler
 from gyrospark.generator.kernels.numpy_kernels import carry_out
@@ -36,7 +37,6 @@ from lagrangians import bead, case, double
 from processes import ROOT, call
 from strategies import EPS
 
-SCHEMES = [("G-L", 3), ("IMS", None)]
 TINY = 1e-100
 
 
@@ -52,17 +52,24 @@ SYSTEMS = [double, bead]
 # ---------------------------------------------------------------- motion, the second way
 
 
+@cache
+def stepper(make, *scheme):
+    """A stepper of a system, from the catalogue where it is in there."""
+    return systems.stepper("bead", *scheme) if make is bead else gs.stepper(*scheme, system=make())
+
+
 @pytest.mark.parametrize(("make", "scheme"), [
-    (double, SCHEMES[0]), (bead, SCHEMES[1]),
-    *(pytest.param(*case, marks=pytest.mark.slow)
-      for case in ((double, SCHEMES[1]), (bead, SCHEMES[0])))])
+    (double, ("G-L", 2)),
+    *(pytest.param(*pair, marks=pytest.mark.slow)  # systems and schemes the other way round
+      for pair in ((double, ("IMS", None)), (bead, ("IMS", None)), (bead, ("G-L", 2))))])
 def test_motion_is_that_of_the_hamiltonian_written_out(make, scheme):
     """M⁻¹ in symbols gives the same states: what differs is the rounding of a hundred steps.
 
     The momenta of IMS are not on G v = 0, and g = 0 is met by their jumps: rounding by Δt in each.
+    Residual and Jacobian agree entry by entry.
     """
     system, parameters, q, v = case(make)
-    step, other = (gs.stepper(*scheme, system=s) for s in (system, system.legendre()))
+    step, other = stepper(make, *scheme), gs.stepper(*scheme, system=system.legendre())
     p = step.momenta(q, v, parameters=parameters)
     for solver in ("auto", "newton", "fixed-point"):
         run, second = (one.integrate(q, p, dt=0.01, steps=100, parameters=parameters, t0=0.3,
@@ -76,50 +83,6 @@ def test_motion_is_that_of_the_hamiltonian_written_out(make, scheme):
         np.testing.assert_allclose(run.f_errors, 0, atol=64 * EPS if scheme[1] else 1.0)
         assert run.velocities.shape == run.q.shape
         assert second.velocities.shape == (101, 0)
-
-
-@pytest.mark.parametrize("make", SYSTEMS)
-def test_lanes_move_each_member_as_it_moves_alone(make):
-    system, parameters, q, v = case(make)
-    step = gs.stepper("G-L", 3, system=system)
-    masses = np.linspace(1.0, 2.0, 5)
-    sets = [parameters | {"m": m} for m in masses]
-    p = np.array([step.momenta(q, v, parameters=one) for one in sets])
-    many = step.integrate_ensemble(np.tile(q, (5, 1)), p, dt=0.01, steps=30,
-                                   parameters=parameters | {"m": masses})
-    for i, one in enumerate(sets):
-        alone = step.integrate(q, p[i], dt=0.01, steps=30, parameters=one)
-        np.testing.assert_allclose(many.q[i], alone.q, rtol=0, atol=200 * EPS)
-        np.testing.assert_allclose(many.p[i], alone.p, rtol=0, atol=2000 * EPS)
-
-
-@pytest.mark.parametrize("real", [
-    "float", "float128", pytest.param("long-double", marks=pytest.mark.slow)])
-def test_all_types_of_numbers(real):
-    """The errors of a few steps shrink with the rounding of the type, order being the same."""
-    system, parameters, q, v = case(bead)
-    step, exact = (gs.stepper("G-L", 2, system=s, real=real)
-                   for s in (system, system.legendre()))
-    p = step.momenta(q, v, parameters=parameters)
-    q, p = step.project(q, p, parameters=parameters)
-    run, second = (one.integrate(q, p, dt=0.01, steps=5, parameters=parameters)
-                   for one in (step, exact))
-    eps = float(step.binding.epsilon)
-    assert float(abs(run.q - second.q).max()) < 100 * eps
-    assert float(abs(run.p - second.p).max()) < 1000 * eps
-    assert float(abs(run.velocities[0] - v).max()) < 100 * eps + 1e-15
-
-
-# ---------------------------------------------------------------- kernels, one by one
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("make", SYSTEMS)
-def test_what_a_step_solves_and_its_jacobian(make, scheme):
-    """Residual and Jacobian, entry by entry, against those of H written out."""
-    system, parameters, q, v = case(make)
-    step, other = (gs.stepper(*scheme, system=s) for s in (system, system.legendre()))
-    p = step.momenta(q, v, parameters=parameters)
     rng = np.random.default_rng(5)
     x = step.guess(q, p, dt=0.02, parameters=parameters)
     x = x + 0.05 * rng.standard_normal(len(x))
@@ -127,6 +90,30 @@ def test_what_a_step_solves_and_its_jacobian(make, scheme):
         values = [getattr(one, what)(x, q, p, dt=0.02, parameters=parameters, t=0.7)
                   for one in (step, other)]
         np.testing.assert_allclose(*values, rtol=0, atol=256 * EPS * np.abs(values[1]).max())
+
+
+@pytest.mark.parametrize("real", [
+    "float128", *(pytest.param(real, marks=pytest.mark.slow)  # the same C with other names
+                  for real in ("float", "long-double"))])
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
+def test_all_types_of_numbers(real):
+    """The errors of a few steps shrink with the rounding of the type, order being the same."""
+    _, parameters, q, v = case(bead)
+    step = systems.stepper("bead", real=real)
+    p = step.momenta(q, v, parameters=parameters)
+    q, p = step.project(q, p, parameters=parameters)
+    run = step.integrate(q, p, dt=0.01, steps=5, parameters=parameters)
+    again = step.integrate(q, p, dt=0.01, steps=5, parameters=parameters, solver="python")
+    double_run = systems.stepper("bead").integrate(
+        q.astype(float), p.astype(float), dt=0.01, steps=5, parameters=parameters)
+    eps = float(step.binding.epsilon)
+    assert float(abs(run.q - again.q).max()) < 100 * eps
+    assert float(abs(run.p - again.p).max()) < 1000 * eps
+    assert float(abs(run.q - double_run.q).max()) < 100 * max(eps, EPS)
+    assert float(abs(run.velocities[0] - v).max()) < 100 * eps + 1e-15
+
+
+# ---------------------------------------------------------------- kernels, one by one
 
 
 @pytest.mark.parametrize("make", SYSTEMS)
@@ -171,7 +158,7 @@ def test_derivatives_along_directions_are_those_of_the_complex_step(make):
 @pytest.mark.parametrize("make", SYSTEMS)
 def test_velocities_are_the_way_back_of_momenta(make):
     system, parameters, q, _ = case(make)
-    step = gs.stepper("G-L", 3, system=system)
+    step = stepper(make, "G-L", 2)
     rng = np.random.default_rng(3)
     rows_q, rows_v = q + 0.1 * rng.standard_normal((2, 3, 4, system.n))
     p = step.momenta(rows_q, rows_v, parameters=parameters)
@@ -181,8 +168,8 @@ def test_velocities_are_the_way_back_of_momenta(make):
 
 
 def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
-    system, parameters, q, v = case(double)
-    step = gs.stepper("G-L", 3, system=system)
+    _, parameters, q, v = case(double)
+    step = stepper(double, "G-L", 2)
     p = step.momenta(q, v, parameters=parameters)
     run = step.integrate(q, p, dt=0.01, steps=4, parameters=parameters)
     np.testing.assert_allclose(run.velocities[0], v, rtol=0, atol=16 * EPS)
@@ -289,8 +276,8 @@ def test_velocities_of_a_hamiltonian_system_are_refused(gl3):
 
 
 def test_velocities_of_another_shape_are_refused():
-    system, parameters, q, v = case(double)
-    step = gs.stepper("G-L", 3, system=system)
+    _, parameters, q, v = case(double)
+    step = stepper(double, "G-L", 2)
     with refused(r"\(2,\).*\(3,\)"):
         step.momenta(q, [*v, 0], parameters=parameters)
 
@@ -309,6 +296,7 @@ ANDREWS = {
 }
 
 
+@pytest.mark.slow  # a second and a half; test_mechanisms has a quick one
 def test_andrews_mechanism_is_its_lagrangian_typed_in():
     path = ROOT / "examples" / "andrews.py"
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
@@ -333,16 +321,16 @@ def test_what_needs_h_written_out_says_so():
     with refused("control.*Lagrangian"):
         generate(control, system=double())
     system, parameters, q, v = case(double)
-    p = gs.stepper("G-L", 3, system=system).momenta(q, v, parameters=parameters)
+    p = stepper(double, "G-L", 2).momenta(q, v, parameters=parameters)
     model = gs.Model(system, parameters, q, p, dt=0.01, steps=5)
     with refused("Lagrangian"):
-        gs.certify(model, "G-L", 3)
+        gs.certify(model, "G-L", 2)
 
 
 def test_consistent_starts_without_a_compiler():
     """Those of the compiled projection."""
     system, parameters, q, v = case(bead)
-    step = gs.stepper("G-L", 3, system=system)
+    step = systems.stepper("bead")
     p = step.momenta(q + 0.01, v, parameters=parameters)
     found = gs.consistent(system, q + 0.01, p, parameters)
     again = step.project(q + 0.01, p, parameters=parameters)

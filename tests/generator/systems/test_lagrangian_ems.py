@@ -8,6 +8,7 @@ steps: D_p and D_q are read out of them, and H comes from its own function.
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from gyrospark.generator.schemes.lagrangian_midpoint import LagrangianEMS
 from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
 from lagrangians import PARAMETERS, bead, case, double
@@ -30,9 +32,14 @@ def kinked():
                                      name="kinked")
 
 
+@cache
+def stepper(make):
+    return systems.stepper("bead", "EMS") if make is bead else gs.stepper("EMS", system=make())
+
+
 def began(make, t0=0.3):
     """Return a stepper of EMS, a start on the constraints and the parameters."""
-    step = gs.stepper("EMS", system=make())
+    step = stepper(make)
     if make is lifted:
         return step, *start_of_lifted(step, t0), PARAMETERS["bead"]
     _, parameters, q, v = case(make)
@@ -87,23 +94,11 @@ def test_the_difference_of_h_between_any_two_states(seed):
     np.testing.assert_allclose(D_p, (v0 + v1) / 2, rtol=0, atol=64 * EPS)
 
 
-@pytest.mark.parametrize("make", [double, bead, lifted])
-def test_jacobian_is_the_derivative_of_the_residual(make):
-    step, q, p, parameters = began(make)
-    what = {"dt": 0.02, "parameters": parameters, "t": 0.3}
-    x = step.guess(q, p, **what) + 0.01
-    h = 1e-6
-    columns = [(step.residual(x + h * e, q, p, **what) - step.residual(x - h * e, q, p, **what))
-               / (2 * h) for e in np.eye(len(x))]
-    J = step.jacobian(x, q, p, **what)
-    np.testing.assert_allclose(np.transpose(columns), J, rtol=0, atol=1e-8 * np.abs(J).max())
-
-
 # ---------------------------------------------------------------- steps
 
 
 @pytest.mark.parametrize("make", [double, bead, lifted])
-@pytest.mark.parametrize("solver", ["auto", "newton", "fixed-point"])
+@pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_energy_balances_to_rounding(make, solver):
     """H_k − H_0 − W_k, with the work of forces and drives; g = 0 as ever."""
     step, q, p, parameters = began(make)
@@ -132,7 +127,7 @@ def test_a_cyclic_coordinate_keeps_its_momentum():
 
 def test_order_two_on_a_mass_that_grows():
     """Where IMS has the midpoint of e^(2ct), EMS has what makes the balance exact."""
-    step, errors = gs.stepper("EMS", system=swelling()), []
+    step, errors = stepper(swelling), []
     numbers = {"c": 0.6, "k": 1.0}
     for steps in (20, 40, 80):
         run = step.integrate([1.0], [0.0], dt=2 / steps, steps=steps, parameters=numbers)
@@ -143,27 +138,13 @@ def test_order_two_on_a_mass_that_grows():
 
 
 def test_a_floor_with_an_edge_costs_no_energy():
-    step = gs.stepper("EMS", system=kinked())
+    step = stepper(kinked)
     run = step.integrate([0.3], [1.0], dt=0.05, steps=400, parameters={})
     assert np.count_nonzero(np.diff(np.sign(run.q[:, 0]))) > 5
     assert np.ptp(run.energies) <= 400 * EPS
 
 
-@pytest.mark.parametrize("make", [bead, lifted])
-def test_lanes_move_each_member_as_it_moves_alone(make):
-    step, q, p, parameters = began(make)
-    masses = np.linspace(1.25, 1.5, 5)
-    starts = [step.project(q, p * m / 1.25, parameters=parameters | {"m": m}, t=0.3)[1]
-              for m in masses]
-    many = step.integrate_ensemble(np.tile(q, (5, 1)), starts, dt=0.01, steps=30, t0=0.3,
-                                   parameters=parameters | {"m": masses})
-    for i, m in enumerate(masses):
-        alone = step.integrate(q, starts[i], dt=0.01, steps=30, t0=0.3,
-                               parameters=parameters | {"m": m})
-        np.testing.assert_allclose(many.q[i], alone.q, rtol=0, atol=200 * EPS)
-        np.testing.assert_allclose(many.p[i], alone.p, rtol=0, atol=1e4 * EPS)
-
-
+@pytest.mark.slow  # the bead of another file has wide numbers
 def test_wide_numbers_balance_to_their_rounding():
     step = gs.stepper("EMS", system=double(), real="float128")
     _, parameters, q, v = case(double)

@@ -197,7 +197,8 @@ def moved_load():
 SYSTEMS = (cart, bead_on_a_bar_on_a_moving_base, slide_on_a_turning_base,
            on_a_moving_base_with_the_axes_of_space, drum, plate, ball, two_arms, potential,
            moved_load)
-SHORT = (bead_on_a_bar_on_a_moving_base, drum)
+#: Its loads have a constant and a timed part along different axes.
+SHORT = (drum,)
 
 
 def reference(method, q, v, t_end):
@@ -267,13 +268,8 @@ def test_a_base_that_a_joint_put_at_rest_is_reported():
             gs.from_mechanics(make())
 
 
-def test_a_force_with_a_constant_and_a_timed_part_compiles():
-    """In one load, along different axes: the constant part is computed once a run."""
-    system = gs.from_mechanics(drum(), name="parts")
-    gs.stepper("IMS", system=system)
-
-
-@pytest.mark.parametrize("made", [sp.Symbol("F"), me.dynamicsymbols("F")])
+@pytest.mark.parametrize("made", [
+    me.dynamicsymbols("F"), pytest.param(sp.Symbol("F"), marks=pytest.mark.slow)])  # the same C
 def test_inputs_of_loads_are_held_over_a_step(made):
     """A cart on a spring, pushed by what a controller says: against the closed form."""
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741

@@ -73,6 +73,8 @@ def test_what_is_redundant_is_left_out_when_asked():
     assert again.model(redundant="leave out").system.m == 18
     assert str(again.redundancy).startswith("The 18 constraints of 'linkage' ")
     stretched = four_bar([(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)])
+    with pytest.raises(gs.InputError, match='redundant="leave out"'):
+        four_bar(SQUARE).model()
     for redundant in ("refuse", "leave out"):
         with pytest.raises(gs.InputError, match="singular position"):
             stretched.model(redundant=redundant)
@@ -92,6 +94,13 @@ def test_dependence_on_the_manifold_only():
     plane = x + 2 * y - z + w
     with pytest.raises(gs.InputError, match=r"redundant.*'g2'"):
         refuse_redundant_anywhere(system(SPHERE, plane, SPHERE * plane + SPHERE))
+
+
+def test_contradicting_constraints_are_named_before_they_are_counted():
+    for names, constraints in ((("one", "two"), (x - 1, x - 2)), (("k", "two"), (x - k, x - 2))):
+        with pytest.raises(gs.InputError, match=r"'two'.*contradict"):
+            gs.System((x,), (sp.Symbol("u", real=True),), (k,), sp.Symbol("u", real=True)**2 / 2,
+                      constraints, constraint_names=names)
 
 
 def test_contradiction_and_constants():
@@ -131,3 +140,9 @@ def test_what_varies_is_not_multiplied_out(monkeypatch):
         redundant_constraints.refuse_constant("s", [long, hidden], ["g0", "g1"])
     monkeypatch.setattr(redundant_constraints.sp, "expand", lambda e: pytest.fail("multiplied out"))
     redundant_constraints.refuse_constant("s", [long], ["g0"])
+
+
+def test_greek_symbols_are_spelled_out():
+    angle = sp.Symbol("α_1", real=True)
+    with pytest.raises(gs.InputError, match=r"'α_1'.*Symbol\('alpha_1'\)"):
+        gs.System((angle,), (a,), (), a**2 / 2)

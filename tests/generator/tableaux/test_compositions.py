@@ -168,7 +168,12 @@ def test_the_kick_of_a_force_gradient_is_a_potential():
 # ---------------------------------------------------------------- certificates
 
 
-@pytest.mark.parametrize("name", COMPOSITIONS)
+LONG = ("SS10", "ABA1064", "G8", "KL8")
+each = pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in COMPOSITIONS])
+
+
+@each
 def test_stored_numbers_are_certified(name):
     lines = check_composition(COMPOSITIONS[name])
     assert all(line.holds for line in lines), [line for line in lines if not line.holds]
@@ -235,7 +240,8 @@ def test_error_constant_of_strang():
 
 
 @pytest.mark.parametrize(("name", "starts"), [
-    ("G4", 3), ("Suzuki4", 10), ("G8", 10), pytest.param("KL6", 60, marks=pytest.mark.slow)])
+    ("G4", 3), ("Suzuki4", 10),
+    *(pytest.param(*pair, marks=pytest.mark.slow) for pair in (("G8", 10), ("KL6", 60)))])
 def test_a_search_finds_what_is_stored(name, starts):
     x, value, solved = search(name, seed=1, starts=starts)
     conditions = OrderConditions(COMPOSITIONS[name])

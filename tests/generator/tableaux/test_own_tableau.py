@@ -82,8 +82,8 @@ def test_the_script_derives_the_families_too(written: Any) -> None:
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (place % 2))
-    for place, name in enumerate(EXAMPLES)])
+    pytest.param(name, marks=[pytest.mark.slow] * (name != "radau_iia_2")) for name in EXAMPLES])
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_examples_are_verified(name: str) -> None:
     """Every condition, the order derived and measured, the compiled coefficients."""
     verdict = verify_stepper(Spec.checked(tableau=FOLDER / f"{name}.json"))
@@ -92,7 +92,10 @@ def test_examples_are_verified(name: str) -> None:
     assert any(line.name == "order, measured" for line in verdict.conditions)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name in ("lobatto_iiid_3", "radau_iia_2")))
+    for name in EXAMPLES])
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_compiled_order_and_constraints(name: str) -> None:
     """The compiled step on an asymmetric top: the derived order, constraints at round-off."""
     step, body = stepper_of(name), BODY
@@ -152,7 +155,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "radau_3")) for name in CASES])
 def test_other_nodes(name: str, written: Any) -> None:
     c, c_tilde, order = CASES[name]
     path = written(on_nodes(name, c, c_tilde))
@@ -162,14 +166,14 @@ def test_other_nodes(name: str, written: Any) -> None:
     assert observed_order(tableau) == pytest.approx(order, abs=0.1)
 
 
-@pytest.mark.parametrize("s", [6, pytest.param(16, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("s", [4, pytest.param(16, marks=pytest.mark.slow)])
 def test_high_orders(s: int) -> None:
     """Beside a reference of order 2s + 4, for as many stages as there are named steppers."""
     assert observed_order(gauss_lobatto(s)) == pytest.approx(2 * s, abs=0.1)
 
 
 @pytest.mark.parametrize(("s", "digits"), [
-    (2, 9), (3, 9), pytest.param(2, 16, marks=pytest.mark.slow)])
+    (2, 9), *(pytest.param(*pair, marks=pytest.mark.slow) for pair in ((3, 9), (2, 16)))])
 def test_orders_of_tableaux_in_decimals(tmp_path: Path, s: int, digits: int) -> None:
     """Where the rounding of the digits hides the order that is said; the tableau is not accused."""
     family = gauss_lobatto(s)
@@ -345,7 +349,7 @@ def test_claims_of_a_method_that_is_not_symplectic(
 # ---------------------------------------------------------------- any nodes
 
 
-@settings(deadline=None, max_examples=8)
+@settings(deadline=None, max_examples=4)
 @given(
     st.lists(st.fractions(0, 1, max_denominator=9), min_size=2, max_size=4, unique=True),
     st.lists(st.fractions("1/9", "8/9", max_denominator=9), max_size=2, unique=True),

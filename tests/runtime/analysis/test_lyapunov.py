@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from chaotic_pendulum import PARAMETERS, pendulum, released
 from gyrospark.runtime.analysis.unitary_frame import (
     UnitaryFrame,
@@ -15,6 +18,7 @@ from gyrospark.runtime.analysis.unitary_frame import (
 )
 
 
+@cache
 def linear(damped=False):
     """H = p²/2 − k q²/2, and a damping force −c p."""
     q, p = sp.symbols("q p", real=True)
@@ -27,6 +31,7 @@ def linear(damped=False):
     return gs.stepper("G-L", 4, system=system)
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_saddle():
     """An inverted pendulum has ±√k; its covariant vectors are (1, ±√k)."""
     found = gs.lyapunov(linear(), [0.0], [0.0], dt=0.02, steps=2000, parameters={"k": 4.0},
@@ -50,6 +55,7 @@ def test_oscillator():
     assert found.symplectic_defect < 1e-13
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_damping_contracts_volume():
     """Exponents (−c ± √(c² + 4 k))/2 of a damped saddle; their sum is the rate of the volume."""
     found = gs.lyapunov(linear(damped=True), [0.0], [0.0], dt=0.02, steps=2000,
@@ -63,31 +69,30 @@ def test_damping_contracts_volume():
 
 def test_regular_motion():
     """A large oscillation of a plane pendulum: 0 within errors, MEGNO 2."""
-    q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
-    system = gs.System(q, p, (), (p[0] ** 2 + p[1] ** 2) / 2 + q[1], [q[0] ** 2 + q[1] ** 2 - 1],
-                       name="swinging")
-    step = gs.stepper("G-L", 3, system=system)
-    found = gs.lyapunov(step, [np.sin(2.9), -np.cos(2.9)], [0, 0], dt=0.05, steps=20_000,
-                        every=40, parameters={})
+    found = gs.lyapunov(systems.differentiable("pendulum"), [np.sin(2.9), -np.cos(2.9)], [0, 0],
+                        dt=0.05, steps=8000, every=40, parameters={"g": 1.0, "l": 1.0})
     assert np.all(np.abs(found.exponents) < 3 * found.errors)
-    assert found.exponents[0] < 0.01
-    assert abs(found.megno - 2) < 0.15
+    assert found.exponents[0] < 0.02
+    assert abs(found.megno - 2) < 0.25
     assert found.pairing < 1e-13
 
 
-@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 40])
-def test_chaotic_pendulum_is_paired(every):
+@pytest.mark.parametrize(("every", "steps"), [
+    (40, 1500), *(pytest.param(every, 6000, marks=pytest.mark.slow) for every in (1, 40))])
+def test_chaotic_pendulum_is_paired(every, steps):
     """Pairs at any time, though no exponent has converged; the volume is measured without R."""
-    found = gs.lyapunov(pendulum("G-L", 2), *released(2, 2), dt=0.01, steps=6000, every=every,
+    found = gs.lyapunov(pendulum(), *released(2, 2), dt=0.01, steps=steps, every=every,
                         parameters=PARAMETERS)
     assert found.pairing < 1e-12
     assert np.abs(found.running + found.running[:, ::-1]).max() < 1e-10
     assert abs(found.volume_rate) < 1e-13
     assert found.symplectic_defect < 1e-13
-    assert abs(found.exponents[0] - 1.265) < 2 * found.errors[0] < 0.4  # in a Euclidean norm
-    assert abs(found.exponents[1]) < 2 * found.errors[1]
-    assert found.megno == pytest.approx(0.5 * 60 * found.exponents[0], rel=0.2)
-    assert found.ftle > found.exponents[0]
+    assert found.exponents[0] > 0.5
+    if steps == 6000:
+        assert abs(found.exponents[0] - 1.265) < 2 * found.errors[0] < 0.4  # in a Euclidean norm
+        assert abs(found.exponents[1]) < 2 * found.errors[1]
+        assert found.megno == pytest.approx(0.5 * 60 * found.exponents[0], rel=0.2)
+        assert found.ftle > found.exponents[0]
 
 
 def test_first_exponents_alone():
@@ -117,7 +122,7 @@ def test_covariant_vectors_follow_the_run():
 def test_frame_is_unitary():
     """Ω is J, orthogonal and skew; coordinates of directions are those that made them."""
     step, (q, p) = pendulum(), released(0.5, 2)
-    frame = UnitaryFrame(step.derivative_binding, PARAMETERS, 0.0, q, p)
+    frame = UnitaryFrame(step.derivative_binding(), PARAMETERS, 0.0, q, p)
     J, unit = frame.J, np.eye(4)
     assert np.abs(J + J.T).max() < 1e-14
     assert np.abs(J @ J + unit).max() < 1e-14
@@ -130,10 +135,11 @@ def test_frame_is_unitary():
 
 
 @pytest.mark.parametrize("real", ["float128", pytest.param("float", marks=pytest.mark.slow)])
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_other_types(real):
     step = pendulum(real=real)
-    found = gs.lyapunov(step, *released(2, 2, step), dt=0.01, steps=100, parameters=PARAMETERS)
-    same = gs.lyapunov(pendulum(), *released(2, 2), dt=0.01, steps=100, parameters=PARAMETERS)
+    found = gs.lyapunov(step, *released(2, 2, step), dt=0.01, steps=20, parameters=PARAMETERS)
+    same = gs.lyapunov(pendulum(), *released(2, 2), dt=0.01, steps=20, parameters=PARAMETERS)
     bound = 1e-3 if real == "float" else 1e-8
     assert np.abs(found.exponents - same.exponents).max() < bound
     assert found.pairing < (1e-5 if real == "float" else 1e-13)

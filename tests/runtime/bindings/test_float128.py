@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 import subprocess
 from dataclasses import replace
@@ -17,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+import systems
 from gyrospark.core.errors import CompilerError, InputError
 from gyrospark.core.real_types import REALS, round_binary
 from gyrospark.generator.spec import Spec
@@ -24,7 +24,6 @@ from gyrospark.runtime.bindings import binary128
 from gyrospark.runtime.compilation.compiler import _refuse_without_quad, find_compiler
 from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
 from gyrospark.runtime.rigid_body.problems import fast_top
-from processes import cli
 from reference import reference
 from strategies import random_case, tableau_of
 
@@ -43,7 +42,7 @@ def _binary128(tmp_path_factory):
 
 
 def stepper(scheme, stages=None):
-    return gs.stepper(scheme, stages, "gamma", real="float128")
+    return systems.stepper("heavy_top", scheme, stages, "float128")
 
 
 def start(step):
@@ -69,7 +68,7 @@ def bits_of(value):
     return int.from_bytes(binary128.to_bytes(np.array([value], dtype=object)).tobytes(), "little")
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**128 - 1))
 def test_every_number_keeps_its_bytes(bits):
     value, exponent, fraction = number(bits), bits >> 112 & 0x7FFF, bits & (2**112 - 1)
@@ -99,7 +98,7 @@ def test_ends_of_the_range():
     assert bits_of(mp.mpf(3) * mp.mpf(2) ** -16495) == 2  # a tie, to even
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.integers(1, 2**300), st.integers(-400, 100), st.booleans())
 def test_more_bits_are_rounded_to_even(mantissa, exponent, negative):
     exact = (-1) ** negative * mantissa * Fraction(2) ** exponent
@@ -109,7 +108,7 @@ def test_more_bits_are_rounded_to_even(mantissa, exponent, negative):
     assert binary128.exact(binary128.quad(value)) == round_binary(exact, 113)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.floats(allow_nan=False, allow_infinity=False) | st.integers(-2**100, 2**100))
 def test_other_types_are_taken_by_value(value):
     assert binary128.exact(binary128.quad(value)) == Fraction(value)
@@ -126,12 +125,12 @@ def test_arithmetic_has_113_bits_whatever_mpmath_is_set_to():
 
 
 def test_literals_and_coefficients_are_correctly_rounded():
-    step, real = stepper("G-L", 3), REALS["float128"]
+    step, real = stepper("G-L", 2), REALS["float128"]
     with mp.workdps(60):
         value = mp.mpf(real.literal(Fraction(1, 3)).removesuffix("F128"))
     assert binary128.exact(binary128.quad(value)) == round_binary(Fraction(1, 3), 113)
     compiled = step.binding.coefficients()
-    exact = np.ravel(np.array(tableau_of("G-L", 3).A, dtype=object))
+    exact = np.ravel(np.array(tableau_of("G-L", 2).A, dtype=object))
     wanted = [round_binary(binary128.exact(x), 113) for x in exact]
     assert all(w in compiled for w in wanted)
 
@@ -139,8 +138,9 @@ def test_literals_and_coefficients_are_correctly_rounded():
 # ---------------------------------------------------------------- steps
 
 
-@pytest.mark.parametrize("method", [("IMS", None), ("EMS", None), ("G-L", 3), ("LIIIA-B", 3)],
-                         ids=str)
+@pytest.mark.parametrize("method", [
+    ("G-L", 2), *(pytest.param(method, marks=pytest.mark.slow)  # seconds of mpmath each
+                  for method in (("IMS", None), ("EMS", None), ("LIIIA-B", 3)))], ids=str)
 def test_a_step_against_fifty_digits(method):
     step, rng = stepper(*method), np.random.default_rng(5)
     for index in range(3):
@@ -160,7 +160,7 @@ def test_a_step_against_fifty_digits(method):
 
 
 @pytest.mark.parametrize("stages", [
-    2, 3, 5, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 4, 6, 7, 8))])
+    2, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 3, 4, 5, 6, 7, 8))])
 def test_order_is_twice_the_stages(stages):
     """The paper's fast top, 126 rad/s, over 1/128 s; differences of runs with dt, dt/2, dt/4."""
     top = fast_top()
@@ -176,10 +176,10 @@ def test_order_is_twice_the_stages(stages):
 
 
 def test_constraints_hold_to_round_off_and_the_manifest_says_float128():
-    step = stepper("G-L", 3)
+    step = stepper("G-L", 2)
     run = step.integrate(*start(step), dt=2.0**-6, steps=200, every=7, parameters=TOP)
     assert step.manifest["real"] == "float128"
-    assert step.name == "heavy_top_gl3_gamma_float128"
+    assert step.name == "heavy_top_gl2_gamma_float128"
     assert 0 < run.report.constraint_max < 4 * EPS
     assert run.report.momentum_constraint_max < 8 * EPS
     assert isinstance(run.report.constraint_max, float)
@@ -190,6 +190,7 @@ def test_constraints_hold_to_round_off_and_the_manifest_says_float128():
     assert largest(run.g_errors) <= 4 * EPS
 
 
+@pytest.mark.slow  # another stepper in float128
 def test_energy_is_kept_by_ems():
     step = stepper("EMS")
     run = step.integrate(*start(step), dt=2.0**-6, steps=50, parameters=TOP)
@@ -197,7 +198,7 @@ def test_energy_is_kept_by_ems():
 
 
 def test_an_ensemble_agrees_with_its_members():
-    step = stepper("G-L", 3)
+    step = stepper("G-L", 2)
     q, p = start(step)
     many = step.integrate_ensemble([q, q], [p, -p], dt=2.0**-6, steps=10, every=3, parameters=TOP)
     for i, momentum in enumerate((p, -p)):
@@ -221,19 +222,20 @@ def test_what_a_step_solves():
     assert largest(step.defects(q, p, parameters=TOP)) < 2 * EPS
 
 
-def test_a_long_run_is_stored_across_chunks():
-    step = stepper("IMS")
+def test_a_long_run_is_stored_across_chunks(monkeypatch):
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
+    step = stepper("G-L", 2)
     q, p = start(step)
-    run = step.integrate(q, p, dt=2.0**-9, steps=4100, every=2050, parameters=TOP)
-    again = step.integrate(q, p, dt=2.0**-9, steps=4100, every=4100, parameters=TOP)
+    run = step.integrate(q, p, dt=2.0**-9, steps=42, every=21, parameters=TOP)
+    again = step.integrate(q, p, dt=2.0**-9, steps=42, every=42, parameters=TOP)
     assert run.q.shape == (3, 4)
     assert (run.q[-1] == again.q[-1]).all()
 
 
 def test_a_saved_trajectory_comes_back(tmp_path):
-    step = stepper("G-L", 3)
+    step = stepper("G-L", 2)
     run = step.integrate(*start(step), dt=2.0**-6, steps=5, parameters=TOP)
-    again = gs.Trajectory.load(run.save(tmp_path / "run"))
+    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     for name in ("q", "p", "multipliers", "energies", "g_errors", "f_errors"):
         assert (getattr(again, name) == getattr(run, name)).all()
         assert all(type(x) is binary128.mpf for x in getattr(again, name).flat)
@@ -263,11 +265,11 @@ def test_a_failed_member_is_nan_from_there_on():
 ])
 def test_unusable_states(q, said):
     with pytest.raises(InputError, match=said):
-        stepper("G-L", 3).step(q, [0, 1, 0, 0], dt=0.1, parameters=TOP)
+        stepper("G-L", 2).step(q, [0, 1, 0, 0], dt=0.1, parameters=TOP)
 
 
 def test_a_start_consistent_in_double_alone_is_refused():
-    step = stepper("G-L", 3)
+    step = stepper("G-L", 2)
     with pytest.raises(InputError, match="constraints"):
         step.step([np.cos(0.3), np.sin(0.3), 0, 0], [0, 0, 1, 0], dt=0.01, parameters=TOP)
 
@@ -285,24 +287,24 @@ def test_a_compiler_without_binary128_says_so(monkeypatch, tmp_path):
     assert "_Float128" in caught.value.stderr
 
 
-def test_command_line(tmp_path):
-    done = cli("generate", "--scheme", "IMS", "--real", "float128", "--out", str(tmp_path))
-    assert done.returncode == 0
+def test_command_line(gyrospark, tmp_path):
+    done = gyrospark("generate", "--scheme", "IMS", "--real", "float128", "--out", tmp_path)
+    assert done.code == 0
     text = (tmp_path / "heavy_top_ims_gamma_float128.c").read_text(encoding="utf-8")
     assert "##f128" in text
     assert "FLT128_EPSILON" in text
-    done = cli("run", "fast-top", "--scheme", "IMS", "--real", "float128", "--dt", "1e-3",
-               "--steps", "20", "--json")
-    assert done.returncode == 0
-    assert json.loads(done.stdout)["constraint_max"] < 4 * EPS
+    done = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--real", "float128",
+                     "--dt", "1e-3", "--steps", "20", "--json")
+    assert done.code == 0
+    assert done.document["constraint_max"] < 4 * EPS
 
 
 def test_generated_c_builds_without_python(tmp_path):
     """With the strict flags but -Wpedantic, and contraction off, as exported C is built."""
-    step = stepper("LIIIA-B", 3)
+    step = stepper("G-L", 2)
     for name, text in step.files.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     command = [*find_compiler().command, "-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Werror",
-               "-O1", "-c", f"{step.name}.c"]
+               "-O0", "-c", f"{step.name}.c"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from calls import RUN, TOP
+import systems
 from fuzz.steppers import NAMES, case
 from processes import FAST_TOP, ROOT, call, python
 
-THREADS = 64
+THREADS = 16
 
 
 def run_of(name: str, shift: int = 0, steps: int = 60) -> gs.Trajectory:
@@ -33,9 +33,10 @@ def bits(run: gs.Trajectory) -> list[bytes]:
 # ---------------------------------------------------------------- threads
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name in ("ims", "chain"))) for name in NAMES])
 def test_threads_on_one_stepper_give_the_bits_of_one(name):
-    """64 threads, each with a run of its own, started together: no memory is shared."""
+    """As many threads, each with a run of its own, started together: no memory is shared."""
     wanted = [bits(run_of(name, shift)) for shift in range(THREADS)]
     assert wanted[0] != wanted[1]
     together = threading.Barrier(THREADS)
@@ -48,9 +49,10 @@ def test_threads_on_one_stepper_give_the_bits_of_one(name):
         assert list(pool.map(work, range(THREADS))) == wanted
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_threads_that_make_the_same_stepper_at_once(monkeypatch, tmp_path):
     """All compile or load; all get one that works, and no half-made file is left."""
-    files = gs.stepper("IMS").files
+    made = systems.stepper("oscillator")
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
     step_type = gs.Stepper
@@ -58,8 +60,8 @@ def test_threads_that_make_the_same_stepper_at_once(monkeypatch, tmp_path):
 
     def make(_: int) -> bytes:
         together.wait()
-        step = step_type("heavy_top_ims_gamma", files)
-        return step.step(TOP.q0, TOP.p0, **RUN)[0].tobytes()
+        step = step_type(made.name, made.files)
+        return step.step([0.8], [-0.3], dt=1e-3, parameters={"k": 4.0})[0].tobytes()
 
     with ThreadPoolExecutor(4) as pool:
         assert len(set(pool.map(make, range(4)))) == 1
@@ -67,9 +69,10 @@ def test_threads_that_make_the_same_stepper_at_once(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit, MemoryError, RuntimeError])
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_thread_that_is_broken_off_harms_no_other(kind):
     """What a callback raises comes out of that call as it is; neighbours end as if alone."""
-    wanted = bits(run_of("gl3", steps=9000))
+    wanted = bits(run_of("gl3", steps=4000))
     ended: list[object] = []
 
     def give_up(done: int) -> None:
@@ -87,7 +90,7 @@ def test_thread_that_is_broken_off_harms_no_other(kind):
     with ThreadPoolExecutor(8) as pool:
         for thread in threads:
             thread.start()
-        found = list(pool.map(lambda _: bits(run_of("gl3", steps=9000)), range(8)))
+        found = list(pool.map(lambda _: bits(run_of("gl3", steps=4000)), range(8)))
     for thread in threads:
         thread.join()
     assert found == [wanted] * 8
@@ -101,7 +104,7 @@ def test_failures_in_threads_are_each_their_own():
 
     def outcome(shift: int) -> object:
         try:
-            return bits(what.step.integrate(what.q, what.p, dt=2e-3 * (1 + shift), steps=40,
+            return bits(what.step.integrate(what.q, what.p, dt=2e-3 * (1 + 4 * shift), steps=40,
                                             parameters=what.parameters))
         except gs.StepFailed as error:
             return error.step, error.reason, bits(error.trajectory)
@@ -134,6 +137,7 @@ def test_interrupt_ends_an_ensemble_and_its_threads():
 PROCESSES = '''
 import hashlib, multiprocessing, sys
 import gyrospark as gs
+import systems
 
 before = gs.stepper("G-L", 3) if len(sys.argv) > 1 else None
 
@@ -158,6 +162,7 @@ if __name__ == "__main__":
 '''
 
 
+@pytest.mark.slow  # three pools of four processes
 @pytest.mark.parametrize("words", [["made before"], []])
 def test_processes_give_the_same_bits(words, tmp_path):
     """Forked, spawned, and from a server: with a stepper from before, and one made there."""
@@ -186,7 +191,7 @@ for thread in threads:
 codes = []
 import warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # of Python 3.12, of forking with threads
-for _ in range(20):
+for _ in range(4):
     child = os.fork()
     if child == 0:
         os._exit(0 if run() == wanted else 1)
@@ -194,7 +199,7 @@ for _ in range(20):
 ended.set()
 for thread in threads:
     thread.join()
-print(codes == [0]*20)
+print(codes == [0]*4)
 '''
 
 
@@ -307,6 +312,7 @@ def growth(calls: int, warm: int) -> int:
 needs_proc = pytest.mark.skipif(sys.platform != "linux", reason="/proc is a thing of Linux")
 
 
+@pytest.mark.slow  # ten seconds; fewer calls would hide a leak in what allocators keep
 @needs_proc
 def test_no_leak_in_many_calls():
     assert growth(20_000, 5_000) < ALLOWED

@@ -205,6 +205,7 @@ def symmetric_body(inertia, omega, t):
                  turned((1 - I3 / I1) * omega[2] * t, [0, 0, 1]))
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_a_free_symmetric_body_to_33_digits():
     """Order 10 in small steps. With dt and moments in double, 1e-17 is as near as it comes."""
     with mp.workdps(50):
@@ -228,7 +229,7 @@ def test_a_free_symmetric_body_to_33_digits():
 @pytest.mark.parametrize("real", WIDE)
 def test_a_file(real, tmp_path):
     run = pushed(real).integrate(*START, steps=STEPS, **RUN)
-    again = gs.Trajectory.load(run.save(tmp_path / "run"))
+    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     assert_same(again, run)
     assert type(again.dt) is type(run.dt)
     assert [type(x) for x in again.parameters.values()] == [type(run.dt)] * 2
@@ -236,7 +237,7 @@ def test_a_file(real, tmp_path):
 
 def test_a_file_from_before_times_had_all_digits(tmp_path):
     run = pushed("float128").integrate(*START, steps=STEPS, **RUN)
-    path = run.save(tmp_path / "run")
+    path = run.save(tmp_path / "run.npz")
     with np.load(path) as file:
         content = dict(file) | {"t": run.t.astype(float)}
     about = json.loads(str(content["about"])) | {"dt": float(run.dt)}

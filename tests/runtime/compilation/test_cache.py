@@ -189,20 +189,23 @@ def test_compiler_from_pypi_really_compiles(tmp_path):
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """A module, its checksum and its name, made once."""
+    """A module and its checksum, compiled once."""
     if shutil.which("cc") is None:
         pytest.skip("cc is not installed")
     folder = tmp_path_factory.mktemp("built")
-    done = build(folder, "cc")
-    assert done.returncode == 0, done.stderr
-    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}, done.stdout
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GYROSPARK_CACHE", str(folder))
+        patch.setenv("GYROSPARK_OPTIMISE", "0")
+        patch.setenv("CC", "cc")
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.suffix in (".so", ".json")}
 
 
 @pytest.fixture
 def ready(built, monkeypatch):
     """What a compilation ends with is that module: for tests of where it is then put."""
     def compiled(name, files, compiler, folder, part):
-        (module,) = (data for file, data in built[0].items() if file.endswith(".so"))
+        (module,) = (data for file, data in built.items() if file.endswith(".so"))
         (folder / "module.so").write_bytes(module)
         return folder / "module.so", {"flags": [], "kernels": {}, "left_out": []}
 
@@ -251,8 +254,8 @@ def small_disk(tmp_path):
     call(["umount", "-l", disk])
 
 
-@pytest.mark.parametrize("size", [4, *(pytest.param(size, marks=pytest.mark.slow)
-                                       for size in (20, 120)), 60])
+@pytest.mark.parametrize("size", [60, *(pytest.param(size, marks=pytest.mark.slow)
+                                        for size in (4, 20, 120))])
 def test_full_cache_is_reported(size, small_disk, quick):
     """Wherever in the build the disk fills up: an error in words, nothing left that is loaded."""
     disk = small_disk(size)
@@ -266,6 +269,7 @@ def test_full_cache_is_reported(size, small_disk, quick):
     assert again.returncode == 0, again.stderr
 
 
+@pytest.mark.slow  # five processes; a temporary folder replaces a read-only one above
 def test_read_only_cache_serves_what_it_has(small_disk, quick):
     disk = small_disk(2000)
     first = build(disk, quick)
@@ -285,7 +289,8 @@ def test_read_only_cache_serves_what_it_has(small_disk, quick):
 # ---------------------------------------------------------------- killed, at once, damaged
 
 
-@pytest.mark.parametrize("kills", [3, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.slow  # processes that are killed
+@pytest.mark.parametrize("kills", [3, 40])
 def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
     """SIGKILL at random instants of a cold build, then one that is left alone succeeds."""
     rng = random.Random(2026)
@@ -316,6 +321,7 @@ def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
     assert len(kept(own_cache)) == 1
 
 
+@pytest.mark.slow  # processes that are killed
 def test_killed_derivation_leaves_nothing(own_cache, quick):
     """The same for generated sources: a stepper that is not checked in."""
     code = BUILD.replace('"IMS"', '"IMS", real="float"').replace(
@@ -332,7 +338,8 @@ def test_killed_derivation_leaves_nothing(own_cache, quick):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("many", [3, pytest.param(16, marks=pytest.mark.slow)])
+@pytest.mark.slow  # processes; test_threads_and_processes.py has threads that build one stepper
+@pytest.mark.parametrize("many", [3, 16])
 def test_many_processes_at_once(many, own_cache, quick):
     """All build the same stepper cold: all succeed, with the same bits; one module stays."""
     processes = [
@@ -350,6 +357,7 @@ def test_many_processes_at_once(many, own_cache, quick):
     assert not list(own_cache.glob("build-*"))
 
 
+@pytest.mark.slow  # processes
 def test_cache_may_be_cleared_while_others_build(own_cache, quick):
     processes = [
         subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True,
@@ -380,41 +388,30 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize("damage", [
-    pytest.param(damage, id=name, marks=[] if name in ("first half", "one bit")
-                 else pytest.mark.slow) for name, damage in DAMAGE.items()])
-def test_damaged_module_is_built_anew(damage, built, own_cache):
+@pytest.mark.usefixtures("ready")
+@pytest.mark.parametrize("damage", [*DAMAGE, "no checksum", "other checksum", "empty checksum"])
+def test_a_damaged_module_is_built_anew(damage, built, own_cache, monkeypatch):
     """Loading it would end the process with a bus error: it is not even tried."""
-    content, expected = built
+    proofs = {"no checksum": None, "other checksum": b"0" * 64, "empty checksum": b"\xff"}
     own_cache.mkdir()
-    for name, data in content.items():
-        (own_cache / name).write_bytes(damage(data) if name.endswith(".so") else data)
-    done = build(own_cache, "cc")
-    assert (done.returncode, done.stdout) == (0, expected), done.stderr
-    (only,) = kept(own_cache)
-    assert stepper_module._record(only)
-
-
-@pytest.mark.parametrize("proof", [
-    b"\xff", *(pytest.param(proof, marks=pytest.mark.slow) for proof in (None, b"", b"0" * 64))])
-def test_module_without_its_checksum_is_built_anew(proof, built, own_cache):
-    content, expected = built
-    own_cache.mkdir()
-    for name, data in content.items():
-        if name.endswith(".so.json"):
-            if proof is not None:
-                (own_cache / name).write_bytes(proof)
-        else:
-            (own_cache / name).write_bytes(data)
-    done = build(own_cache, "cc")
-    assert (done.returncode, done.stdout) == (0, expected), done.stderr
+    for name, data in built.items():
+        if name.endswith(".so"):
+            (own_cache / name).write_bytes(DAMAGE.get(damage, lambda b: b)(data))
+        elif (content := proofs.get(damage, data)) is not None:
+            (own_cache / name).write_bytes(content)
+    (module,) = kept(own_cache)
+    assert not stepper_module._record(module)
+    monkeypatch.setenv("CC", "cc")
+    loaded = stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    assert loaded.lib.heavy_top_ims_gamma_step
+    assert kept(own_cache) == [module]
+    assert stepper_module._record(module)
 
 
 def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
     """A hit starts no compiler but for its version."""
-    content, _ = built
     own_cache.mkdir()
-    for name, data in content.items():
+    for name, data in built.items():
         (own_cache / name).write_bytes(data)
     monkeypatch.setenv("CC", "cc")
     monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("compiled"))

@@ -57,7 +57,9 @@ SPECS = {
 }
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name not in ("curved EMS", "frame", "float128")))
+    for name in SPECS])  # each is a derivation
 def test_every_kernel_is_read(name):
     """Those that the manifest counts the operations of, and how constants are prepared."""
     source = SPECS[name]().source
@@ -81,14 +83,16 @@ def compiled(name: str, folder):
     return verified_build.import_module(source.name, path), checks, real
 
 
-@pytest.fixture(scope="module", params=["curved EMS", "long-double"])
+@pytest.fixture(scope="module", params=[
+    "curved EMS", pytest.param("long-double", marks=pytest.mark.slow)])  # seconds of arithmetic
 def module(request, tmp_path_factory):
     return compiled(request.param, tmp_path_factory.mktemp("build"))
 
 
 def test_compiled_kernels_agree(module):
-    found, compared = kernel_check.differences(*module)
+    found, compared, unchecked = kernel_check.differences(*module)
     assert not found
+    assert not unchecked
     assert len(compared) >= 8
     assert all(compared.values())
 
@@ -110,7 +114,7 @@ def test_each_wrong_output_is_found(module):
         for number, kernel in enumerate(function.kernels):
             for wrong in list(damaged(kernel))[:2]:
                 kernels = (*function.kernels[:number], wrong, *function.kernels[number + 1 :])
-                found, _ = kernel_check.differences(
+                found, *_ = kernel_check.differences(
                     loaded, [dataclasses.replace(function, kernels=kernels)], real)
                 assert {d.kernel for d in found} == {kernel.name}
                 tried += 1
@@ -135,9 +139,9 @@ exec {right} "$@"
 
 @pytest.mark.skipif(shutil.which("sed") is None, reason="the wrong compiler needs sed")
 @pytest.mark.parametrize(("part", "pattern", "kernel"), [
-    ("runs", r"s/^    H_q\[1\] = /&1.0e-9 + /", "gradient"),
-    ("lanes", r"s/^    H_p\[2\] = /&-/", "lanes_velocity"),
-])
+    pytest.param("runs", r"s/^    H_q\[1\] = /&1.0e-9 + /", "gradient", marks=pytest.mark.slow),
+    pytest.param("lanes", r"s/^    H_p\[2\] = /&-/", "lanes_velocity", marks=pytest.mark.slow),
+])  # three compilations with optimisation each
 def test_a_wrong_object_is_compiled_again(part, pattern, kernel, tmp_path, monkeypatch):
     """With flags that agree, which are recorded, and told once."""
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
@@ -149,7 +153,7 @@ def test_a_wrong_object_is_compiled_again(part, pattern, kernel, tmp_path, monke
     (record,) = (tmp_path / "cache").glob("*.so.json")
     recorded = json.loads(record.read_text("utf-8"))
     assert recorded["flags"] == ["-O1"]
-    assert recorded["left_out"] == []
+    assert recorded["left_out"] == {}
     load_module("heavy_top_gl1_gamma", files, part)
 
 
@@ -182,9 +186,55 @@ def test_expressions_are_those_of_python(text, value):
     assert kernel_text.evaluate(kernel, by, values)["y"] == value(*values.values())
 
 
-@pytest.mark.parametrize("body", ["for (;;) x = 1;\n", "y = a ? b : c;\n", "y = f(a);\n",
-                                  "if (a) y = b;\n", "y = (a;\n"])
-def test_what_is_no_kernel_is_left_out(body):
+@pytest.mark.parametrize(("literal", "value"), [
+    ("0x1.8p+1", 3.0), ("0X.8P-1f", 0.25), ("0xAp0", 10.0), (".5", 0.5), ("2.5E-1L", 0.25)])
+def test_literals_of_every_spelling_are_read(literal, value):
+    kernel = kernel_text.KernelText("x", "void", "constants", {}, {"y": ()}, (), f"y = {literal};")
+    for real in ("float", "double", "long-double", "float128"):
+        for wide in (False, True):
+            by = kernel_text.arithmetic(REALS[real], wide=wide)
+            assert kernel_text.evaluate(kernel, by, {})["y"] == value
+
+
+def test_unused_arguments_are_read():
+    (kernel,) = kernel_text.kernels_of(
+        "static void even(const constants *c, const double a[1], double y[1])\n"
+        "{\n    (void)c, (void)a;\n    y[0] = 1.0;\n}\n")
+    assert not kernel.refusal
+
+
+def test_a_hexadecimal_literal_has_the_digits_of_its_type():
+    by = kernel_text.arithmetic(REALS["float128"], wide=False)
+    assert by.number("0x1.0000000000000000000000000001p0") - 1 == 2.0**-112
+
+
+@pytest.mark.parametrize("body", ["for (;;) x = 1;\n", "y[0] = a[0] ? 1.0 : 2.0;\n",
+                                  "y[0] = f(a[0]);\n", "if (a) y[0] = 1.0;\n", "y[0] = (a;\n"])
+def test_a_kernel_that_is_not_read_is_named_with_its_c(body):
     text = ("static void odd(const constants *c, const double a[1], double y[1])\n"
             f"{{\n    {body}}}\n")
-    assert kernel_text.kernels_of(text) == []
+    (kernel,) = kernel_text.kernels_of(text)
+    assert kernel.refusal
+    (function,) = kernel_check.check_functions("x", [kernel], ["numbers"])
+    assert set(function.unread) == {"odd"}
+
+
+def test_a_kernel_that_is_not_checked_is_recorded_and_told(tmp_path, monkeypatch):
+    """One that is not read, one without values, one that the text lacks; none that is checked."""
+    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+    name, files = "heavy_top_gl1_gamma", dict(files_of("heavy_top_gl1_gamma"))
+    text = files[f"{name}.c"]
+    gradient = next(k for k in kernel_text.kernels_of(text) if k.name == "gradient").body
+    text = text.replace(gradient, f"{gradient}    if (0) H_p[0] = 0;\n", 1)
+    text = re.sub(r"(\n    g\[0\] = )", r"\1log(-4.0)*", text, count=1)
+    manifest = json.loads(files[f"{name}.json"])
+    assert "velocity" not in manifest["operations"]  # it is in the text as lanes_velocity alone
+    manifest["operations"] |= {"velocity": {"add": 1}, "absent": {"add": 1}}
+    files |= {f"{name}.c": text, f"{name}.json": json.dumps(manifest)}
+    with pytest.warns(InputWarning, match="not checked") as told:
+        load_module(name, files)
+    (record,) = (tmp_path / "cache").glob("*.so.json")
+    unchecked = json.loads(record.read_text("utf-8"))["left_out"]
+    assert set(unchecked) == {"gradient", "constraint", "absent"}
+    assert all(kernel in str(told[0].message) for kernel in unchecked)

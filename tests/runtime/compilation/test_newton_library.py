@@ -87,7 +87,7 @@ def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(
 
 
 def test_the_table_has_every_function_in_the_order_of_the_calls():
-    for real in ("double", "float", "long-double", "float128"):
+    for real in ("double", "float128"):
         name, files = made(real=real)
         header = files[f"{name}.h"]
         table = newton_library.table_text(name, header, "void check(int kernel);")

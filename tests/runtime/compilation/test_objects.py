@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from gyrospark import api
 from gyrospark.core.real_types import REALS
 from gyrospark.generator.spec import Spec
@@ -17,7 +18,7 @@ from gyrospark.runtime.compilation import compiler, object_files
 from gyrospark.runtime.steppers import evaluation
 
 TOP = gs.problems.fast_top()
-MODULES = "heavy_top_*.so"
+MODULES = "oscillator_*.so"
 COUNT = 9  # more than the lanes of a register, and no multiple of them
 
 
@@ -57,10 +58,9 @@ def results(step):
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
+@pytest.mark.slow  # nine objects with optimisation
 @pytest.mark.parametrize(("scheme", "real", "level"), [
-    ("IMS", "double", "1"),
-    *(pytest.param(*what, marks=pytest.mark.slow)
-      for what in (("IMS", "long-double", "1"), ("G-L", "double", "3")))])
+    ("IMS", "double", "1"), ("IMS", "long-double", "1"), ("G-L", "double", "3")])
 def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeypatch):
     """Runs, Newton behind them, lanes and what is evaluated once, against the file in one piece."""
     monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
@@ -82,21 +82,27 @@ def named(files):
     return name, dict(files)
 
 
+def small_stepper():
+    """Return an oscillator's stepper whose objects are not compiled yet."""
+    files = systems.stepper("oscillator").files
+    return gs.Stepper(*named(files))
+
+
 def loaded_in_one_piece(load):
     """Return ``load`` with a comment in the C, which makes it another entry of the cache."""
     return lambda name, files, part="runs": load(
         name, files | {f"{name}.c": files[f"{name}.c"] + "/* in one piece */\n"}, part)
 
 
+@pytest.mark.slow  # three modules with optimisation; the test below asks for lanes too
 def test_lanes_are_compiled_when_first_asked_for(own_cache, monkeypatch):
     """Not for a run, nor for an ensemble without them; once, also by threads that ask together."""
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "1")  # at -O0 one module has all
-    step = gs.Stepper(*named(files_of("double")))
-    par = TOP.parameters | {"gamma": "m"}
-    what = {"dt": 1e-3, "steps": 2, "parameters": par}
-    step.integrate(TOP.q0, TOP.p0, **what)
+    step = small_stepper()
+    what = {"dt": 1e-3, "steps": 2, "parameters": {"k": 4.0}}
+    step.integrate([0.8], [-0.3], **what)
     assert len(list(own_cache.glob(MODULES))) == 1
-    step.integrate_ensemble([TOP.q0] * 2, [TOP.p0] * 2, solver="newton", **what)
+    step.integrate_ensemble([[0.8]] * 2, [[-0.3]] * 2, solver="newton", **what)
     assert len(list(own_cache.glob(MODULES))) == 2  # and Newton's method
     together = threading.Barrier(4)
 
@@ -108,7 +114,7 @@ def test_lanes_are_compiled_when_first_asked_for(own_cache, monkeypatch):
         assert len(set(map(id, pool.map(ask, range(4))))) == 1
     assert len(list(own_cache.glob(MODULES))) == 3
     assert step.binding_of_many.lanes == step.binding.lanes > 0
-    step.integrate_ensemble([TOP.q0] * 2, [TOP.p0] * 2, **what)
+    step.integrate_ensemble([[0.8]] * 2, [[-0.3]] * 2, **what)
     assert len(list(own_cache.glob(MODULES))) == 3
 
 
@@ -135,6 +141,7 @@ def is_static(name, function, header):
     return " static " in line[0]
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_the_kernel_is_compiled_while_the_wrapper_is_written(own_cache, monkeypatch):
     """Three objects side by side, then cffi's; one for lanes. No other process.
 
@@ -149,7 +156,7 @@ def test_the_kernel_is_compiled_while_the_wrapper_is_written(own_cache, monkeypa
               "1": (["object2.o", "object4.o", "object5.o"], ["object3.o"])}
     for level, (runs, lanes) in wanted.items():
         monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
-        step = gs.Stepper(*named(files_of("double")))
+        step = small_stepper()
         assert made[:-1] == [*runs, "written", "wrapper.o"]
         del made[:]
         assert step.binding_of_many.lanes > 0

@@ -97,6 +97,7 @@ def test_encodings(code, found):
     assert has_permutation(b"\x90" + bytes.fromhex(code) + b"\xc3") is found
 
 
+@pytest.mark.slow  # six seconds with all optimisation
 def test_constraints_of_a_hinge_at_full_optimisation(tmp_path, monkeypatch):
     """g of a start and of states next to it, beside the formulas of the system in NumPy."""
     if not with_avx512():

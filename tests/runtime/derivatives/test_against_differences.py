@@ -15,6 +15,7 @@ import gyrospark as gs
 from derivative_cases import (
     case_of,
     difference,
+    directions,
     label,
     moved_step,
     product,
@@ -25,7 +26,8 @@ from derivative_cases import (
 
 #: One of each: SPARK with everything that a system may have, EMS with a constraint that depends on
 #: time, a Lagrangian.
-FEW = [("forced", ("G-L", 2)), ("breathing", ("EMS", None)), ("Lagrangian", ("Radau-L", 2))]
+FEW = [("driven_pendulum", ("G-L", 2)), ("breathing", ("EMS", None)),
+       ("lagrangian", ("Radau-L", 2))]
 MANY = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
                      id=f"{given[0]}-{label(given[1])}") for given in product()]
 
@@ -38,31 +40,32 @@ def test_tangents_are_the_limits_of_differences(name, scheme):
     """
     step = stepper_for(name, scheme, "float128")
     case, (q, p) = case_of(name), start_of(name, step)
-    directions = case.directions()
+    every = directions(name)
     found = step.integrate(
         q, p, dt=case.dt, steps=1, parameters=case.parameters, t0=case.t0, tangents=gs.Tangents(
-            "all", [*case.parameters], dt=True, t0="t0" in directions[-1],
+            "all", [*case.parameters], dt=True, t0="t0" in every[-1],
             multipliers=step.m > 0)).tangents
     rows, start = found.together()[-1], 2 * (step.n - step.m)
     along = np.array([[direction.get(name, 0.0) for name in found.names[start:]]
-                      for direction in directions]).T
+                      for direction in every]).T
     rows = np.concatenate([rows[:, :start], rows[:, start:] @ along], axis=1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", gs.InputWarning)  # some steps are long for their order
         columns = [difference(lambda e, dz=dz: moved_step(name, step, {}, e, dz))
                    for dz in found.start[:, :start].T]
         columns += [difference(lambda e, d=direction: moved_step(name, step, d, e))
-                    for direction in directions]
+                    for direction in every]
     expected = np.array(columns).T
     errors = (np.abs(rows - expected) / np.abs(expected).max(axis=1)[:, None]).max(axis=1)
-    assert expected.shape == (2 * step.n + step.binding.multipliers, start + len(directions))
+    assert expected.shape == (2 * step.n + step.binding.multipliers, start + len(every))
     assert float(errors[: 2 * step.n].max()) < 2e-21
     assert float(errors[2 * step.n :].max(initial=0)) < 1e-18
 
 
+@pytest.mark.slow  # a frame in 113 bits takes five seconds; test_steps.py has one in 53
 def test_the_rate_of_a_frame():
     """By ω and by dt, which turn the frame: relative to the derivative by dt."""
-    name = "top in a frame"
+    name = "heavy_top_in_frame"
     step, case = stepper_for(name, ("G-L", 2), "float128"), case_of(name)
     q, p = start_of(name, step)
     for direction in ({"omega_body": 90.0}, {"dt": case.dt}):
@@ -76,8 +79,9 @@ def test_the_rate_of_a_frame():
 @pytest.mark.parametrize("real", ["double", *(pytest.param(x, marks=pytest.mark.slow)
                                               for x in ("float", "long-double"))])
 def test_other_types_have_the_digits_of_their_kind(real):
-    step, exact = (stepper_for("forced", ("G-L", 2), kind) for kind in (real, "float128"))
-    (basis, found), (same, expected) = (tangents_of_step("forced", s) for s in (step, exact))
+    name = "driven_pendulum"
+    step, exact = (stepper_for(name, ("G-L", 2), kind) for kind in (real, "float128"))
+    (basis, found), (same, expected) = (tangents_of_step(name, s) for s in (step, exact))
     turned = np.asarray(basis.T @ basis, float)
     assert np.abs(turned - np.eye(2)).max() < 40 * float(step.binding.epsilon)
     along = same.T.astype(float) @ basis.astype(float)  # one space, another basis

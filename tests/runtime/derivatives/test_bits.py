@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP
-from input_systems import pendulum, stepper
 
 RUN = {"dt": 1e-3, "steps": 4000, "every": 250, "parameters": PARAMETERS}
 
@@ -37,9 +37,10 @@ def test_checkpoints_have_the_bits_of_a_gradient(gl3, swing):
     assert equal(gl3.gradient(odd, ends), gl3.gradient(odd, ends, memory="700 kB"))
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_checkpoints_of_float128_have_the_bits_of_a_gradient():
     """Its steps are called one by one; they too go on from the checkpoint."""
-    step = gs.stepper("G-L", stages=2, real="float128")
+    step = systems.differentiable("heavy_top", real="float128")
     start = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     run = step.integrate(*start, **RUN | {"steps": 400, "every": 50})
     w = {"q": run.q, "p": run.p}
@@ -61,7 +62,7 @@ def test_a_stepper_that_was_sent_has_the_same_gradient(gl3, swing):
 
 
 def test_inputs_have_the_same_bits_from_checkpoints():
-    step = stepper(pendulum)
+    step = systems.differentiable("pushed_pendulum")
     rows = np.random.default_rng(6).normal(size=(3000, 2))
     run = step.integrate([0.6, -0.8], [0.4, 0.3], dt=1e-3, steps=3000, every=10, inputs=rows,
                          parameters={"k": 9.81})
@@ -101,7 +102,7 @@ def test_a_gradient_is_the_sum_of_tangents(gl3, swing):
 @pytest.mark.parametrize("hold", [1, 4])
 def test_inputs_that_are_held(hold):
     """A row of inputs is held for ``hold`` steps: against differences of whole runs."""
-    step = stepper(pendulum)
+    step = systems.differentiable("pushed_pendulum")
     rows = np.random.default_rng(7).normal(size=(5, 2))
     given = {"dt": 0.05, "steps": 5 * hold, "parameters": {"k": 9.81}, "hold": hold}
 

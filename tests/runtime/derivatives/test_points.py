@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 import sympy as sp
 
+import budget
 import gyrospark as gs
-from driven_pendulum import DRIVEN, VALUES
+import systems
 from gyrospark.generator.schemes import derivative_kernels
 from gyrospark.runtime.bindings.array_checks import as_real
 
 DT, T0 = 0.02, 0.3
+VALUES = systems.case("driven_pendulum").parameters
 #: Multipliers have a round-off of 1/τ² times that of states, after steps of τ ≤ DT.
 FORCE = DT**2 / 10
-EVENTS = [gs.Event("x"), gs.Event("py", level=0.3, name="turn"), gs.Event("along", level=0.5)]
-NAMES = ["m", "l", "a", "u"]
+EVENTS = [gs.Event("x"), gs.Event("v", level=0.3, name="turn"), gs.Event("along", level=0.5)]
+NAMES = ["m", "l", "a", "push"]
 ALL = gs.Tangents("all", NAMES, dt=True, t0=True, multipliers=True)
 
 ASKED = {
@@ -32,7 +34,7 @@ ASKED = {
 
 @cache
 def stepper():
-    return gs.stepper("G-L", stages=2, system=DRIVEN)
+    return systems.differentiable("driven_pendulum")
 
 
 @cache
@@ -42,8 +44,14 @@ def start():
 
 
 @cache
+def framed_top():
+    with budget.shared():
+        return gs.stepper("G-L", stages=3, frame="symmetries")
+
+
+@cache
 def energy_momentum():
-    return gs.stepper("EMS", system=DRIVEN)
+    return systems.differentiable("driven_pendulum", "EMS")
 
 
 def integrated(step, z, values=(), dt=DT, t0=T0, steps=60, **options):
@@ -107,18 +115,18 @@ def test_events_of_a_scheme_that_does_not_keep_the_momentum_constraint():
     """By what leaves the start as it is; momenta within its steps have fewer digits."""
     step, z = energy_momentum(), start()
 
-    def run_of(mass, u, dt, **options):
+    def run_of(mass, push, dt, **options):
         return step.integrate(z[:2], z[2:], dt=dt, steps=60, t0=T0, **ASKED["terminal"],
-                              parameters=VALUES | {"m": mass, "u": u}, **options)
+                              parameters=VALUES | {"m": mass, "push": push}, **options)
 
-    point = np.array([VALUES["m"], VALUES["u"], DT])
-    run = run_of(*point, tangents=gs.Tangents(None, ["m", "u"], dt=True, multipliers=True))
+    point = np.array([VALUES["m"], VALUES["push"], DT])
+    run = run_of(*point, tangents=gs.Tangents(None, ["m", "push"], dt=True, multipliers=True))
     made = derivatives(run)
     for i, e in enumerate(np.diag(1e-5 * np.array([1, 1, DT]))):
         slope = (numbers(run_of(*(point + e))) - numbers(run_of(*(point - e)))) / (2 * e[i])
         assert np.abs(slope - made[:, i]).max() <= 1e-6 * max(np.abs(made[:, i]).max(), 1)
     weights = np.random.default_rng(0).normal(size=len(made))
-    found = run.gradient(cotangents(run, weights), wrt=["m", "u", "dt"]).vector()
+    found = run.gradient(cotangents(run, weights), wrt=["m", "push", "dt"]).vector()
     assert np.abs(found - weights @ made).max() <= 1e-11 * np.abs(weights @ made).max()
 
 
@@ -139,7 +147,7 @@ def test_states_asked_for_later_have_the_tangents_of_those_asked_for_at_once():
 def test_inputs_of_the_step_that_an_event_ends_have_a_gradient():
     """Also those of a step that is not whole."""
     step, z = stepper(), start()
-    values = {name: value for name, value in VALUES.items() if name != "u"}
+    values = {name: value for name, value in VALUES.items() if name != "push"}
     inputs = np.linspace(-1, 1, 20)[:, None]
 
     def run_of(inputs):
@@ -181,7 +189,7 @@ def test_events_in_a_moving_frame():
     """The rates of a frame move the motion by its error alone."""
     problem = gs.problems.fast_top()
     parameters = problem.parameters | {"gamma": 0.0016}
-    moving, rest = gs.stepper("G-L", stages=3, frame="symmetries"), gs.stepper("G-L", stages=3)
+    moving, rest = framed_top(), systems.differentiable("heavy_top", "G-L", 3)
     rates = [symmetry.name for symmetry in moving.symmetries]
     arguments = {"dt": 1e-3, "steps": 100, "events": gs.Event("q1", level=0.01)}
     run = moving.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
@@ -246,11 +254,11 @@ def test_members_of_an_ensemble_have_the_derivatives_of_each_alone():
     arguments = {"dt": DT, "steps": 40, "t0": T0, "events": EVENTS, "parameters": VALUES,
                  "tangents": gs.Tangents("all", ["l"], dt=True, multipliers=True)}
     many = step.integrate_ensemble(np.tile(z[:2], (4, 1)), np.tile(z[2:], (4, 1)), **arguments,
-                                   workers=2, inputs={"u": forces})
+                                   workers=2, inputs={"push": forces})
     assert [one is None for one in many.tangents] == [False, True, False, False]
     for i in (0, 2, 3):
         member = many.members[i]
-        alone = step.integrate(z[:2], z[2:], **arguments, inputs={"u": forces[i, 0]})
+        alone = step.integrate(z[:2], z[2:], **arguments, inputs={"push": forces[i, 0]})
         for name in ("q", "p", "t"):
             assert (getattr(member.tangents, name) == getattr(alone.tangents, name)).all()
         assert np.abs(derivatives(member) - derivatives(alone)).max() < 1e-11
@@ -308,7 +316,7 @@ def test_stored_runs_that_lack_what_gradients_need_are_refused(options, tmp_path
 @pytest.mark.slow
 def test_ends_by_events_have_the_limits_of_differences_in_113_bits():
     """Differences of fourth order of 2⁻³²; the adjoint has what tangents have."""
-    step = gs.stepper("G-L", stages=2, system=DRIVEN, real="float128")
+    step = systems.differentiable("driven_pendulum", real="float128")
     number = step.binding.number
     values = {name: as_real(name, x, number) for name, x in VALUES.items()}
     at = step.consistent([0.5, -0.8], [0.3, 0.4], parameters=values, t=T0)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP, refused
-from input_systems import pendulum, stepper
 
 START = {"dt": 1e-3, "parameters": PARAMETERS}
 #: Tangent to |q| = 1, and to qᵀp = 0 where dp is 0 and the top is at rest.
@@ -136,7 +137,7 @@ def test_losses_that_are_none(gl3, run, loss, words):
 
 
 def test_runs_of_other_systems(gl3, run):
-    free = stepper(pendulum)
+    free = systems.differentiable("pushed_pendulum")
     with refused(run.manifest["name"]):
         free.gradient(run, {"q": [1.0, 0.0]})
     with refused("wrt"):
@@ -146,9 +147,8 @@ def test_runs_of_other_systems(gl3, run):
 
 
 def test_multipliers_of_systems_without_constraints():
-    x, p = sp.symbols("x p")
-    step = gs.stepper("IMS", system=gs.System((x,), (p,), (), p**2 / 2 + x**2 / 2, name="plain"))
-    arguments = {"dt": 0.1, "steps": 2, "parameters": {}}
+    step = systems.differentiable("oscillator")
+    arguments = {"dt": 0.1, "steps": 2, "parameters": {"k": 4.0}}
     with refused("multipliers.*constraints"):
         step.integrate([1.0], [0.0], **arguments).gradient({"multipliers": [1.0]})
     with refused("multipliers.*constraints"):
@@ -160,11 +160,13 @@ def test_gradients_need_one_source(gl3, run):
         gl3.gradient(run)
     with refused("function"):
         gl3.gradient(run, loss=3.0)
+    with refused("derivatives"):
+        gs.Stepper(gl3.name, gl3.files).gradient(run, {"q": TOP.q0})
 
 
 def test_inputs_of_each_step_are_no_direction():
     """Where rows of inputs are given, a parameter of their name has no effect."""
-    step = stepper(pendulum)
+    step = systems.differentiable("pushed_pendulum")
     rows = np.ones((3, 2))
     run = {"dt": 0.01, "steps": 3, "parameters": {"k": 9.81, "push": 1.0, "pull": 1.0}}
     start = [0.6, -0.8], [0.4, 0.3]
@@ -174,3 +176,19 @@ def test_inputs_of_each_step_are_no_direction():
     fed = step.integrate(*start, inputs=rows, **run).gradient({"q": [1.0, 0.0]})
     assert fed["push"] == 0
     assert abs(fed.inputs[:, 0].sum() - constant.tangents["push"][-1, 0]) < 1e-16
+
+
+def test_round_off_of_a_direction_along_momenta_is_no_departure():
+    """At rest the pendulum's dq is 3e-19, what a projection leaves; 1e-3 is refused."""
+    step, case = systems.differentiable("pendulum"), systems.case("pendulum")
+    q, p = systems.start("pendulum", step)
+    along = np.array([q[1], -q[0]])
+    for off in (3e-19, 1e-3):
+        asked = gs.Tangents(start=np.concatenate([off * q, along]))
+        run = partial(step.integrate, q, p, dt=case.dt, steps=1, parameters=case.parameters,
+                      tangents=asked)
+        if off < 1e-18:
+            run()
+        else:
+            with pytest.raises(gs.InputError, match="constraint"):
+                run()

@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from driven_pendulum import DRIVEN, VALUES
+import systems
 from gyrospark.runtime.bindings.array_checks import as_real
 
 x, y, px, py, t = sp.symbols("x y px py t", real=True)
@@ -17,23 +17,9 @@ m, g, length, c, a = sp.symbols("m g l c a", positive=True)
 u = sp.Symbol("u", real=True)
 v, w = sp.symbols("v w", real=True)
 
-LAGRANGIAN = gs.System.from_lagrangian(
-    m * (1 + x**2 / 3) * v**2 / 2 + m * w**2 / 2 + m * v * w * sp.cos(x - y) / 3 + a * x * v
-    - m * g * y * sp.cos(x) + a * sp.cos(3 * t) * x * w, (x, y), (v, w), (m, g, a, c),
-    forces=(-c * v * w, -c * w), time=t, name="lagrangian")
-CONSTRAINED = gs.System.from_lagrangian(
-    m * (1 + x**2 / 3) * v**2 / 2 + m * w**2 / 2 - m * g * y, (x, y), (v, w), (m, g, length),
-    constraints=[x**2 + y**2 - length**2], name="constrained")
-
-CASES = {
-    "driven, G-L": ("G-L", 2, DRIVEN, VALUES),
-    "driven, EMS": ("EMS", None, DRIVEN, VALUES),
-    "Lagrangian, EMS": ("EMS", None, LAGRANGIAN, VALUES),
-    "constrained Lagrangian, Radau-L": ("Radau-L", 2, CONSTRAINED, VALUES),
-    "element templates, LIIIA-B": ("LIIIA-B", 2, "double_top", None),
-    "element templates, IMS": ("IMS", None, "double_top", None),
-}
-SLOW = ("driven, G-L", "element templates, IMS")
+VALUES = systems.case("driven_pendulum").parameters
+CASES = [("driven_pendulum", "EMS", None), ("lagrangian", "EMS", None), ("heavy_bob", "Radau-L", 2),
+         ("double_top", "LIIIA-B", 2), ("double_top", "IMS", None)]
 
 
 def step_in_113_bits(step, q, p, values, dt, t0):
@@ -49,17 +35,14 @@ def step_in_113_bits(step, q, p, values, dt, t0):
     return unknowns, np.concatenate(ends)
 
 
-@pytest.mark.parametrize("case", [
-    pytest.param(case, marks=[pytest.mark.slow] * (case in SLOW)) for case in CASES], ids=str)
-def test_tangents_are_limits_of_differences(case):
+@pytest.mark.slow  # seconds each; test_against_differences.py has three through public calls
+@pytest.mark.parametrize(("name", "scheme", "stages"), CASES)
+def test_tangents_are_limits_of_differences(name, scheme, stages):
     """In 113 bits, along every row of a direction; differences of fourth order of 2⁻³⁶."""
-    scheme, stages, system, values = CASES[case]
-    q, p = [0.5, -0.8], [0.3, 0.4]
-    if values is None:
-        model = getattr(gs.models, system)()
-        system, values, q, p = model.system, model.parameters, model.q0, model.p0
-    step = gs.stepper(scheme, stages=stages, system=system, real="float128")
-    binding, n = step.derivative_binding, step.n
+    case = systems.case(name)
+    q, p, values = case.q, case.p, case.parameters
+    step = systems.differentiable(name, scheme, stages, "float128")
+    binding, n = step.derivative_binding(), step.n
     number = step.binding.number
     names = binding.own.parameter_names
     values = {name: as_real(name, values[name], number) for name in names}
@@ -111,7 +94,7 @@ def test_tangents_are_limits_of_differences(case):
 
 @pytest.fixture(scope="module")
 def top():
-    step, problem = gs.stepper("G-L", stages=3), gs.problems.fast_top()
+    step, problem = systems.differentiable("heavy_top", "G-L", 3), gs.problems.fast_top()
     return step, problem, problem.parameters | {"gamma": 0.0016}
 
 
@@ -139,9 +122,9 @@ def test_a_gradient_is_the_same_however_it_is_computed(top):
 
 def test_a_loss_may_be_an_expression():
     """Its sum over the states, with time and parameters in it; against differences."""
-    step = gs.stepper("G-L", stages=2, system=DRIVEN)
+    step = systems.differentiable("driven_pendulum")
     start = step.consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=0.3)
-    loss = m * x**2 + sp.sin(t) * py + c
+    loss = m * x**2 + sp.sin(t) * v + c
 
     def value(**changes):
         here = VALUES | {k: e for k, e in changes.items() if k != "dt"}
@@ -164,7 +147,7 @@ def test_a_loss_may_be_an_expression():
 def test_a_loss_may_have_reactions(scheme):
     """The force in a joint is its multipliers; by parameters and dt, against differences."""
     model = gs.models.double_top()
-    step, force = gs.stepper(*scheme, system=model.system), sp.symbols("lambda_2:5")
+    step, force = systems.differentiable("double_top", *scheme), sp.symbols("lambda_2:5")
     loss = sum(part**2 for part in force) * (1 + sp.Symbol("b_q0"))
 
     def gradient(name="dt", change=0.0, every=1):
@@ -188,7 +171,7 @@ def test_a_loss_may_have_reactions(scheme):
 
 @pytest.mark.parametrize("real", ["double", "float128"])
 def test_a_file_keeps_tangents(tmp_path, real):
-    step, problem = gs.stepper("IMS", real=real), gs.problems.fast_top()
+    step, problem = systems.differentiable("heavy_top", real=real), gs.problems.fast_top()
     parameters = problem.parameters | {"gamma": 0.0016}
     start = step.project(problem.q0, problem.p0, parameters=parameters)
     run = step.integrate(*start, dt=1e-3, steps=3, parameters=parameters,
@@ -236,7 +219,7 @@ def test_multipliers_that_turn_with_a_frame_are_refused():
     """Two points at one place: the constraints turn with the plane."""
     q, p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("p1 p2 p3 p4", real=True)
     H = sum(part**2 for part in p) / 2 + (q[0]**2 + q[1]**2) / 2
-    step = gs.stepper("G-L", stages=2, frame="symmetries", system=gs.System(
+    step = gs.stepper("G-L", stages=1, frame="symmetries", system=gs.System(
         q, p, (), H, [q[0] - q[2], q[1] - q[3]], name="joined"))
     rates = {symmetry.name: 0.5 for symmetry in step.symmetries}
     assert rates
@@ -250,8 +233,8 @@ def test_multipliers_that_turn_with_a_frame_are_refused():
 
 def test_inputs_and_moving_constraints():
     """A length moves the start too; each row of inputs has its gradient; by differences."""
-    step = gs.stepper("G-L", stages=2, system=DRIVEN)
-    values = {name: value for name, value in VALUES.items() if name != "u"}
+    step = systems.differentiable("driven_pendulum")
+    values = {name: value for name, value in VALUES.items() if name != "push"}
     inputs = np.linspace(-1, 1, 5)[:, None]
 
     def loss(run):
@@ -289,27 +272,3 @@ def test_frames_have_the_derivatives_of_the_motion_at_rest(top):
                 + np.einsum("rn,rnk->k", cotangents["p"], run.tangents.p))
     found = run.gradient(cotangents, wrt=["start", "I3", *names, "dt"]).vector()
     assert np.abs(found - expected).max() <= 1e-11 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize("call", [
-    lambda step, run, P: step.jvp(run.q[0], run.p[0], [1, 0, 0, 0], [0, 0, 0, 0], dt=1e-3,
-                                  parameters=P),
-    lambda step, run, P: run.gradient({"q": run.q[-1]}, wrt=["I4"]),
-    lambda step, run, P: run.gradient({"q": run.q[-1][:3]}),
-    lambda step, run, P: run.gradient({"v": run.q[-1]}),
-    lambda step, run, P: run.gradient({"q": np.full(4, np.nan)}),
-    lambda step, run, P: run.gradient({"q": run.q[-1]}, memory="much"),
-    lambda step, run, P: run.gradient(),
-    lambda step, run, P: step.integrate(run.q[0], run.p[0], dt=1e-3, steps=2, parameters=P,
-                                        tangents=gs.Tangents(start="some")),
-    lambda step, run, P: step.integrate(run.q[0], run.p[0], dt=1e-3, steps=2, parameters=P,
-                                        tangents=gs.Tangents(None, ["I9"])),
-    lambda step, run, P: step.integrate(run.q[0], run.p[0], dt=1e-3, steps=2, parameters=P,
-                                        tolerance=1e-3, tangents=gs.Tangents()),
-    lambda step, run, P: gs.Stepper(step.name, step.files).gradient(run, {"q": run.q[-1]}),
-])
-def test_bad_input_is_refused(top, call):
-    step, problem, parameters = top
-    run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=2, parameters=parameters)
-    with pytest.raises(gs.InputError):
-        call(step, run, parameters)

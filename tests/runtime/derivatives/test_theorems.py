@@ -7,7 +7,6 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from calls import identify
 from derivative_cases import (
     SCHEMES,
     SYMMETRIC,
@@ -22,8 +21,8 @@ from derivative_cases import (
 from gyrospark.runtime.derivatives.tangent_space import TangentSpace
 
 SPARK = [s for s in SCHEMES if s[0] not in ("IMS", "EMS")]
-FEW = {"forced": [("G-L", 2)], "breathing": [("EMS", None)], "top, γ": [("G-L", 3)],
-       "Lagrangian": [("EMS", None)]}
+FEW = {"driven_pendulum": [("G-L", 2)], "breathing": [("EMS", None)], "heavy_top": [("G-L", 2)],
+       "lagrangian": [("EMS", None)]}
 
 
 def some(few, pairs):
@@ -35,9 +34,9 @@ def some(few, pairs):
 
 def space_at(step, name, q, p, t):
     """Return the tangent space of the constraints at a state of a case."""
-    own = step.derivative_binding.own
+    own = step.derivative_binding().own
     numbers = {k: own.number(x) for k, x in case_of(name).parameters.items()}
-    return TangentSpace(step.derivative_binding, own.parameters(numbers, own.number(t)), q, p,
+    return TangentSpace(step.derivative_binding(), own.parameters(numbers, own.number(t)), q, p,
                         step.constraint_names)
 
 
@@ -79,13 +78,13 @@ def test_cotangents_are_transposed(name, scheme):
         assert abs(sum(terms) - sum(pulled)) <= 1e-14 * size
 
 
-@pytest.mark.parametrize("name", ["top, γ", "forced"])
+@pytest.mark.parametrize("name", ["heavy_top", "driven_pendulum"])
 def test_cotangents_are_transposed_over_ten_thousand_steps(name):
     """The same of a run whose cotangents enter at all its stored states."""
     step, case = stepper_for(name, FEW[name][0]), case_of(name)
     (q, p), rng = start_of(name, step), np.random.default_rng(4)
-    labels = ["I3", "mgl"] if name == "top, γ" else ["m", "l", "u"]
-    start = None if name == "top, γ" else "all"
+    labels = ["I3", "mgl"] if name == "heavy_top" else ["m", "l", "push"]
+    start = None if name == "heavy_top" else "all"
     run = step.integrate(q, p, dt=case.dt / 10, steps=10_000, every=500, t0=case.t0,
                          parameters=case.parameters,
                          tangents=gs.Tangents(start=start, parameters=labels, dt=True, t0=True))
@@ -114,12 +113,12 @@ def test_images_are_tangent_to_the_constraints(name, scheme):
 
 
 @pytest.mark.parametrize(("name", "scheme"), some(
-    {"top, γ": [("G-L", 3)], "breathing": [("G-L", 2)]},
-    [(name, scheme) for name in ("top, γ", "forced", "breathing") for scheme in SPARK]))
+    {"heavy_top": [("G-L", 2)], "driven_pendulum": [("G-L", 2)]},
+    [(name, scheme) for name in ("heavy_top", "driven_pendulum", "breathing") for scheme in SPARK]))
 def test_momenta_along_the_constraints_are_absorbed(name, scheme):
     """Φ'(0, G₀ᵀ) = 0 of SPARK steps: the first multiplier takes them up."""
     step, case = stepper_for(name, scheme), case_of(name)
-    (q, p), binding = start_of(name, step), stepper_for(name, scheme).derivative_binding
+    (q, p), binding = start_of(name, step), stepper_for(name, scheme).derivative_binding()
     kept, space = step._kept_step(step._single(q, p, case.dt, case.parameters, case.t0, None))
     dz = np.zeros((binding.rows, step.m + 1))
     dz[step.n : 2 * step.n, : step.m] = space.g[:, : step.n].T
@@ -142,24 +141,24 @@ def symplectic_defect(name, scheme):
 
 
 @pytest.mark.parametrize(("name", "scheme"), some(
-    {"top, γ": [("G-L", 3)], "ellipse": [("G-L", 2)], "breathing": [("G-L", 2)]},
-    [(name, scheme) for name in ("free body", "top, γ", "top in a frame", "ellipse", "breathing",
-                                 "Lagrangian with g") for scheme in SYMMETRIC]))
+    {"heavy_top": [("G-L", 2)], "ellipse": [("G-L", 2)]},
+    [(name, scheme) for name in ("free_body", "heavy_top", "heavy_top_in_frame", "ellipse",
+                                 "breathing", "heavy_bob") for scheme in SYMMETRIC]))
 def test_tangents_of_symplectic_steps_are_symplectic(name, scheme):
     assert symplectic_defect(name, scheme) <= 4e-15
 
 
-@pytest.mark.parametrize(("name", "scheme"), [("ellipse", ("Radau-L", 2)),
-                                              ("forced", ("G-L", 2))],
-                         ids=["Radau-L", "damped"])
+@pytest.mark.parametrize(("name", "scheme"), [
+    pytest.param("ellipse", ("Radau-L", 2), marks=pytest.mark.slow, id="Radau-L"),
+    pytest.param("driven_pendulum", ("G-L", 2), id="damped")])
 def test_other_tangents_are_not(name, scheme):
     """Of a method that is not symplectic, and of forces that do work."""
     assert symplectic_defect(name, scheme) > 1e-6
 
 
-THEOREM_A = some({"top, γ": [("G-L", 3)], "breathing": [("G-L", 2)]},
-                 [(name, scheme) for name in ("free body", "top, γ", "ellipse", "breathing",
-                                              "Lagrangian with g") for scheme in SYMMETRIC])
+THEOREM_A = some({"heavy_top": [("G-L", 2)], "ellipse": [("G-L", 2)]},
+                 [(name, scheme) for name in ("free_body", "heavy_top", "ellipse", "breathing",
+                                              "heavy_bob") for scheme in SYMMETRIC])
 
 
 @pytest.mark.parametrize(("name", "scheme"), THEOREM_A)
@@ -178,20 +177,23 @@ def test_the_adjoint_is_the_tangent_of_the_step_back(name, scheme):
         assert np.abs(gradient.start - expected).max() <= 1e-14 * max(1, np.abs(expected).max())
 
 
-@pytest.mark.parametrize("scheme", [
-    ("G-L", 2), *(pytest.param(s, marks=pytest.mark.slow) for s in SYMMETRIC[1:])], ids=identify)
-def test_parameters_are_quadratures(scheme):
+@pytest.mark.parametrize(("scheme", "real"), [
+    (SYMMETRIC[0], "double"),
+    *(pytest.param(s, "float128", marks=pytest.mark.slow) for s in SYMMETRIC)], ids=label)
+def test_parameters_are_quadratures(scheme, real):
     """Theorem B: (Ωu₁)·δz₁ − (Ωu₀)·δz₀ is the derivative of a sum over the nodes along u."""
     name, names = "ellipse", ["m", "k", "g", "l"]
-    step, case = stepper_for(name, scheme, "float128"), case_of(name)
+    step, case = stepper_for(name, scheme, real), case_of(name)
     _, moved = tangents_of_step(name, step, start=None, parameters=names)
     start, _ = tangents_of_step(name, step, start=None, parameters=names)
     basis, images = tangents_of_step(name, step)
     form = omega(step.n)
     pairs = images.T @ (form @ moved) - basis.T @ (form @ start)
-    sums = np.array([difference(lambda e, u=u: node_sum(name, step, scheme, u, e))
+    # of a difference of order 4 with h, h^4 and ε/h are equal at h = ε^(1/5)
+    size, digits = (2.0**-10, 1e-10) if real == "double" else (2.0**-36, 1e-20)
+    sums = np.array([difference(lambda e, u=u: node_sum(name, step, scheme, u, e), size)
                      for u in basis.T])
-    assert float(np.abs(pairs + sums).max()) <= 1e-20 * float(np.abs(sums).max())
+    assert float(np.abs(pairs + sums).max()) <= digits * float(np.abs(sums).max())
     assert case.parameters.keys() == {*names}
 
 
@@ -233,7 +235,7 @@ def node_sum(name, step, scheme, u, shift):
 @pytest.mark.parametrize("name", ["ellipse"])
 def test_energy_momentum_tangents_keep_the_energy(name):
     """Theorem E: ∇H·dz + H_θ dθ is the same at both ends of an EMS step."""
-    step, case = stepper_for(name, ("EMS", None), "float128"), case_of(name)
+    step, case = stepper_for(name, ("EMS", None)), case_of(name)
     system = case.options["system"]
     names = [str(theta) for theta in system.parameters]
     start, end = tangents_of_step(name, step, parameters=names)
@@ -248,13 +250,13 @@ def test_energy_momentum_tangents_keep_the_energy(name):
         change[-len(names) :] += slopes[2 * step.n :]
         changes.append(change)
     assert np.abs(changes[0]).max() > 0.1
-    assert float(np.abs(changes[1] - changes[0]).max()) <= 1e-24
+    assert float(np.abs(changes[1] - changes[0]).max()) <= 2e-13 * np.abs(slopes).max()
 
 
 @pytest.mark.slow
 def test_the_derivative_by_the_rate_of_a_frame_is_a_truncation_error():
     """The exact motion does not depend on ω: dΨ/dω is of order h^(2s+1)."""
-    name, scheme = "top in a frame", ("G-L", 2)
+    name, scheme = "heavy_top_in_frame", ("G-L", 2)
     step, case = stepper_for(name, scheme), case_of(name)
     q, p = start_of(name, step)
     sizes = []

@@ -39,7 +39,8 @@ def test_a_pendulum_through_the_bottom(steps: int, ahead: int) -> None:
     assert np.abs((found.q**2).sum(axis=1) - 1).max() <= 4 * EPS["double"]
 
 
-@pytest.mark.parametrize(("real", "dt"), [("float", 0.05), ("float128", 0.01)])
+@pytest.mark.parametrize(("real", "dt"), [
+    ("float", 0.05), pytest.param("float128", 0.01, marks=pytest.mark.slow)])  # two seconds
 def test_in_every_type_and_backwards(real: str, dt: float) -> None:
     """Times are found to the last places of the type; backwards they are the same ones."""
     step = pendulum(real, stages=8 if real == "float128" else 5)
@@ -63,8 +64,11 @@ def test_in_every_type_and_backwards(real: str, dt: float) -> None:
     assert not back.rising[0]
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("EMS", None), ("LIIIA-B", 3)])
-@pytest.mark.parametrize("solver", ["auto", "newton", "python"])
+@pytest.mark.parametrize(("scheme", "stages", "solver"), [
+    ("EMS", None, "auto"), ("LIIIA-B", 3, "python"),
+    *(pytest.param(scheme, stages, solver, marks=pytest.mark.slow)  # the whole product
+      for scheme, stages in (("IMS", None), ("EMS", None), ("LIIIA-B", 3))
+      for solver in ("auto", "newton", "python"))])
 def test_every_scheme_and_solver(scheme: str, stages: int | None, solver: str) -> None:
     """What is found lies between the states about it, on the level."""
     step = pendulum(scheme=scheme, stages=stages)
@@ -139,8 +143,10 @@ def test_a_dip_is_found_near_the_end(terminal: bool) -> None:
     assert np.array_equal(run.events["height"].t, dip.t[:4])
 
 
-@pytest.mark.parametrize("ahead", [1, -1])
-@pytest.mark.parametrize("steps", [200, pytest.param(1600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("steps", "ahead"), [
+    (200, -1), *(pytest.param(steps, ahead, marks=pytest.mark.slow)
+                 for steps, ahead in ((200, 1), (1600, 1), (1600, -1)))])
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_chaos_misses_none(steps: int, ahead: int) -> None:
     """A double pendulum goes over 19 levels of either attitude as often as with a hundredth of Δt.
 
@@ -292,7 +298,7 @@ def test_a_file_keeps_events(tmp_path, real: str) -> None:
     run = pendulum(real, stages=8 if real == "float128" else 5).integrate(
         [1, 0], [0, 0], dt=0.05, steps=40, parameters={"g": 1.0}, events=gs.Event("side"))
     read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).events["side"]
-    for name in ("t", "q", "p", "steps", "rising"):
+    for name in ("t", "q", "p", "steps", "rising", "elapsed"):
         assert np.array_equal(getattr(read, name), getattr(run.events["side"], name)), name
 
 
@@ -366,11 +372,11 @@ def test_a_files_events_are_written(tmp_path, end: str) -> None:
     assert said["ended"] == {"event": "landing", "t": run.t[-1]}
     if end == ".csv":
         lines = (tmp_path / "run.events.csv").read_text().splitlines()
-        assert lines[0] == "event,time,x,y,u,v,steps,rising"
+        assert lines[0] == "event,time,x,y,u,v,steps,rising,elapsed"
         half, landing = (line.split(",") for line in lines[1:])
         assert half[0] == "half"
         assert [float(x) for x in landing[1:]] == [
-            run.t[-1], *run.q[-1], *run.p[-1], run.report.steps, 0]
+            run.t[-1], *run.q[-1], *run.p[-1], run.report.steps, 0, run.elapsed[-1]]
         run.save(tmp_path / "again.csv")
         for name in ("run.csv", "run.events.csv"):
             again = tmp_path / name.replace("run", "again")

@@ -75,3 +75,23 @@ def test_ensembles_tell_the_reason_without_looking_for_a_cure(gl3):
     assert list(made.failures) == [1]
     assert made.failures[1].reason == "diverged"
     assert made.failures[1].dt is None
+
+
+@pytest.mark.parametrize("scheme", ["Radau-L", "G-L"])
+def test_newton_that_leaves_the_range_of_numbers_has_diverged(scheme):
+    """The state is finite, and so are its forces: "not finite" would be said of these."""
+    import sympy as sp
+
+    q, u, c = sp.symbols("q u c", real=True)
+    system = gs.System((q,), (u,), (c,), u**2 / 2 + q**2 / 2, forces=[-sp.sinh(c * u)],
+                       name="sinh_damper")
+    with pytest.raises(gs.StepFailed) as caught:
+        gs.stepper(scheme, 2, system=system).integrate([0.0], [3.0], dt=1.0, steps=1,
+                                                       parameters={"c": 50.0})
+    assert caught.value.reason == "diverged"
+
+
+def test_a_parameter_beyond_the_range_is_named(gl3):
+    with pytest.raises(gs.StepFailed, match=r"mgl = 1e\+300.*range") as caught:
+        gl3.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=PARAMETERS | {"mgl": 1e300})
+    assert caught.value.reason == "not finite"

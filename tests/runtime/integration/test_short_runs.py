@@ -231,7 +231,7 @@ def test_the_fastest_of_many_bodies_is_the_fastest_of_each() -> None:
         "rigid_body": False, "bodies": bodies, "parameters": dict.fromkeys(parameters, "real"),
         "coordinates": [f"q{k}" for k in range(160)]}}
     rotations = Rotations(manifest)
-    assert all(isinstance(x, BodyAt) for x in rotations._bodies.values())
+    assert all(isinstance(x, BodyAt) for x in rotations.bodies.values())
     for factor in (1.0, 1e160, np.inf):
         q, p = RNG.standard_normal((2, 1, 160))
         p[0, 100:120] *= factor

@@ -6,47 +6,38 @@ import pickle
 
 import numpy as np
 import pytest
-import sympy as sp
 
 import gyrospark as gs
+import systems
 
 EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
 TIMES = np.random.default_rng(7).uniform(0.0, 1.03, 40)
 
 
-def fast_top(real: str = "double", scheme: str = "G-L", stages: int | None = 3):
+def fast_top(real: str = "double", scheme: str = "G-L", stages: int | None = 2):
     top = gs.problems.fast_top()
-    step = gs.stepper(scheme, stages, rep="gamma", real=real)
+    step = systems.stepper("heavy_top", scheme, stages, real)
     parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
     return step, *step.project(top.q0, top.p0, parameters=parameters), parameters
 
 
-def model(name: str, scheme: str, stages: int | None):
-    found = getattr(gs.models, name)()
-    values = dict(found.parameters) | {body: "m" for body in found.bodies
-                                       if body not in found.parameters}
-    return gs.stepper(scheme, stages, system=found), found.q0, found.p0, values
-
-
-def driven():
-    """An oscillator with a force that depends on the time, and damping."""
-    x, p, k, t = sp.symbols("x p k t")
-    system = gs.System((x,), (p,), (k,), p**2 / 2 + k * x**2 / 2, name="driven_oscillator",
-                       forces=(-p / 5 + sp.cos(2 * t),), time=t)
-    return gs.stepper("G-L", 2, system=system), [1.0], [0.0], {"k": 2.0}
+def case(name: str, scheme: str = "G-L", stages: int | None = 2):
+    entry, step = systems.case(name), systems.stepper(name, scheme, stages)
+    return step, *systems.start(name, step), entry.parameters
 
 
 SYSTEMS = {
     "fast top": fast_top,
+    "driven": lambda: case("driven_oscillator"),
+    "double top": lambda: case("double_top"),
     "fast top, EMS": lambda: fast_top(scheme="EMS", stages=None),
-    "double top": lambda: model("double_top", "G-L", 2),
-    "pendulum": lambda: model("double_pendulum", "LIIIA-B", 2),
-    "driven": driven,
+    "rods": lambda: case("two_rods", "LIIIA-B", 3),
 }
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name == "fast top, EMS")) for name in SYSTEMS])
+    pytest.param(name, marks=[pytest.mark.slow] * (name in ("fast top, EMS", "rods")))
+    for name in SYSTEMS])
 def test_between_steps_it_is_as_near_to_the_motion_as_at_steps(name: str) -> None:
     """Beside the same run with a 32nd of Δt; a state costs at most three steps' sweeps."""
     step, q0, p0, parameters = SYSTEMS[name]()
@@ -79,7 +70,7 @@ def test_at_the_steps_it_is_the_run(real: str) -> None:
 
 
 def test_order_and_direction_of_times_do_not_matter() -> None:
-    step, q0, p0, parameters = fast_top()
+    step, q0, p0, parameters = fast_top(stages=3)
     run = step.integrate(q0, p0, dt=1e-2, steps=103, every=25, parameters=parameters)
     found, order = run.at(TIMES), np.argsort(TIMES)
     sorted_ = run.at(TIMES[order])
@@ -94,7 +85,7 @@ def test_order_and_direction_of_times_do_not_matter() -> None:
 
 
 def test_work_is_that_since_the_start() -> None:
-    step, q0, p0, parameters = driven()
+    step, q0, p0, parameters = case("driven_oscillator")
     run = step.integrate(q0, p0, dt=1e-2, steps=100, every=7, parameters=parameters)
     fine = step.integrate(q0, p0, dt=1e-3, steps=1000, parameters=parameters)
     assert np.abs(run.at(fine.t).work - fine.work).max() < 1e-9
@@ -111,7 +102,7 @@ def test_what_was_read_needs_its_stepper(tmp_path) -> None:
     with pytest.raises(gs.InputError, match="stepper"):
         pickle.loads(pickle.dumps(run)).at(0.111)
     assert np.array_equal(read.at(0.111, stepper=step).q, run.at(0.111).q)
-    other = fast_top(stages=2)[0]
+    other = fast_top(stages=3)[0]
     with pytest.raises(gs.InputError, match=r"stepper.*name"):
         read.at(0.111, stepper=other)
 

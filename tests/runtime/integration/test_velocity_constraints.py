@@ -40,7 +40,7 @@ def skates(steps, s=2, **more):
 
 @pytest.mark.parametrize(("make", "parameters", "start", "steps"), [
     (sleigh, SLEIGH, sleigh_state(0.7, 1.5), 5000),
-    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START, 2000), (disc, DISC, disc_state(), 1000)])
+    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START, 500), (disc, DISC, disc_state(), 300)])
 def test_rows_hold_to_round_off(make, parameters, start, steps):
     run = stepper_of(make, 2).integrate(*start, dt=0.02, steps=steps, every=steps,
                                         parameters=parameters)
@@ -120,16 +120,16 @@ def test_every_way_to_run_has_the_same_states(tmp_path):
 def test_rows_hold_in_other_types(real, bits):
     if real == "long-double" and np.finfo(np.longdouble).nmant != 63:
         pytest.skip("long double is no x87 number here")
-    step = stepper_of(disc, 1, real=real)
-    start = step.project(*disc_state(), parameters=DISC)
-    run = step.integrate(*start, dt=0.02, steps=50, parameters=DISC)
+    step = stepper_of(sleigh, 2, real=real)
+    start = step.project(*sleigh_state(0.7, 1.5), parameters=SLEIGH)
+    run = step.integrate(*start, dt=0.02, steps=50, parameters=SLEIGH)
     assert run.report.momentum_constraint_max < 32 * 2.0**-bits
-    assert np.abs(run.energies - run.energies[0]).max() < 0.02
+    assert np.abs(run.energies - run.energies[0]).max() < 1e-5
 
 
 def test_integers_of_work_memory_are_checked(tmp_path):
     """History and factors go from step to step, and from a store to a run that is resumed."""
-    step = stepper_of(sleigh, 1)
+    step = stepper_of(sleigh, 2)
     binding = step.binding
     parameters = binding.parameters(SLEIGH, 0.0)
     q, p = (x.copy() for x in sleigh_state(0.7, 1.5))
@@ -164,6 +164,7 @@ def test_events_end_a_run_on_the_rows():
 # ---------------------------------------------------------------- motion
 
 
+@pytest.mark.slow  # ten seconds of derivation
 def test_a_rattleback_turns_round():
     """Kane's stone, spun the wrong way: after 6 s it spins the other way, as in the reference."""
     known = json.loads((DATA / "rattleback.json").read_text())
@@ -187,7 +188,7 @@ def test_a_rattleback_has_the_digits_of_its_reference():
     assert np.abs(errors).max() < 1e-8
 
 
-@pytest.mark.parametrize("steps", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [1000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_the_energy_of_a_disc_stays_near(steps):
     run = stepper_of(disc, 2).integrate(*disc_state(), dt=0.05, steps=steps, parameters=DISC)
     errors = np.abs(run.energies - run.energies[0])

@@ -10,6 +10,7 @@ import pytest
 
 import gyrospark as gs
 from calls import RUN, TOP
+from gyrospark.runtime.plotting.scene import scene_of
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 KINDS = {5125: ("<u4", 4), 5126: ("<f4", 4)}
@@ -26,7 +27,7 @@ def tied():
     build.rod("rod", "a", "ground", on_b=(0, 0, 0))
     build.spring("spring", "b", "ground", stiffness=20.0, on_b=(0, 1, 0))
     model = build.model()
-    step = gs.stepper("G-L", 3, system=model)
+    step = gs.stepper("G-L", 1, system=model)
     return step.integrate(model.q0, model.p0, dt=5e-3, steps=40, parameters=model.parameters)
 
 
@@ -78,6 +79,10 @@ def motion(content, arrays, name):
             found[channel["target"]["path"]] = arrays[sampler["input"]][:, 0], arrays[
                 sampler["output"]]
     return content["nodes"][number], found
+
+
+def test_rods_and_springs_are_ties_of_a_scene(tied):
+    assert [tie.kind for tie in scene_of(tied, 9).ties] == ["rod", "spring"]
 
 
 def test_its_motion_is_that_of_the_run(tied, tmp_path):

@@ -148,6 +148,7 @@ def test_the_weight_of_a_body_is_found_on_each_axis():
     assert pytest.approx(0.5, rel=1e-6) == I1 / I2
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_bodies_are_drawn_by_their_joints(satellite, pendulum):
     bus, wheel = scene_of(satellite, 2).parts
     assert bus.glass

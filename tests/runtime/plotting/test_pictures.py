@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import RUN, TOP
 
 pytest.importorskip("matplotlib")
@@ -16,7 +17,7 @@ pytest.importorskip("matplotlib")
 @pytest.fixture(scope="module")
 def tops():
     model = gs.models.double_top()
-    return gs.stepper("G-L", 3, system=model.system).integrate(
+    return systems.stepper("double_top").integrate(
         model.q0, model.p0, dt=1e-3, steps=400, parameters=dict(model.parameters))
 
 
@@ -64,6 +65,7 @@ def test_an_output_with_a_panel_is_drawn_against_time(tops, monkeypatch):
     assert [line.get_ydata().tolist() for line in axes.get_lines()] == tops.p.T.tolist()
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_several_bodies_have_a_legend(tops, gl3):
     figure = tops.plot()
     assert np.array_equal(lines(figure.axes[2])["b"], tops.body("b").position()[:, 2])
@@ -79,7 +81,7 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
     from PIL import Image
 
     frames = {}
-    for shape, seconds in (("auto", 0.6), ("box", 0.4)):
+    for shape, seconds in (("auto", 0.4), ("box", 0.4)):
         path = tops.animate(tmp_path / f"{shape}.gif", seconds=seconds, fps=5, shape=shape)
         with Image.open(path) as film:
             assert film.n_frames == 5 * seconds

@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import RUN, TOP
 from gyrospark.core.errors import InputWarning
 from gyrospark.generator.models.model_file import parse_model
@@ -16,20 +17,20 @@ EPS = float(np.finfo(float).eps)
 DT = 1e-3
 
 
-def run(model, steps=300, scheme=("G-L", 3), **options):
-    step = gs.stepper(*scheme, system=model.system)
+def run(model, steps=300, scheme=("G-L", 2), name=None, **options):
+    step = systems.stepper(name) if name else gs.stepper(*scheme, system=model.system)
     return step.integrate(model.q0, model.p0, steps=steps, parameters=dict(model.parameters),
                           **{"dt": DT} | options)
 
 
 @pytest.fixture(scope="module")
 def four_bar():
-    return run(gs.models.four_bar())
+    return run(gs.models.four_bar(), name="four_bar")
 
 
 @pytest.fixture(scope="module")
 def tops():
-    return run(gs.models.double_top(), dt=1e-4)
+    return run(gs.models.double_top(), name="double_top", dt=1e-4)
 
 
 def slope(values, dt):
@@ -103,6 +104,7 @@ def test_momenta_change_by_forces_and_torques(tops):
                   - np.linalg.norm(upper.angular_momentum(), axis=1)).max() < 1e-13
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_bodies_of_files_and_after_reading(tmp_path, four_bar):
     text = """
 name = "one_wheel"
@@ -161,7 +163,8 @@ def pull(made):
 
 
 @pytest.mark.parametrize(("scheme", "inside", "ends"), [
-    (("G-L", 2), 2, 2), (("G-L", 3), 4, 3), (("IMS",), 2, 2)])
+    (("G-L", 2), 2, 2), *(pytest.param(*row, marks=pytest.mark.slow)  # each derives a model
+                          for row in ((("G-L", 3), 4, 3), (("IMS",), 2, 2)))])
 def test_the_reaction_of_a_pendulum_in_closed_form(scheme, inside, ends):
     """Its error falls as it is said to: halved steps, twice."""
     model, errors = pendulum(), []
@@ -180,7 +183,7 @@ def test_a_hinge_holds_more_and_turns():
     joint, body = made.joint(), made.body()
     assert joint.bodies == ("", "bar")
     force = pull(made)
-    assert np.abs(joint.force() - force).max() < 1e-6 * np.abs(force).max()
+    assert np.abs(joint.force() - force).max() < 1e-5 * np.abs(force).max()
     assert np.abs(joint.force("bar") - np.einsum(
         "kji,kj->ki", body.rotation_matrix(), joint.force())).max() < 64 * EPS * 20
     assert np.abs(joint.torque()).max() < 1e-9  # a bar in a plane does not lean on its hinge
@@ -209,7 +212,7 @@ def test_a_closed_loop_obeys_newton_and_euler(four_bar):
 
 def test_angles_count_whole_turns(four_bar):
     """The wheel of a gimbal at 150 rad/s, a state every 2 steps; the bars' angles in the plane."""
-    made = run(gs.models.gimbal(), 400, ("IMS",), every=2)
+    made = run(gs.models.gimbal(), 400, name="gimbal", every=2)
     spindle = made.joint("spindle")
     assert spindle.angle()[-1] == pytest.approx(150 * 0.4, rel=0.05)
     made_by_rate = np.cumsum(np.diff(made.t) * (spindle.rate()[1:] + spindle.rate()[:-1]) / 2)
@@ -238,6 +241,7 @@ def test_turns_that_rates_do_not_tell_are_warned_of():
     assert np.abs(cured - turned[::10]).max() < 1e-9
 
 
+@pytest.mark.slow  # three seconds of derivation; the bar above has no warning either
 def test_a_steady_turn_needs_no_warning():
     """A wheel at a constant rate, stored at its ends: its turns are those of the rate."""
     build = gs.Multibody("wheel", gravity=(0, 0, 0))
@@ -261,7 +265,7 @@ def test_a_rod_pulls_along_itself():
 
 
 def test_where_states_are_left_out_the_start_has_no_reaction(four_bar):
-    thin = run(gs.models.four_bar(), every=10)
+    thin = run(gs.models.four_bar(), name="four_bar", every=10)
     force, whole = thin.joint("hinge1").force(), four_bar.joint("hinge1").force()[::10]
     assert np.isnan(force[0]).all()
     assert np.abs(force[1:] - whole[1:]).max() < 1e-5 * np.abs(whole).max()

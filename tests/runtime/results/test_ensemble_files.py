@@ -66,7 +66,7 @@ def test_a_failure_is_reported() -> None:
 def test_files(real: str, tmp_path) -> None:
     """All three, read by other programs' own readers."""
     many = ensemble(real)
-    with np.load(many.save(tmp_path / "run"), allow_pickle=False) as file:
+    with np.load(many.save(tmp_path / "run.npz"), allow_pickle=False) as file:
         assert file["parameter_g"].shape[0] == 3
         assert json.loads(str(file["about"]))["manifest"]["name"] == pendulum(real).name
         if real != "float128":

@@ -10,13 +10,14 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import RUN, TOP
 
 
 @pytest.fixture(scope="module")
 def tops():
     model = gs.models.double_top()
-    return gs.stepper("G-L", 3, system=model.system).integrate(
+    return systems.stepper("double_top").integrate(
         model.q0, model.p0, dt=1e-3, steps=12, parameters=dict(model.parameters))
 
 
@@ -87,7 +88,7 @@ def test_names_of_quantities_and_columns_that_are_taken():
 
 
 def test_wide_numbers_keep_their_digits(tmp_path):
-    long = gs.stepper("IMS", real="long-double")
+    long = systems.stepper("heavy_top", real="long-double")
     q0, p0 = long.project(TOP.q0, TOP.p0, parameters=RUN["parameters"])
     run = long.integrate(q0, p0, steps=2, **RUN)
     titles, rows = read(run.to_csv(tmp_path / "long.csv"))

@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import TOP
 from gyrospark.generator.models.model_file import parse_model
 from gyrospark.runtime.compilation.body_columns import bodies_of, joints_of
@@ -21,11 +22,11 @@ EPS = float(np.finfo(float).eps)
 
 @pytest.fixture(scope="module")
 def two_tops():
-    return run(gs.models.double_top(), 5)
+    return run(gs.models.double_top(), 5, "double_top")
 
 
-def run(model, steps=40, scheme=("G-L", 2), **options):
-    step = gs.stepper(*scheme, system=model.system)
+def run(model, steps=40, name=None, **options):
+    step = systems.stepper(name) if name else gs.stepper("G-L", 2, system=model.system)
     return step.integrate(model.q0, model.p0, dt=model.dt or 1e-3, steps=steps,
                           parameters=dict(model.parameters), **options)
 
@@ -45,6 +46,7 @@ def spinning(**more):
     return build.model()
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_the_lagrange_top_is_a_heavy_top():
     """The same motion from the paper's system: another way to every view."""
     model = gs.models.lagrange_top()
@@ -53,7 +55,7 @@ def test_the_lagrange_top_is_a_heavy_top():
     weight = model.parameters["a_m"] * 9.81 * model.parameters["a_centre_z"]
     parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
         "mgl": weight, "gamma": gs.gamma_m(inertia)}
-    paper = gs.stepper("G-L", 2).integrate(model.q0, model.p0, dt=model.dt, steps=100,
+    paper = systems.stepper("heavy_top").integrate(model.q0, model.p0, dt=model.dt, steps=100,
                                            parameters=parameters)
     assert np.abs(made.rotation().as_matrix() - paper.rotation().as_matrix()).max() < 1e-12
     assert np.abs(made.axis() - paper.axis()).max() < 1e-12
@@ -67,7 +69,7 @@ def test_the_lagrange_top_is_a_heavy_top():
 def test_the_satellite_in_its_orbit():
     """Ω against axes at rest: what turns in orbit axes at n about y more than that."""
     model = gs.models.satellite()
-    made = run(model, 60)
+    made = run(model, 60, "satellite")
     R, omega = made.rotation().as_matrix(), made.angular_velocity()
     turning = np.diff(R, axis=0) / made.dt
     middle = (R[1:] + R[:-1]) / 2
@@ -79,6 +81,7 @@ def test_the_satellite_in_its_orbit():
     assert np.abs(relative - (omega[1:] + omega[:-1]) / 2).max() > 0.1 * n
 
 
+@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_one_free_body_with_forces_potential_and_quantities():
     made = run(spinning())
     omega = np.stack([made.quantity(f"omega{i}") for i in range(3)], axis=1)
@@ -88,6 +91,7 @@ def test_one_free_body_with_forces_potential_and_quantities():
     assert np.abs(made.rotation().as_matrix() - rotation_matrix(made.q[:, :4])).max() < 8 * EPS
 
 
+@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_a_body_of_a_file_and_a_system_of_ones_own():
     """[[bodies]] with one body; body_system with torque, potential and quantities."""
     text = """

@@ -120,6 +120,7 @@ def test_gamma_fast_is_for_symmetric_bodies_that_spin_about_their_axis():
             gamma_fast(top, omega)
 
 
+@pytest.mark.slow  # a stepper of eight stages
 def test_gamma_fast_costs_no_sweeps_and_changes_nothing():
     """It saved a tenth of them until starts were learnt from the motion; now they are the same."""
     top, step = gs.problems.fast_top(), gs.stepper("G-L", 8)

@@ -183,9 +183,13 @@ def check_against_integration(problem, times):
     np.testing.assert_allclose(problem.exact.attitude(times), q, atol=3e-11)
 
 
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("body", range(3))
-@pytest.mark.parametrize("omega", [(8, -2, 3), (-1, -2, -9), (0, 5, 0.1)])
+SPINS = [(8, -2, 3), (-1, -2, -9), (0, 5, 0.1)]
+
+
+@pytest.mark.parametrize(("order", "body", "omega"), [
+    pytest.param(order, body, SPINS[spin],
+                 marks=[] if (i + body + spin) % 3 == 0 and i < 3 else pytest.mark.slow)
+    for i, order in enumerate(ORDERS) for body in range(3) for spin in range(3)])  # pairs
 def test_free_body_in_every_axis_order_and_regime(order, body, omega):
     """About the largest moment, about the smallest, and near the middle one."""
     inertia = [ASYMMETRIC[body][axis] for axis in order]
@@ -194,8 +198,8 @@ def test_free_body_in_every_axis_order_and_regime(order, body, omega):
     check_against_integration(problem, np.linspace(0.0, 5.0, 4))
 
 
-@pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=3)))
-@pytest.mark.parametrize("large", [0, 2])
+@pytest.mark.parametrize(("signs", "large"), [
+    (signs, (i % 2) * 2) for i, signs in enumerate(itertools.product((1, -1), repeat=3))])
 def test_free_body_with_every_sign(signs, large):
     omega = [2.0, 1.0, 2.0]
     omega[large] = 9.0
@@ -203,8 +207,8 @@ def test_free_body_with_every_sign(signs, large):
     check_against_integration(problem, np.linspace(0.0, 3.0, 4))
 
 
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=2)))
+@pytest.mark.parametrize(("order", "signs"), [
+    (order, ((-1) ** i, (-1) ** (i // 2))) for i, order in enumerate(ORDERS)])
 def test_free_body_on_the_separatrix(order, signs):
     """I = (9, 5, 4), Ω = (±1, y, ±3) has |l|² = 2T I_2 exactly and ends about the middle axis."""
     omega = (signs[0], 0.5, 3 * signs[1])
@@ -249,7 +253,7 @@ moments = st.tuples(*[st.floats(0.1, 10)] * 3).map(lambda x: tuple(sum(x) - y fo
 speeds = st.floats(-20, 20).map(lambda w: w if abs(w) > 1e-100 else 0.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(moments, st.tuples(speeds, speeds, speeds))
 def test_free_body_conserves_energy_and_angular_momentum(inertia, omega):
     problem = free_body(inertia, omega, ATTITUDE)
@@ -266,7 +270,7 @@ def test_free_body_conserves_energy_and_angular_momentum(inertia, omega):
     )
 
 
-@pytest.mark.parametrize("t", [0, 0.7, -3, 250])
+@pytest.mark.parametrize("t", [0.7, 250])
 @pytest.mark.parametrize(
     ("inertia", "omega"),
     [
@@ -378,6 +382,7 @@ def test_refusals(call, words):
 # ---------------------------------------------------------------- gs.exact
 
 
+@pytest.mark.slow  # a stepper of eight stages
 @pytest.mark.parametrize("omega", [(0.01, 5.0, 0.01), (3.0, -1.0, 2.0), (0.0, 0.0, 4.0)])
 def test_exact_free_body_is_what_eight_stages_integrate(omega):
     moments, attitude = (0.003, 0.002, 0.0015), (0.5, 0.5, -0.5, 0.5)

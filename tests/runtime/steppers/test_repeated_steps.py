@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, RUN, TOP
 
 
@@ -73,19 +74,15 @@ def test_threads_do_not_share_what_is_held(gl3):
 
 
 def test_time_goes_on_with_the_steps():
-    import sympy as sp
-
-    x, p, t = sp.Symbol("x", real=True), sp.Symbol("p", real=True), sp.Symbol("t", real=True)
-    pushed = gs.System((x,), (p,), (), p**2 / 2 + x**2 / 2, forces=[sp.cos(3 * t)], time=t,
-                       name="pushed_oscillator")
-    step = gs.stepper("G-L", 2, system=pushed)
-    run = step.integrate([1.0], [0.0], dt=0.0625, steps=20, t0=2.0, parameters={})
-    q, p1 = np.array([1.0]), np.array([0.0])
+    step = systems.stepper("driven_oscillator")
+    numbers = {"parameters": systems.case("driven_oscillator").parameters}
+    run = step.integrate([1.0], [0.0], dt=0.0625, steps=20, t0=2.0, **numbers)
+    q, p = np.array([1.0]), np.array([0.0])
     for k in range(20):
-        q, p1 = step.step(q, p1, dt=0.0625, t0=2.0 + k * 0.0625, parameters={})
+        q, p = step.step(q, p, dt=0.0625, t0=2.0 + k * 0.0625, **numbers)
     assert np.array_equal(q, run.q[-1])
-    anew = step.step(q, p1, dt=0.0625, t0=7.0, parameters={})  # not the time that follows
-    alone = step.integrate(q, p1, dt=0.0625, steps=1, t0=7.0, parameters={})
+    anew = step.step(q, p, dt=0.0625, t0=7.0, **numbers)  # not the time that follows
+    alone = step.integrate(q, p, dt=0.0625, steps=1, t0=7.0, **numbers)
     assert np.array_equal(anew[0], alone.q[-1])
 
 

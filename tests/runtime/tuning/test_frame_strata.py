@@ -100,7 +100,8 @@ def error(run, exact) -> float:
 
 @pytest.mark.parametrize("frame", ["auto", "start", "follow"])
 @pytest.mark.parametrize(("scheme", "stages", "apart"), [
-    ("G-L", 3, 0.0), ("G-L", 3, 1e-2), ("EMS", None, 0.0), ("IMS", None, 1e-6)])
+    ("G-L", 2, 0.0), ("EMS", None, 1e-6), *(pytest.param(*row, marks=pytest.mark.slow)
+    for row in (("G-L", 3, 1e-2), ("IMS", None, 1e-6)))])
 def test_a_pendulum_passes_its_axis(scheme, stages, apart, frame):
     """ω = J/𝕀 is 1.6e16 rad/s at sin π: in that frame the pendulum stands still for ever."""
     step = stepper("pendulum", scheme, stages)
@@ -116,7 +117,7 @@ def test_a_pendulum_passes_its_axis(scheme, stages, apart, frame):
 
 
 def test_members_of_an_ensemble_pass_their_axis():
-    step = stepper("pendulum", "G-L", 3)
+    step = stepper("pendulum", "G-L", 2)
     q = [[x, 0.0, -np.sqrt(1 - x**2)] for x in (0.6, np.sin(np.pi))]
     how = {"dt": 0.02, "steps": 50}
     with pytest.warns(gs.InputWarning, match="omega"):
@@ -124,7 +125,7 @@ def test_members_of_an_ensemble_pass_their_axis():
     rates = [one.parameters[step.symmetries[0].name] for one in many.members]
     assert rates == [pytest.approx(2.5), 0.0]
     plain = step.integrate_ensemble(q, [[0, 1.5, 0]] * 2, **how, parameters={})
-    assert_allclose(many.q, plain.q, atol=1e-8)
+    assert_allclose(many.q, plain.q, atol=1e-6)
 
 
 @pytest.mark.parametrize("tilt", [1e-3, 1e-6])
@@ -164,8 +165,7 @@ def driven():
     return gs.stepper("G-L", 2, system=system, frame="symmetries")
 
 
-@pytest.mark.parametrize("frame", ["start", "auto", "follow 20"])
-@pytest.mark.parametrize("hold", [1, 3])
+@pytest.mark.parametrize(("frame", "hold"), [("start", 1), ("auto", 3), ("follow 20", 1)])
 def test_a_frame_is_chosen_with_the_inputs_of_the_run(frame, hold):
     step, q, p = driven(), [0.6, 0.0, -0.8], [0.0, 0.7, 0.0]
     how = {"dt": 0.1, "steps": 90}
@@ -198,6 +198,7 @@ def test_a_choice_is_measured_with_the_inputs():
 # ---------------------------------------------------------------- drag
 
 
+@pytest.mark.slow  # another system by three and by six stages
 def test_auto_does_not_harm_where_drag_acts():
     """It followed, with 1.9 times the error, since no frame was not among what it compared."""
     step = stepper("dragged", "G-L", 3)
@@ -222,7 +223,8 @@ STARTS = {"seed": st.integers(0, 2**32 - 1), "power": st.floats(-17, 0),
 @settings(max_examples=4, deadline=None)
 @given(**STARTS)
 @pytest.mark.parametrize(("name", "scheme", "stages"), [
-    ("pendulum", "IMS", None), ("pendulum", "G-L", 3), ("heavy_top", "G-L", 2)])
+    ("pendulum", "EMS", None), ("pendulum", "G-L", 2),
+    pytest.param("heavy_top", "G-L", 2, marks=pytest.mark.slow)])
 def test_auto_is_never_worse_than_no_frame(name, scheme, stages, seed, power, dt):
     assert ratio(name, scheme, stages, seed, power, dt) <= 1.05
 

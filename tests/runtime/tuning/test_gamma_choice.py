@@ -26,12 +26,12 @@ TOP = gs.problems.fast_top()
 GAMMA = {"gamma": TOP.inertia}
 AUTO = TOP.parameters | {"gamma": "auto"}
 #: Of the methods those whose error γ moves most; the others are in the long form.
-OFTEN = (("IMS", None), ("G-L", 1), ("G-L", 2), ("LIIIA-B", 2))
+OFTEN = (("G-L", 1), ("G-L", 2), ("LIIIA-B", 2))
 CHAOTIC = asymmetric_top((1.0, 1.7, 0.6), 5.0, 0.9, [0.9, -1.4, 1.1])
 
-#: Every body with every other method, in turn.
+#: Every body with a method, in turn: every second one.
 PAIRS = [(body, method) for (i, body), (j, method) in product(enumerate(BODIES), enumerate(OFTEN))
-         if (i + j) % 2 == 0]
+         if i % 3 == j and i % 2 == 0]
 
 trial_of = cache(Trial)
 
@@ -92,8 +92,10 @@ def test_no_path_of_any_top_gets_worse(
 
 
 @pytest.mark.parametrize(("body", "method", "least_loss"), [
-    (BODIES[0], ("LIIIA-B", 2), 3), (BODIES[0], ("IMS", None), 1.03), (BODIES[3], ("G-L", 1), 8),
-    (BODIES[6], ("G-L", 1), 1.2), (BODIES[9], ("G-L", 1), 2),
+    (BODIES[0], ("LIIIA-B", 2), 3), (BODIES[3], ("G-L", 1), 8),
+    *(pytest.param(*row, marks=pytest.mark.slow) for row in (
+        (BODIES[0], ("IMS", None), 1.03), (BODIES[6], ("G-L", 1), 1.2),
+        (BODIES[9], ("G-L", 1), 2))),
 ], ids=name_of)
 def test_the_energy_is_not_the_motion(body, method, least_loss):
     """A γ chosen for the energy costs an axis what the default saves it; its choice says so."""
@@ -107,8 +109,10 @@ def test_the_energy_is_not_the_motion(body, method, least_loss):
 
 
 @pytest.mark.parametrize(("body", "method", "gain"), [
-    (BODIES[0], ("G-L", 2), 1.7), (BODIES[0], ("LIIIA-B", 2), 1.4), (BODIES[3], ("G-L", 2), 3),
-    (BODIES[6], ("LIIIA-B", 2), 2), (BODIES[9], ("LIIIA-B", 2), 3), (BODIES[1], ("G-L", 2), 2),
+    (BODIES[0], ("G-L", 2), 1.7), (BODIES[0], ("LIIIA-B", 2), 1.4),
+    *(pytest.param(*row, marks=pytest.mark.slow) for row in (
+        (BODIES[3], ("G-L", 2), 3), (BODIES[6], ("LIIIA-B", 2), 2), (BODIES[9], ("LIIIA-B", 2), 3),
+        (BODIES[1], ("G-L", 2), 2))),
 ], ids=name_of)
 def test_gains_of_the_motion(body, method, gain):
     """The gain is there, where the law puts it, and lasts: 1 s of pilots, 10 s of motion."""
@@ -184,7 +188,7 @@ def test_steps_that_lose_the_motion_at_once():
 
 
 def test_round_off_is_not_chosen_for():
-    choice = choose(gs.stepper("G-L", 6), dt=1e-4)
+    choice = choose(gs.stepper("G-L", 3), dt=2e-5)
     assert "round-off" in choice.reason
     assert choice.gains == {"motion": 1, "energy": 1}
     assert math.isnan(choice.pilots[0].motion)
@@ -219,7 +223,7 @@ def check_energy(body, method):
         assert trial_of(body, *method).energy_gain(times=LONGER) >= 1 / ALLOWED
 
 
-@pytest.mark.parametrize(("body", "method"), PAIRS[:12], ids=name_of)
+@pytest.mark.parametrize(("body", "method"), PAIRS[:6], ids=name_of)
 def test_no_rule_has_a_better_energy(body, method):
     check_energy(body, method)
 
@@ -231,8 +235,9 @@ def test_no_rule_has_a_better_energy_anywhere(body, method):
 
 
 @pytest.mark.parametrize(("method", "least_gain"), [
-    (("IMS", None), 1e6), (("G-L", 1), 100), (("G-L", 2), 100), (("G-L", 3), 10),
-    (("LIIIA-B", 2), 100), (("LIIIA-B", 4), 10),
+    (("G-L", 1), 100), (("G-L", 2), 100), (("LIIIA-B", 2), 100),
+    *(pytest.param(*row, marks=pytest.mark.slow) for row in (
+        (("IMS", None), 1e6), (("G-L", 3), 10), (("LIIIA-B", 4), 10))),
 ], ids=name_of)
 def test_fast_top_gains(method, least_gain):
     """The symmetric top: one γ cancels the error at every step; see erratum 25 for the zeros."""
@@ -241,7 +246,9 @@ def test_fast_top_gains(method, least_gain):
 
 
 @pytest.mark.parametrize(("method", "inverse"), [
-    (("IMS", None), 500), (("G-L", 1), 440), (("LIIIA-B", 2), 550), (("G-L", 2), 903),
+    (("LIIIA-B", 2), 550), (("G-L", 2), 903),
+    *(pytest.param(*row, marks=pytest.mark.slow)
+      for row in ((("IMS", None), 500), (("G-L", 1), 440))),
 ], ids=name_of)
 def test_zeros_of_erratum_25(method, inverse):
     assert 1 / trial_of(BODIES[0], *method).for_energy.gamma == pytest.approx(inverse, rel=5e-3)

@@ -1,6 +1,6 @@
 """Generated text: the checked-in files, its reproducibility, how it grows, what it says.
 
-``pytest tests/generator/codegen/test_generated.py --update`` brings the checked-in files up to
+``pytest tests/golden/test_generated.py --update`` brings the checked-in files up to
 date.
 """
 

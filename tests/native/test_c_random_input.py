@@ -317,7 +317,7 @@ def attempt(command, folder):
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.slow) if name in ("chain", "ims") else name
+    pytest.param(name, marks=pytest.mark.slow) if name in ("chain", "ims", "ems") else name
     for name in NAMES])
 def test_sanitizers_find_nothing_in_random_calls(name, tmp_path):
     attempt([built(name, SANITIZE, tmp_path), "1", "100" if name == "chain" else "300"], tmp_path)

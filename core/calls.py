@@ -1,0 +1,116 @@
+"""Calls whose arguments do not fit: a sentence with the nearest name in place of a bare TypeError.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Iterable
+from types import FunctionType, ModuleType
+from typing import Any, TypeVar
+
+from .arguments import proposal
+from .errors import ArgumentError
+
+__all__ = ["explain_arguments", "explain_module", "explain_names"]
+
+Class = TypeVar("Class", bound=type)
+
+_PACKAGE = __name__.partition(".")[0]
+#: Classes and modules whose calls are explained.
+_EXPLAINED: set[object] = set()
+
+
+def explain_arguments(cls: Class) -> Class:
+    """Return a class whose constructor and public methods refuse wrong arguments by a sentence.
+
+    Methods of its bases in this package are included. ``gyrospark.NAME`` does this to all public
+    classes; it decorates those whose instances other calls return.
+    """
+    for base in cls.__mro__:
+        if base.__module__.partition(".")[0] != _PACKAGE or base in _EXPLAINED:
+            continue
+        _EXPLAINED.add(base)
+        for name, member in list(vars(base).items()):
+            if name.startswith("_") and name != "__init__":
+                continue
+            shown = base.__name__ if name == "__init__" else name
+            if isinstance(member, FunctionType):
+                setattr(base, name, _explained(member, shown, bound=True))
+            elif isinstance(member, (classmethod, staticmethod)):
+                kind = type(member)
+                setattr(base, name, kind(_explained(
+                    member.__func__, shown, bound=kind is classmethod)))
+    return cls
+
+
+def explain_names(module: ModuleType, names: Iterable[str]) -> None:
+    """Let functions and classes of a module refuse wrong arguments by a sentence."""
+    for name in names:
+        thing = vars(module).get(name)
+        if isinstance(thing, FunctionType):  # in its place, so that pickle finds it there
+            setattr(module, name, _explained(thing, name, bound=False))
+        elif isinstance(thing, type) and not issubclass(thing, BaseException):
+            explain_arguments(thing)
+
+
+def explain_module(module: ModuleType) -> ModuleType:
+    """Return a module whose ``__all__`` does so; for other names it proposes the nearest."""
+    names = module.__all__
+    if module in _EXPLAINED:
+        return module
+    _EXPLAINED.add(module)
+
+    def refuse(name: str) -> Any:
+        raise AttributeError(
+            f"module {module.__name__!r} has no attribute {name!r}{proposal(name, names)}")
+
+    explain_names(module, names)
+    vars(module).setdefault("__getattr__", refuse)
+    return module
+
+
+def _explained(function: Any, shown: str, *, bound: bool) -> Any:
+    """Return a function that refuses wrong arguments by a sentence; ``bound`` has a self."""
+    if hasattr(function, "__explained__"):
+        return function
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        try:
+            return function(*arguments, **named)
+        except TypeError as error:
+            # Without a frame of the function it was not entered: the arguments do not fit.
+            if error.__traceback__ is None or error.__traceback__.tb_next is not None:
+                raise
+        raise ArgumentError(_refusal(function, shown, arguments[bound:], named, bound))
+
+    call.__explained__ = True  # type: ignore[attr-defined]
+    return call
+
+
+def _refusal(
+    function: Callable[..., Any], shown: str, arguments: tuple[Any, ...], named: dict[str, Any],
+    bound: bool,
+) -> str:
+    """Return the sentence for arguments that do not fit a function."""
+    parameters = list(inspect.signature(function).parameters.values())[bound:]
+    by_place = [each.name for each in parameters
+                if each.kind in (each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)]
+    by_name = [each.name for each in parameters
+               if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)]
+    takes = ", ".join(by_name) or "none by name"
+    unknown = [name for name in named if name not in by_name]
+    if unknown:
+        return (f"{shown} has no argument {unknown[0]!r}{proposal(unknown[0], by_name)}; it takes "
+                f"{takes}.")
+    if len(arguments) > len(by_place):
+        return (f"{shown} takes {len(by_place)} arguments without a name, and got "
+                f"{len(arguments)}; name the others, of {takes}.")
+    twice = [name for name in by_place[:len(arguments)] if name in named]
+    if twice:
+        return f"{shown} got {twice[0]!r} twice, by place and by name; give it once."
+    missing = [each.name for each in parameters if each.default is each.empty
+               and each.kind not in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
+               and each.name not in named and each.name not in by_place[:len(arguments)]]
+    return f"{shown} needs {', '.join(missing)} too; it takes {takes}."

@@ -1,0 +1,546 @@
+"""The tree of a robot to bodies and joints, whichever format its file has.
+
+    hinge, slide          a revolute or prismatic joint, whose coordinate is that of the file
+    ball, free            a ball joint; no constraint
+    several in one body   a planar, cylindrical, universal or ball joint, else a chain
+    armature              a flywheel
+    stiffness, damping    a spring and a damper in the joint
+    followers             couplings
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import as_items, as_mapping, as_text, listed, proposal, shown
+from ...core.errors import InputError
+from ...core.inertia import real_array, warn_of_degrees
+from ...core.registry import SYSTEMS
+from ..multibody.body import GROUND, Body, Frame, dot
+from ..multibody.coordinates import Arm, Slide, Translation
+from ..multibody.initial_poses import clean, finite, positive, unit, vector
+from ..multibody.joints import Align, Connection, Joint
+from ..multibody.multibody import Multibody
+from ..parsing.exact_expressions import parse_number
+from ..parsing.grammar import ANGLES, RATES
+from ..parsing.reserved_names import KEYWORDS
+from .robot_tree import (
+    IDENTITY,
+    Follower,
+    Mount,
+    Placement,
+    Poses,
+    Robot,
+    RobotJoint,
+    body_velocities,
+    place_bodies,
+)
+
+__all__ = ["Close", "Names", "RobotBuilder", "Start", "as_names", "plain_name", "reference_of",
+           "refuse_extras", "set_base_motion", "stiffness_of_limits", "take_values",
+           "with_unit_quaternion"]
+
+Array = NDArray[np.float64]
+#: Adds to a robot's bodies and joints, by the names of its links.
+Close = Callable[[Multibody, Mapping[str, Mount]], None]
+#: Units of coordinates and rates of hinges.
+_UNITS = {"angles": ANGLES, "rates": RATES}
+#: Axes are perpendicular, or agree, to within this; points in m.
+_SAME = 1e-12
+
+
+# ---------------------------------------------------------------- arguments
+
+
+def as_names(ignore: Any) -> list[str]:
+    """Return what to ignore: a name, or names."""
+    return [ignore] if isinstance(ignore, str) else [
+        as_text("what to ignore", name) for name in as_items("ignore", ignore, "names")]
+
+
+def stiffness_of_limits(limits: Any) -> float | None:
+    """Return the stiffness of the ends of ranges of joints, None where they are refused."""
+    return None if limits is None else positive("limits, a stiffness in N m/rad and N/m", limits)
+
+
+def refuse_extras(
+    extras: Mapping[str, int], known: Mapping[str, str], ignore: Sequence[str]
+) -> None:
+    """Refuse what a file has besides bodies and joints, with its count, unless it is ignored."""
+    for name in ignore:
+        if name not in (*known, "all"):
+            raise InputError(f"ignore names {shown(name)}; choose "
+                             f"{listed([*known, 'all'])}{proposal(name, known)}.")
+    if "all" in ignore:
+        return
+    left = {name: extras[name] for name in known if extras[name] and name not in ignore}
+    if left:
+        told = ", ".join(f"{name} ({known[name]}, {count} of them)"
+                         for name, count in left.items())
+        wanted = [*ignore, *left]
+        raise InputError(f"it has {told}, which no model here has; to run without, write "
+                         f"ignore={wanted} in Python, --set ignore="
+                         f"{','.join(wanted)} after run or build; other commands need a "
+                         "file without.")
+
+
+@dataclass
+class Start:
+    """Coordinates and rates of joints by name."""
+
+    coordinates: dict[str, Array]
+    rates: dict[str, Array]
+
+
+def reference_of(robot: Robot) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return coordinates and rates of joints where the file places the robot, at rest."""
+    return ({name: robot.reference(joint) for name, joint in robot.joints.items()},
+            {name: np.zeros(joint.freedoms) for name, joint in robot.joints.items()})
+
+
+def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
+    """Set given coordinates and rates of joints, and those of joints that follow others.
+
+    Raises
+    ------
+    InputError
+        For names of no joint, and values that it cannot have.
+    """
+    leaders = {follower.name: follower for follower in robot.followers}
+    known = [name for name in robot.joints if name]
+    for key, given, values in (
+            ("angles", angles, start.coordinates), ("rates", rates, start.rates)):
+        told = as_mapping(key, {} if given is None else given, "{'elbow': 0.5}")
+        for name, value in told.items():
+            if name not in known:
+                raise InputError(f"{key} names {shown(name)}, which is no joint that moves; choose "
+                                 f"{listed(known) if known else 'none'}{proposal(name, known)}.")
+            if name in leaders:
+                raise InputError(f"{key} names {shown(name)}, which follows "
+                                 f"{shown(leaders[name].leader)}; set that one.")
+            values[name] = _joint_values(key, robot.joints[name], value)
+        for name in leaders:
+            values[name] = _followed(leaders, name, values, key == "angles")
+
+
+def _followed(
+    leaders: Mapping[str, Follower], name: str, values: Mapping[str, Array], is_angle: bool
+) -> Array:
+    """Return the value of a joint that may follow another one."""
+    if name not in leaders:
+        return values[name]
+    follower = leaders[name]
+    leader = _followed(leaders, follower.leader, values, is_angle)
+    value: Array = follower.ratio * leader + (follower.offset if is_angle else 0.0)
+    return value
+
+
+def _joint_values(key: str, joint: RobotJoint, given: Any) -> Array:
+    """Return values of a joint: one, or as many numbers as qpos or qvel has."""
+    if joint.kind in ("hinge", "slide"):
+        return np.array([_coordinate_value(key, joint.name, joint.kind == "hinge", given)])
+    count = joint.count if key == "angles" else joint.freedoms
+    values = real_array(given)
+    if values is None or values.shape != (count,) or not np.isfinite(values).all():
+        raise InputError(f"The {key[:-1]} of {joint.name!r} is {shown(given)}; a {joint.kind} "
+                         f"joint has {count} finite numbers, as "
+                         f"{'qpos' if key == 'angles' else 'qvel'} has.")
+    return with_unit_quaternion(joint, values) if key == "angles" else values
+
+
+def with_unit_quaternion(joint: RobotJoint, values: Array) -> Array:
+    """Return coordinates of a ball or free joint with a quaternion of length one."""
+    if not values[-4:].any():
+        raise InputError(f"The quaternion of {joint.name!r} is zero; give its direction.")
+    return np.concatenate([values[:-4], unit(values[-4:])])
+
+
+def _coordinate_value(key: str, name: str, is_angle: bool, given: Any) -> float:
+    """Return a coordinate or rate that is a number, or a text such as "45 deg"."""
+    about = f"{key[:-1]} of {name!r}"
+    if isinstance(given, str):
+        try:
+            return float(finite(about, parse_number(given, _UNITS[key] if is_angle else {}), ()))
+        except InputError as error:
+            raise InputError(f"The {about} is {shown(given)}: {error}") from None
+    number = float(finite(about, given, ()))
+    if is_angle and key == "angles":
+        warn_of_degrees(f"The {about}", [number], cure=(
+            f'"{number:.6g} deg"; "{number:.6g} rad" says that radians are'))
+    return number
+
+
+def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity: Any) -> None:
+    """Set velocity in space of the centre of mass, and angular velocity, of the floating body.
+
+    Raises
+    ------
+    InputError
+        Unless one body floats.
+    """
+    if velocity is None and angular_velocity is None:
+        return
+    floating = [joint for joint in robot.joints.values() if joint.kind == "free"]
+    if len(floating) != 1:
+        raise InputError("velocity and angular_velocity are those of one floating body, and there "
+                         f"{'are several' if floating else 'is none'}; leave them out.")
+    v, w = (np.zeros(3) if given is None else vector(name, given) for name, given in (
+        ("velocity", velocity), ("angular_velocity", angular_velocity)))
+    limb = floating[0].body
+    R = place_bodies(robot, start.coordinates).bodies[limb].R
+    centre = robot.mass_of(limb)[1]
+    start.rates[floating[0].name] = np.concatenate([v - R @ np.cross(w, centre), w])
+
+
+# ---------------------------------------------------------------- building
+
+
+class RobotBuilder:
+    """Bodies, joints, springs and couplings of a robot, one after the other.
+
+    Attributes
+    ----------
+    builder : Multibody
+        What they are added to.
+    frames, centres : dict
+        Number of a body that moves → its frame, and its centre of mass in its axes.
+    coordinates : dict
+        Name of a joint → what has its coordinate as angle or travel.
+    """
+
+    def __init__(self, robot: Robot, start: Start, rep: Any) -> None:
+        self.robot, self.start, self.rep = robot, start, rep
+        self.poses = place_bodies(robot, start.coordinates)
+        self.builder = Multibody(
+            _system_name(robot.name), gravity=robot.gravity, dt=robot.dt,
+            steps=None if robot.dt is None else 1000,
+            description=f"The robot {robot.name}, of {robot.format} file.")
+        self.builder._describes_start = True
+        self.names, self.joint_names, self.parameter_names = Names(), Names(), Names()
+        self.joint_name = {name: self.joint_names.free(name) for name in robot.joints if name}
+        self.frames: dict[int, Frame] = {-1: self.builder.ground}
+        self.centres: dict[int, Array] = {-1: np.zeros(3)}
+        self.coordinates: dict[str, Connection] = {}
+
+    def build(self) -> Multibody:
+        """Return bodies and joints.
+
+        Raises
+        ------
+        InputError
+            If nothing moves, or what moves has no mass, or joints are none of those known here.
+        """
+        robot = self.robot
+        moved = [k for k, body in enumerate(robot.bodies) if body.joints]
+        if not moved:
+            raise InputError(f"no {robot.part} of it has a joint, so that nothing moves; give it a "
+                             "joint, or a floating base.")
+        velocities = body_velocities(robot, self.poses, self.start.rates)
+        for limb in moved:
+            self._body(limb, velocities[limb])
+        for limb in moved:
+            self._join_and_name(limb)
+        for joint in robot.joints.values():
+            self._quantities(joint)
+            self._springs(joint)
+        for follower in robot.followers:
+            self.builder.couple(
+                self.joint_names.free(f"{follower.name}_mimic"), self.coordinates[follower.leader],
+                self.coordinates[follower.name], ratio=follower.ratio, offset=follower.offset)
+        self._add_more()
+        self._compensate_gravity()
+        mounts = self.mounts()
+        for loop in robot.loops:
+            loop.close(self.builder, self.joint_names.free(loop.name, "loop"), mounts)
+        self.builder._describes_start = False
+        return self.builder
+
+    def _add_more(self) -> None:
+        """Add what only one format has."""
+
+    def mounts(self) -> dict[str, Mount]:
+        """Return the placement of each body of the file, in its rigid part and in space."""
+        return {body.name: self._mount(k, IDENTITY) for k, body in enumerate(self.robot.bodies)}
+
+    def _mount(self, body: int, place: Placement) -> Mount:
+        """Return where a frame of a body, −1 for space, is in what moves and in space."""
+        limb, inner = self.robot.limb(body), self.robot.inner(body).then(place)
+        space = place if body < 0 else self.poses.bodies[body].then(place)
+        return Mount(self.frames[limb], Placement(inner.x - self.centres[limb], inner.R), space)
+
+    # ------------------------------------------------------------ bodies
+
+    def _body(self, limb: int, motion: tuple[Array, Array]) -> None:
+        mass, centre, inertia = self.robot.mass_of(limb)
+        here, (v, w) = self.poses.bodies[limb], motion
+        self.centres[limb] = centre
+        self.frames[limb] = self.builder.body(
+            self._body_name(limb), mass=mass, inertia=inertia, rep=self.rep,
+            position=here.x + here.R @ centre, rotation=here.R,
+            velocity=v + np.cross(w, here.R @ centre), angular_velocity=here.R.T @ w)
+
+    def _body_name(self, limb: int) -> str:
+        """Return a name that begins no parameter of another body's joint on the ground."""
+        robot, name = self.robot, plain_name(self.robot.bodies[limb].name)
+        on_ground = {self.joint_name[joint.name] for k, body in enumerate(robot.bodies)
+                     if robot.limb(body.above) < 0 and k != limb
+                     for joint in body.joints if joint.name}
+        return self.names.free(f"{name}_body" if name in on_ground else name)
+
+    def _on(self, limb: int, poses: Poses, point: Array) -> Array:
+        """Return a point of space at some poses in the axes of a body, from its centre."""
+        if limb < 0:
+            return point
+        here = poses.bodies[limb]
+        inner: Array = here.R.T @ (point - here.x) - self.centres[limb]
+        return inner
+
+    # ------------------------------------------------------------ joints
+
+    def _join_and_name(self, limb: int) -> None:
+        """Add what holds a body to the one above, which the names of all its joints stand for."""
+        components = self.builder._components
+        count = len(components.connections)
+        self._join(limb)
+        held = next((link for link in components.connections[count:]
+                     if isinstance(link, Joint) and not isinstance(link, Slide)), None)
+        if held is not None:
+            names = [self.joint_name[joint.name] for joint in self.robot.bodies[limb].joints]
+            components.aliases |= {name: held for name in names if name != held.name}
+
+    def _join(self, limb: int) -> None:
+        """Add what holds a body to the one above."""
+        robot, build = self.robot, self.builder
+        joints, above = robot.bodies[limb].joints, robot.limb(robot.bodies[limb].above)
+        kinds = [joint.kind for joint in joints]
+        first = joints[0]
+        ends = self.frames[above], self.frames[limb]
+        axes = [self.poses.axes[joint.name] for joint in joints]
+        points = [self.poses.points[joint.name] for joint in joints]
+        if kinds == ["free"] or (kinds == ["slide"] * 3 + ["ball"] and above < 0
+                                 and abs(np.linalg.det(axes[:3])) > _SAME):
+            return
+        if len(joints) == 1:
+            name = self.joint_name[first.name]
+            value = float(self.start.coordinates[first.name][0])
+            where: dict[str, Any] = {"at": points[0]}
+            if first.kind == "ball":
+                ball = build.ball(name, *ends, **where)
+                if first.armature:
+                    build.flywheel(self.joint_names.free(f"{first.name}_rotor"), ball,
+                                   inertia=first.armature)
+                return
+            where["axis_in_space"] = axes[0]
+            self._know(first, build.revolute(name, *ends, **where, angle=value)
+                       if first.kind == "hinge" else
+                       build.prismatic(name, *ends, **where, travel=value))
+        elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
+            self._chain(limb, ends, axes, points)
+        elif not self._special(limb, ends, axes, points):
+            raise InputError(
+                f"{robot.part} {shown(robot.bodies[limb].name)} has the joints {', '.join(kinds)} "
+                "in a row, and not each has an inertia; write armature=\"…\" above 0 for each, or "
+                f"a {robot.part} with mass between them.")
+
+    def _know(self, joint: RobotJoint, link: Connection) -> None:
+        """Remember what has the coordinate of a joint, which is a flywheel's with armature."""
+        if joint.armature:
+            link = self.builder.flywheel(self.joint_names.free(f"{joint.name}_rotor"), link,
+                                         inertia=joint.armature)
+        self.coordinates[joint.name] = link
+
+    def _chain(
+        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array], points: Sequence[Array]
+    ) -> None:
+        joints, build = self.robot.bodies[limb].joints, self.builder
+        rows = []
+        for joint, axis, point in zip(joints, axes, points, strict=True):
+            coordinate, rate = ("angle", "rate") if joint.kind == "hinge" else ("travel", "speed")
+            rows.append({
+                "name": self.joint_name[joint.name], "axis": axis, "at": point,
+                "inertia": joint.armature,
+                coordinate: float(self.start.coordinates[joint.name][0]),
+                rate: float(self.start.rates[joint.name][0])})
+        name = self.joint_names.free(f"{self.robot.bodies[limb].name}_joints")
+        chain = build.chain(name, *ends, rows)
+        for joint, link in zip(joints, chain.links, strict=True):
+            self.coordinates[joint.name] = link.coordinate
+
+    def _special(
+        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array], points: Sequence[Array]
+    ) -> bool:
+        """Add joints in a row as one that is known; return whether there is one."""
+        joints, build = self.robot.bodies[limb].joints, self.builder
+        kinds = [joint.kind for joint in joints]
+        value = [float(self.start.coordinates[joint.name][0]) for joint in joints]
+        slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
+        inert = any(joint.armature for joint in joints)
+        name = self.joint_name[joints[-1].name]
+        if set(kinds[:slides]) == {"slide"} and ends[0] is GROUND and len(kinds) <= 3 and (
+                len(kinds) - slides <= 1):
+            return self._slides(name, limb, ends, axes, points)
+        if kinds in (["hinge", "slide"], ["slide", "hinge"]) and axes[0] @ axes[1] > 1 - _SAME:
+            hinge, slide = kinds.index("hinge"), kinds.index("slide")
+            link = build.cylindrical(name, *ends, axis_in_space=axes[hinge], at=points[hinge],
+                                     angle=value[hinge], travel=value[slide])
+            self.coordinates[joints[slide].name] = link
+            return not inert
+        if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not inert:
+            return self._cross(name, limb, ends, axes, points)
+        if kinds == ["hinge"] * 3 and not inert and all(
+                np.allclose(points[0], point, rtol=0, atol=_SAME) for point in points):
+            build.ball(name, *ends, at=points[0])
+            return True
+        return False
+
+    def _slides(
+        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array],
+        points: Sequence[Array]
+    ) -> bool:
+        """Add two or three slides of the ground; the last may be a hinge normal to them."""
+        joints, build = self.robot.bodies[limb].joints, self.builder
+        hinge = joints[-1].kind == "hinge"
+        along = np.array(axes[:-1] if hinge else axes)
+        at = points[-1]
+        if len(along) < 2 or np.linalg.svd(along)[1][-1] < _SAME:
+            return False
+        normal = unit(np.cross(along[0], along[1])) if len(along) == 2 else None
+        if hinge:
+            if normal is None or abs(normal @ axes[-1]) < 1 - _SAME:
+                return False
+            angle = float(self.start.coordinates[joints[-1].name][0])
+            self._know(joints[-1], build.planar(name, *ends, axis_in_space=axes[-1], at=at,
+                                                angle=angle))
+        else:
+            build._join(Translation(name, *ends, at=at, normal=normal))
+        duals = np.linalg.pinv(along).T  # d = Σ s_i e_i has s_i = d · dual_i
+        for joint, dual in zip(joints, duals, strict=False):
+            label = self.joint_names.free(f"{joint.name}_slide")
+            self._know(joint, build._join(Slide(
+                label, *ends, at=at, hinge=Align(label, *ends, unit(dual)),
+                scale=float(np.linalg.norm(dual)),
+                travel=float(self.start.coordinates[joint.name][0]))))
+        return True
+
+    def _cross(
+        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Array],
+        points: Sequence[Array]
+    ) -> bool:
+        """Add two hinges at right angles whose axes meet as a universal joint, and its angles."""
+        joints, build = self.robot.bodies[limb].joints, self.builder
+        apart = points[1] - points[0]
+        if abs(np.cross(axes[0], axes[1]) @ apart) > _SAME:
+            return False
+        at = points[0] + (axes[0] @ apart) * axes[0]
+        build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=at)
+        for k, joint in enumerate(joints):
+            self.coordinates[joint.name] = build._join(Arm(
+                self.joint_names.free(f"{joint.name}_arm"), *ends, arms=(axes[0], axes[1]), own=k,
+                angle=float(self.start.coordinates[joint.name][0])))
+        return True
+
+    def _symbols(self, joint: str) -> tuple[Any, Any]:
+        """Return the symbols of the coordinate and of the rate of a joint."""
+        link = self.coordinates[joint]
+        if self.robot.joints[joint].kind == "hinge":
+            return self.builder.angle(link), self.builder.rate(link)
+        return self.builder.travel(link), self.builder.speed(link)
+
+    def _quantities(self, joint: RobotJoint) -> None:
+        if joint.name in self.coordinates:
+            names = ("angle", "rate") if joint.kind == "hinge" else ("travel", "speed")
+            for measure, symbol in zip(names, self._symbols(joint.name), strict=True):
+                self.builder.quantity(f"{plain_name(joint.name)}_{measure}", symbol)
+
+    def _springs(self, joint: RobotJoint) -> None:
+        """Add spring, damper and limits of a joint; refuse those of one without a coordinate."""
+        build, limits = self.builder, self.robot.limits
+        limited = None not in (limits, joint.range) and joint.kind != "ball"
+        if joint.name in self.coordinates:
+            if joint.stiffness or joint.damping:
+                build.joint_spring(
+                    self.joint_names.free(f"{joint.name}_spring"), self.coordinates[joint.name],
+                    stiffness=joint.stiffness, damping=joint.damping, rest=joint.rest)
+            if limited:
+                build.joint_spring(
+                    self.joint_names.free(f"{joint.name}_limits"), self.coordinates[joint.name],
+                    stiffness=limits or 0.0, rest=joint.range or (0.0, 0.0))
+            return
+        own = joint.kind in ("ball", "free") and len(self.robot.bodies[joint.body].joints) == 1
+        told = " and ".join(
+            [key for key in ("stiffness", "damping", "armature")
+             if getattr(joint, key) and not (own and key == "armature")] + ["range"] * limited)
+        if joint.kind == "ball" and told == "damping":
+            self._ball_damper(joint)
+        elif told:
+            row = "" if joint.kind in ("ball", "free") else " in a row without armature"
+            raise InputError(f"joint {shown(joint.name)} has {told}, which a {joint.kind} joint"
+                             f"{row} has not here; write 0, or armature for each joint of its "
+                             f"{self.robot.part}.")
+
+    def _ball_damper(self, joint: RobotJoint) -> None:
+        """Add the torque −c ω of the relative angular velocity."""
+        limb = joint.body
+        a, b = self.frames[self.robot.limb(self.robot.bodies[limb].above)], self.frames[limb]
+        c = self.builder.parameter(
+            self.parameter_names.free(f"{joint.name}_damping"), joint.damping)
+        apart = [y - x for x, y in zip(a.direction(a.angular_velocity),
+                                       b.direction(b.angular_velocity), strict=True)]
+        for frame, sign in ((b, -1), (a, 1)):
+            if isinstance(frame, Body):
+                self.builder.torque(frame, [sign * c * dot(frame.rotation.col(k), apart)
+                                            for k in range(3)])
+
+    def _compensate_gravity(self) -> None:
+        """Add the potential gravcomp m g·x of each body that has it, and of armature a g·x."""
+        for k, body in enumerate(self.robot.bodies):
+            at = self.robot.inner(k)
+            self._lift(f"{body.name}_gravcomp", k, at.x + at.R @ body.link.centre,
+                       body.gravcomp * body.link.mass)
+            for joint in body.joints:
+                if joint.kind == "free":
+                    self._lift(f"{joint.name}_weightless", k, np.zeros(3), joint.armature)
+
+    def _lift(self, name: str, body: int, point: Array, mass: float) -> None:
+        """Add the potential that cancels the weight of a mass at a point of a body."""
+        limb = self.robot.limb(body)
+        frame = self.frames[limb]
+        if mass and self.robot.gravity.any() and frame is not GROUND:
+            weight = self.builder.parameter(self.parameter_names.free(name), mass)
+            self.builder.potential(weight * dot(
+                self.builder.gravity, frame.point(clean(point - self.centres[limb]).tolist())))
+
+
+class Names:
+    """Names that C has, each once, of names that may have any signs."""
+
+    def __init__(self) -> None:
+        self._taken = {"ground", "gravity"}
+
+    def free(self, name: str, kind: str = "") -> str:
+        """Return the name with _ for what C has not; with its kind, or a number, if it is taken."""
+        plain = plain_name(name)
+        free, count = plain, 1
+        while free in self._taken:
+            free = f"{plain}_{kind}" if kind and count == 1 else f"{plain}_{count}"
+            count += 1
+        self._taken.add(free)
+        return free
+
+
+def plain_name(name: str) -> str:
+    """Return a name of letters, digits and _, a letter first."""
+    plain = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or "part"
+    return plain if plain[0].isalpha() else f"n{plain}"
+
+
+def _system_name(name: str) -> str:
+    """Return the name of a system for that of a robot."""
+    plain = plain_name(name.lower())[:40].rstrip("_")
+    return f"{plain[:34]}_robot" if plain in KEYWORDS or plain in SYSTEMS else plain

@@ -1,0 +1,426 @@
+"""The tree of a robot, whichever format its file has.
+
+A body is placed in the one above it, and its joints move it from there, one after the other: none
+where it moves with the one above, one in URDF and SDF, several in MJCF. Each joint has its axis and
+its point in the axes of its body. Coordinates and rates are those of MuJoCo's qpos and qvel:
+
+    hinge, slide   an angle or a travel, and its rate
+    ball           a quaternion, and an angular velocity in the axes of the body
+    free           position and quaternion, velocity in space and angular velocity in the body
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import proposal, shown
+from ...core.errors import InputError
+from ...core.inertia import quaternion_of_matrix
+from ..multibody.body import Frame
+from ..multibody.initial_poses import clean, rotation
+from ..multibody.multibody import Multibody
+
+__all__ = ["IDENTITY", "Edge", "Follower", "LoopJoint", "Mount", "Placement", "Poses", "Robot",
+           "RobotBody", "RobotJoint", "RobotLink", "body_velocities", "check_followers",
+           "combine", "free_base", "grow_tree", "place_bodies", "root_of", "turn"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a frame is in another one: R maps its axes to those of the other."""
+
+    x: Array
+    R: Array
+
+    def then(self, inner: Placement) -> Placement:
+        """Return where a frame is that is ``inner`` in this one."""
+        return Placement(self.x + self.R @ inner.x, self.R @ inner.R)
+
+    def inverse(self) -> Placement:
+        """Return where the other frame is in this one."""
+        return Placement(-self.R.T @ self.x, self.R.T)
+
+
+#: The frame itself.
+IDENTITY = Placement(np.zeros(3), np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
+class RobotLink:
+    """Mass, centre of mass and inertia about it, in the axes of what has the name."""
+
+    name: str
+    mass: float
+    centre: Array
+    inertia: Array
+
+
+@dataclass(eq=False)
+class RobotJoint:
+    """A joint: axis and point in the axes of its body, ``ref`` its value where the file places it.
+
+    ``body`` is the number of its body; ``armature`` is the inertia of a rotor.
+    """
+
+    name: str
+    kind: str
+    body: int
+    axis: Array
+    point: Array
+    ref: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+    armature: float = 0.0
+    range: tuple[float, float] | None = None
+
+    @property
+    def count(self) -> int:
+        """The number of its coordinates."""
+        return {"free": 7, "ball": 4}.get(self.kind, 1)
+
+    @property
+    def freedoms(self) -> int:
+        """The number of its rates."""
+        return {"free": 6, "ball": 3}.get(self.kind, 1)
+
+
+@dataclass(eq=False)
+class RobotBody:
+    """A body: where it is in the one above, whose number is ``above``, −1 for space.
+
+    ``gravcomp`` is the share of its weight that is compensated.
+    """
+
+    name: str
+    above: int
+    place: Placement
+    link: RobotLink
+    gravcomp: float = 0.0
+    joints: list[RobotJoint] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A joint whose coordinate is ratio · that of another one + offset."""
+
+    name: str
+    leader: str
+    ratio: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A body of a file as part of what moves: where its frame is there, and in space."""
+
+    frame: Frame
+    inner: Placement
+    space: Placement
+
+
+@dataclass(frozen=True, eq=False)
+class LoopJoint:
+    """A joint that closes a loop: where it is in two bodies, and its axis in its own axes.
+
+    ``across`` is the second axis of a universal joint, in the axes of the joint on the second body.
+    """
+
+    name: str
+    kind: str
+    bodies: tuple[str, str]
+    places: tuple[Placement, Placement]
+    axis: Array
+    across: Array | None = None
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+
+    def close(self, builder: Multibody, name: str, mounts: Mapping[str, Mount]) -> None:
+        """Add the joint."""
+        a, b = (mounts[body] for body in self.bodies)
+        inner_a, inner_b = (mount.inner.then(place)
+                            for mount, place in zip((a, b), self.places, strict=True))
+        ends: dict[str, Any] = {"a": a.frame, "b": b.frame, "on_a": inner_a.x, "on_b": inner_b.x}
+        axis = a.space.R @ self.places[0].R @ self.axis
+        if self.kind == "ball":
+            builder.ball(name, **ends)
+        elif self.kind == "fixed":
+            builder.fixed(name, **ends, rotation=inner_a.R @ inner_b.R.T)
+        elif self.kind == "prismatic":
+            builder.prismatic(name, **ends, axis_in_space=axis)
+        elif self.kind == "universal":
+            across = b.space.R @ self.places[1].R @ np.asarray(self.across)
+            builder.universal(name, **ends, axis_a=axis, axis_b=across)
+        else:
+            builder.revolute(name, **ends, axis_in_space=axis)
+        if self.damping or self.stiffness:
+            builder.joint_spring(f"{name}_spring", name, damping=self.damping,
+                                 stiffness=self.stiffness, rest=self.rest)
+
+
+@dataclass(eq=False)
+class Robot:
+    """Bodies, each after the one above it, and what holds them beside their joints.
+
+    Attributes
+    ----------
+    format, part : str
+        The format of the file with its article, and its word for a body.
+    joints : dict
+        The joints by name, in the order of the file.
+    limits : float or None
+        Stiffness of the ends of ranges.
+    """
+
+    name: str
+    format: str
+    part: str
+    bodies: list[RobotBody] = field(default_factory=list)
+    joints: dict[str, RobotJoint] = field(default_factory=dict)
+    followers: list[Follower] = field(default_factory=list)
+    loops: list[LoopJoint] = field(default_factory=list)
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    dt: float | None = None
+    limits: float | None = None
+
+    def limb(self, body: int) -> int:
+        """Return the body it moves with: the nearest one at or above that has joints."""
+        while body >= 0 and not self.bodies[body].joints:
+            body = self.bodies[body].above
+        return body
+
+    def inner(self, body: int) -> Placement:
+        """Return where a body is in the frame of what it moves with."""
+        place, limb = IDENTITY, self.limb(body)
+        while body != limb:
+            place = self.bodies[body].place.then(place)
+            body = self.bodies[body].above
+        return place
+
+    def mass_of(self, limb: int) -> tuple[float, Array, Array]:
+        """Return mass, centre and inertia about it of all that moves with a body, in its frame.
+
+        Raises
+        ------
+        InputError
+            Unless there is mass.
+        """
+        parts = [(self.inner(k), body.link) for k, body in enumerate(self.bodies)
+                 if self.limb(k) == limb]
+        moving = self.bodies[limb]
+        rotor = moving.joints[0].armature if moving.joints[0].kind == "free" else 0.0
+        if rotor:  # ½ a (|v|² + |ω|²) of the origin of its axes
+            parts.append((IDENTITY, RobotLink(moving.name, rotor, np.zeros(3), rotor * np.eye(3))))
+        if sum(link.mass for _, link in parts) <= 0:
+            raise InputError(f"{self.part} {shown(moving.name)} moves and has no mass, nor has "
+                             "what is fixed to it; give it an <inertial> with mass and inertia, or "
+                             "make its joint fixed.")
+        mass, centre, inertia = combine(parts)
+        return mass, centre, clean(inertia)  # moments cost less than a tensor
+
+    def reference(self, joint: RobotJoint) -> Array:
+        """Return the coordinates of a joint where the file places its body."""
+        if joint.kind == "ball":
+            return np.array([1.0, 0, 0, 0])
+        if joint.kind == "free":
+            place = self.bodies[joint.body].place
+            return np.concatenate([place.x, np.array(quaternion_of_matrix(place.R, "attitude"))])
+        return np.array([joint.ref])
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """Return the rotation about a unit axis, by Rodrigues' formula."""
+    x, y, z = axis
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    R: Array = np.eye(3) + math.sin(angle) * K + 2 * math.sin(angle / 2) ** 2 * K @ K
+    return R
+
+
+def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Array, Array]:
+    """Return mass, centre of mass, and inertia about it, of links that move as one."""
+    mass = sum(link.mass for _, link in parts)
+    centres = [place.x + place.R @ link.centre for place, link in parts]
+    centre: Array = sum((link.mass * c for (_, link), c in zip(parts, centres, strict=True)),
+                        np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for (place, link), c in zip(parts, centres, strict=True):
+        d = c - centre
+        inertia += place.R @ link.inertia @ place.R.T
+        inertia += link.mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return mass, centre, (inertia + inertia.T) / 2
+
+
+# ---------------------------------------------------------------- bodies in space
+
+
+@dataclass
+class Poses:
+    """Where bodies are in space, and axes and points of joints."""
+
+    bodies: list[Placement] = field(default_factory=list)
+    axes: dict[str, Array] = field(default_factory=dict)
+    points: dict[str, Array] = field(default_factory=dict)
+
+
+def place_bodies(robot: Robot, coordinates: Mapping[str, Array]) -> Poses:
+    """Return where bodies are at the coordinates of their joints."""
+    poses = Poses()
+    for body in robot.bodies:
+        above = IDENTITY if body.above < 0 else poses.bodies[body.above]
+        here = above.then(body.place)
+        for joint in body.joints:
+            value, name = coordinates[joint.name], joint.name
+            if joint.kind == "free":
+                here = above.then(Placement(value[:3], rotation(value[3:])))
+            axis, point = here.R @ joint.axis, here.x + here.R @ joint.point
+            poses.axes[name] = axis
+            if joint.kind == "slide":
+                here = Placement(here.x + (value[0] - joint.ref) * axis, here.R)
+                point = point + (value[0] - joint.ref) * axis
+            elif joint.kind != "free":
+                R = (turn(axis, value[0] - joint.ref) @ here.R if joint.kind == "hinge"
+                     else here.R @ rotation(value))
+                here = Placement(point - R @ joint.point, R)
+            poses.points[name] = point
+        poses.bodies.append(here)
+    return poses
+
+
+def body_velocities(
+    robot: Robot, poses: Poses, rates: Mapping[str, Array]
+) -> list[tuple[Array, Array]]:
+    """Return the velocity of the origin of each body and its angular velocity, in space."""
+    velocities: list[tuple[Array, Array]] = []
+    for body, here in zip(robot.bodies, poses.bodies, strict=True):
+        v, w = np.zeros(3), np.zeros(3)
+        if body.above >= 0:
+            v, w = velocities[body.above]
+            v = v + np.cross(w, here.x - poses.bodies[body.above].x)
+        for joint in body.joints:
+            rate = rates[joint.name]
+            if joint.kind == "slide":
+                v = v + rate[0] * poses.axes[joint.name]
+                continue
+            if joint.kind == "free":
+                v, w = rate[:3], here.R @ rate[3:]
+                continue
+            turning = here.R @ rate if joint.kind == "ball" else rate[0] * poses.axes[joint.name]
+            w = w + turning
+            v = v + np.cross(turning, here.x - poses.points[joint.name])
+        velocities.append((v, w))
+    return velocities
+
+
+# ---------------------------------------------------------------- links and joints to a tree
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """A joint of a file between two links: where the child is in the parent, and how it moves.
+
+    ``joint`` is None where the links are fixed to each other.
+    """
+
+    name: str
+    parent: str
+    child: str
+    place: Placement
+    joint: RobotJoint | None
+
+
+def grow_tree(
+    robot: Robot, links: Mapping[str, tuple[RobotLink, float]], edges: Sequence[Edge],
+    base: Placement, base_joint: RobotJoint | None,
+) -> None:
+    """Add links as bodies, branch by branch, and joints in their order.
+
+    Parameters
+    ----------
+    robot : Robot
+        What gets them.
+    links : mapping of str to pair
+        Mass of each link, and the share of its weight that is compensated.
+    edges : sequence of Edge
+        All joints of the tree.
+    base : Placement
+        Where the root is in space.
+    base_joint : RobotJoint or None
+        The joint of the root, None where it is fixed.
+    """
+    below: dict[str, list[Edge]] = {name: [] for name in links}
+    for edge in edges:
+        below[edge.parent].append(edge)
+    left = [(root_of(links, edges), -1, base, base_joint)]
+    while left:
+        name, above, place, joint = left.pop()
+        link, gravcomp = links[name]
+        number = len(robot.bodies)
+        robot.bodies.append(RobotBody(name, above, place, link, gravcomp))
+        if joint is not None:
+            joint.body = number
+            robot.bodies[-1].joints.append(joint)
+        for edge in reversed(below[name]):
+            left.append((edge.child, number, edge.place, edge.joint))
+    joints = [*([base_joint] if base_joint else []), *(e.joint for e in edges if e.joint)]
+    robot.joints |= {joint.name: joint for joint in joints}
+
+
+def free_base() -> RobotJoint:
+    """Return the joint of a root that floats, which has no name."""
+    return RobotJoint("", "free", 0, np.array([0.0, 0.0, 1.0]), np.zeros(3))
+
+
+def check_followers(robot: Robot) -> None:
+    """Refuse joints that follow what does not move, or themselves."""
+    leaders = {follower.name: follower.leader for follower in robot.followers}
+    moving = [name for name, joint in robot.joints.items() if joint.kind in ("hinge", "slide")]
+    for name in leaders:
+        seen = [name]
+        while seen[-1] in leaders:
+            leader = leaders[seen[-1]]
+            if leader not in moving:
+                raise InputError(f"joint {shown(seen[-1])} follows {shown(leader)}, which is no "
+                                 f"joint that moves{proposal(leader, moving)}; correct its "
+                                 "<mimic>.")
+            if leader in seen:
+                raise InputError(f"joint {shown(leader)} follows itself; correct its <mimic>.")
+            seen.append(leader)
+
+
+def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
+    """Return the link that is no child, from which all others hang."""
+    above: dict[str, Edge] = {}
+    for edge in edges:
+        for end in (edge.parent, edge.child):
+            if end not in links:
+                raise InputError(f"joint {shown(edge.name)} joins {shown(end)}, which is no link"
+                                 f"{proposal(end, links)}; correct it.")
+        other = above.setdefault(edge.child, edge)
+        if other is not edge:
+            raise InputError(f"link {shown(edge.child)} is the child of the joints "
+                             f"{shown(other.name)} and {shown(edge.name)}, and URDF has trees "
+                             "alone; remove one of them.")
+    roots = [name for name in links if name not in above]
+    if len(roots) > 1:
+        named = ", ".join(map(shown, roots[:6]))
+        raise InputError(f"it has {len(roots)} roots, {named}, and a tree has one; "
+                         "join the others by <joint>.")
+    for name in links:  # up to the root, or round and round
+        seen = [name]
+        while seen[-1] in above:
+            seen.append(above[seen[-1]].parent)
+            if seen[-1] in seen[:-1]:
+                circle = seen[seen.index(seen[-1]):]
+                raise InputError(f"the links {' – '.join(circle)} form a cycle, and URDF has trees "
+                                 "alone; remove one of their joints, and close the loop again in "
+                                 "a TOML file (loops = …).")
+    return roots[0]

@@ -1,0 +1,392 @@
+"""The start of a multibody model: given coordinates and velocities are kept, others are free.
+
+Positions, attitudes and axes describe a pose in which all angles and travels of joints are 0. The
+bodies are moved from there along a spanning tree of the joints. Loops that this opens are closed by
+
+    min |r(q)|   subject to  g(q) = 0            r: how far given angles and travels are off
+
+in steps along the way, so that the assembly mode of the description is kept. Velocities solve
+
+    min |D u − d|,  then  min |S (u − u₀)|,   subject to  g_q H_p(q, B u) + g_t = 0,  A H_p + a = 0
+
+with u the velocities of all bodies, D u = d the given ones, u₀ those along the tree, and |S u|²
+twice the kinetic energy. Both are Gauss-Newton steps in the null space of the constraints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.inertia import Inertia, inertia_matrix
+from ...core.projection import project_momenta
+from ...core.sparse_matrix import as_dense
+from ...core.warnings import warn
+from ..systems.numeric_system import NumericConstraints, NumericSystem
+from .body import Body, Frame
+from .coordinates import BallFlywheel, Coordinate, FlywheelBody
+from .initial_poses import InitialState, Pose
+from .joints import (
+    FRACTION,
+    Align,
+    Connection,
+    Cylindrical,
+    HingedJoint,
+    Joint,
+    Rod,
+    StartRate,
+    StartValue,
+)
+
+__all__ = ["Velocities", "close_loops", "move_bodies", "warn_of_moved_bodies",
+           "warn_of_moved_joints"]
+
+Array = NDArray[Any]
+EPS = float(np.finfo(float).eps)
+
+#: Round-off of a solution, relative to its size: of equations with a condition of some thousands.
+ROUNDING = 4096 * EPS
+#: Given numbers are corrected by this part of themselves with a warning, and refused beyond: they
+#: were typed with three digits or more.
+TYPED = 1e-3
+#: Parts of the way from the description to the start in which loops are closed, steps of each,
+#: and the largest change of a coordinate in a step.
+_PARTS = 32
+_STEPS = 60
+_LONGEST = 0.3
+#: Singular values below this, relative to the largest, count as zero.
+_RANK = 1e-10
+
+
+def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dict[Frame, Pose]:
+    """Return poses at the start: each joint moves what is beyond it, from the ground outward.
+
+    Joints with given coordinates are taken first; bodies that only rods join move with these.
+    """
+    joints = sorted((link for link in links if isinstance(link, Joint | Align)),
+                    key=lambda link: not any(link.start_values(poses, {})))
+    rods = [link for link in links if isinstance(link, Rod)]
+    start = {frame: pose for frame, pose in poses.items() if not isinstance(frame, Body)}
+    bodies = [frame for frame in poses if isinstance(frame, Body)
+              and not isinstance(frame, FlywheelBody)]
+    while any(body not in start for body in bodies):
+        joint = next((link for link in (*joints, *rods) if (link.a in start) != (link.b in start)),
+                     None)
+        if joint is None:
+            root = next(body for body in bodies if body not in start)
+            start[root] = replace(poses[root])
+            continue
+        motion, known, body = joint.motion(poses), joint.a, joint.b
+        if joint.b in start:
+            motion, known, body = motion.inverse(), joint.b, joint.a
+        assert isinstance(body, Body)
+        start[body] = poses[body].after(start[known].moved @ motion, is_held=not body.x)
+    for link in links:
+        if isinstance(link, Coordinate):
+            x = poses[link.b].x
+            assert x is not None
+            start[link.b] = replace(poses[link.b], x=x + link.displacement)
+        elif isinstance(link, BallFlywheel):
+            start[link.b] = replace(poses[link.b])
+            link.begin(start)
+    return {frame: start[frame] for frame in poses}
+
+
+def close_loops(
+    constraints: NumericConstraints, targets: Sequence[StartValue], described: Array, start: Array
+) -> Array:
+    """Return coordinates on the constraints with the given angles and travels.
+
+    Parameters
+    ----------
+    described, start : ndarray, shape (n,)
+        Coordinates of the described pose, and after ``move_bodies``.
+
+    Raises
+    ------
+    InputError
+        For angles and travels that contradict the constraints, with the nearest possible ones.
+    """
+    pins, cosines = _numbers_of(constraints.symbols, constraints.values, targets)
+    size = ROUNDING * max(float(np.abs(start).max()), 1.0)
+    if max(np.abs(constraints.g(start)).max(initial=0.0), np.abs(pins.g(start)).max()) <= size:
+        return start
+    q = described
+    for part in range(_PARTS + 1):
+        pins.set_value(FRACTION, part / _PARTS)
+        q = _closest(constraints, pins, q)
+    g = np.abs(constraints.g(q))
+    if not g.max(initial=0.0) <= size:
+        worst = constraints.constraint_names[int(np.argmax(g))]
+        raise InputError(f"No start with the given angles and travels of joints meets {worst!r}: "
+                         f"it stays at |g| = {g.max():.3e}; leave out some of them.")
+    offsets = _offsets(targets, pins, cosines, q)
+    if max(map(abs, offsets)) <= size:
+        return q
+    nearest = _listed(targets, offsets)
+    if all(abs(d) <= max(size, TYPED * (abs(e.value) if e.cosine is None else 1))
+           for e, d in zip(targets, offsets, strict=True)):
+        warn(f"The given angles and travels of joints do not meet the constraints; the nearest "
+             f"ones that do are taken: {nearest}.")
+        return q
+    raise InputError(f"The given angles and travels of joints contradict the constraints; the "
+                     f"nearest possible start has {nearest}. Leave some of them out: what is not "
+                     "given follows.")
+
+
+def _numbers_of(
+    symbols: Sequence[sp.Symbol], values: Mapping[str, float], targets: Sequence[StartValue]
+) -> tuple[NumericConstraints, NumericConstraints]:
+    """Return sines, and cosines of those that have one, as functions of q."""
+    known = {**values, str(FRACTION): 1.0}
+    sines = NumericConstraints(
+        symbols, [e.sine for e in targets], [e.joint for e in targets], known)
+    return sines, NumericConstraints(
+        symbols, [e.cosine for e in targets if e.cosine is not None],
+        [e.joint for e in targets if e.cosine is not None], known)
+
+
+def _offsets(
+    targets: Sequence[StartValue], sines: NumericConstraints, cosines: NumericConstraints, q: Array
+) -> list[float]:
+    """Return by how much each coordinate is off."""
+    cosine = iter(cosines.g(q).tolist() if cosines.expressions else [])
+    return [sine if e.cosine is None else float(np.arctan2(sine, next(cosine)))
+            for e, sine in zip(targets, sines.g(q).tolist(), strict=True)]
+
+
+def _listed(targets: Sequence[StartValue], offsets: Sequence[float]) -> str:
+    return ", ".join(f"{e.measure} of {e.joint!r} {e.value + d:.9g} (given {e.value:.9g})"
+                     for e, d in zip(targets, offsets, strict=True))
+
+
+def warn_of_moved_joints(
+    symbols: Sequence[sp.Symbol], values: Mapping[str, float], links: Sequence[Connection],
+    poses: Mapping[Frame, Pose], q: Array
+) -> None:
+    """Warn of angles and travels of a robot's file, other than 0, that q does not have."""
+    store = dict(values)
+    targets = [e for link in links for e in _as_given(link).start_values(poses, store)]
+    if not targets:
+        return
+    offsets = _offsets(targets, *_numbers_of(symbols, store, targets), q)
+    moved = [(e, d) for e, d in zip(targets, offsets, strict=True)
+             if abs(d) > ROUNDING * max(float(np.abs(q).max()), 1.0)]
+    if moved:
+        warn(f"The loops move the start: {_listed(*zip(*moved, strict=True))}.")
+
+
+def _as_given(link: Connection) -> Connection:
+    """Return a joint whose angle and travel in the description, other than 0, are given."""
+    if isinstance(link, Cylindrical):
+        link = replace(link, start_travel=link.travel or None)
+    if isinstance(link, HingedJoint):
+        return replace(link, hinge=replace(link.hinge, start_angle=link.hinge.angle or None))
+    if isinstance(link, Align):
+        return replace(link, start_angle=link.angle or None)
+    return link
+
+
+def _closest(constraints: NumericConstraints, pins: NumericConstraints, q: Array) -> Array:
+    """Return the q with g(q) = 0 and the least |r(q)| that Gauss-Newton steps reach."""
+    for _ in range(_STEPS):
+        step = nearest_step(as_dense(constraints.G(q)), constraints.g(q),
+                            as_dense(pins.G(q)), pins.g(q))
+        largest = float(np.abs(step).max())
+        q = q + min(1.0, _LONGEST / (largest or 1.0)) * step
+        if largest <= 16 * EPS * float(np.abs(q).max()):
+            break
+    return q
+
+
+def nearest_step(G: Array, g: Array, R: Array, r: Array) -> Array:
+    """Return the shortest x with G x = −g and, of these, the least |R x + r|."""
+    if not len(G):
+        return -np.asarray(np.linalg.lstsq(R, r, rcond=_RANK)[0])
+    _, sizes, V = np.linalg.svd(G)
+    rank = int(np.sum(sizes > _RANK * sizes.max(initial=0.0)))
+    onto = -np.linalg.lstsq(G, g, rcond=_RANK)[0]
+    free = V[rank:].T
+    if not free.shape[1] or not len(R):
+        return np.asarray(onto)
+    along = np.linalg.lstsq(R @ free, -(r + R @ onto), rcond=_RANK)[0]
+    return np.asarray(onto + free @ along)
+
+
+def warn_of_moved_bodies(
+    bodies: Mapping[Body, InitialState], before: Mapping[Frame, Pose], after: Mapping[Frame, Pose]
+) -> None:
+    """Warn of given positions and attitudes that a projection moved by more than round-off."""
+    moved: list[tuple[float, str]] = []
+    for body, initial in bodies.items():
+        for what, is_given, sizes in (
+                ("position", initial.x is not None and len(body.x) == 3, "x"),
+                ("attitude", initial.is_turned, "q")):
+            if initial.is_placed or not is_given:
+                continue
+            old, new = getattr(before[body], sizes), getattr(after[body], sizes)
+            change, size = np.abs(new - old).max(), max(np.abs(old).max(), np.abs(new).max())
+            if change > ROUNDING * size:
+                moved.append((float(change / size), f"The {what} of {body.name!r} is given as "
+                              f"{_text(old)}, and the constraints move it to {_text(new)}"))
+    if moved:
+        more = f", and {len(moved) - 1} more like it" if len(moved) > 1 else ""
+        warn(f"{max(moved)[1]}{more}. Correct these numbers, or give these with more digits.")
+
+
+def _text(values: Array) -> str:
+    values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
+    return "[" + ", ".join(f"{x:.9g}" for x in values.tolist()) + "]"
+
+
+@dataclass(frozen=True)
+class _Target:
+    """A given velocity: its name, rows of D, and value."""
+
+    what: str
+    rows: Array
+    value: Array
+    axes: Array  # from space to the axes in which it is given
+
+
+class Velocities:
+    """Velocities of all bodies at the start: angular velocities and velocities in space, stacked.
+
+    Parameters
+    ----------
+    bodies : mapping of Body to InitialState
+    poses : mapping of Frame to Pose
+        At the start, with velocities along the tree.
+    inertia : mapping of Body to Inertia
+    masses : mapping of Body to float
+    """
+
+    def __init__(
+        self, bodies: Mapping[Body, InitialState], poses: Mapping[Frame, Pose],
+        inertia: Mapping[Body, Inertia], masses: Mapping[Body, float],
+    ) -> None:
+        self.bodies, self.poses = bodies, poses
+        self.slots: dict[tuple[Body, str], slice] = {}
+        blocks, roots, u, count, place = [], [], [], 0, 0
+        for body in bodies:
+            pose = poses[body]
+            for what, unknowns in (("spin", 3 if body.q else 0), ("v", len(body.x))):
+                if not unknowns:
+                    continue
+                self.slots[body, what] = slice(count, count + unknowns)
+                if what == "spin":
+                    M = pose.R @ inertia_matrix(inertia[body]) @ pose.R.T
+                    block = np.column_stack([
+                        replace(pose, spin=e).momenta(inertia[body]) for e in np.eye(3)])
+                else:
+                    M = masses[body] * np.eye(unknowns)
+                    block = M
+                roots.append(np.linalg.cholesky(M).T)
+                blocks.append((place, block))
+                u.append(getattr(pose, what))
+                count, place = count + unknowns, place + len(block)
+        self.B, self.S = np.zeros((place, count)), np.zeros((count, count))
+        self.u = np.concatenate(u)
+        for (row, block), root, at in zip(blocks, roots, self.slots.values(), strict=True):
+            self.B[row : row + len(block), at], self.S[at, at] = block, root
+
+    def list_targets(self, links: Sequence[Connection]) -> list[_Target]:
+        """Return the given velocities of bodies and rates of joints."""
+        targets = []
+        for body, initial in self.bodies.items():
+            if initial.is_placed or isinstance(body, FlywheelBody):
+                continue
+            for what, name, value, axes in (
+                    ("v", "velocity", initial.v, np.eye(3)),
+                    ("spin", "angular velocity", initial.omega, self.poses[body].R)):
+                if value is not None and (body, what) in self.slots:
+                    rows = np.zeros((3, len(self.u)))
+                    rows[:, self.slots[body, what]] = np.eye(3)
+                    targets.append(
+                        _Target(f"The {name} of {body.name!r}", rows, axes @ value, axes.T))
+        for link in links:
+            targets += [self._rate(rate) for rate in link.start_rates(self.poses)]
+        return targets
+
+    def _rate(self, rate: StartRate) -> _Target:
+        name, value, coefficients = rate
+        row = np.zeros((1, len(self.u)))
+        for frame, parts in coefficients.items():
+            for what, part in zip(("v", "spin"), parts, strict=True):
+                at = self.slots.get((frame, what)) if isinstance(frame, Body) else None
+                known = getattr(self.poses[frame], what)
+                if at is not None:
+                    row[0, at] = part
+                elif len(part) == len(known):
+                    value = value - float(part @ known)
+        return _Target(f"The rate of {name!r}", row, np.array([value]), np.eye(1))
+
+    def keep(
+        self, numbers: NumericSystem, links: Sequence[Connection], q: Array, p: Array
+    ) -> Array:
+        """Return momenta on the constraints with the given velocities and rates.
+
+        Raises
+        ------
+        InputError
+            For velocities that the constraints do not allow, with the nearest possible ones.
+        """
+        targets = self.list_targets(links)
+        projected = project_momenta(numbers, q, p)
+        inverse = np.linalg.inv(self.S)
+        # In units of the root of twice the kinetic energy, that rows of any unit compare.
+        R = np.concatenate([np.zeros((0, len(self.u))),
+                            *(target.rows @ inverse for target in targets)])
+        sizes = np.linalg.norm(R, axis=1)
+        R = R / sizes[:, None]
+        d = np.concatenate([np.zeros(0), *(target.value for target in targets)]) / sizes
+
+        y = self.S @ self.u
+        scale = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
+        shift = self.S @ np.linalg.lstsq(self.B, projected - self.B @ self.u, rcond=None)[0]
+        if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
+            return projected
+        rows, total, largest = as_dense(numbers.rows(q)), y, np.inf
+        for _ in range(20):
+            momenta = self.B @ (inverse @ total)
+            rates = numbers.H_pp_times(q, momenta, self.B @ inverse)
+            A, terms = rows @ rates, np.abs(rows) @ np.abs(rates)
+            lengths = np.linalg.norm(A, axis=1)
+            # Rotations keep |q| = 1: that row is 0, but for its round-off.
+            kept = lengths > ROUNDING * np.linalg.norm(terms, axis=1)
+            f = numbers.f(q, momenta) + A @ (y - total)
+            step = nearest_step(A[kept] / lengths[kept, None], f[kept] / lengths[kept],
+                                R, R @ y - d)
+            largest, total = float(np.abs(y + step - total).max()), y + step
+            if largest <= 16 * EPS * float(np.abs(total).max()):
+                break
+        self._refuse_missed(targets, inverse @ total, R @ total - d, d, scale)
+        return np.asarray(self.B @ (inverse @ total))
+
+    def _refuse_missed(
+        self, targets: Sequence[_Target], u: Array, off: Array, d: Array, scale: float
+    ) -> None:
+        """Refuse velocities that are missed; warn where they were typed with few digits."""
+        ends = np.cumsum([len(target.value) for target in targets])
+        missed = []
+        for target, at in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):
+            error = float(np.linalg.norm(off[at]))
+            if error > scale:
+                old, new = target.axes @ target.value, target.axes @ (target.rows @ u)
+                part = error / max(float(np.linalg.norm(d[at])), np.finfo(float).tiny)
+                missed.append((part, f"{target.what} is given as {_text(old)}, which the "
+                               f"constraints do not allow; the nearest possible is {_text(new)}"))
+        if not missed:
+            return
+        worst, text = max(missed)
+        if worst <= TYPED:
+            warn(f"{text}, which is taken.")
+        else:
+            raise InputError(f"{text}. Give that, or leave it out: velocities that are not given "
+                             "follow.")

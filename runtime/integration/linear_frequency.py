@@ -1,0 +1,101 @@
+"""The frequency of the linearised motion at the start of a run, where steps needed Newton's method.
+
+M is the derivative of a step that is 2^10 times shorter, by central differences along the tangent
+space of the constraints; its eigenvalues are exp(iωΔt/2^10). A step whose fixed-point iteration
+converges has small ωΔt: only where Newton's method took over is the frequency computed, from 4n
+short steps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.warnings import warn
+from ..bindings.binding import Binding
+from ..results.rotation_rate import LOST, phase_error
+from .newton import newton_step
+
+if TYPE_CHECKING:
+    from .run_arguments import RunArguments
+
+__all__ = ["fastest_frequency", "warn_of_frequency"]
+
+Array = NDArray[Any]
+
+#: Coordinates up to which the derivative of a step is computed.
+_MOST_COORDINATES = 64
+#: The step of M, as a part of the run's.
+_PART = 2.0**-10
+#: Differences relative to the state: their error and their round-off are alike.
+_NUDGE = float(np.finfo(float).eps) ** (1 / 3)
+#: Fast modes with less than this part of the motion, such as stiff springs at rest, are no loss.
+_SHARE = 0.1
+
+
+def warn_of_frequency(binding: Binding, run: RunArguments, order: int) -> None:
+    """Warn where the method does not follow the fastest mode that moves at the start of a run."""
+    omega = fastest_frequency(binding, run, order)
+    if omega is None:
+        return
+    dt = abs(float(run.dt))
+    bound = dt * omega
+    while phase_error(order, bound) > LOST:
+        bound *= 0.9
+    warn(f"The linearised motion at the start has {omega:.3g} rad/s, {omega * dt:.3g} rad a step, "
+         f"which a method of order {order} does not follow: its phase errs by about "
+         f"{100 * phase_error(order, omega * dt):.0f} %, however well the energy is kept. Take a "
+         f"dt below {bound / omega:.2g}.")
+
+
+def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float | None:
+    """Return the largest ω of modes that move and are not followed; None where there is none."""
+    n = binding.n
+    if n > _MOST_COORDINATES or binding.dtype is not np.float64 or binding.rows:
+        return None
+    parameters = binding.parameters(run.at_step(0).parameters, run.t0)
+    work, dt = binding.work(), float(run.dt) * _PART
+
+    def end(z: Array) -> Array:
+        """Return the state after a short step."""
+        status, q, p, *_ = newton_step(binding, parameters, None, 50, dt, z[:n].copy(),
+                                       z[n:].copy(), work)
+        return np.concatenate([q, p]) if status == 0 else np.full(2 * n, math.nan)
+
+    def near(z: Array) -> Array:
+        """Return a state, moved onto the constraints."""
+        q, p = z[:n].copy(), z[n:].copy()
+        return np.concatenate([q, p]) if not binding.project(parameters, q, p) else z * math.nan
+
+    start = np.concatenate([run.q, run.p]).astype(float)
+    velocity = end(start) - start
+    # Momenta of a motion that starts from rest are those of some steps.
+    sizes = [np.abs(start[part]).max() + np.abs(velocity[part]).max() / _PART
+             for part in (slice(0, n), slice(n, 2 * n))]
+    scale = np.repeat([size or 1.0 for size in sizes], n)
+    moves = _NUDGE * np.diag(scale)
+    tangents = np.array([(near(start + e) - near(start - e)) / (2 * _NUDGE * scale)
+                         for e in moves]).T
+    if not np.isfinite(tangents).all():
+        return None
+    U, lengths, _ = np.linalg.svd(tangents)
+    basis = U[:, lengths > _SHARE * lengths[0]]
+    M = np.array([basis.T @ ((end(near(start + _NUDGE * scale * e))
+                              - end(near(start - _NUDGE * scale * e))) / scale / (2 * _NUDGE))
+                  for e in basis.T]).T
+    if not np.isfinite(M).all():
+        return None
+    factors, modes = np.linalg.eig(M)
+    omega = np.abs(np.angle(factors)) / abs(dt)
+    fast = np.array([phase_error(order, w * abs(float(run.dt))) > LOST for w in omega])
+    if not fast.any():
+        return None
+    rates = np.linalg.lstsq(modes, (basis.T @ (velocity / scale)).astype(complex), rcond=None)[0]
+    # Amplitudes: a mode that drifts is counted over the run.
+    parts = modes * (rates / np.maximum(np.abs(factors - 1), _PART / run.steps))
+    if np.linalg.norm(parts[:, fast].sum(axis=1)) < _SHARE * np.linalg.norm(parts, axis=0).sum():
+        return None
+    return float(omega[fast].max())

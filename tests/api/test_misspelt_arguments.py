@@ -1,0 +1,116 @@
+"""Arguments that do not fit, and names that are not there: a sentence with the nearest name."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pickle
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+from calls import RUN, TOP
+from gyrospark.core.errors import ArgumentError
+from gyrospark.generator.tableaux.tableau import Tableau
+from gyrospark.runtime.results.body_motion import BodyMotion
+from gyrospark.runtime.results.joint_motion import JointMotion
+
+MODULES = [name for name in gs.__all__ if inspect.ismodule(getattr(gs, name))]
+CLASSES = [thing for thing in (getattr(gs, name) for name in gs.__all__)
+           if inspect.isclass(thing) and not issubclass(thing, BaseException)]
+
+
+def functions():
+    """Yield every public function, and every method of a public class with a self that is none."""
+    for name in gs.__all__:
+        thing = getattr(gs, name)
+        if inspect.isfunction(thing):
+            yield thing, ()
+        if inspect.ismodule(thing):
+            yield from ((getattr(thing, each), ()) for each in thing.__all__
+                        if inspect.isfunction(getattr(thing, each)))
+    for cls in (*CLASSES, BodyMotion, JointMotion, Tableau, gs.problems.Problem):
+        for name in dir(cls):
+            member = inspect.getattr_static(cls, name)
+            if not name.startswith("_") or name == "__init__":
+                if inspect.isfunction(member):
+                    yield member, (object(),)
+                elif isinstance(member, (classmethod, staticmethod)):
+                    yield getattr(cls, name), ()
+
+
+def test_every_public_function_refuses_a_misspelt_argument_by_a_sentence():
+    checked = 0
+    for function, itself in functions():
+        kinds = {each.kind for each in inspect.signature(function).parameters.values()}
+        if inspect.Parameter.VAR_KEYWORD in kinds:
+            continue
+        with pytest.raises(ArgumentError, match="misspelt_by_purpose"):
+            function(*itself, misspelt_by_purpose=1)
+        checked += 1
+    assert checked > 150
+
+
+def test_the_nearest_name_is_proposed(gl3):
+    for call, named in (
+            (lambda: gl3.integrate(TOP.q0, TOP.p0, tend=1.0, **RUN), "t_end"),
+            (lambda: gs.lyapunov(gl3, TOP.q0, TOP.p0, cuont=2, steps=3, **RUN), "count"),
+            (lambda: gs.stepper(skeme="G-L"), "scheme"),
+            (lambda: gs.Event("q1", lvel=3.0), "level"),
+            (lambda: gs.models.double_pendulum(lenght=3), "double_pendulum")):
+        with pytest.raises(gs.InputError, match=named):
+            call()
+        with pytest.raises(TypeError):  # as of any other function
+            call()
+
+
+def test_missing_and_surplus_arguments_are_named(gl3):
+    for call, named in ((lambda: gl3.integrate(TOP.q0), "dt"),
+                        (lambda: gl3.integrate(TOP.q0, TOP.p0, 1e-3, 3), "2 .* 4"),
+                        (lambda: gl3.integrate(TOP.q0, q=TOP.q0), "'q' twice")):
+        with pytest.raises(ArgumentError, match=named):
+            call()
+
+
+def test_errors_from_within_stay_what_they_are():
+    with pytest.raises(TypeError) as failure:
+        gs.momentum(TOP.inertia, TOP.q0)
+    assert isinstance(failure.value, ArgumentError)
+    with pytest.raises(ZeroDivisionError):
+        gs.fit(*([None] * 3), q=1 / 0, p=None, parameters=None)
+
+
+def test_functions_keep_their_signature_and_their_place():
+    assert "t_end" in inspect.signature(gs.Stepper.integrate).parameters
+    assert gs.fit is importlib.import_module(gs.fit.__module__).fit
+    assert pickle.loads(pickle.dumps(gs.fit)) is gs.fit
+
+
+@pytest.mark.parametrize(("module", "name", "meant"), [
+    (gs, "steper", "stepper"), (gs.problems, "fasttop", "fast_top"),
+    (gs.models, "doublependulum", "double_pendulum"), (gs.exact, "freebody", "free_body")])
+def test_an_absent_name_has_the_nearest(module, name, meant):
+    with pytest.raises(AttributeError, match=meant):
+        getattr(module, name)
+    assert not hasattr(module, name)
+
+
+def test_a_system_without_parameters_needs_none():
+    """Wherever parameters are taken; one that has some names what is missing."""
+    x, y = sp.symbols("x y", real=True)
+    step = gs.stepper("EMS", system=gs.System((x,), (y,), (), y**2 / 2 + x**2 / 2, name="plain"))
+    q, p = np.array([1.0]), np.array([0.0])
+    run = step.integrate(q, p, dt=0.1, steps=3)
+    assert np.array_equal(run.q, step.integrate(q, p, dt=0.1, steps=3, parameters={}).q)
+    assert step.energy(q, p) == 0.5
+    assert step.start(q, p, dt=0.1).steps == 0
+    assert step.integrate_ensemble([q], [p], dt=0.1, steps=3).q.shape == (1, 4, 1)
+    assert np.array_equal(gs.consistent(step, q, p).q, q)
+    for function, _itself in functions():
+        parameter = inspect.signature(function).parameters.get("parameters")
+        if parameter is not None and parameter.kind is parameter.KEYWORD_ONLY:
+            assert parameter.default is not parameter.empty, function.__qualname__
+    with pytest.raises(gs.InputError, match="I1"):
+        gs.stepper("G-L", 3).integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1)

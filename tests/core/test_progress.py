@@ -1,0 +1,123 @@
+"""Messages on the way: in a notebook, in an interactive Python, on a terminal, and nowhere else."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import types
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from calls import PARAMETERS, TOP
+from gyrospark.core import progress
+
+LOGGER = logging.getLogger("gyrospark")
+
+
+@pytest.fixture
+def fresh(monkeypatch):
+    """Restore the handlers and the level of the logger; a task is shown at once."""
+    monkeypatch.setattr(LOGGER, "handlers", [])
+    monkeypatch.setattr(progress, "_FIRST", 0.0)
+    monkeypatch.setattr(progress, "_NEXT", 0.0)
+    level = LOGGER.level
+    yield
+    LOGGER.setLevel(level)
+
+
+@pytest.fixture
+def notebook(fresh, monkeypatch):
+    """The modules of a kernel, as far as they are used; a list of the texts below the cell."""
+    texts: list[str] = []
+
+    def display(data, raw, display_id):
+        assert raw
+        assert display_id
+        texts.append(data["text/plain"])
+        return types.SimpleNamespace(update=lambda data, raw: texts.append(data["text/plain"]))
+
+    shell = types.SimpleNamespace(kernel=object())
+    for name, module in (("ipykernel", types.SimpleNamespace()),
+                         ("IPython", types.SimpleNamespace(get_ipython=lambda: shell)),
+                         ("IPython.display", types.SimpleNamespace(display=display))):
+        monkeypatch.setitem(sys.modules, name, module)
+    return texts
+
+
+START = {"dt": 1e-3, "parameters": PARAMETERS}
+
+
+def integrate(step, **options):
+    return step.integrate(TOP.q0, TOP.p0, steps=3000, **START, **options)
+
+
+def record(step, **options):
+    pytest.importorskip("zarr")
+    return gs.record(step, TOP.q0, TOP.p0, steps=300, out="run.zarr", **START, **options)
+
+
+def ensemble(step, workers):
+    return step.integrate_ensemble([TOP.q0] * 64, [TOP.p0] * 64, steps=600, workers=workers,
+                                   **START)
+
+
+def fit(step):
+    run = step.integrate(TOP.q0, TOP.p0, steps=40, progress=False, **START)
+    return gs.fit(step, run.t[::10], run.q[::10], q=TOP.q0, p=TOP.p0, free=["I1"], **START)
+
+
+
+def sweep(step):
+    pytest.importorskip("xarray")
+    gs.sweep(TOP, {"gamma": [1e-3, 2e-3]}, scheme="G-L", stages=3, dt=1e-3, steps=3)
+
+
+CALLS = {
+    "integrate": integrate, "record": record, "fit": fit, "sweep": sweep,
+    "one thread": lambda s: ensemble(s, 1),
+    "threads": lambda s: ensemble(s, 2),
+    "lyapunov": lambda s, **o: gs.lyapunov(s, TOP.q0, TOP.p0, steps=40, **START, **o)}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_notebook_shows_what_is_under_way(name, notebook, gl3, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    CALLS[name](gl3)
+    assert any("%" in text and ("gl3" in text or "cells" in text) for text in notebook), notebook
+    assert notebook[-1] == ""
+
+
+def test_a_notebook_shows_what_is_derived_and_compiled(notebook):
+    with progress.log_task("deriving a", "derived a"), progress.log_task("compiling b"):
+        pass
+    assert notebook == ["", "deriving a …", "compiling b …", "deriving a …", ""]
+
+
+@pytest.mark.parametrize("name", ["integrate", "lyapunov"])
+def test_a_script_shows_nothing_unless_it_asks(name, fresh, gl3, capsys):
+    CALLS[name](gl3)
+    assert capsys.readouterr() == ("", "")
+    CALLS[name](gl3, progress=True)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "%" in err
+    assert LOGGER.handlers == []
+    CALLS[name](gl3)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_false_is_silence_in_a_notebook_and_bits_are_the_same(notebook, gl3):
+    shown, silent = integrate(gl3, progress=True), integrate(gl3, progress=False)
+    count = len(notebook)
+    assert count > 1
+    integrate(gl3, progress=False)
+    assert len(notebook) == count
+    assert np.array_equal(shown.q, silent.q)
+
+
+@pytest.mark.parametrize("wrong", ["yes", 3, 1.0])
+def test_what_is_no_function_and_no_bool_is_refused(wrong, gl3):
+    with pytest.raises(gs.InputError, match="progress"):
+        integrate(gl3, progress=wrong)

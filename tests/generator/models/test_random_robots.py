@@ -1,0 +1,73 @@
+"""Random trees of links in URDF and SDF: accelerations beside Pinocchio and each other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+from random_robots import random_tree, sdf_text, urdf_text
+from robots import Motion
+
+#: Rounding of a solve with mass matrices and constraints of a few bodies, whose condition is below
+#: a thousand or so, and of numbers that files have in decimals.
+CLOSE = 2**16 * np.finfo(float).eps
+
+
+def start(links, rng):
+    """Return angles and rates of the joints that follow none."""
+    free = [f"{link.name}_joint" for link in links if link.kind != "fixed" and not link.follows]
+    return ({name: float(x) for name, x in zip(free, values, strict=True)}
+            for values in (rng.uniform(-0.5, 0.5, len(free)), rng.uniform(-1, 1, len(free))))
+
+
+def accelerations(model, links):
+    motion = Motion(model)
+    return np.array([motion.acceleration(
+        f"{link.name}_joint_{'speed' if link.kind == 'prismatic' else 'rate'}")
+        for link in links if link.kind != "fixed"])
+
+
+def seeds(count):
+    """Return seeds; all but the first few are slow: each derives a robot."""
+    few = 3
+    return [*range(few), *(pytest.param(k, marks=pytest.mark.slow) for k in range(few, count))]
+
+
+@pytest.mark.parametrize("seed", seeds(100))
+def test_urdf_moves_as_pinocchio_has_it(tmp_path, seed):
+    """Hinges, slides and fixed links in a tree with dampers, rotations as angles or quaternions."""
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
+    rng = np.random.default_rng(seed)
+    links = random_tree(rng, int(rng.integers(1, 5)), mimic=False)
+    path = tmp_path / "random.urdf"
+    path.write_text(urdf_text(links, rng))
+    angles, rates = start(links, rng)
+    other = pin.buildModelFromUrdf(str(path))
+    q, v, tau = pin.neutral(other), np.zeros(other.nv), np.zeros(other.nv)
+    damping = {f"{link.name}_joint": link.damping for link in links}
+    for joint, name in zip([*other.joints][1:], [*other.names][1:], strict=True):
+        x, i = angles[name], joint.idx_q
+        q[i:i + joint.nq] = x if joint.nq == 1 else (math.cos(x), math.sin(x))
+        v[joint.idx_v] = rates[name]
+        tau[joint.idx_v] = -damping[name] * rates[name]
+    a = pin.aba(other, other.createData(), q, v, tau)
+    wanted = np.array([a[other.joints[other.getJointId(name)].idx_v] for name in angles])
+    found = accelerations(gs.load_urdf(path, ignore="limits", angles=angles, rates=rates), links)
+    assert np.abs(found - wanted).max() <= CLOSE * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("seed", seeds(100))
+def test_sdf_moves_as_the_equal_urdf(tmp_path, seed):
+    """The same tree with poses and axes in any frames, in any order, and what follows."""
+    rng = np.random.default_rng(1000 + seed)
+    links = random_tree(rng, int(rng.integers(1, 4)))
+    files = tmp_path / "random.urdf", tmp_path / "random.sdf"
+    files[0].write_text(urdf_text(links))
+    files[1].write_text(sdf_text(links, rng))
+    angles, rates = start(links, rng)
+    wanted, found = (accelerations(load(file, ignore="limits", angles=angles, rates=rates), links)
+                     for load, file in zip((gs.load_urdf, gs.load_sdf), files, strict=True))
+    assert np.abs(found - wanted).max() <= CLOSE * np.abs(wanted).max()

@@ -1,0 +1,204 @@
+"""Starts: angles and travels of joints set the pose; given velocities are kept or refused."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import gyrospark as gs
+from gyrospark import InputError, InputWarning
+
+EPS = np.finfo(float).eps
+#: Round-off of a start: a projection of some tens of coordinates, of size 1 to 10.
+ROUNDING = 2**10 * EPS
+BODY = {"mass": 1.0, "inertia": (0.1, 0.2, 0.3)}
+
+
+def rod(body=(), **hinge):
+    """A rod along x, hinged at its end at the origin, about −y: its angle lifts it."""
+    build = gs.Multibody("rod", gravity=(0, 0, 0))
+    build.body("rod", mass=1.0, inertia=(0.1, 0.1, 0.1), position=(0.5, 0, 0), **dict(body))
+    build.revolute("h", "ground", "rod", axis=(0, -1, 0), at=(0, 0, 0), **hinge)
+    return build
+
+
+def four_bar(**hinges):
+    """Crank 0.4, coupler and rocker in the plane z = 0, described with the crank upwards."""
+    build = gs.Multibody("four_bar", gravity=(0, 0, 0))
+    points = np.array([[0, 0, 0], [0, 0.4, 0], [0.9, 0.8, 0], [1.0, 0, 0]])
+    frames = ["ground", "crank", "coupler", "rocker", "ground"]
+    for k in range(3):
+        build.body(frames[k + 1], **BODY, position=(points[k] + points[k + 1]) / 2)
+    for k in range(4):
+        build.revolute(f"h{k}", frames[k], frames[k + 1], axis=(0, 0, 1), at=points[k],
+                       **hinges.get(f"h{k}", {}))
+    return build
+
+
+def pose_of(model, name):
+    """Return rotation and position of a body at the start."""
+    at = [str(x) for x in model.system.q].index(f"{name}_q0")
+    q = model.q0[at : at + 7]
+    return Rotation.from_quat(q[[1, 2, 3, 0]]), q[4:]
+
+
+def motion_of(model, name, moments):
+    """Return velocity of the centre of mass, of mass 1, and angular velocity in body axes."""
+    at = [str(x) for x in model.system.p].index(f"{name}_p0")
+    q, p = model.q0[at : at + 4], model.p0[at : at + 7]
+    a, b, c, d = q
+    L = np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
+    return p[4:], L @ p[:4] / 2 / np.array(moments)
+
+
+def test_a_hinge_starts_at_its_angle():
+    model = rod(angle=0.5, rate=2.0).model()
+    step = gs.stepper("G-L", 2, system=model.system)
+    run = step.integrate(model.q0, model.p0, dt=0.01, steps=2, parameters=model.parameters)
+    assert run.joint("h").angle()[0] == pytest.approx(0.5, abs=4 * EPS)
+    assert run.joint("h").rate()[0] == pytest.approx(2.0, rel=4 * EPS)
+    np.testing.assert_allclose(run.body("rod").position()[0],
+                               [0.5 * math.cos(0.5), 0, 0.5 * math.sin(0.5)], atol=4 * EPS)
+
+
+def test_the_same_in_a_file(tmp_path):
+    file = tmp_path / "rod.toml"
+    file.write_text("""
+name = "rod"
+gravity = [0, 0, 0]
+[[bodies]]
+name = "rod"
+mass = 1
+inertia = [0.1, 0.1, 0.1]
+position = [0.5, 0, 0]
+[[joints]]
+name = "h"
+type = "revolute"
+bodies = ["ground", "rod"]
+axis = [0, -1, 0]
+at = [0, 0, 0]
+angle = "30 deg"
+""", encoding="utf-8")
+    np.testing.assert_allclose(gs.load_model(file).q0, rod(angle=math.pi / 6).model().q0,
+                               atol=4 * EPS)
+    file.write_text(file.read_text(encoding="utf-8").replace(
+        'angle = "30 deg"', "").replace("position", "velocity = [0, 1, 1]\nposition"),
+        encoding="utf-8")
+    with pytest.raises(InputError, match=r"velocity.*'rod'.*\[0, 1, 1\].*nearest"):
+        gs.load_model(file)
+
+
+def test_joints_of_a_tree_move_what_is_beyond_them():
+    """Poses are products of exponentials about the axes of the description."""
+    rng = np.random.default_rng(3)
+    build = gs.Multibody("tree")
+    kinds = {"r": ("revolute", {"angle": 0.7, "rate": 1.0}), "p": ("prismatic", {"travel": 0.3}),
+             "c": ("cylindrical", {"travel": -0.2, "angle": 4.0, "speed": 0.5}),
+             "s": ("screw", {"travel": 0.1, "lead": 0.4}), "b": ("ball", {})}
+    rotation, shift, above, wanted = Rotation.identity(), np.zeros(3), "ground", {}
+    for name, (kind, given) in kinds.items():
+        x, at, axis = rng.normal(size=(3, 3))
+        axis /= np.linalg.norm(axis)
+        drawn = Rotation.random(random_state=int(100 * abs(x[0])))
+        build.body(name, **BODY, position=x, rotation=drawn)
+        build_joint = getattr(build, kind)
+        where = {} if kind == "ball" else {"axis_in_space": axis}
+        build_joint(f"j{name}", above, name, at=at, **where, **given)
+        travel = given.get("travel", 0.0)
+        angle = given.get("angle", 2 * math.pi * travel / given["lead"] if kind == "screw" else 0.0)
+        turn = Rotation.from_rotvec(angle * axis)
+        # r -> R (turn (r - at) + at + travel axis) + shift
+        shift = rotation.apply(at + travel * axis - turn.apply(at)) + shift
+        rotation = rotation * turn
+        wanted[name], above = (rotation * drawn, rotation.apply(x) + shift), name
+    model = build.model()
+    assert build.start.q_moved <= ROUNDING  # joints hold where the tree takes them
+    for name, (attitude, x) in wanted.items():
+        turned, position = pose_of(model, name)
+        assert (turned * attitude.inv()).magnitude() <= ROUNDING
+        np.testing.assert_allclose(position, x, atol=ROUNDING)
+    assert build.start.p_moved <= ROUNDING  # and so do rates along it
+
+
+def test_the_other_angles_of_a_loop_follow():
+    """The pin between coupler and rocker is the meet of two circles."""
+    model = four_bar(h0={"angle": 0.5, "rate": 2.0}).model(redundant="leave out")
+    turn, _ = pose_of(model, "crank")
+    assert turn.as_rotvec()[2] == pytest.approx(0.5, abs=ROUNDING)
+    pins = Rotation.from_rotvec([0, 0, 0.5]).apply([0, 0.4, 0]), np.array([1.0, 0, 0])
+    radii = np.linalg.norm([0.9, 0.4]), np.linalg.norm([0.1, 0.8])
+    d = pins[1] - pins[0]
+    size = np.linalg.norm(d)
+    along = (radii[0] ** 2 - radii[1] ** 2 + size**2) / (2 * size)
+    across = math.sqrt(radii[0] ** 2 - along**2)  # on the side of the description
+    pin = pins[0] + along * d / size + across * np.array([-d[1], d[0], 0]) / size
+    turn, position = pose_of(model, "rocker")
+    np.testing.assert_allclose(position, (pin + pins[1]) / 2, atol=ROUNDING)
+    _, omega = motion_of(model, "crank", BODY["inertia"])
+    assert omega[2] == pytest.approx(2.0, rel=ROUNDING)
+    both = four_bar(h0={"angle": 0.5}, h3={"angle": -turn.as_rotvec()[2]}).model(
+        redundant="leave out")
+    np.testing.assert_allclose(both.q0, model.q0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(("given", "message"), [
+    ({"h0": {"angle": 0.5}, "h1": {"angle": 0.0}}, "'h0'.*0.5.*'h1'"),
+    ({"h0": {"rate": 3.0}, "h3": {"rate": 1.0}}, "'h.'.*nearest"),
+])
+def test_contradicting_joints_are_refused(given, message):
+    with pytest.raises(InputError, match=message):
+        four_bar(**given).model(redundant="leave out")
+
+
+def test_degrees_are_warned_of():
+    with pytest.warns(InputWarning, match=r"45.*radians.*0\.785398"):
+        rod(angle=45)
+
+
+def test_a_velocity_is_kept_where_the_joints_allow_it():
+    """An angular velocity that is not given follows; one that contradicts is refused."""
+    velocity, omega = motion_of(rod({"velocity": (0, 0, 1)}).model(), "rod", (0.1, 0.1, 0.1))
+    np.testing.assert_allclose(velocity, [0, 0, 1], atol=ROUNDING)
+    np.testing.assert_allclose(omega, [0, -2, 0], atol=ROUNDING)
+    for body, hinge, message in (
+            ({"velocity": (0, 1, 1)}, {}, r"'rod'.*\[0, 1, 1\].*nearest.* 1\]"),
+            ({"velocity": (0, 0, 1)}, {"rate": 3.0}, "nearest"),
+            ({"angular_velocity": (0, -2, 0)}, {"rate": 3.0}, "nearest")):
+        with pytest.raises(InputError, match=message):
+            rod(body, **hinge).model()
+    with pytest.warns(InputWarning, match="taken"):  # typed with four digits
+        rod({"velocity": (0, 0.0001, 1)}).model()
+
+
+def test_a_sphere_on_a_turntable_keeps_its_velocity():
+    build = gs.Multibody("table")
+    build.body("ball", mass=1.0, inertia=[0.4 * 0.1**2] * 3, position=(0.5, 0, 0.1),
+               velocity=(0.2, 0.3, 0))
+    build.rolls("table", "ball", sphere=0.1, turning=2.0)
+    velocity, omega = motion_of(build.model(), "ball", [0.4 * 0.1**2] * 3)
+    np.testing.assert_allclose(velocity, [0.2, 0.3, 0], atol=ROUNDING)
+    # v + ω × (−r n) is the plane's velocity Ω n × x at the contact; ω along n stays as small
+    np.testing.assert_allclose(omega, [(2.0 * 0.5 - 0.3) / 0.1, 0.2 / 0.1, 0], atol=ROUNDING * 10)
+
+
+def test_a_given_position_that_is_moved_is_warned_of():
+    build = gs.Multibody("off")
+    build.body("a", **BODY, position=(0.5, 0, 0))
+    build.revolute("h", "ground", "a", axis=(0, 0, 1), at=(0, 0, 0), on_b=(-0.4999, 0, 0))
+    with pytest.warns(InputWarning, match=r"position of 'a'.*\[0.5, 0, 0\].*\[0\.49"):
+        build.model()
+
+
+@pytest.mark.parametrize(("mass", "inertia", "radius"), [
+    (1.0, 1000.0, "31.6 m"), (1000.0, 1e-5, "0.0001 m"), (1.0, 0.02, "")])
+def test_slips_of_units_are_warned_of(mass, inertia, radius):
+    """Of g and mm, by the radius of gyration beside joints at 0.5 m."""
+    build = gs.Multibody("slip")
+    build.body("a", mass=mass, inertia=[inertia] * 3, position=(0.5, 0, 0))
+    build.revolute("h", "ground", "a", axis=(0, 0, 1), at=(0, 0, 0))
+    if not radius:
+        build.model()
+        return
+    with pytest.warns(InputWarning, match=f"'a'.*gyration {radius}.*0.5 m.*units"):
+        build.model()

@@ -1,0 +1,393 @@
+"""The catalogue: systems that tests step, each with a start, parameters and, where known, q(t).
+
+``case(name)`` has the numbers, ``stepper(name, scheme, stages)`` the compiled stepper, once a
+session (the cache folder serves both workers, and derivation and compilation count for no case of
+the budget), ``start(name, step)`` a state on the constraints, ``run(name, step, steps)`` a
+trajectory. ``names("time", "-inputs")`` selects by feature; features are read off the system.
+
+Take G-L with 2 stages, or EMS, unless the test is about stages: each other stepper costs a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import mpmath
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+import budget
+import gyrospark as gs
+import lagrangians
+import mechanisms
+import rolling_systems
+import time_lagrangians
+
+Array = NDArray[Any]
+
+__all__ = ["EVERY_SCHEME", "SCHEMES", "Case", "case", "differentiable", "names", "run", "start",
+           "stepper"]
+
+#: The steps of a quick test: two stages, and the discrete gradient.
+SCHEMES = [("G-L", 2), ("EMS", None)]
+#: Steps of each kind, where the kind matters.
+EVERY_SCHEME = [*SCHEMES, ("G-L", 3), ("LIIIA-B", 3), ("Radau-L", 2), ("IMS", None)]
+
+x, y, z, u, v, w, t = sp.symbols("x y z u v w t", real=True)
+k, c, f, a, m, g, length, omega = sp.symbols("k c f a m g l omega", positive=True)
+push, pull = sp.symbols("push pull", real=True)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A system with a start near its constraints.
+
+    Attributes
+    ----------
+    options : dict
+        What ``gs.stepper`` gets besides the scheme: ``system``, ``rep``, ``frame``.
+    q, p : tuple of float
+        A start, on the constraints to a few digits; ``start`` projects it.
+    parameters : dict
+        Numbers, those of inputs included.
+    dt, t0 : float
+        A step of moderate length, and where the time begins.
+    exact : callable, optional
+        q(t) in closed form, from ``mpmath`` or from the problem itself.
+    """
+
+    options: Mapping[str, Any]
+    q: tuple[float, ...]
+    p: tuple[float, ...]
+    parameters: Mapping[str, Any]
+    dt: float
+    t0: float = 0.0
+    exact: Callable[[float], Array] | None = None
+
+    @property
+    def system(self) -> Any:
+        """The system, or its name."""
+        return self.options.get("system", "heavy_top")
+
+    @property
+    def features(self) -> frozenset[str]:
+        """What distinguishes the system for those who integrate it."""
+        system = self.system
+        if isinstance(system, str):
+            return frozenset({"constraints", "bodies"} | {*self.options} & {"frame"})
+        system = getattr(system, "system", system)  # of a model
+        present = {"constraints": system.constraints, "forces": system.forces,
+                   "time": system.time is not None, "inputs": system.inputs,
+                   "velocity_constraints": system.velocity_constraints,
+                   "lagrangian": system.velocities and not system.velocity_constraints,
+                   "bodies": system is not self.system, "quantities": system.quantities}
+        return frozenset(name for name, part in present.items() if part) | (
+            {*self.options} & {"frame"})
+
+
+def _plane(name: str, q: Any, p: Any, parameters: Mapping[str, float], H: Any, *constraints: Any,
+           order: tuple[Any, ...] = (), dt: float = 0.02, t0: float = 0.0,
+           exact: Callable[[float], Array] | None = None, **more: Any) -> Case:
+    """Return a case whose coordinates are the first of (x, y, z) and momenta of (u, v, w)."""
+    symbols = order or tuple({str(e): e for e in (k, c, f, a, m, g, length, omega)}[key]
+                             for key in parameters if key not in ("push", "pull"))
+    system = gs.System((x, y, z)[:len(q)], (u, v, w)[:len(p)], symbols, H, constraints, name=name,
+                       **more)
+    return Case({"system": system}, tuple(q), tuple(p), parameters, dt, t0, exact)
+
+
+# ---------------------------------------------------------------- bodies
+
+
+def _heavy_top(rep: str = "gamma", **options: Any) -> Case:
+    top = gs.problems.fast_top()
+    rates = {"omega_body": 90.0} if options else {}
+    return Case({"rep": rep, **options}, tuple(top.q0), tuple(top.p0),
+                top.parameters | {rep: gs.gamma_m(top.inertia)} | rates, 2e-3)
+
+
+def _free_body() -> Case:
+    body = gs.problems.free_body()
+    parameters = {name: value for name, value in body.parameters.items() if name != "mgl"}
+    return Case({"rep": "gamma", "system": "free_body"}, tuple(body.q0), tuple(body.p0),
+                parameters | {"gamma": gs.gamma_m(body.inertia)}, 5e-3,
+                exact=lambda time: body.exact.attitude(time))
+
+
+def _model(name: str, dt: float = 2e-3) -> Case:
+    model = getattr(gs.models, name)()
+    return Case({"system": model}, tuple(model.q0), tuple(model.p0), model.parameters, dt)
+
+
+# ---------------------------------------------------------------- without constraints
+
+
+def _oscillator() -> Case:
+    return _plane("oscillator", (0.8,), (-0.3,), {"k": 4.0}, u**2 / 2 + k * x**2 / 2,
+                  exact=lambda time: np.array([0.8 * np.cos(2 * time) - 0.15 * np.sin(2 * time)]))
+
+
+def _driven_oscillator() -> Case:
+    """x'' = −k x − c x' + f cos ωt."""
+    return _plane("driven_oscillator", (0.5,), (0.3,),
+                  {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}, u**2 / 2 + k * x**2 / 2,
+                  forces=(-c * u + f * sp.cos(omega * t),), time=t, exact=_driven_motion)
+
+
+def _driven_motion(time: float) -> Array:
+    """Return the sum of the forced oscillation and of the one that decays."""
+    stiffness, drag, force, rate = 1.3, 0.2, 0.7, 2.1
+    answer = force / (stiffness - rate**2 + 1j * drag * rate)
+    roots = np.roots([1, drag, stiffness])
+    free = np.linalg.solve([[1, 1], roots], [0.5 - answer.real, 0.3 - (1j * rate * answer).real])
+    return np.array([(free @ np.exp(roots * time) + answer * np.exp(1j * rate * time)).real])
+
+
+def _kepler() -> Case:
+    """Eccentricity .3, from the pericentre."""
+    return _plane("kepler", (0.7, 0.0), (0.0, float(np.sqrt(1.3 / 0.7))), {"k": 1.0},
+                  (u**2 + v**2) / 2 - k / sp.sqrt(x**2 + y**2), dt=0.05, exact=_kepler_motion)
+
+
+def _kepler_motion(time: float) -> Array:
+    """E − e sin E = t, r = (cos E − e, √(1−e²) sin E)."""
+    e = 0.3
+    E = float(mpmath.findroot(lambda E: E - e * mpmath.sin(E) - time, time))
+    return np.array([np.cos(E) - e, np.sqrt(1 - e**2) * np.sin(E)])
+
+
+def _henon_heiles() -> Case:
+    return _plane("henon_heiles", (0.3, -0.2), (0.25, 0.35), {},
+                  (u**2 + v**2 + x**2 + y**2) / 2 + x**2 * y - y**3 / 3, dt=0.1)
+
+
+def _polar() -> Case:
+    """H_pq is not zero: Kepler's problem in polar coordinates."""
+    return _plane("polar", (1.0, 0.2), (0.1, 1.1), {"k": 1.0},
+                  u**2 / 2 + v**2 / (2 * x**2) - k / x, dt=0.05)
+
+
+# ---------------------------------------------------------------- points on constraints
+
+
+def _pendulum() -> Case:
+    """l² = x² + y², released at rest 1 rad from the lowest point."""
+    return _plane("pendulum", (np.sin(1.0), -np.cos(1.0)), (0.0, 0.0), {"g": 1.0, "l": 1.0},
+                  (u**2 + v**2) / 2 + g * y, x**2 + y**2 - length**2,
+                  quantities={"side": x, "height": y}, dt=0.05, exact=_pendulum_motion)
+
+
+def _pendulum_motion(time: float) -> Array:
+    """θ = 2 asin(k sn(K − t | k²)) with k = sin(θ₀/2), g = l = 1."""
+    with mpmath.workdps(30):
+        modulus = mpmath.sin(mpmath.mpf(1) / 2)
+        sn = mpmath.ellipfun("sn", mpmath.ellipk(modulus**2) - time, m=modulus**2)
+        angle = 2 * mpmath.asin(modulus * sn)
+        return np.array([float(mpmath.sin(angle)), -float(mpmath.cos(angle))])
+
+
+def _spherical_pendulum() -> Case:
+    return _plane("spherical_pendulum", (0.6, 0.0, -0.8), (0.0, 1.1, 0.0), {"g": 9.81},
+                  (u**2 + v**2 + w**2) / 2 + g * z, x**2 + y**2 + z**2 - 1)
+
+
+def _ellipse() -> Case:
+    """A quartic potential: neither H nor g is quadratic with a constant Hessian."""
+    return _plane("ellipse", (0.9, 0.7), (0.5, 0.4), {"m": 1.1, "k": 7.0, "g": 2.0, "l": 1.4},
+                  (u**2 + v**2) / (2 * m) + k * x**4 / 4 + g * y * x,
+                  x**2 / length**2 + y**2 - 1, dt=0.05)
+
+
+def _breathing() -> Case:
+    """The same on an ellipse that breathes: g depends on the time."""
+    return _plane("breathing", (0.9, 0.7), (0.5, 0.4), {"m": 1.1, "k": 7.0, "g": 2.0, "l": 1.4},
+                  (u**2 + v**2) / (2 * m) + k * x**4 / 4 + g * y * x,
+                  x**2 / (length + sp.sin(2 * t) / 4)**2 + y**2 - 1, time=t, dt=0.05, t0=0.3)
+
+
+def _relativistic() -> Case:
+    """H is neither separable nor quadratic: no identity of the fast path holds."""
+    return _plane("relativistic", (0.7, -0.6, 0.5), (0.6, 0.9, -0.4), {"m": 0.8, "k": 1.7},
+                  sp.sqrt(m**2 + u**2 + v**2 + w**2) * (1 + x**2 / 4) + k / (2 + z),
+                  x**4 + y**4 + z**2 - 1, order=(m, k))
+
+
+def _driven_pendulum() -> Case:
+    """The pivot moves, with drag, a driven force, an input and a spring that time changes."""
+    return _plane("driven_pendulum", (0.5, -0.8), (0.3, 0.4),
+                  {"m": 1.1, "g": 9.81, "l": 0.9, "c": 0.3, "a": 0.2, "push": 0.4},
+                  (u**2 + v**2) / (2 * m) + m * g * y + a * sp.cos(3 * t) * x**2,
+                  x**2 + (y - a * sp.sin(2 * t))**2 - length**2, time=t, inputs=(push,),
+                  forces=(-c * u * v + push, -c * v + sp.sin(5 * t)), t0=0.3,
+                  quantities={"along": x * sp.cos(t) + a * u - y * length})
+
+
+def _dragged_pendulum() -> Case:
+    """Forces that are neither linear nor along the velocity."""
+    return _plane("dragged_pendulum", (0.6, -0.8), (0.8, 0.6),
+                  {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}, (u**2 + v**2) / 2 + 9 * y,
+                  x**2 + y**2 - 1, time=t,
+                  forces=(-c * u + f * sp.cos(omega * t), -c * v - k * x * (x * v - y * u)),
+                  quantities={"height": y, "drive": f * sp.cos(omega * t)})
+
+
+def _pushed_pendulum() -> Case:
+    """Two inputs, one times the other."""
+    return _plane("pushed_pendulum", (0.6, -0.8), (0.4, 0.3), {"k": 2.0, "push": 0.5, "pull": -0.2},
+                  (u**2 + v**2) / 2 + k * y, x**2 + y**2 - 1, inputs=(push, pull),
+                  forces=(push, push * pull - u / 10))
+
+
+def _two_rods() -> Case:
+    """A plane double pendulum in Cartesian coordinates."""
+    q = sp.symbols("x1 y1 x2 y2", real=True)
+    p = sp.symbols("px1 py1 px2 py2", real=True)
+    H = sum(e**2 for e in p) / 2 + g * (q[1] + q[3])
+    rods = [q[0]**2 + q[1]**2 - 1, (q[2] - q[0])**2 + (q[3] - q[1])**2 - length**2]
+    A, B = 1.2, 2.0
+    place = (np.sin(A), -np.cos(A), np.sin(A) + np.sin(B), -np.cos(A) - np.cos(B))
+    return Case({"system": gs.System(q, p, (g, length), H, rods, name="two_rods")}, place,
+                (0.0,) * 4, {"g": 9.81, "l": 1.0}, 5e-3)
+
+
+def _slider_crank() -> Case:
+    q, p = mechanisms.slider_crank_at(0.9, 1.5)
+    return Case({"system": mechanisms.slider_crank()}, tuple(q), tuple(p), mechanisms.GRAVITY, 5e-3)
+
+
+def _andrews() -> Case:
+    q, p = mechanisms.ANDREWS_START
+    return Case({"system": mechanisms.andrews()}, tuple(q), tuple(p), {}, 1e-4)
+
+
+# ---------------------------------------------------------------- Lagrangians, rolling
+
+
+def _lagrangian() -> Case:
+    """Two coupled coordinates with a mass matrix, magnetic terms, time and drag."""
+    vx, vy = sp.symbols("vx vy", real=True)
+    L = (m * (1 + x**2 / 3) * vx**2 / 2 + m * vy**2 / 2 + m * vx * vy * sp.cos(x - y) / 3
+         + a * x * vx - m * g * y * sp.cos(x) + a * sp.cos(3 * t) * x * vy)
+    system = gs.System.from_lagrangian(L, (x, y), (vx, vy), (m, g, a, c), time=t,
+                                       forces=(-c * vx * vy, -c * vy), name="lagrangian")
+    return Case({"system": system}, (0.5, -0.8), (0.3, 0.4),
+                {"m": 1.1, "g": 9.81, "a": 0.2, "c": 0.3}, 0.02, 0.3)
+
+
+def _heavy_bob() -> Case:
+    """A constraint and a mass matrix that depends on q."""
+    vx, vy = sp.symbols("vx vy", real=True)
+    L = m * (1 + x**2 / 3) * vx**2 / 2 + m * vy**2 / 2 - m * g * y
+    system = gs.System.from_lagrangian(L, (x, y), (vx, vy), (m, g, length),
+                                       [x**2 + y**2 - length**2], name="heavy_bob")
+    return Case({"system": system}, (0.6, -0.8), (0.3, 0.4), {"m": 1.1, "g": 9.81, "l": 1.0}, 0.02)
+
+
+def _shaken() -> Case:
+    return Case({"system": time_lagrangians.shaken()[0]}, (0.4,), (0.3,),
+                {"w": 2.1, "a": 0.3, "b": 0.2, "g": 9.81}, 0.02)
+
+
+def _bead() -> Case:
+    q, velocity = lagrangians.STARTS["bead"]
+    mass = lagrangians.PARAMETERS["bead"]["m"]
+    return Case({"system": lagrangians.bead()}, tuple(q), tuple(mass * e for e in velocity),
+                lagrangians.PARAMETERS["bead"], 0.01)
+
+
+def _sleigh() -> Case:
+    q, p = rolling_systems.sleigh_state(1.2, 0.7)
+    return Case({"system": rolling_systems.sleigh()}, tuple(q), tuple(p), rolling_systems.SLEIGH,
+                0.02)
+
+
+def _skate_chain() -> Case:
+    q, p = rolling_systems.SKATE_CHAIN_START
+    return Case({"system": rolling_systems.skate_chain()}, tuple(q), tuple(p),
+                rolling_systems.SKATE_CHAIN, 0.02)
+
+
+_CASES: dict[str, Callable[[], Case]] = {
+    "heavy_top": _heavy_top,
+    "heavy_top_alpha": lambda: _heavy_top("alpha"),
+    "heavy_top_in_frame": lambda: _heavy_top(frame="symmetries"),
+    "free_body": _free_body,
+    "double_top": lambda: _model("double_top"),
+    "four_bar": lambda: _model("four_bar"),
+    "satellite": lambda: _model("satellite", 0.05),
+    "gimbal": lambda: _model("gimbal"),
+    "oscillator": _oscillator,
+    "driven_oscillator": _driven_oscillator,
+    "kepler": _kepler,
+    "henon_heiles": _henon_heiles,
+    "polar": _polar,
+    "pendulum": _pendulum,
+    "spherical_pendulum": _spherical_pendulum,
+    "ellipse": _ellipse,
+    "breathing": _breathing,
+    "relativistic": _relativistic,
+    "driven_pendulum": _driven_pendulum,
+    "dragged_pendulum": _dragged_pendulum,
+    "pushed_pendulum": _pushed_pendulum,
+    "two_rods": _two_rods,
+    "slider_crank": _slider_crank,
+    "andrews": _andrews,
+    "lagrangian": _lagrangian,
+    "heavy_bob": _heavy_bob,
+    "shaken": _shaken,
+    "bead": _bead,
+    "sleigh": _sleigh,
+    "skate_chain": _skate_chain,
+}
+
+
+@cache
+def case(name: str) -> Case:
+    """Return a case by its name."""
+    with budget.shared():
+        return _CASES[name]()
+
+
+def names(*features: str) -> list[str]:
+    """Return the cases that have these features, and none of those after a minus sign."""
+    return [name for name in _CASES if all(
+        (feature.removeprefix("-") in case(name).features) != feature.startswith("-")
+        for feature in features)]
+
+
+@cache
+def stepper(name: str, scheme: str = "G-L", stages: int | None = None, real: str = "double",
+            **options: Any) -> gs.Stepper:
+    """Return a stepper of a case; two stages of G-L by default. Its cost is no test's."""
+    if stages is None and scheme in ("G-L", "LIIIA-B", "Radau-L"):
+        stages = 2
+    with budget.shared():
+        return gs.stepper(scheme, stages, real=real, **case(name).options, **options)
+
+
+@cache
+def differentiable(name: str, scheme: str = "G-L", stages: int | None = None,
+                   real: str = "double") -> gs.Stepper:
+    """Return the same stepper, its derivatives compiled too."""
+    step = stepper(name, scheme, stages, real)
+    with budget.shared():
+        step.derivative_binding()  # derives and compiles
+    return step
+
+
+def start(name: str, step: gs.Stepper) -> tuple[Array, Array]:
+    """Return the case's start, projected on constraints and hidden constraints."""
+    entry = case(name)
+    state = step.consistent(entry.q, entry.p, parameters=entry.parameters, t=entry.t0)
+    return state.q, state.p
+
+
+def run(name: str, step: gs.Stepper, steps: int, **more: Any) -> gs.Trajectory:
+    """Integrate from the case's start; ``more`` overrides dt, t0 and parameters."""
+    entry = case(name)
+    return step.integrate(*start(name, step), steps=steps, **(
+        {"dt": entry.dt, "t0": entry.t0, "parameters": entry.parameters} | more))

@@ -1,0 +1,161 @@
+"""What holds for every scheme and every system of the catalogue, a function each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+import gyrospark as gs
+import systems
+from systems import SCHEMES, case, differentiable, names, run, start, stepper
+
+EPS = np.finfo(float).eps
+CLOSED = [name for name in names() if case(name).exact]
+ROLLING = names("velocity_constraints")
+#: Each system with one scheme at least, the cheap ones with both.
+PAIRS = [(name, *scheme) for name in names("-velocity_constraints", "-bodies")
+         for scheme in SCHEMES] + [(name, "G-L", 2) for name in (*ROLLING, "double_top")]
+#: The symplectic schemes act on phase space without forces and without constraints on velocities.
+CONSERVATIVE = names("-forces", "-velocity_constraints", "-bodies", "-inputs")
+
+
+def scales(trajectory):
+    """Return the largest |q| and |p|."""
+    return max(1.0, np.abs(trajectory.q).max()), max(1.0, np.abs(trajectory.p).max())
+
+
+@pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
+def test_constraints_hold_to_round_off(name, scheme, stages):
+    """|g(q)| of every stored state is some units in the last place of what g is made of."""
+    step = stepper(name, scheme, stages)
+    trajectory = run(name, step, 100)
+    size = scales(trajectory)[0] ** 2
+    if step.m:
+        assert np.abs(trajectory.g_errors).max() <= 64 * EPS * size
+    if stages and step.m:
+        assert trajectory.report.momentum_constraint_max <= 64 * EPS * scales(trajectory)[1] * size
+
+
+@pytest.mark.parametrize("name", names("-velocity_constraints", "-bodies"))
+def test_energy_changes_by_the_work_of_forces_and_drives(name):
+    """|H − H₀ − W| of the discrete gradient is round-off; W has what the report says."""
+    step = stepper(name, "EMS")
+    trajectory = run(name, step, 100)
+    size = np.abs(trajectory.energies).max() + np.abs(trajectory.work).max()
+    assert trajectory.report.energy_error_max <= 300 * EPS * size
+    assert np.abs(trajectory.energy_error()).max() == trajectory.report.energy_error_max
+    assert trajectory.work[0] == 0
+    assert trajectory.report.work == trajectory.work[-1]
+    if {"forces", "time"} & case(name).features:
+        assert np.abs(trajectory.work).max() > 1e-3 * size
+
+
+@pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
+def test_solvers_agree(name, scheme, stages):
+    """Sweeps, Newton and Python: 64 ε a step, and of EMS what rounding g by Δt costs in p."""
+    step = stepper(name, scheme, stages)
+    trajectory = run(name, step, 6)
+    q, p = scales(trajectory)
+    rounding = 0 if stages or not step.m else 64 * EPS * q**2 / case(name).dt
+    for solver in ("newton", "python"):
+        other = run(name, step, 6, solver=solver)
+        assert np.abs(other.q - trajectory.q).max() <= 6 * 64 * EPS * q
+        assert np.abs(other.p - trajectory.p).max() <= 6 * 64 * EPS * p + rounding
+        assert np.abs(other.work - trajectory.work).max() <= 6 * 64 * EPS * (
+            1 + np.abs(trajectory.energies).max()) + rounding
+
+
+@pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
+def test_the_jacobian_is_the_derivative_of_the_residual(name, scheme, stages):
+    """Central differences off the motion, where no term vanishes: h² and ε/h, both 1e-12 and more.
+    """
+    step, entry = stepper(name, scheme, stages), case(name)
+    q, p = start(name, step)
+    how = {"dt": entry.dt, "t": entry.t0, "parameters": entry.parameters}
+    draw, h = np.random.default_rng(5), 1e-6
+    x = step.guess(q, p, **how)
+    x = x + 0.02 * draw.standard_normal(len(x)) * (1 + np.abs(x))
+    J = step.jacobian(x, q, p, **how)
+    columns = [(step.residual(x + h * e, q, p, **how) - step.residual(x - h * e, q, p, **how))
+               / (2 * h) for e in np.eye(len(x))]
+    assert np.abs(np.transpose(columns) - J).max() <= 1e-6 * np.abs(J).max()
+
+
+@pytest.mark.parametrize(("name", "scheme", "stages"), [
+    (name, *scheme) for name in CLOSED for scheme in SCHEMES])
+def test_the_closed_form_is_approached_with_the_order(name, scheme, stages):
+    """Half the step, 2^order less error."""
+    step, entry = stepper(name, scheme, stages), case(name)
+    errors = []
+    for parts in (1, 2, 4):
+        steps = 8 * parts
+        dt = 2 * entry.dt / parts
+        end = run(name, step, steps, dt=dt).q[-1]
+        errors.append(np.abs(end - entry.exact(entry.t0 + steps * dt)).max())
+    order = 2 * (stages or 1)
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[-1] < 1e-2
+    assert (slopes > order - 0.5).all() or errors[-1] < 1e-12, errors
+
+
+@pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
+def test_symmetric_steps_turn_back(name, scheme, stages):
+    """Forward and back again: the start, to the round-off that 40 steps amplify."""
+    step, entry = stepper(name, scheme, stages), case(name)
+    forward = run(name, step, 20)
+    back = step.integrate(forward.q[-1], forward.p[-1], steps=20, dt=-entry.dt,
+                          t0=entry.t0 + 20 * entry.dt, parameters=entry.parameters)
+    q, p = scales(forward)
+    size = 1 + np.abs(forward.energies).max()
+    assert abs(back.work[-1] + forward.work[-1]) <= 1e4 * EPS * size
+    assert np.abs(back.q[-1] - forward.q[0]).max() <= 1e4 * EPS * q
+    assert np.abs(back.p[-1] - forward.p[0]).max() <= 1e4 * EPS * p
+
+
+@pytest.mark.parametrize("name", CONSERVATIVE)
+def test_gauss_lobatto_is_symplectic_on_the_constraints(name):
+    """MᵀJM = J on T(T*Q), with M from exact tangents."""
+    step, entry = differentiable(name), case(name)
+    q, p = start(name, step)
+    trajectory = step.integrate(q, p, dt=entry.dt, steps=3, t0=entry.t0,
+                                parameters=entry.parameters, tangents=gs.Tangents(start="all"))
+    basis = trajectory.tangents.start
+    M = np.concatenate([trajectory.tangents.q[-1], trajectory.tangents.p[-1]])
+    n = step.n
+    J = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
+    area, mapped = basis.T @ J @ basis, M.T @ J @ M
+    assert np.abs(mapped - area).max() <= 500 * EPS * np.abs(M).max() ** 2
+
+
+@pytest.mark.parametrize("name", names("-frame"))
+@hypothesis_settings(max_examples=3, deadline=None)
+@given(split=st.integers(1, 11))
+def test_a_run_has_the_same_bits_in_pieces_lanes_and_loops(name, split):
+    """One run, a simulation stepped by hand, and each member of an ensemble."""
+    step, entry = stepper(name), case(name)
+    q, p = start(name, step)
+    options = {"dt": entry.dt, "t0": entry.t0, "parameters": entry.parameters}
+    whole = step.integrate(q, p, steps=12, **options)
+    simulation = step.start(q, p, **options)
+    simulation.advance(split)
+    simulation.advance(12 - split)
+    assert np.array_equal(simulation.q, whole.q[-1])
+    assert np.array_equal(simulation.p, whole.p[-1])
+    many = step.integrate_ensemble(np.array([q, q]), np.array([p, p]), steps=12, **options)
+    assert np.array_equal(many.q[1], many.q[0])
+    close = 64 * EPS * scales(whole)[0]
+    assert np.abs(np.reshape(many.q[0], (-1, step.n))[-1] - whole.q[-1]).max() <= close
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_the_catalogue_has_the_start_of_its_closed_forms(name):
+    entry = case(name)
+    assert np.allclose(entry.exact(entry.t0), entry.q, rtol=0, atol=8 * EPS)
+
+
+def test_features_select():
+    assert set(systems.names("inputs")) == {"driven_pendulum", "pushed_pendulum"}
+    assert "pendulum" in systems.names("constraints", "-forces")

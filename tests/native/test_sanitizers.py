@@ -1,0 +1,110 @@
+"""AddressSanitizer and UndefinedBehaviorSanitizer below a plain C program that calls a stepper.
+
+The program (``tests/data/sanitized.c``) gives each call memory of the size that its header
+documents: runs, ensembles in lanes, projections, tangents and adjoints.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from functools import cache
+
+import pytest
+
+import systems
+from c_programs import run, write
+from compilers import COMPILERS, compiler
+from gyrospark.engine.amalgamate import FOLDER
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from processes import DATA, call
+
+SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+#: Name → stepper, system of the catalogue, with derivatives or not.
+STEPPERS = {
+    "derivatives": (Spec("G-L", 2), "pendulum", True),
+    "rolling": (Spec("G-L", 2), "sleigh", False),
+    "splitting": (Spec.checked("splitting", order=2), "heavy_top", True),
+    "frame": (Spec("G-L", 2).with_frame("symmetries"), "heavy_top_in_frame", True),
+    "discrete gradient": (Spec("EMS"), "two_rods", True),
+}
+
+
+@cache
+def sanitizing():
+    """Return a compiler with both sanitizers; skip without one."""
+    for kind in COMPILERS:
+        empty = ["-shared", "-x", "c", os.devnull, "-o", os.devnull]  # links the sanitizers
+        if call([*compiler(kind), *SANITIZE, *empty]).returncode == 0:
+            return compiler(kind)
+    return pytest.skip("no compiler here has AddressSanitizer")
+
+
+def write_case(name, folder):
+    """Write a stepper, and what the program has to know of it."""
+    spec, system, derivatives = STEPPERS[name]
+    case = systems.case(system)
+    source = generate(spec, system=case.options.get("system"), derivatives=derivatives).source
+    write(source.files(standalone=False), folder)
+    fields = re.search(rf"typedef struct {{([^}}]*)}} {source.name}_parameters;", source.header)[1]
+    names = re.findall(r"double (\w+);", fields)
+    values = dict.fromkeys(names, case.t0) | dict(case.parameters)
+
+    def size(pattern, default=0):
+        found = re.search(pattern, source.header)
+        return int(found[1]) if found else default
+
+    about = json.loads(source.manifest)
+    constraints = about["system"]["constraints"]
+    sizes = {
+        "NAME": source.name, "N": len(about["system"]["coordinates"]), "DT": case.dt,
+        "MULTIPLIERS": size(r"multipliers\[(\d+)\]"), "UNKNOWNS": size(r"_keep\([^)]*x\[(\d+)\]"),
+        "Z": size(r"start time, (\d+) in all"), "DERIVATIVES": int(derivatives),
+        "LANES": int("_batch;" in source.header), "SOLVERS": 1 if spec.scheme == "splitting" else 3,
+        "CONSTRAINTS": len(constraints),
+        "HIDDEN": len(constraints) + len(about["system"].get("velocity_constraints", ())),
+        "PARAMETERS": f"{{{', '.join(repr(float(values[field])) for field in names)}}}"}
+    lines = [f'#include "{source.name}.h"', *(f"#define {key} {x}" for key, x in sizes.items())]
+    for key, state in (("q", case.q), ("p", case.p)):
+        entries = ", ".join(repr(float(x)) for x in state)
+        lines.append(f"static const double start_{key}[N] = {{{entries}}};")
+    (folder / "case.h").write_text("\n".join(lines) + "\n", encoding="ascii")
+    shutil.copy(DATA / "sanitized.c", folder)
+    return source.name
+
+
+def build(name, folder, engine=FOLDER):
+    stepper = write_case(name, folder)
+    run([*sanitizing(), *SANITIZE, "-std=c11", f"-I{engine}", "sanitized.c", f"{stepper}.c",
+         "-o", "program", "-lm"], folder)
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name != "discrete gradient"))  # 2 s to compile
+    for name in STEPPERS])
+def test_nothing_is_read_or_written_outside_of_its_array(name, tmp_path):
+    build(name, tmp_path)
+    done = call([tmp_path / "program"])
+    assert done.returncode == 0, done.stderr[:3000]
+
+
+@pytest.mark.slow  # a program with a changed engine for each
+@pytest.mark.parametrize(("right", "wrong"), [
+    ("if (a < 2*N)\n            d->w", "if (a <= 2*N)\n            d->w"),
+    ("? RESULTS : 2*N); ++a) {\n        real", "? RESULTS + 1 : 2*N); ++a) {\n        real"),
+    ("d->multipliers[a - 2*N] = sum", "d->multipliers[a - 2*N + 1] = sum")])
+def test_an_index_that_is_off_by_one_is_seen(right, wrong, tmp_path):
+    engine = tmp_path / "engine"
+    shutil.copytree(FOLDER / "gyrospark", engine / "gyrospark")
+    header = engine / "gyrospark" / "derivatives" / "steps.h"
+    text = header.read_text(encoding="ascii")
+    assert text.count(right) == 1
+    header.write_text(text.replace(right, wrong), encoding="ascii")
+    build("discrete gradient", tmp_path, engine)
+    done = call([tmp_path / "program"])
+    assert done.returncode != 0
+    assert "steps.h" in done.stderr

@@ -1,0 +1,118 @@
+"""Events of runs that start exactly on the level, or come to it at the end of a step."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+
+
+@cache
+def ball(scheme: str = "G-L", stages: int | None = 2, real: str = "double"):
+    """z'' = −a: parabolas, which the scheme follows to rounding."""
+    z, u = sp.symbols("z u", real=True)
+    a = sp.Symbol("a", real=True)
+    system = gs.System((z,), (u,), (a,), u**2 / 2 + a * z, name="ball")
+    return gs.stepper(scheme, stages, system=system, real=real)
+
+
+def falls(real: str, level: float, count: int, seed: int):
+    """Return velocities on the level from 1e-9 to 1, and times at which balls come back there."""
+    random = np.random.default_rng(seed)
+    speed = 10 ** random.uniform(-9 if level == 0 and real == "double" else -2, 0, count)
+    u = speed * random.choice([-1, 1], count)
+    return u, 2 * u / 10
+
+
+@pytest.mark.parametrize(("real", "level", "dt"), [
+    ("double", 0.0, 0.05), ("double", 0.0, -0.05), ("double", 5.0, 0.05), ("float", 0.0, 0.05)])
+@pytest.mark.parametrize("count", [
+    200, pytest.param(250_000, marks=pytest.mark.slow(reason="a million starts"))])
+def test_random_starts_on_the_level(real: str, level: float, dt: float, count: int) -> None:
+    """Thrown upwards (backwards in time: from above) each comes back once, the others never."""
+    u, back = falls(real, level, count, seed=1)
+    steps = 3
+    many = ball(real=real).integrate_ensemble(
+        np.full((count, 1), level), u[:, None], dt=dt, steps=steps, every=steps,
+        parameters={"a": 10.0}, events=[
+            gs.Event("z", level=level), gs.Event("z", level=level, direction=1, name="rising"),
+            gs.Event("z", level=level, direction=-1, name="falling")]).events
+    times = back * np.sign(dt)
+    ends = (times > 0) & (times < steps * abs(dt))
+    assert np.count_nonzero(ends & (times < abs(dt))) > count / 8
+    assert np.array_equal(many["z"].count, ends)
+    assert np.array_equal(many["falling"].count, ends)
+    assert not many["rising"].count.any()
+    size = 2.0**-23 if real == "float" else 2.0**-52
+    off = 64 * size * (abs(dt) + level / abs(u[ends]))
+    assert np.all(abs(many["z"].first[ends] - back[ends]) <= off)
+
+
+def quadratic(first: float, second: float, ahead: int = 1):
+    """A run of z = (t − first)(t − second) in steps of 1/4, which are exact, and its events."""
+    start, end = (0.0, 2.0)[::ahead]
+    found = ball("IMS", None).integrate(
+        [(start - first) * (start - second)], [2 * start - first - second], dt=ahead / 4, steps=8,
+        t0=start, parameters={"a": -2.0}, events=[
+            gs.Event("z"), gs.Event("z", direction=1, name="rising"),
+            gs.Event("z", direction=-1, name="falling")])
+    assert found.t[-1] == end
+    assert np.array_equal(found.q[:, 0], (found.t - first) * (found.t - second))
+    return {name: one.t.tolist() for name, one in found.events.items()}
+
+
+@pytest.mark.parametrize("ahead", [1, -1])
+@pytest.mark.parametrize(("first", "second"), [
+    (1.0, 1.125), (0.875, 1.0), (0.5, 1.5), (1.0, 1.25), (0.0, 1.0), (0.0, 0.25), (1.0, 9.0)])
+def test_states_on_the_level_within_a_run(first: float, second: float, ahead: int) -> None:
+    """A zero at the end of a step, with or without another one in the steps beside it."""
+    inside = [t for t in (first, second) if t < 2 and t != (0.0, 2.0)[::ahead][0]][::ahead]
+    found = quadratic(first, second, ahead)
+    assert found["z"] == pytest.approx(inside, abs=1e-15)
+    for name, sign in (("falling", -1), ("rising", 1)):
+        own = [t for t in inside if (2 * t - first - second) * ahead * sign > 0]
+        assert found[name] == pytest.approx(own, abs=1e-15)
+
+
+@pytest.mark.parametrize("ahead", [1, -1])
+def test_a_touch_is_no_crossing(ahead: int) -> None:
+    """Of the second order, at the end of a step and at the start of a run."""
+    assert quadratic(1.0, 1.0, ahead) == {"z": [], "rising": [], "falling": []}
+    assert quadratic(0.0, 0.0, ahead)["z"] == []
+
+
+def test_a_value_that_rests_on_its_level_does_not_cross_it() -> None:
+    found = ball().integrate([0.0], [0.0], dt=0.1, steps=5, parameters={"a": 0.0},
+                             events=gs.Event("z"))
+    assert len(found.events["z"]) == 0
+
+
+@pytest.mark.parametrize("direction", [0, -1])
+@pytest.mark.parametrize("t0", [0.0, 3.0])
+def test_a_ball_bounces_from_the_states_of_its_events(direction: int, t0: float) -> None:
+    """Each flight begins where the last one ended, and the bounces are half as high in the end."""
+    event = gs.Event("z", direction=direction, terminal=True)
+    t, z, u = t0, 0.0, 1.0
+    for bounce in range(12):
+        run = ball().integrate([z], [u], dt=0.05, steps=40, t0=t, parameters={"a": 10.0},
+                               events=event)
+        assert run.t[-1] - t == pytest.approx(2 * u / 10, rel=1e-12), bounce
+        t, z, u = float(run.t[-1]), float(run.q[-1, 0]), -0.7 * float(run.p[-1, 0])
+
+
+def test_an_event_is_not_found_again_from_its_own_state() -> None:
+    """The run goes on through the level as if it had not ended there."""
+    event = gs.Event("z", level=0.3, terminal=True)
+    for u in np.linspace(2.5, 9.0, 40):
+        run = {"dt": 0.05, "steps": 40, "parameters": {"a": 10.0}, "events": event}
+        first = ball().integrate([0.0], [u], **run)
+        second = ball().integrate(first.q[-1], first.p[-1], t0=first.t[-1], **run)
+        third = ball().integrate(second.q[-1], second.p[-1], t0=second.t[-1], **run)
+        assert bool(first.events["z"].rising[0])
+        assert not second.events["z"].rising[0]
+        assert second.t[-1] == pytest.approx((u + np.sqrt(u * u - 6)) / 10, rel=1e-13)
+        assert len(third.events["z"]) == 0

@@ -1,0 +1,42 @@
+"""Motions that a step does not follow, although it keeps their energy, are warned of."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+import systems
+from gyrospark import InputWarning
+from gyrospark.runtime.integration.linear_frequency import fastest_frequency
+
+
+@pytest.mark.parametrize("scheme", systems.SCHEMES, ids=str)
+def test_an_oscillator_at_five_rad_a_step_is_warned_of(scheme):
+    """x'' = −(k/m) x; the warning has ω Δt, and steps of the dt that it names are followed."""
+    step, case = systems.stepper("oscillator", *scheme), systems.case("oscillator")
+    q, p = systems.start("oscillator", step)
+    dt = 2.5  # ω = 2
+    with pytest.warns(InputWarning, match=r"2 rad.*order [24]") as told:
+        step.integrate(q, p, dt=dt, steps=3, parameters=case.parameters)
+    cure = float(str(told[0].message).rpartition("below ")[2].rstrip("."))
+    step.integrate(q, p, dt=cure, steps=3, parameters=case.parameters)  # no warning
+
+
+def test_a_constrained_motion_has_the_frequency_of_its_tangent_space():
+    """A pendulum released at rest: ω² = g cos(θ)/l, here beside the lowest point."""
+    step = systems.stepper("pendulum", "EMS")
+    q, p = np.array([np.sin(1e-4), -np.cos(1e-4)]), np.zeros(2)
+    run = step.run_arguments(q, p, dt=3.0, steps=5, every=1, inputs=None, hold=1,
+                             parameters={"g": 9.0, "l": 1.0}, t0=0.0, solver="auto",
+                             tolerance=None, max_iterations=50)
+    assert fastest_frequency(step.binding, run, 2) == pytest.approx(3.0, rel=1e-5)
+
+
+def test_a_fast_mode_at_rest_is_no_loss():
+    """A stiff spring beside the motion: it is not excited, and its own step is not asked for."""
+    x, y, u, v = sp.symbols("x y u v", real=True)
+    stiff = gs.System((x, y), (u, v), (), (u**2 + v**2 + x**2 + 10**8 * (y - x**3 / 10**3)**2) / 2,
+                      name="stiff_beside")
+    step = gs.stepper("EMS", system=stiff)
+    run = step.integrate([1.0, 1e-3], [0.0, 0.0], dt=0.01, steps=5, parameters={})
+    assert run.report.newton_steps
