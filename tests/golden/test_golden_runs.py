@@ -10,7 +10,7 @@ import pytest
 import golden_runs
 from processes import ROOT
 
-FEW = ["3G-L gamma double", "2G-L gamma float128"]
+FEW = ["2G-L gamma double", "EMS gamma double"]
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
