@@ -23,7 +23,8 @@ FEATURES = {
     "frame": "heavy_top_in_frame", "bodies": "double_top",
 }
 #: A parameter that changes the motion, where that is not the first.
-CHANGED = {"heavy_top_in_frame": "omega_body", "bead": "k", "breathing": "k", "driven_pendulum": "c"}
+CHANGED = {"heavy_top_in_frame": "omega_body", "bead": "k", "breathing": "k",
+           "driven_pendulum": "c"}
 #: The parts of a trajectory that a consumer must not change.
 PARTS = ("t", "q", "p", "velocities", "energies", "work", "quantity_values", "multipliers")
 
