@@ -13,8 +13,6 @@ from fractions import Fraction
 import mpmath
 import pytest
 import sympy as sp
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from gyrospark.core.errors import InputError
 from gyrospark.generator.multibody.rigid_body import (
@@ -324,79 +322,17 @@ def errors(e, symbols, means, differences, at, step):
         return float(abs(change - exact(total))), largest
 
 
-LEAVES = st.one_of(st.sampled_from(x), st.sampled_from([sp.Integer(2), sp.Rational(1, 3)]))
 
 
-def grow_positive(children):
-    """Expressions that are positive for positive x, without subtraction."""
-    pairs = st.tuples(children, children)
-    return st.one_of(
-        pairs.map(lambda t: t[0] + t[1]),
-        pairs.map(lambda t: t[0] * t[1]),
-        pairs.map(lambda t: t[0] / t[1]),
-        st.tuples(children, st.sampled_from([-2, -1, 2, 3])).map(lambda t: t[0] ** t[1]),
-        children.map(sp.sqrt),
-        children.map(lambda e: e ** sp.Rational(-3, 2)),
-    )
 
 
-def grow(children):
-    """Expressions of any sign; quotients and roots of what is positive."""
-    pairs = st.tuples(children, children)
-    return st.one_of(
-        pairs.map(lambda t: t[0] + t[1]),
-        pairs.map(lambda t: t[0] - t[1]),
-        pairs.map(lambda t: t[0] * t[1]),
-        pairs.map(lambda t: t[0] / (1 + t[1] ** 2)),
-        st.tuples(children, st.integers(2, 5)).map(lambda t: t[0] ** t[1]),
-        children.map(lambda e: sp.sqrt(2 + e**2)),
-        children.map(lambda e: (1 + e**2) ** sp.Rational(-3, 2)),
-    )
 
 
-def depends(e):
-    """Whether e depends on x and SymPy made no √√x = x^(1/4) nor √x² = |x| of it."""
-    halves = all((2 * f.exp).is_Integer for f in e.atoms(sp.Pow))
-    return bool(e.free_symbols) and halves and not e.has(sp.Abs)
 
 
-POSITIVE = st.recursive(LEAVES, grow_positive, max_leaves=6).filter(depends)
-ANY = st.recursive(LEAVES, grow, max_leaves=7).filter(depends)
-rationals = st.fractions(-2, 2, max_denominator=1000)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
-@given(ANY, st.tuples(*[rationals] * 3), st.tuples(*[rationals] * 3))
-def test_identity_of_random_expressions_to_50_digits(e, at, step):
-    with mpmath.workdps(50):
-        at = [mpmath.mpf(v.numerator) / v.denominator for v in at]
-        step = [mpmath.mpf(v.numerator) / v.denominator for v in step]
-        values = dict(zip((*xm, *dx), (*at, *step), strict=True))
-        low = {s: m - d / 2 for s, m, d in zip(x, at, step, strict=True)}
-        high = {s: m + d / 2 for s, m, d in zip(x, at, step, strict=True)}
-        ends = [evaluate(e, low, mpmath.mpf), evaluate(e, high, mpmath.mpf)]
-        known = {}
-        terms = [evaluate(D, values, mpmath.mpf, known) * d
-                 for D, d in zip(gradient_of(e), step, strict=True)]
-        scale = max(1, *map(abs, ends), *map(abs, terms))
-        assume(scale < 1e30)
-        assert abs(ends[1] - ends[0] - sum(terms)) <= mpmath.mpf("1e-40") * scale
-
-
-@settings(max_examples=25, deadline=None, derandomize=True)
-@given(
-    POSITIVE,
-    st.tuples(*[st.floats(0.5, 2)] * 3),
-    st.tuples(*[st.integers(-1000, 1000)] * 3),
-    st.sampled_from([1e-4, 1e-6, 1e-11, 1e-15, 0.0]),
-)
-def test_identity_of_random_expressions_in_doubles_to_64_eps_of_the_largest_term(
-        e, at, direction, size):
-    error, largest = errors(e, x, xm, dx, at, [size * d for d in direction])
-    assert error <= 64 * EPS * largest
-
-
-@pytest.mark.parametrize("size", [0.3, 1e-3, 1e-7, 1e-12])
+@pytest.mark.parametrize("size", [0.3, 1e-12])
 @pytest.mark.parametrize("rep", REPS)
 def test_energy_of_the_top_changes_by_D_times_change_in_doubles_whatever_the_step(rep, size):
     draw = random.Random(3)

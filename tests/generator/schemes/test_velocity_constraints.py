@@ -38,8 +38,8 @@ def slopes(step, start, parameters, end, counts, exact):
 
 
 @pytest.mark.parametrize(("s", "counts"), [
-    (3, (16, 32)), *(pytest.param(*pair, marks=pytest.mark.slow)
-                     for pair in ((1, (32, 64)), (2, (32, 64)), (4, (10, 20))))])
+    (2, (32, 64)), *(pytest.param(*pair, marks=pytest.mark.slow)
+                     for pair in ((1, (32, 64)), (3, (16, 32)), (4, (10, 20))))])
 def test_order_on_the_sleigh(s, counts):
     """A trigonometric row and no g, against the closed form of θ and p."""
     u, w, th = sleigh_end(0.7, 1.5, 0.3, 2.0)
@@ -96,13 +96,10 @@ def driven(make):
                    forces=(-system.p[0] / 7, *[sp.sin(t)] * (system.n - 1)))
 
 
-@pytest.mark.parametrize(("make", "parameters", "start", "scheme"), [
-    (sleigh, SLEIGH, sleigh_state(0.7, 1.5), "G-L"),
-    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START, "Radau-L")])
-def test_jacobian_is_the_derivative_of_the_residual(make, parameters, start, scheme):
-    step = gs.stepper(scheme, 2, system=driven(make))
+def test_jacobian_of_rows_that_move_is_the_derivative_of_the_residual():
+    step, start = gs.stepper("G-L", 2, system=driven(sleigh)), sleigh_state(0.7, 1.5)
     x = np.random.default_rng(3).standard_normal(step.unknowns)
-    at = {"dt": 0.3, "parameters": parameters, "t": 0.4}
+    at = {"dt": 0.3, "parameters": SLEIGH, "t": 0.4}
     J = step.jacobian(x, *start, **at)
     h = 1e-6 * np.eye(len(x))
     found = np.array([(step.residual(x + d, *start, **at) - step.residual(x - d, *start, **at))
@@ -139,10 +136,10 @@ def test_work_of_rows_that_move():
 
 def test_reactions_are_those_of_the_equations():
     """μ = −u w/(1/m + a²/I) of the sleigh, which no force pushes, at the times of the stages."""
-    step = stepper_of(sleigh, 3)
+    step = stepper_of(sleigh, 2)
     run = step.integrate(*sleigh_state(0.7, 1.5), dt=0.01, steps=1, parameters=SLEIGH)
     m, inertia, a = SLEIGH.values()
-    for c, mu in zip(gs.tableau("G-L", 3).numeric(17).c, run.reactions[0, :, 0], strict=True):
+    for c, mu in zip(gs.tableau("G-L", 2).numeric(17).c, run.reactions[0, :, 0], strict=True):
         u, w, _ = sleigh_end(0.7, 1.5, 0.3, 0.01 * float(c))
         assert mu == pytest.approx(-u * w / (1 / m + a * a / inertia), rel=1e-5)
 
