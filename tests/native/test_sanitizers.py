@@ -22,7 +22,7 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import DATA, call
 
-SANITIZE = ["-g", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+SANITIZE = ["-g1", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 #: Name → stepper, system of the catalogue, with derivatives or not.
 STEPPERS = {
