@@ -83,7 +83,7 @@ def test_a_lane_that_newton_finishes_stays_its_own(batch):
 
 
 def test_predictions_follow_a_motion_that_changes():
-    """A fit to the first steps of a loop is of no use later.
+    """A fit to the first steps of a loop is of no use later: 10.9 sweeps a step by it alone.
 
     Both ways, for the polynomials that take its place are chosen lane by lane.
     """
@@ -92,5 +92,5 @@ def test_predictions_follow_a_motion_that_changes():
     alone = step.integrate(case.q, case.p, **run)
     many = step.integrate_ensemble([case.q] * 2, [case.p] * 2, **run)
     for member in (alone, *many.members):
-        print(member.report.iterations_mean)
+        assert member.report.iterations_mean < 10.7
         assert member.report.newton_steps == 0
