@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from command_line import EXAMPLE, FAILS, RUN, refused
+from command_line import CONTRACT, EXAMPLE, FAILS, RUN, refused
 from gyrospark.commands import generate as command
 from gyrospark.commands.run.command import run
 from processes import ROOT, call, cli
@@ -24,12 +25,6 @@ IMS = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5"]
 
 def test_an_unknown_command_has_the_nearest(gyrospark):
     refused(gyrospark("runn"), "'runn'", "mean run?")
-
-
-CONTRACT = {
-    "steps", "dt", "t_end", "q", "p", "energy_error_max", "energy_error_mean", "constraint_max",
-    "momentum_constraint_max", "iterations_mean", "iterations_max", "seconds", "ns_per_step",
-}
 
 
 # ---------------------------------------------------------------- bad choices
@@ -42,18 +37,12 @@ CHOICES = {
     "system": (["--scheme", "IMS", "--system", "car"], ["'car'", "heavy_top", "free_body"]),
     "real": (["--scheme", "IMS", "--real", "half"], ["'half'", "double", "float"]),
     "stages 0": (["--scheme", "G-L", "--stages", "0"], ["0", "1 to 16"]),
-    "stages -1": (["--scheme", "G-L", "--stages", "-1"], ["-1", "1 to 16"]),
     "stages 17": (["--scheme", "G-L", "--stages", "17"], ["17", "1 to 16"]),
-    "stages 10^17": (["--scheme", "G-L", "--stages", "9" * 17], ["9" * 17, "1 to 16"]),
     "stages 1 of LIIIA-B": (["--scheme", "LIIIA-B", "--stages", "1"], ["1", "2 to 16"]),
     "stages three": (["--scheme", "G-L", "--stages", "three"], ["'three'", "whole number"]),
-    "stages 2.5": (["--scheme", "G-L", "--stages", "2.5"], ["'2.5'", "whole number"]),
-    "stages --3": (["--scheme", "G-L", "--stages", "--3"], ["'--3'", "whole number"]),
-    "stages ٣": (["--scheme", "G-L", "--stages", "٣"], ["whole number"]),
     "stages 9e999": (["--scheme", "G-L", "--stages", "9" * 999], ["whole number"]),
     "no stages": (["--scheme", "G-L"], ["not given", "1 to 16"]),
     "stages of IMS": (["--scheme", "IMS", "--stages", "2"], ["IMS", "no stages", "leave"]),
-    "stages of EMS": (["--scheme", "EMS", "--stages", "1"], ["EMS", "no stages", "leave"]),
     "scheme and tableau": (["--scheme", "G-L", "--tableau", str(EXAMPLE)], ["leave out"]),
     "option": (["--scheme", "IMS", "--stage", "2"], ["--stage"]),
     "value missing": (["--scheme"], ["--scheme"]),
@@ -72,39 +61,22 @@ def test_bad_choice_is_refused(arguments, fragments, gyrospark, generate):
 
 
 NUMBERS = {
-    "gamma 0": (["--gamma", "0"], ["--gamma", "'0'", "other than 0"]),
-    "gamma -0.0": (["--gamma", "-0.0"], ["--gamma", "'-0.0'", "other than 0"]),
-    "gamma nan": (["--gamma", "nan"], ["--gamma", "'nan'", "finite"]),
-    "gamma inf": (["--gamma", "inf"], ["--gamma", "'inf'", "finite"]),
     "gamma 1e999": (["--gamma", "1e999"], ["--gamma", "'1e999'", "finite"]),
     "gamma word": (["--gamma", "mean"], ["--gamma", "'mean'", "m, h, mt, ht"]),
     "alpha 0": (["--rep", "alpha", "--alpha", "0"], ["--alpha", "'0'", "other than 0"]),
-    "alpha nan": (["--rep", "alpha", "--alpha", "nan"], ["--alpha", "'nan'", "finite"]),
     "alpha with gamma": (["--alpha", "m"], ["--alpha", "--rep gamma", "--gamma"]),
     "gamma with alpha": (["--rep", "alpha", "--gamma", "m"], ["--gamma", "--alpha"]),
-    "dt 0": (["--dt", "0"], ["dt = 0", "negative"]),
-    "dt nan": (["--dt", "nan"], ["dt", "nan", "finite"]),
-    "dt -inf": (["--dt", "-inf"], ["dt", "-inf", "finite"]),
     "dt word": (["--dt", "fast"], ["--dt", "'fast'", "1e-3"]),
-    "dt 1_0": (["--dt", "1_0"], ["--dt", "'1_0'", "1e-3"]),
-    "dt empty": (["--dt", ""], ["--dt", "''", "1e-3"]),
-    "steps -1": (["--steps", "-1"], ["steps = -1", "at least 0"]),
     "steps 1.5": (["--steps", "1.5"], ["--steps", "'1.5'", "whole number"]),
-    "steps 15e-1": (["--steps", "15e-1"], ["--steps", "'15e-1'", "whole number"]),
-    "steps 1e99": (["--steps", "1e99"], ["--steps", "'1e99'", "whole number"]),
-    "steps --5": (["--steps", "--5"], ["--steps", "'--5'", "whole number"]),
     "steps too many": (["--steps", "9" * 18], ["memory", "every"]),
     "steps enormous": (["--steps", "9" * 30], ["--steps", "whole number"]),
-    "every 0": (["--every", "0"], ["every = 0", "at least 1"]),
     "tolerance 0": (["--tolerance", "0"], ["tolerance", "not positive"]),
     "tolerance nan": (["--tolerance", "nan"], ["tolerance", "nan"]),
     "max-iterations 0": (["--max-iterations", "0"], ["max_iterations = 0", "at least 1"]),
-    "solver": (["--solver", "magic"], ["'magic'", "auto", "newton", "python"]),
     "setting": (["--set", "mass=2"], ["'mass=2'", "no settings"]),
     "picture ending": (["--plot", "top.txt"], ["'top.txt'", ".png", ".svg", ".pdf"]),
     "picture folder": (["--plot", "none/top.png"], ["--plot", "'none'"]),
     "output folder": (["--out", "none/top.npz"], ["--out", "'none'"]),
-    "output folder a file": (["--out", "/dev/null/top.npz"], ["--out", "'/dev/null'"]),
     "output a folder": (["--out", "."], ["--out", "file name"]),
     "output empty": (["--out", ""], ["--out", "file name"]),
     "output ending": (["--out", "top.xlsx"],
@@ -122,9 +94,7 @@ SETTINGS = {
     "inertia 0": (["inertia=0,1,1"], ["I1", "above 0"]),
     "inertia negative": (["inertia=1,-1,1"], ["I2", "above 0"]),
     "inertia nan": (["inertia=1,1,nan"], ["I3", "finite"]),
-    "inertia inf": (["inertia=1,1,inf"], ["I3", "finite"]),
     "two moments": (["inertia=1,1"], ["2 moments", "three"]),
-    "one moment": (["inertia=1"], ["three numbers", "I1, I2 and I3"]),
     "no moment": (["inertia="], ["--set inertia", "''"]),
     "words": (["inertia=a,b,c"], ["--set inertia", "'a'"]),
     "unknown key": (["moment=1"], ["'moment=1'", "inertia", "angular_velocity", "attitude"]),
@@ -141,8 +111,8 @@ def test_bad_setting_is_refused(settings, fragments, gyrospark):
                       *flags), *fragments)
 
 
-@pytest.mark.parametrize("setting", ["rate=0", "rate=nan", "radius_ratio=0", "radius_ratio=-1",
-                                     "mass=0", "density=inf", "height=1,2", "height=1e200"])
+@pytest.mark.parametrize("setting", ["rate=0", "radius_ratio=-1", "density=inf", "height=1,2",
+                                     "height=1e200"])
 def test_bad_cone_is_refused(setting, gyrospark):
     """Also where a number is fine and what follows from it overflows."""
     refused(gyrospark("run", "regular-precession", "--scheme", "IMS", "--dt", "1e-3", "--steps",
@@ -166,8 +136,7 @@ def test_bad_command_is_refused(arguments, fragments, gyrospark):
     refused(gyrospark(*arguments), *fragments)
 
 
-@pytest.mark.parametrize("command", ["", "generate", "verify", "run", "cache", "cache list",
-                                     "cache clear"])
+@pytest.mark.parametrize("command", ["", "generate", "verify", "run", "cache", "cache list"])
 def test_help_has_examples(command, gyrospark):
     answer = gyrospark(*command.split(), "--help")
     assert answer.code == 0
@@ -209,11 +178,10 @@ def test_json_is_one_document_with_the_keys_of_the_contract(gyrospark):
 
 
 @pytest.mark.parametrize("arguments", [
-    ["--rep", "alpha", "--alpha", "ht"], ["--gamma", "h"], ["--gamma", "mt"], ["--gamma", "0.001"],
-    ["--dt", "-1e-3"], ["--steps", "0"], ["--steps", "1e1"], ["--steps", "5.0"], ["--every", "7"],
-    ["--solver", "python"], ["--solver", "newton"], ["--tolerance", "1e-9"], ["--reference"],
-    ["--real", "float"], ["--system", "heavy-top"],
-    ["--every", "9" * 17], ["--max-iterations", "9" * 12],
+    ["--gamma", "mt", "--dt", "-1e-3", "--every", "7", "--system", "heavy-top"],
+    ["--gamma", "0.001", "--steps", "0"], ["--steps", "1e1", "--solver", "python"],
+    ["--steps", "5.0", "--solver", "newton", "--tolerance", "1e-9", "--reference"],
+    ["--every", "9" * 17, "--max-iterations", "9" * 12], ["--real", "float"],
 ])
 def test_run_takes(arguments, gyrospark):
     answer = gyrospark(*IMS, *arguments, "--json")
@@ -270,7 +238,7 @@ def late_failure():
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
-@pytest.mark.parametrize("more", [["--every", "3"], ["--reference"], ["--solver", "python"]],
+@pytest.mark.parametrize("more", [["--every", "3"], ["--reference", "--solver", "newton"]],
                          ids=" ".join)
 def test_failed_step_is_reported_and_all_before_it_kept(late_failure, more, gyrospark):
     """Exit code 1; step, time and reason on stderr; the JSON and the file have the rest."""
@@ -279,7 +247,7 @@ def test_failed_step_is_reported_and_all_before_it_kept(late_failure, more, gyro
     assert answer.code == 1
     assert answer.stderr.count("\n") == 1
     number = answer.document["failed"]["step"]
-    if "python" not in more:
+    if "newton" not in more:
         assert number == failure.step
     for fragment in (f"Step {number:g} ", failure.reason, "t = ", "dt = "):
         assert fragment in answer.stderr
@@ -294,17 +262,8 @@ def test_failed_step_is_reported_and_all_before_it_kept(late_failure, more, gyro
     assert found["q"] == list(kept.report.q)
 
 
-@pytest.mark.filterwarnings("ignore:The fastest rotation")
-def test_failed_step_in_text(late_failure, gyrospark):
-    failure, arguments = late_failure
-    answer = gyrospark(*arguments)
-    assert answer.code == 1
-    assert f"stopped: step {failure.step}" in answer.stdout
-    assert failure.reason in answer.stdout
-
-
-@pytest.mark.parametrize("more", [["--json"], [], ["--plot", "first.png"], ["--reference"],
-                                  ["--out", "first.npz"]], ids=" ".join)
+@pytest.mark.parametrize("more", [["--json"], ["--plot", "first.png", "--out", "first.npz"]],
+                         ids=" ".join)
 def test_failure_of_the_first_step(more, gyrospark):
     """Nothing is left but the start, and that is drawn and saved without a word of warning."""
     if "--plot" in more:
@@ -314,11 +273,12 @@ def test_failure_of_the_first_step(more, gyrospark):
     assert answer.stderr.count("\n") == 1
     assert "Step 1 " in answer.stderr
     assert "not converged" in answer.stderr
+    assert "--json" in more or re.search("step 1 .*not converged", answer.stdout)
 
 
 @pytest.mark.parametrize("arguments", [["--dt", "1e300"], ["--dt", "1e-320"], ["--gamma", "1e-320"],
-                                       ["--gamma", "1e308"], ["--real", "float", "--dt", "1e-60"],
-                                       ["--real", "float", "--gamma", "1e-60"]], ids=" ".join)
+                                       ["--gamma", "1e308"], ["--real", "float", "--dt", "1e-60"]],
+                         ids=" ".join)
 def test_json_has_no_nan(arguments, gyrospark):
     """Numbers at the edge of the range: it fails in one line, or works; JSON stays JSON."""
     answer = gyrospark(*IMS, *arguments, "--json")
@@ -327,8 +287,7 @@ def test_json_has_no_nan(arguments, gyrospark):
     assert set(answer.document) >= CONTRACT
 
 
-@pytest.mark.parametrize("setting", ["mass=1e300", "mass=1e-300", "density=1e-300", "rate=1e150",
-                                     "rate=1e-300", "gravity=1e300"])
+@pytest.mark.parametrize("setting", ["mass=1e300", "density=1e-300", "rate=1e150"])
 def test_extreme_cones_end_in_one_line(setting, gyrospark):
     answer = gyrospark("run", "regular-precession", "--scheme", "EMS", "--dt", "1e-3", "--steps",
                        "5", "--set", setting, "--json")
@@ -412,35 +371,28 @@ def test_check_says_up_to_date_or_shows_the_difference(generate):
     assert source.read_bytes() != good  # --check writes nothing
 
 
-@pytest.mark.parametrize("damage", [
-    lambda old: b"", lambda old: old[:100], lambda old: old.replace(b"\n", b"\r\n"),
-    lambda old: b"\xff\xfe" + old, lambda old: old + b"\n",
-], ids=["empty", "cut off", "other line ends", "not UTF-8", "one more line"])
-def test_check_sees_every_difference(damage, generate):
-    choice = ["--scheme", "IMS", "--out", "here"]
-    assert generate(*choice, "--no-compile").code == 0
-    path = Path("here/heavy_top_ims_gamma.h")
-    path.write_bytes(damage(path.read_bytes()))
-    answer = generate(*choice, "--check")
-    assert answer.code == 1
-    assert "STALE" in answer.stderr
-
-
-def test_check_of_nothing_is_stale(generate):
-    answer = generate("--scheme", "IMS", "--check", "--out", "nowhere")
-    assert answer.code == 1
+def test_check_sees_every_difference(generate):
+    """Other line ends, bytes that are no UTF-8, and that there is no file."""
+    choice = ["--scheme", "IMS", "--check"]
+    for path in (ROOT / "generated").glob("heavy_top_ims_gamma.*"):
+        shutil.copy(path, Path())
+    path = Path("heavy_top_ims_gamma.h")
+    good = path.read_bytes()
+    for damaged in (b"", good.replace(b"\n", b"\r\n"), b"\xff\xfe" + good):
+        path.write_bytes(damaged)
+        answer = generate(*choice, "--out", ".")
+        assert answer.code == 1
+        assert "STALE" in answer.stderr
+    assert generate(*choice, "--out", "nowhere").code == 1
     assert not Path("nowhere").exists()
 
 
 def test_check_all_looks_at_every_stepper_of_the_paper(generate, monkeypatch):
     module = sys.modules["gyrospark.commands.generate"]
     monkeypatch.setattr(module, "PAPER_SPECS", module.PAPER_SPECS[:2])
-    answer = generate("--check", "--all", "--out", ROOT / "generated")
-    assert answer.code == 0
-    assert answer.stdout.count("\n") == 2
-    monkeypatch.setattr(module, "PAPER_SPECS", module.PAPER_SPECS[:1])
     answer = generate("--check", "--out", ROOT / "generated")
-    assert re.fullmatch("heavy_top_ims_alpha: .*\n", answer.stdout)
+    assert answer.code == 0
+    assert re.fullmatch("heavy_top_ims_alpha: .*\nheavy_top_ims_gamma: .*\n", answer.stdout)
 
 
 @pytest.mark.parametrize("out", ["/proc/gyrospark", "/dev/null", "/dev/null/x", "file", "file/x"])
@@ -509,10 +461,6 @@ def test_a_folder_without_files_is_refused_with_its_reason(gyrospark):
                 os.strerror(errno.ENOENT))
 
 
-def test_a_file_without_ending_is_refused(gyrospark):
-    refused(gyrospark(*IMS, "--out", "states"), "'states'", ".npz", ".csv", ".zarr")
-
-
 def test_compiler_that_fails_is_quoted(generate, monkeypatch, tmp_path):
     script = tmp_path / "mycc"
     script.write_text("#!/bin/sh\n[ \"$1\" = --version ] && exit 0\n"
@@ -530,9 +478,7 @@ def test_compiler_that_fails_is_quoted(generate, monkeypatch, tmp_path):
 # ---------------------------------------------------------------- verify
 
 @pytest.mark.parametrize("arguments", [
-    ["--scheme", "G-L", "--stages", "2"], ["heavy_top_ims_alpha"], [EXAMPLE],
-    ["heavy_top_liiiab2_gamma"], ["--scheme", "EMS"], ["--tableau", EXAMPLE],
-    pytest.param([], marks=pytest.mark.slow),  # all of them
+    ["heavy_top_ims_alpha"], [EXAMPLE], pytest.param([], marks=pytest.mark.slow),  # all of them
 ], ids=str)
 def test_paper_steppers_hold(arguments, gyrospark):
     answer = gyrospark("verify", *arguments)
@@ -579,7 +525,7 @@ def test_violated_condition_is_named_and_refused_unless_allowed(gyrospark, gener
     assert all(c["residual"] not in ("0", "") for c in failed)
     refused(generate("--tableau", name), "'bent'", "violates", "verify", "--allow-invalid")
     assert not Path("generated").exists()
-    answer = generate("--tableau", name, "--allow-invalid")
+    answer = generate("--tableau", name, "--allow-invalid", "--no-compile")
     assert answer.code == 0, answer.stderr
     assert Path("generated/heavy_top_bent_gamma.c").is_file()
 
@@ -627,16 +573,16 @@ def test_tableau_runs(gyrospark):
     assert answer.document["q"] == pytest.approx(named["q"], abs=1e-14)
 
 
-@pytest.mark.parametrize("options", [[], ["--scheme", "EMS", "--rep", "alpha"]])
-def test_verify_model(gyrospark, options):
-    answer = gyrospark("verify", "--model", "fast-top", *options, "--steps", "40", "--json")
+def test_verify_model(gyrospark):
+    verify = ("verify", "--model", "fast-top", "--scheme", "IMS", "--steps", "40")
+    answer = gyrospark(*verify, "--json")
     assert answer.code == 0
     document = answer.document
     assert document["holds"] is True
     assert document["steps"] == 40
     assert {"quantity", "found", "expected", "holds", "why", "value", "bound"} <= set(
         document["lines"][0])
-    text = gyrospark("verify", "--model", "fast-top", *options, "--steps", "40")
+    text = gyrospark(*verify)
     assert text.code == 0
     assert "∮p·dq" in text.stdout
     assert text.stdout.rstrip().endswith("holds")
@@ -651,9 +597,6 @@ def test_verify_model_fails_for_a_broken_tableau(gyrospark, tmp_path):
     answer = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100")
     assert answer.code == 1
     assert "FAILS: " in answer.stdout
-    document = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100",
-                         "--json").document
-    assert document["holds"] is False
 
 
 @pytest.mark.parametrize(("arguments", "fragments"), [

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import gyrospark as gs
-from processes import ROOT, environment
+from command_line import CONTRACT, refused
+from processes import ROOT
 
 EPS = float(np.finfo(float).eps)
 EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
 PENDULUM, SATELLITE = (ROOT / "examples" / f"{name}.toml" for name in ("pendulum", "satellite"))
-CONTRACT = {
-    "steps", "dt", "t_end", "q", "p", "energy_error_max", "energy_error_mean", "constraint_max",
-    "momentum_constraint_max", "iterations_mean", "iterations_max", "seconds", "ns_per_step",
-}
 
 
 @pytest.fixture
@@ -49,7 +44,7 @@ def test_example_is_read(path):
 
 # Each is derived and compiled; the others are read above.
 @pytest.mark.parametrize("path", [
-    path if path.stem in ("damped_top", "double_pendulum", "pendulum")
+    path if path.stem == "pendulum"
     else pytest.param(path, marks=pytest.mark.slow) for path in EXAMPLES], ids=lambda p: p.stem)
 def test_example_runs(path, document):
     """With the file's own dt; twenty steps keep every constraint."""
@@ -83,32 +78,12 @@ def test_commands_in_the_headers_of_examples_exist():
 def test_pendulum_swings_as_it_should(document):
     """The angle at t = 2 s against the plane pendulum's equation by SciPy: two ways to a number."""
     integrate = pytest.importorskip("scipy.integrate")
-    found = document("run", PENDULUM, "--scheme", "G-L", "--stages", "2", "--steps", "4000",
-                     "--dt", "5e-4")
+    found = document("run", PENDULUM, "--scheme", "G-L", "--stages", "2", "--steps", "1000",
+                     "--dt", "2e-3")
     flight = integrate.solve_ivp(lambda t, y: [y[1], -9.81 / 0.5 * np.sin(y[0])], (0, 2.0),
                                  [np.pi / 2, 0.0], rtol=1e-12, atol=1e-12)
     x, y = found["q"]
     assert np.arctan2(x, -y) == pytest.approx(flight.y[0, -1], abs=1e-9)
-
-
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_body_chooses_gamma_and_alpha(document):
-    """--gamma counts for the body's parameter; without it γ_m; --rep overrides the file's."""
-    common = ("run", SATELLITE, "--scheme", "IMS", "--steps", "5")
-    inertia = (120.0, 100.0, 30.0)
-    assert document(*common)["parameters"]["gamma"] == gs.gamma_m(inertia)
-    assert document(*common, "--gamma", "ht")["parameters"]["gamma"] == gs.gamma_h_tilde(inertia)
-    found = document(*common, "--rep", "alpha", "--alpha", "7.5")
-    assert found["parameters"]["alpha"] == 7.5
-    assert found["stepper"] == "satellite_ims_alpha"
-
-
-@pytest.mark.slow  # a model of its own to derive; one body is tested above
-def test_two_bodies_get_their_own_gamma(document):
-    path = ROOT / "examples" / "double_top.toml"
-    found = document("run", path, "--scheme", "IMS", "--steps", "2", "--gamma", "h")["parameters"]
-    assert found["lower_gamma"] == gs.gamma_h((0.004, 0.004, 0.002))
-    assert found["upper_gamma"] == gs.gamma_h((0.001, 0.001, 0.0006))
 
 
 def test_text_fits_the_system(tmp_path, gyrospark, document):
@@ -126,14 +101,6 @@ def test_text_fits_the_system(tmp_path, gyrospark, document):
     assert found["constraint_max"] == found["momentum_constraint_max"] == 0
 
 
-def test_out_and_plot_of_a_general_system(tmp_path, document):
-    pytest.importorskip("matplotlib")
-    found = document("run", PENDULUM, "--scheme", "IMS", "--steps", "50", "--out",
-                     tmp_path / "p.npz", "--plot", tmp_path / "p.png")
-    assert gs.Trajectory.load(found["out"]).q.shape == (51, 2)
-    assert Path(found["plot"]).read_bytes().startswith(b"\x89PNG")
-
-
 def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, document):
     text = PENDULUM.read_text(encoding="utf-8").replace('q = ["l", 0]', "q = [0.3, 0.4001]")
     rough = tmp_path / "rough.toml"
@@ -143,18 +110,6 @@ def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, docu
     assert "start_moved" not in document("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
     said = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stdout
     assert "constraints" in said
-
-
-def test_second_run_imports_no_sympy(document):
-    arguments = ["run", str(PENDULUM), "--scheme", "IMS", "--steps", "3", "--json"]
-    document(*arguments[:-1])
-    code = (f"import sys\nsys.argv = ['gyrospark', *{arguments}]\n"
-            "from gyrospark.commands import main\n"
-            "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 0\n"
-            "assert 'sympy' not in sys.modules")
-    done = subprocess.run([sys.executable, "-c", code], env=environment(), capture_output=True,
-                          text=True, check=False, timeout=100)
-    assert done.returncode == 0, done.stderr
 
 
 def test_generate_check_and_verify(tmp_path, gyrospark, document):
@@ -170,11 +125,10 @@ def test_generate_check_and_verify(tmp_path, gyrospark, document):
 
 
 def test_stepper_of_a_file_and_of_its_model_agree():
-    model = gs.load_model(SATELLITE)
-    run = {"dt": model.dt, "steps": 3,
-           "parameters": dict(model.parameters) | {"gamma": gs.gamma_m((120, 100, 30))}}
+    model = gs.load_model(PENDULUM)
+    run = {"dt": model.dt, "steps": 3, "parameters": dict(model.parameters)}
     ends = [gs.stepper("IMS", system=system).integrate(model.q0, model.p0, **run).q[-1]
-            for system in (SATELLITE, str(SATELLITE), model, model.system)]
+            for system in (PENDULUM, str(PENDULUM), model, model.system)]
     assert all(np.array_equal(end, ends[0]) for end in ends)
 
 
@@ -200,21 +154,11 @@ HOSTILE = {
     "tables": ("x = " + "{a = " * 40_000, ["nested"]),
     "dotted key": ("a" + ".a" * 100_000 + " = 1", ["dots"]),
     "huge integer": (pendulum("m = 1.0", "m = " + "9" * 5000), ["TOML"]),
-    "huge hexadecimal": (pendulum("m = 1.0", "m = 0x" + "f" * 9000), ["[parameters] m", "finite"]),
-    "infinity": (pendulum("m = 1.0", "m = 1e999"), ["[parameters] m", "finite"]),
-    "nan": (pendulum("m = 1.0", "m = nan"), ["[parameters] m", "finite"]),
-    "not UTF-8": (b"name = '\xff'", ["UTF-8"]),
-    "NUL": (b"name = 'a\x00'", ["TOML"]),
-    "twice": (pendulum("m = 1.0", "m = 1\nm = 2"), ["TOML"]),
     "parentheses": (pendulum(H, "(" * 1900 + "x" + ")" * 1900), ["nested"]),
     "import": (pendulum(H, "__import__('os').system('touch /tmp/x')"), ["meaning"]),
-    "dunder": (pendulum(H, "__builtins__"), ["__builtins__", "unknown"]),
-    "attribute": (pendulum(H, "x.__class__"), ["meaning"]),
-    "lambda": (pendulum(H, "lambda"), ["lambda", "unknown"]),
     "huge power": (pendulum(H, "x**10**9"), ["±64"]),
     "tower": (pendulum(H, "2**2**2**2**2**2"), ["±64"]),
     "many terms": (pendulum(H, "(x + y + px + py)**60"), ["terms"]),
-    "function": (pendulum(H, "gamma(x)"), ["gamma", "unknown"]),
     "long": (pendulum(H, "x + " * 2000 + "x"), ["8001 characters"]),
     "keyword": (pendulum('"x", "y"', '"x", "int"').replace("g*y", "g*int").replace(
         "y**2 -", "int**2 -").replace("-y", "-int"), ["'int'", "keyword"]),
@@ -242,17 +186,6 @@ def bounded(gyrospark):
     signal.alarm(0)
     resource.setrlimit(resource.RLIMIT_AS, before)
     signal.signal(signal.SIGALRM, handler)
-
-
-def refused(done, *fragments):
-    """Check for exit code 2 and one line on stderr."""
-    assert done.code == 2, done.stderr
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    assert "Traceback" not in done.stderr
-    assert len(done.stderr) < 1500
-    for fragment in fragments:
-        assert fragment in done.stderr, done.stderr
 
 
 @pytest.mark.parametrize(("content", "fragments"), HOSTILE.values(), ids=HOSTILE.keys())
@@ -321,20 +254,19 @@ def ruled(tmp_path):
 
 def test_a_file_says_by_which_rule_gamma_is_found(ruled, document):
     """What the option does, which takes its place; without one, in Python and certificates too."""
-    run = ("--scheme", "G-L", "--stages", "2", "--steps", "30")
-    plain = document("run", SATELLITE, *run)
-    wanted = {rule: document("run", SATELLITE, *run, "--gamma", rule)["parameters"]["gamma"]
-              for rule in ("h", "auto-energy")}
-    assert len({*wanted.values(), plain["parameters"]["gamma"]}) == 3
+    run = ("--scheme", "G-L", "--stages", "2", "--steps", "10")
+    inertia = (120.0, 100.0, 30.0)
+    wanted = {"h": gs.gamma_h(inertia), "auto-energy": document(
+        "run", SATELLITE, *run, "--gamma", "auto-energy")["parameters"]["gamma"]}
+    assert len({*wanted.values(), gs.gamma_m(inertia)}) == 3
     for rule, gamma in wanted.items():
         path = ruled(rule)
-        found = document("run", path, *run)
-        assert found["parameters"]["gamma"] == gamma
-        assert document("run", path, *run, "--gamma", "m")["q"] == plain["q"]
+        assert document("run", path, *run)["parameters"]["gamma"] == gamma
         model = gs.load_model(path)
         assert model.rules == {"gamma": rule}
         assert "gamma" not in model.parameters
-    assert gs.certify(model, "G-L", 2, steps=30).parameters["gamma"] == gamma
+    assert document("run", path, *run, "--gamma", "m")["parameters"]["gamma"] == gs.gamma_m(inertia)
+    assert gs.certify(model, "G-L", 2, steps=10).parameters["gamma"] == gamma
 
 
 def test_a_sweep_has_no_motion_to_choose_for(ruled):

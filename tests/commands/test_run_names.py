@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import TOP
 from command_line import refused
 from gyrospark.core.registry import MODELS
-from processes import ROOT
+from processes import ROOT, python
 
 EXAMPLES = ROOT / "examples"
 PENDULUM = EXAMPLES / "pendulum.toml"
@@ -34,13 +35,14 @@ def test_every_model_runs_by_its_name(name, gyrospark):
 
 
 def test_a_model_that_ran_needs_no_sympy(gyrospark):
-    from processes import python
-
-    gyrospark("run", "lagrange_top", "--scheme", "IMS", "--steps", "1")
-    code = ("import sys\nsys.argv = ['gyrospark', 'run', 'lagrange-top', '--scheme', 'IMS', "
-            "'--steps', '1']\nfrom gyrospark.commands import main\n"
-            "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 0\n"
-            "print('sympy' in sys.modules)")
+    """By its name, and by its file."""
+    models = ["lagrange-top", str(PENDULUM)]
+    for model in models:
+        gyrospark("run", model, "--scheme", "IMS", "--steps", "1")
+    code = (f"import sys\nfrom gyrospark.commands import main\nfor model in {models}:\n"
+            "    sys.argv = ['gyrospark', 'run', model, '--scheme', 'IMS', '--steps', '1']\n"
+            "    try:\n        main()\n    except SystemExit as end:\n"
+            "        assert end.code == 0\nprint('sympy' in sys.modules)")
     assert python(code).splitlines()[-1] == "False"
 
 
@@ -62,8 +64,7 @@ def test_without_a_scheme_it_says_which(gyrospark, generate):
     assert answer.document["stepper"] == "heavy_top_gl3_gamma"
 
 
-@pytest.mark.parametrize(("text", "count"), [("1e1", 10), ("10.0", 10), ("1.5e1", 15), ("7", 7),
-                                             ("1E1", 10), ("1e+1", 10), ("0.5e1", 5)])
+@pytest.mark.parametrize(("text", "count"), [("10.0", 10), ("1.5e1", 15), ("1E+1", 10)])
 def test_whole_numbers_as_everybody_writes_them(text, count, gyrospark):
     answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", text,
                        "--max-iterations", "5e1", "--json")
@@ -97,7 +98,6 @@ def test_rules_of_the_command_line_are_taken_in_python(rule, mean, gl3):
     assert np.array_equal(by_rule.q, by_number.q)
 
 
-@pytest.mark.slow  # a model of two bodies
 def test_rules_are_taken_wherever_parameters_are(gl3):
     ruled, known = (TOP.parameters | {"gamma": gamma} for gamma in ("m", gs.gamma_m(TOP.inertia)))
     q, p, x = TOP.q0, TOP.p0, np.zeros(gl3.unknowns)
@@ -112,10 +112,9 @@ def test_rules_are_taken_wherever_parameters_are(gl3):
                              ).parameters["gamma"],
     ):
         assert np.array_equal(np.asarray(call(ruled)), np.asarray(call(known)))
-    model = gs.models.double_top()
-    step = gs.stepper("IMS", system=model)
-    made = step.integrate(model.q0, model.p0, dt=1e-3, steps=1,
-                          parameters=dict(model.parameters) | {"b_gamma": "h"})
+    model = systems.case("double_top").system
+    made = systems.stepper("double_top").integrate(
+        model.q0, model.p0, dt=1e-3, steps=1, parameters=dict(model.parameters) | {"b_gamma": "h"})
     inertia = tuple(model.parameters[f"b_I{i}"] for i in (1, 2, 3))
     assert made.parameters["b_gamma"] == gs.gamma_h(inertia)
 
@@ -188,10 +187,9 @@ def test_what_depends_on_a_setting_follows(gyrospark, tmp_path):
 @pytest.mark.parametrize(("setting", "fragments"), [
     ("kk=3", ["'kk'", "half, k or spin", "k?"]),
     ("k", ["--set 'k'", "KEY=VALUE"]), ("k=", ["[parameters] k", "no number"]),
-    ("k=x", ["[parameters] k", "x is unknown"]), ("k=[1]", ["[parameters] k", "a list of 1"]),
-    ("start.angle=3", ["'angle'", "unknown"]), ("begin.euler=3", ["'begin.euler'"]),
-    ("k.l=3", ["'k.l'"]), ("body.inertia=[1, 1, 9]", ["no body"]),
-    ("k=true", ["true"]), ("k=1\nname='x'", ["k"]), ("=3", ["''"]),
+    ("k=[1]", ["[parameters] k", "a list of 1"]), ("start.angle=3", ["'angle'", "unknown"]),
+    ("begin.euler=3", ["'begin.euler'"]), ("k.l=3", ["'k.l'"]),
+    ("body.inertia=[1, 1, 9]", ["no body"]), ("k=1\nname='x'", ["k"]), ("=3", ["''"]),
     ("start.euler=__import__('os')", ["euler"]),
 ])
 def test_settings_that_do_not_fit_are_refused(setting, fragments, gyrospark, tmp_path):
@@ -202,9 +200,11 @@ def test_settings_that_do_not_fit_are_refused(setting, fragments, gyrospark, tmp
 
 def test_settings_of_bodies_go_by_name(gyrospark):
     found = gyrospark("run", EXAMPLES / "double_top.toml", "--scheme", "IMS", "--steps", "2",
-                      "--set", "bodies.upper.mass=0.7", "--json")
-    names = [key for key in found.document["parameters"] if key.endswith("_m")]
-    assert found.document["parameters"]["upper_m"] == 0.7, names
+                      "--set", "bodies.upper.mass=0.7", "--gamma", "h", "--json")
+    parameters = found.document["parameters"]
+    assert parameters["upper_m"] == 0.7
+    assert parameters["lower_gamma"] == gs.gamma_h((0.004, 0.004, 0.002))
+    assert parameters["upper_gamma"] == gs.gamma_h((0.001, 0.001, 0.0006))
 
 
 def test_without_a_scheme_the_gamma_of_a_single_body_is_searched_for(gyrospark):

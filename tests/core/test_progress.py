@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 import types
 
@@ -68,7 +69,6 @@ def fit(step):
     return gs.fit(step, run.t[::10], run.q[::10], q=TOP.q0, p=TOP.p0, free=["I1"], **START)
 
 
-
 def sweep(step):
     pytest.importorskip("xarray")
     gs.sweep(TOP, {"gamma": [1e-3, 2e-3]}, scheme="G-L", stages=3, dt=1e-3, steps=3)
@@ -93,6 +93,16 @@ def test_a_notebook_shows_what_is_derived_and_compiled(notebook):
     with progress.log_task("deriving a", "derived a"), progress.log_task("compiling b"):
         pass
     assert notebook == ["", "deriving a …", "compiling b …", "deriving a …", ""]
+
+
+def test_an_interactive_python_and_who_reads_the_log_hear_of_a_task(fresh, monkeypatch, caplog):
+    with caplog.at_level("INFO", "gyrospark"), progress.log_task("compiling b", "compiled b"):
+        pass
+    assert re.fullmatch(r"compiled b in [\d.]+ s", caplog.messages[-1])
+    assert progress.TERMINAL not in LOGGER.handlers
+    monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
+    with progress.log_task("compiling b"):
+        assert progress.TERMINAL in LOGGER.handlers
 
 
 @pytest.mark.parametrize("name", ["integrate", "lyapunov"])

@@ -5,6 +5,11 @@ from __future__ import annotations
 from processes import ROOT
 
 EXAMPLE = ROOT / "examples" / "tableaux" / "gauss_lobatto_2.json"
+#: Keys of the JSON of every run.
+CONTRACT = {
+    "steps", "dt", "t_end", "q", "p", "energy_error_max", "energy_error_mean", "constraint_max",
+    "momentum_constraint_max", "iterations_mean", "iterations_max", "seconds", "ns_per_step",
+}
 RUN = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "20"]
 FAILS = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1", "--steps", "20"]
 

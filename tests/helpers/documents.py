@@ -66,7 +66,7 @@ NOT_RUN = [
     (r"^gyrospark bench (events|gradients)\b", "even quick each is six seconds; "
                                               "test_benchmarks.py compares events and gradients"),
     (r"^gyrospark run delta_robot\b", "five seconds to derive and compile; "
-                                      "test_models_command.py runs it"),
+                                      "test_run_names.py runs it"),
     (r"^gyrospark run examples/crane.urdf", "twelve seconds to derive; a slow test of test_site.py "
                                             "runs the crane, test_cli.py a file of a robot"),
     (r"^gyrospark (run|build)$", "the name of a command without what it takes"),
