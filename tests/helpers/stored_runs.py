@@ -21,6 +21,5 @@ RUNS = {
     "forced": partial(record_case, name="dragged_pendulum", steps=35, every=3),
     "two constraints": partial(record_case, name="two_rods", steps=10, every=1),
     "long double": partial(record_case, real="long-double"),
-    "float128": partial(record_case, real="float128"),
     "one state": partial(record_case, steps=0, every=1),
 }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 
-import numpy as np
 import pytest
 
 import gyrospark as gs
@@ -29,30 +28,24 @@ def check(step, out, **arguments):
 # ---------------------------------------------------------------- the same as integrate
 
 
-@pytest.mark.parametrize(("name", "scheme", "stages", "real", "solver"), [
-    ("heavy_top", "G-L", 2, "double", "auto"), ("heavy_top", "EMS", None, "double", "newton"),
-    ("heavy_top", "LIIIA-B", 3, "double", "python"), ("heavy_top", "G-L", 2, "float", "auto"),
-    ("heavy_top", "G-L", 2, "double", "fixed-point"), ("heavy_top", "G-L", 2, "float128", "auto"),
-    ("driven_oscillator", "G-L", 2, "double", "auto"), ("two_rods", "G-L", 2, "double", "auto"),
-    ("dragged_pendulum", "G-L", 2, "long-double", "auto"), ("sleigh", "G-L", 2, "double", "auto"),
-    ("dragged_pendulum", "G-L", 2, "double", "python")])
-def test_a_stored_run_is_that_of_integrate(name, scheme, stages, real, solver, tmp_path,
-                                           monkeypatch):
+@pytest.mark.parametrize(("name", "scheme", "real", "solver"), [
+    ("heavy_top", "EMS", "double", "newton"), ("heavy_top", "G-L", "float", "fixed-point"),
+    ("heavy_top", "G-L", "float128", "auto"), ("dragged_pendulum", "G-L", "double", "python")])
+def test_a_stored_run_is_that_of_integrate(name, scheme, real, solver, tmp_path, monkeypatch):
     """Blocks of 8 rows, of which the last is begun; a last state off the grid of ``every``."""
     small_blocks(monkeypatch, 8)
-    step, case = systems.stepper(name, scheme, stages, real), systems.case(name)
+    step, case = systems.stepper(name, scheme, real=real), systems.case(name)
     q, p = systems.start(name, step)
-    recording = check(step, tmp_path / "run.zarr", q=q, p=p, dt=case.dt, t0=case.t0, steps=40,
-                      every=3, parameters=case.parameters, solver=solver)
-    if step.m > 1:
-        assert recording.trajectory().multipliers.shape[2] == step.m
+    check(step, tmp_path / "run.zarr", q=q, p=p, dt=case.dt, t0=case.t0, steps=40, every=3,
+          parameters=case.parameters, solver=solver)
 
 
 @pytest.mark.parametrize(("steps", "every"), [
-    (0, 1), (1, 9), (4096, 4096), (4097, 4096), (5000, 9000), (8193, 8192), (5000, 3)])
+    (0, 1), (1, 9), (64, 64), (65, 64), (80, 150), (129, 128), (80, 3)])
 def test_counts(steps, every, gl3, tmp_path, monkeypatch):
-    """Around the 4096 steps that compiled code does in one call; nothing, and one row, as well."""
-    small_blocks(monkeypatch, 1024)
+    """Around the steps that compiled code does in one call; nothing, and one row, as well."""
+    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 64)
+    small_blocks(monkeypatch, 16)
     check(gl3, tmp_path / "run.zarr", **START, steps=steps, every=every)
 
 
@@ -71,17 +64,17 @@ def test_chosen_gamma(tmp_path):
 def test_failed_step(failures, tmp_path, monkeypatch):
     """The error of a recorded run is the error of the run, with the same states."""
     small_blocks(monkeypatch, 2)
-    for number, (step, options, failure) in enumerate(failures[:1]):
-        out = tmp_path / f"{number}.zarr"
-        for resume in (False, True):  # a run that has failed fails again at once
-            with pytest.raises(gs.StepFailed) as again:
-                gs.record(step, *LATE, out=out, steps=200, resume=resume, **options)
-            assert (again.value.step, again.value.t) == (failure.step, failure.t)
-            assert again.value.reason == failure.reason
-            assert_same(again.value.trajectory, failure.trajectory)
-        found = gs.open_recording(out)
-        assert found.status == f"failed: {failure.reason}"
-        assert found.steps_done == failure.step - 1
+    (step, options, failure), *_ = failures
+    out = tmp_path / "run.zarr"
+    for resume in (False, True):  # a run that has failed fails again at once
+        with pytest.raises(gs.StepFailed) as again:
+            gs.record(step, *LATE, out=out, steps=200, resume=resume, **options)
+        assert (again.value.step, again.value.t) == (failure.step, failure.t)
+        assert again.value.reason == failure.reason
+        assert_same(again.value.trajectory, failure.trajectory)
+    found = gs.open_recording(out)
+    assert found.status == f"failed: {failure.reason}"
+    assert found.steps_done == failure.step - 1
 
 
 # ---------------------------------------------------------------- what a recording says
@@ -99,19 +92,6 @@ def test_about_a_recording(gl3, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != ".run.zarr.lock") == ["run.zarr"]
 
 
-@pytest.mark.parametrize(("first", "thin"), [(0, 1), (3, 1), (0, 2), (2, 3), (6, 1)])
-def test_part_of_a_recording(first, thin, gl3, tmp_path):
-    whole = gl3.integrate(**START, steps=29, every=5)
-    found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=29, every=5)
-    part = found.trajectory(first=first, thin=thin)
-    assert part.every == 5 * thin
-    for name in ("t", "q", "p", "energies", "g_errors", "f_errors", "work"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[first::thin])
-    for name in ("multipliers", "iterations"):  # of the steps that end at a state
-        expected = getattr(whole, name)[first + thin - 1 :: thin]
-        np.testing.assert_array_equal(getattr(part, name), expected)
-
-
 @pytest.mark.parametrize("real", ["double", "float128"])
 def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatch):
     """Whatever the chunk and the place to begin: the rows of the whole, and one chunk at a time."""
@@ -123,9 +103,11 @@ def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatc
         small_blocks(monkeypatch, chunk)
         found = recorded(step, tmp_path / "run.zarr", **START | {"q": q, "p": p}, steps=21)
         whole = found.trajectory()
+        assert bits(found.trajectory(first=3).q) == bits(whole.q[3:])
         del rows[:]
         for first, thin in itertools.product((0, 4, 7, 21), (2, 5, 30)):
             part = found.trajectory(first=first, thin=thin)
+            assert part.every == thin
             for name in ARRAYS:
                 of_steps = name in ("multipliers", "iterations")
                 place = slice(first + thin - 1 if of_steps else first, None, thin)

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import errno
 import itertools
-import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import gyrospark as gs
 import systems
-from calls import PARAMETERS, TOP
 from gyrospark.commands.run.outputs import Angles, integrate_to
 from gyrospark.storage.durable_files import write_durably
-from processes import HELPERS, PATIENCE, environment
 from stores import START, assert_same_bytes, recorded, small_blocks
 
 
@@ -43,8 +38,7 @@ class Disk:
 
 
 @pytest.mark.parametrize(("number", "every"), [
-    (errno.EIO, 31), *(pytest.param(number, 1, marks=pytest.mark.slow)  # each operation
-                       for number in (errno.ENOSPC, errno.EROFS, errno.EDQUOT))])
+    (errno.EIO, 41), pytest.param(errno.ENOSPC, 1, marks=pytest.mark.slow)])  # each operation
 def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
     """All operations of a small run in turn: made a store, wrote rows, checkpoint, attributes.
 
@@ -91,7 +85,7 @@ def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
     assert sorted(path.name for path in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
 
 
-@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 17])
+@pytest.mark.parametrize("every", [pytest.param(1, marks=pytest.mark.slow), 25])
 def test_what_a_command_leaves_on_a_full_disk_is_named(every, gl3, tmp_path, monkeypatch):
     """Files that folders do not show, too; where no step is stored, none is left."""
     small_blocks(monkeypatch, 4)
@@ -117,78 +111,6 @@ def test_what_a_command_leaves_on_a_full_disk_is_named(every, gl3, tmp_path, mon
     assert files == ["run.csv"]
     assert 0 in left
     assert max(left) > 1
-
-
-# ---------------------------------------------------------------- a real one
-
-SMALL_DISK = """
-set -e
-mount -t tmpfs -o size={size}k none disk
-{python} -c '
-import json, os, sys, pathlib
-import gyrospark as gs
-import systems
-from gyrospark.storage import array_layout
-from calls import PARAMETERS, TOP
-from gyrospark.commands.run.outputs import Angles, integrate_to
-array_layout._MOST_ROWS = 1024
-run = {{"q": TOP.q0, "p": TOP.p0, "dt": 1e-3, "parameters": PARAMETERS, "steps": 40000, "every": 4}}
-step, said = gs.stepper("EMS"), {{}}
-ballast = pathlib.Path("disk/ballast")
-def use(text):
-    try:
-        said[text] = gs.record(step, out="disk/run.zarr", resume=True, **run).status
-    except gs.StorageError as error:
-        said[text] = str(error)
-ballast.write_bytes(bytes({ballast}))
-use("full")
-if pathlib.Path("disk/run.zarr").exists():
-    found = gs.open_recording("disk/run.zarr")
-    said["states"] = len(found.trajectory()) if found.report else 0
-use("still full")
-ballast.unlink()
-use("freed")
-import shutil
-shutil.copytree("disk/run.zarr", "copy.zarr")
-os.system("mount -o remount,ro disk")
-use("read only")
-said["read"] = len(gs.open_recording("disk/run.zarr").trajectory())
-print(json.dumps(said))
-'
-"""
-
-
-@pytest.mark.slow  # a process each; the disk above fails at each operation
-@pytest.mark.parametrize("at", ["middle", "creation"])
-def test_small_disk(at, tmp_path):
-    """A file system in memory that is full of something else, then freed, then read-only."""
-    (tmp_path / "disk").mkdir()
-    size = 8000
-    ballast = size * 1024 - (20_000 if at == "creation" else 700_000)
-    script = SMALL_DISK.format(size=size, ballast=ballast, python=sys.executable)
-    mounts = ["unshare", "-Urm", "sh", "-c"]
-    if not shutil.which("unshare") or subprocess.run(
-            [*mounts, "mount -t tmpfs none /mnt"], capture_output=True, check=False).returncode:
-        pytest.skip("no mount without rights here")
-    path = f"{HELPERS}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
-    done = subprocess.run([*mounts, script], cwd=tmp_path, env=environment(PYTHONPATH=path),
-                          capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    for when in ("full", "still full"):
-        assert "'disk/run.zarr'" in said[when]
-        assert os.strerror(errno.ENOSPC) in said[when]
-        assert "free" in said[when]
-    if at == "middle":
-        assert 0 < said["states"] < 10_001
-    assert said["freed"] == "complete"
-    assert said["read"] == 10_001
-    assert os.strerror(errno.EROFS) in said["read only"]
-    with pytest.MonkeyPatch.context() as patch:
-        small_blocks(patch, 1024, seconds=1e9)
-        recorded(gs.stepper("EMS"), tmp_path / "whole.zarr", q=TOP.q0, p=TOP.p0, dt=1e-3,
-                 parameters=PARAMETERS, steps=40_000, every=4)
-    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "copy.zarr")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows does not sync folders")

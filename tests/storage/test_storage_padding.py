@@ -14,8 +14,6 @@ import pytest
 
 import gyrospark as gs
 import systems
-from calls import PARAMETERS, TOP
-from forced_systems import PARAMETERS as FORCED
 from gyrospark.runtime.bindings.real_numbers import without_padding
 from gyrospark.runtime.compilation.compiler import find_compiler
 from stores import assert_same_bytes, recorded
@@ -40,45 +38,23 @@ def dirty(tmp_path_factory):
     return ctypes.CDLL(str(folder / "dirty.so")).dirty
 
 
-@pytest.fixture(scope="module")
-def plain():
-    """A long-double stepper without optimisation, which copies the most."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GYROSPARK_OPTIMISE", "0")
-        return systems.stepper("dragged_pendulum", real="long-double")
-
-
 def start(step):
-    q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=FORCED)
-    return {"q": q, "p": p, "dt": 0.01, "steps": 60, "every": 3, "parameters": FORCED}
+    case, (q, p) = systems.case("dragged_pendulum"), systems.start("dragged_pendulum", step)
+    return {"q": q, "p": p, "dt": case.dt, "steps": 60, "every": 3, "parameters": case.parameters}
 
 
-@pytest.mark.parametrize("solver", [
-    "auto", *(pytest.param(solver, marks=pytest.mark.slow) for solver in ("newton", "python"))])
-def test_a_store(solver, plain, dirty, tmp_path):
+@pytest.mark.parametrize("real", ["long-double", "double"])
+def test_a_store(real, dirty, tmp_path):
+    """Of a type with padding, and of one without."""
+    step = systems.stepper("dragged_pendulum", real=real)
     for pattern in (0, 171):
         dirty(pattern)
-        recorded(plain, tmp_path / f"{pattern}.zarr", solver=solver, **start(plain))
+        recorded(step, tmp_path / f"{pattern}.zarr", **start(step))
     assert_same_bytes(tmp_path / "0.zarr", tmp_path / "171.zarr")
 
 
-@pytest.mark.slow  # a stepper in long double each
-@pytest.mark.parametrize(("scheme", "frame"), [(("EMS", None), None), (("G-L", 2), "symmetries")])
-def test_a_store_of_the_top(scheme, frame, dirty, tmp_path, monkeypatch):
-    """EMS, and a trajectory in a co-moving frame, have fields of their own."""
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
-    step = gs.stepper(*scheme, real="long-double", frame=frame)
-    parameters = PARAMETERS | ({"omega_body": 3.0} if frame else {})
-    q, p = step.project(TOP.q0, TOP.p0, parameters=parameters)
-    for pattern in (0, 171):
-        dirty(pattern)
-        recorded(step, tmp_path / f"{pattern}.zarr", q=q, p=p, dt=1e-3, steps=60, every=3,
-                 parameters=parameters)
-    assert_same_bytes(tmp_path / "0.zarr", tmp_path / "171.zarr")
-
-
-def test_a_file(plain, dirty, tmp_path):
-    files = []
+def test_a_file(dirty, tmp_path):
+    plain, files = systems.stepper("dragged_pendulum", real="long-double"), []
     for pattern in (0, 171):
         dirty(pattern)
         run = plain.integrate(**start(plain))
@@ -88,16 +64,6 @@ def test_a_file(plain, dirty, tmp_path):
         again = gs.Trajectory.load(tmp_path / f"{pattern}.npz")
         assert np.array_equal(again.q, run.q)
     assert files[0] == files[1]
-
-
-@pytest.mark.parametrize("real", [
-    "double", *(pytest.param(real, marks=pytest.mark.slow) for real in ("float", "float128"))])
-def test_no_other_type_has_padding(real, dirty, tmp_path):
-    step = systems.stepper("dragged_pendulum", real=real)
-    for pattern in (0, 171):
-        dirty(pattern)
-        recorded(step, tmp_path / f"{pattern}.zarr", **start(step))
-    assert_same_bytes(tmp_path / "0.zarr", tmp_path / "171.zarr")
 
 
 def test_numbers_stay_what_they_are():

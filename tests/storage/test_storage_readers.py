@@ -13,7 +13,6 @@ import zarr
 import gyrospark as gs
 from calls import PARAMETERS, TOP
 from processes import FAST_TOP, python
-from stored_runs import RUNS
 from stores import START, assert_same_bytes, small_blocks
 
 
@@ -62,25 +61,6 @@ def test_attributes(opened, gl3):
     assert (about["status"], about["steps_done"], about["states"]) == ("complete", 20, 8)
     assert about["report"]["steps"] == 20
     json.dumps(about, allow_nan=False)  # any reader of JSON can take it
-
-
-@pytest.mark.parametrize("make", RUNS.values(), ids=RUNS.keys())
-def test_every_kind_of_run_opens_without_a_warning(make, tmp_path):
-    made = make(tmp_path / "run.zarr")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        whole = xarray.open_zarr(made.path).load()
-        group = zarr.open_group(made.path, mode="r")
-        assert {name for name, _ in group.arrays()} == {*made.attributes["arrays"], "checkpoint"}
-        kept = made.dataset.load()
-    assert whole.sizes["time"] == kept.sizes["time"] == made.states
-    assert "checkpoint" not in kept
-    if made.attributes["manifest"]["real"] in ("long-double", "float128"):
-        assert kept["q_bytes"].dims == ("time", "coordinate", "byte")
-        assert kept.sizes["byte"] == 16
-        exact = made.trajectory().q
-        np.testing.assert_array_equal(kept["q"], exact.astype(float))
-        assert (exact != exact.astype(float)).any()
 
 
 def test_rows_to_come(gl3, tmp_path, monkeypatch):

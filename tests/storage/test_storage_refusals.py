@@ -71,27 +71,28 @@ def everything(store, stepper):
 
 # ---------------------------------------------------------------- another run
 
-OTHERS = {
-    "dt": ({"dt": 2e-3}, ("dt", "0.001", "0.002")),
-    "steps": ({"steps": 99}, ("steps", "100", "99")),
-    "every": ({"every": 3}, ("every", "2", "3")),
-    "t0": ({"t0": 1.0}, ("t0", "0.0", "1.0")),
-    "solver": ({"solver": "newton"}, ("solver", "'auto'", "'newton'")),
-    "tolerance": ({"tolerance": 1e-12}, ("tolerance", "None", "1e-12")),
-    "max_iterations": ({"max_iterations": 51}, ("max_iterations", "50", "51")),
-    "parameter": ({"parameters": PARAMETERS | {"mgl": np.nextafter(PARAMETERS["mgl"], 1)}},
-                  ("parameters.mgl", "0.3924", "0.39240000000000")),
-    "start": ({"q": -np.asarray(TOP.q0), "p": -np.asarray(TOP.p0)}, ("q0",)),
-}
+OTHERS = [
+    ({"dt": 2e-3}, ("dt", "0.001", "0.002")),
+    ({"steps": 99}, ("steps", "100", "99")),
+    ({"dt": 2e-3, "steps": 7}, ("dt", "0.001", "0.002", "steps", "100", " 7")),
+    ({"every": 3}, ("every", "2", "3")),
+    ({"t0": 1.0}, ("t0", "0.0", "1.0")),
+    ({"solver": "newton"}, ("solver", "'auto'", "'newton'")),
+    ({"tolerance": 1e-12}, ("tolerance", "None", "1e-12")),
+    ({"max_iterations": 51}, ("max_iterations", "50", "51")),
+    ({"parameters": PARAMETERS | {"mgl": np.nextafter(PARAMETERS["mgl"], 1)}},
+     ("parameters.mgl", "0.3924", "0.39240000000000")),
+    ({"q": -np.asarray(TOP.q0), "p": -np.asarray(TOP.p0)}, ("q0",)),
+]
 
 
-@pytest.mark.parametrize(("change", "words"), OTHERS.values(), ids=OTHERS.keys())
-def test_another_run_is_refused(change, words, gl3, begun):
+def test_another_run_is_refused(gl3, begun):
     before = as_files(begun)
-    with pytest.raises(gs.InputError, match="another run") as error:
-        gs.record(gl3, **ARGUMENTS | change, out=begun, resume=True)
-    said = sentence(error.value)
-    assert all(word in said for word in words), said
+    for change, words in OTHERS:
+        with pytest.raises(gs.InputError, match="another run") as error:
+            gs.record(gl3, **ARGUMENTS | change, out=begun, resume=True)
+        said = sentence(error.value)
+        assert all(word in said for word in words), said
     assert as_files(begun) == before
 
 
@@ -104,13 +105,6 @@ def test_another_stepper_is_refused(begun):
     for step, change in steppers:
         with pytest.raises(gs.InputError, match=r"stepper.*'heavy_top_gl3_gamma'"):
             gs.record(step, **ARGUMENTS | change, out=begun, resume=True)
-
-
-def test_all_that_differs_is_said(gl3, begun):
-    with pytest.raises(gs.InputError) as error:
-        gs.record(gl3, **ARGUMENTS | {"dt": 2e-3, "steps": 7}, out=begun, resume=True)
-    for word in ("dt", "0.001", "0.002", "steps", "100", " 7"):
-        assert word in str(error.value)
 
 
 def test_another_version_is_refused(gl3, begun, monkeypatch):
@@ -235,14 +229,13 @@ def test_numbers_of_numpy(gl3, tmp_path):
     assert len(gs.record(gl3, **ARGUMENTS, out=tmp_path / "run.zarr", resume=True)) == 51
 
 
-@pytest.mark.parametrize("name", ["a b.zarr", "γ → Δt.zarr", "it's \"so\".zarr", "no_ending",
-                                  "*.zarr", "-x.zarr", "new\nline.zarr", "\udcff.zarr"])
+@pytest.mark.parametrize("name", ["a b.zarr", "it's \"so\" γ*.zarr", "-no_ending",
+                                  "new\nline.zarr", "\udcff.zarr"])
 def test_names(name, gl3, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     gs.record(gl3, **ARGUMENTS, out=name)
     assert gs.record(gl3, **ARGUMENTS, out=tmp_path / name, resume=True).status == "complete"
     assert gs.open_recording(name).trajectory().q.shape == (51, 4)
-    assert gs.open_recording(name).dataset.sizes["time"] == 51
 
 
 def test_too_long_a_name(gl3, tmp_path):
@@ -385,31 +378,24 @@ def test_blocks_of_other_lengths(store):
         gs.open_recording(store)
 
 
-@pytest.mark.parametrize("name", ["q", "time", "energy", "iterations", "multipliers"])
+@pytest.mark.parametrize("name", ["q", "time", "energy", "iterations", "multipliers",
+                                  "checkpoint"])
 def test_missing_array(name, store, gl3):
-    shutil.rmtree(store / name)
-    with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
-        gs.open_recording(store)
-    with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
-        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
-
-
-def test_missing_checkpoint(store, gl3):
-    """What is stored can be read; the run cannot go on."""
-    shutil.rmtree(store / "checkpoint")
-    assert gs.open_recording(store).trajectory().q.shape == (42, 4)
-    with pytest.raises(gs.InputError, match=r"'checkpoint'.*missing"):
-        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
-
-
-@pytest.mark.parametrize("name", ["checkpoint", "q", "multipliers"])
-def test_damaged_array_is_not_extended(name, store, gl3):
-    """Nothing is written before all is looked at."""
+    """Without its checkpoint a run can be read, and not go on; nothing is written before."""
     (store / name / "zarr.json").write_text("{")
-    before = as_files(store)
-    with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
-        gs.record(gl3, **ARGUMENTS | {"steps": 200}, out=store, resume=True)
-    assert as_files(store) == before
+    for damage in (None, shutil.rmtree):
+        if damage:
+            damage(store / name)
+        before = as_files(store)
+        if name == "checkpoint":
+            assert gs.open_recording(store).trajectory().q.shape == (42, 4)
+        else:
+            with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
+                gs.open_recording(store)
+        for steps in (100, 200):
+            with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
+                gs.record(gl3, **ARGUMENTS | {"steps": steps}, out=store, resume=True)
+        assert as_files(store) == before
 
 
 @pytest.mark.parametrize(("name", "block"), [("q", 0), ("time", 2), ("iterations", 1)])

@@ -30,27 +30,21 @@ from stores import (
 # ---------------------------------------------------------------- ended anywhere
 
 
-@pytest.mark.filterwarnings("ignore:The fastest rotation")
-@pytest.mark.parametrize(("name", "scheme", "stages", "real", "solver"), [
-    ("heavy_top", "G-L", 2, "double", "auto"), ("heavy_top", "EMS", None, "double", "newton"),
-    ("dragged_pendulum", "G-L", 2, "double", "auto"), ("heavy_top", "G-L", 2, "float128", "auto"),
-    ("dragged_pendulum", "G-L", 2, "long-double", "auto"),
-    ("dragged_pendulum", "G-L", 2, "double", "python"),
-    *(pytest.param("heavy_top", scheme, stages, real, solver, marks=pytest.mark.slow)
-      for scheme, stages in (("EMS", None), ("LIIIA-B", 3)) for real in ("double", "long-double")
-      for solver in ("auto", "python"))])  # other states of the same arrays
-def test_runs_ended_often(name, scheme, stages, real, solver, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("name", "scheme", "real", "solver"), [
+    ("heavy_top", "EMS", "double", "newton"), ("dragged_pendulum", "G-L", "long-double", "auto"),
+    ("dragged_pendulum", "G-L", "double", "python")])
+def test_runs_ended_often(name, scheme, real, solver, tmp_path, monkeypatch):
     """A commit after every piece of 5 steps: 7 steps a row, four rows a block.
 
     The padding of a long double is whatever was there: it must not get into the store.
     """
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 5)
     small_blocks(monkeypatch, 4)
-    step, case = systems.stepper(name, scheme, stages, real), systems.case(name)
+    step, case = systems.stepper(name, scheme, real=real), systems.case(name)
     q, p = systems.start(name, step)
-    ends = check(step, tmp_path, [1, 2, 3] * 5, q=q, p=p, dt=case.dt, t0=case.t0, steps=60,
+    ends = check(step, tmp_path, [1, 3] * 5, q=q, p=p, dt=case.dt, t0=case.t0, steps=45,
                  every=7, parameters=case.parameters, solver=solver)
-    assert ends > (4 if solver == "auto" else 2)
+    assert ends > 2
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -67,19 +61,18 @@ def test_steps_that_newton_took(tmp_path, monkeypatch):
     pytest.fail("no step size at which Newton takes some of the steps")
 
 
-@pytest.mark.parametrize("every", [1, 3])
-def test_runs_that_fail(failures, every, tmp_path, monkeypatch):
+def test_runs_that_fail(failures, tmp_path, monkeypatch):
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     step, options, _ = failures[0]
-    check(step, tmp_path, [2] * 20, q=LATE[0], p=LATE[1], steps=200, every=every, **options)
+    check(step, tmp_path, [2] * 20, q=LATE[0], p=LATE[1], steps=200, every=3, **options)
     assert gs.open_recording(tmp_path / "pieces.zarr").status.startswith("failed: ")
 
 
 @given(steps=st.integers(0, 150), every=st.integers(1, 40), rows=st.sampled_from([1, 2, 4, 16, 64]),
        chunk=st.integers(1, 60), seconds=st.sampled_from([0.0, 1e9]),
        calls=st.lists(st.integers(0, 12), max_size=8), scheme=st.sampled_from(["EMS", "G-L"]))
-@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
 def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, scheme, tmp_path):
     """Also with commits at the ends of blocks alone: then the store is behind the run."""
     step = systems.stepper("heavy_top", scheme)
@@ -92,14 +85,13 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
         assert_same(found, step.integrate(**arguments))
 
 
-@pytest.mark.parametrize("pieces", [(1,), (3, 0, 2)])
-def test_pieces_of_other_sizes(pieces, gl3, tmp_path, monkeypatch):
+def test_pieces_of_other_sizes(gl3, tmp_path, monkeypatch):
     """How many steps a call of compiled code does is no part of the result."""
     small_blocks(monkeypatch, 16)
-    arguments = START | {"steps": 400, "every": 3}
+    arguments = START | {"steps": 200, "every": 3}
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 17)
-    in_pieces(gl3, tmp_path / "pieces.zarr", pieces, **arguments)
+    in_pieces(gl3, tmp_path / "pieces.zarr", (3, 0), **arguments)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
 
 
@@ -107,7 +99,7 @@ def test_pieces_of_other_sizes(pieces, gl3, tmp_path, monkeypatch):
 
 
 @given(calls=st.lists(st.integers(1, 6), min_size=1, max_size=6))
-@settings(max_examples=5, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=2, deadline=None, suppress_health_check=list(HealthCheck))
 def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
     """After any end the states are the first ones of the whole run, and go as far as it says."""
     out = tmp_path / "run.zarr"
@@ -133,14 +125,12 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
             assert not found.dataset["q"].isnull().any()
 
 
-@pytest.mark.parametrize(("scheme", "real"), [
-    ("G-L", "double"), pytest.param("EMS", "long-double", marks=pytest.mark.slow)])
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_store_after_each_file_that_is_written(scheme, real, tmp_path, monkeypatch):
+@pytest.mark.slow  # 2 CPU s: a copy after each of a hundred files
+def test_store_after_each_file_that_is_written(tmp_path, monkeypatch):
     """A process may end between any two of them: what the store says of itself fits its arrays."""
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
     small_blocks(monkeypatch, 4)
-    step = systems.stepper("heavy_top", scheme, real=real)
+    step = systems.stepper("heavy_top")
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     arguments = START | {"q": q, "p": p, "steps": 36, "every": 2}
     whole, seen, out = step.integrate(**arguments), [], tmp_path / "run.zarr"
@@ -221,7 +211,7 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("first", "second", "every"), [
-    (50, 90, 1), (49, 120, 7), (0, 30, 7), (64, 65, 1)])
+    (49, 120, 7), (0, 30, 7), (64, 65, 1)])
 def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path, monkeypatch):
     """As if it had been begun with them, to the bit, also from a last state between two others."""
     small_blocks(monkeypatch, 16)
@@ -258,7 +248,7 @@ def test_failed_run_has_no_more_steps(failures, tmp_path):
         gs.record(step, **arguments, steps=300, resume=True)
 
 
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
+@pytest.mark.slow  # 1 CPU s: a copy after each of many files
 def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
     """The process ended after any of the files: old states are there, either number goes on."""
     small_blocks(monkeypatch, 16)
