@@ -17,7 +17,10 @@ from stores import (
 )
 
 
-def pendulum(real: str = "double", scheme: str = "G-L", stages: int | None = 5):
+def pendulum(real: str = "double", scheme: str = "G-L", stages: int | None = None):
+    """Return its stepper: five stages for closed forms in double, two otherwise."""
+    if scheme == "G-L" and stages is None:
+        stages = 5 if real == "double" else 2
     x, y, u, v, g = sp.symbols("x y u v g")
     system = gs.System((x, y), (u, v), (g,), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - 1,),
                        name="event_pendulum", quantities={"side": x, "height": y})

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-import systems
 from fuzz.steppers import NAMES, case
 from processes import FAST_TOP, ROOT, call, python
 
@@ -47,54 +46,6 @@ def test_threads_on_one_stepper_give_the_bits_of_one(name):
 
     with ThreadPoolExecutor(THREADS) as pool:
         assert list(pool.map(work, range(THREADS))) == wanted
-
-
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_threads_that_make_the_same_stepper_at_once(monkeypatch, tmp_path):
-    """All compile or load; all get one that works, and no half-made file is left."""
-    made = systems.stepper("oscillator")
-    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
-    step_type = gs.Stepper
-    together = threading.Barrier(4)
-
-    def make(_: int) -> bytes:
-        together.wait()
-        step = step_type(made.name, made.files)
-        return step.step([0.8], [-0.3], dt=1e-3, parameters={"k": 4.0})[0].tobytes()
-
-    with ThreadPoolExecutor(4) as pool:
-        assert len(set(pool.map(make, range(4)))) == 1
-    assert {path.suffix for path in tmp_path.iterdir()} == {".so", ".json"}
-
-
-@pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit, MemoryError, RuntimeError])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_thread_that_is_broken_off_harms_no_other(kind):
-    """What a callback raises comes out of that call as it is; neighbours end as if alone."""
-    wanted = bits(run_of("gl3", steps=4000))
-    ended: list[object] = []
-
-    def give_up(done: int) -> None:
-        raise kind("enough")
-
-    def broken() -> None:
-        what = case("gl3")
-        try:
-            what.step.integrate(what.q, what.p, dt=1e-3, steps=10**6, every=1000,
-                                parameters=what.parameters, progress=give_up)
-        except BaseException as error:
-            ended.append(error)
-
-    threads = [threading.Thread(target=broken) for _ in range(8)]
-    with ThreadPoolExecutor(8) as pool:
-        for thread in threads:
-            thread.start()
-        found = list(pool.map(lambda _: bits(run_of("gl3", steps=4000)), range(8)))
-    for thread in threads:
-        thread.join()
-    assert found == [wanted] * 8
-    assert [type(error) for error in ended] == [kind] * 8
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")

@@ -196,33 +196,6 @@ def times(a, b):
             *(u0 * y + v0 * x + z for x, y, z in zip(u, v, cross, strict=True))]
 
 
-def symmetric_body(inertia, omega, t):
-    """Return q(t) from q = 1: a turn about L, which stays, by |L| t/I₁ after one about axis 3."""
-    I1, _, I3 = inertia
-    L = [I1 * omega[0], I1 * omega[1], I3 * omega[2]]
-    size = mp.sqrt(sum(x * x for x in L))
-    return times(turned(size * t / I1, [x / size for x in L]),
-                 turned((1 - I3 / I1) * omega[2] * t, [0, 0, 1]))
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_a_free_symmetric_body_to_33_digits():
-    """Order 10 in small steps. With dt and moments in double, 1e-17 is as near as it comes."""
-    with mp.workdps(50):
-        inertia = [mp.mpf("0.3"), mp.mpf("0.3"), mp.mpf("0.2")]
-        omega, T, steps = [mp.mpf("0.1"), mp.mpf("-0.7"), mp.mpf("1.3")], mp.mpf("0.7"), 192
-        p = [0, *(2 * moment * x for moment, x in zip(inertia, omega, strict=True))]
-        wanted = symmetric_body(inertia, omega, T)
-        dt = T / steps
-    step = gs.stepper("G-L", 5, "gamma", real="float128")
-    parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {"mgl": 0}
-    run = step.integrate([1, 0, 0, 0], p, dt=dt, steps=steps, every=steps,
-                         parameters=parameters | {"gamma": Fraction(4, 15)})
-    with mp.workdps(50):
-        error = max(abs(a - b) for a, b in zip(run.q[-1], wanted, strict=True))
-    assert exact(error) < EPS["float128"]
-
-
 # ---------------------------------------------------------------- files
 
 

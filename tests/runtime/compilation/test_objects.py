@@ -141,29 +141,6 @@ def is_static(name, function, header):
     return " static " in line[0]
 
 
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_the_kernel_is_compiled_while_the_wrapper_is_written(own_cache, monkeypatch):
-    """Three objects side by side, then cffi's; one for lanes. No other process.
-
-    At -O0, where each would take as long as all, one, which has lanes too.
-    """
-    made, start, write = [], compiler._start, compiler._write_wrapper
-    monkeypatch.setattr(compiler, "_start", lambda command, folder: [
-        made.append(command[-1]), start(command, folder)][1])
-    monkeypatch.setattr(compiler, "_write_wrapper", lambda *what: [
-        made.append("written"), write(*what)][1])
-    wanted = {"0": (["whole.o"], []),
-              "1": (["object2.o", "object4.o", "object5.o"], ["object3.o"])}
-    for level, (runs, lanes) in wanted.items():
-        monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
-        step = small_stepper()
-        assert made[:-1] == [*runs, "written", "wrapper.o"]
-        del made[:]
-        assert step.binding_of_many.lanes > 0
-        assert made[:-1] == ([*lanes, "written", "wrapper.o"] if lanes else [])
-        del made[:]
-
-
 def test_a_stepper_without_lanes_is_one_object():
     files = {"a.h": "int a_step(void);\nint a_integrate_many(long count);\n", "a.c": ""}
     assert object_files.objects_of("a", files, "runs") == [

@@ -24,10 +24,8 @@ from derivative_cases import (
     tangents_of_step,
 )
 
-#: One of each: SPARK with everything that a system may have, EMS with a constraint that depends on
-#: time, a Lagrangian.
-FEW = [("driven_pendulum", ("G-L", 2)), ("breathing", ("EMS", None)),
-       ("lagrangian", ("Radau-L", 2))]
+#: SPARK with everything that a system may have, EMS with a constraint that depends on time.
+FEW = [("driven_pendulum", ("G-L", 2)), ("breathing", ("EMS", None))]
 MANY = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
                      id=f"{given[0]}-{label(given[1])}") for given in product()]
 
@@ -60,20 +58,6 @@ def test_tangents_are_the_limits_of_differences(name, scheme):
     assert expected.shape == (2 * step.n + step.binding.multipliers, start + len(every))
     assert float(errors[: 2 * step.n].max()) < 2e-21
     assert float(errors[2 * step.n :].max(initial=0)) < 1e-18
-
-
-@pytest.mark.slow  # a frame in 113 bits takes five seconds; test_steps.py has one in 53
-def test_the_rate_of_a_frame():
-    """By ω and by dt, which turn the frame: relative to the derivative by dt."""
-    name = "heavy_top_in_frame"
-    step, case = stepper_for(name, ("G-L", 2), "float128"), case_of(name)
-    q, p = start_of(name, step)
-    for direction in ({"omega_body": 90.0}, {"dt": case.dt}):
-        *end, dq, dp = step.jvp(q, p, [0] * 4, [0] * 4, dt=case.dt, parameters=case.parameters,
-                                d=direction)
-        expected = difference(lambda e, d=direction: moved_step(name, step, d, e))
-        assert np.abs(np.concatenate([dq, dp]) - expected[:8]).max() < 1e-21
-        assert np.abs(np.concatenate(end) - moved_step(name, step, {}, 0)[:8]).max() < 1e-31
 
 
 @pytest.mark.parametrize("real", ["double", *(pytest.param(x, marks=pytest.mark.slow)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from functools import cache
 
 import numpy as np
 import pytest
@@ -16,51 +15,34 @@ c = sp.Symbol("c", positive=True)
 RUN = {"dt": 0.0313, "steps": 400, "parameters": {"c": 0.1}}
 
 
-@cache
-def swing(name, force):
-    """An oscillator with a force that switches sides."""
-    return gs.stepper("G-L", stages=2, system=gs.System(
-        (x,), (p,), (c,), p**2 / 2 + x**2 / 2, forces=(force,), time=t, name=name))
-
-
-def kinked():
-    """Continuous forces with a kink in x and one in time."""
-    return swing("kinked", c * (sp.Piecewise((t - 1, t > 1), (0, True)) - sp.Abs(x) * p))
+@pytest.fixture(scope="module")
+def step():
+    """An oscillator with drag that jumps at x = 0, and a force that begins at t = 1."""
+    drag, push = (sp.Piecewise((p, x < 0), (2 * p, True)),
+                  sp.Piecewise((t - 1, t > 1), (0, True)))
+    return gs.stepper("G-L", stages=1, system=gs.System(
+        (x,), (p,), (c,), p**2 / 2 + x**2 / 2, forces=(c * (push - drag),), time=t, name="dry"))
 
 
 def changes(values):
     return int((np.diff(np.sign(values)) != 0).sum())
 
 
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_continuous_forces_are_counted_and_differentiated():
-    """Derivatives are continuous, and the limits of differences."""
-    step, run_options = kinked(), RUN | {"t0": 2.0}
-    run = step.integrate([1.0], [0.02], **run_options, tangents=gs.Tangents(None, ["c"]))
-    assert run.tangents.switched_steps == changes(run.q[:, 0]) > 0
-    for memory in ("256 MB", "80 kB"):
-        assert run.gradient({"q": [1.0]}, memory=memory).switched_steps == changes(run.q[:, 0])
-    low, high = (step.integrate([1.0], [0.02], **run_options | {"parameters": {"c": 0.1 + e}})
-                 for e in (-1e-5, 1e-5))
-    slope = (high.q[-1, 0] - low.q[-1, 0]) / 2e-5
-    assert run.gradient({"q": [1.0]})["c"] == pytest.approx(slope, rel=1e-6)
-
-
-def test_forces_that_jump_are_warned_of():
-    step = swing("dry", -c * sp.Piecewise((p, x < 0), (2 * p, True)))
-    run = step.integrate([1.0], [0.02], **RUN)
+def test_forces_that_jump_are_warned_of(step):
+    with pytest.warns(gs.InputWarning, match="steps"):
+        run = step.integrate([1.0], [0.02], t0=2.0, **RUN, tangents=gs.Tangents(None, ["c"]))
     crossed = changes(run.q[:, 0])
-    with pytest.warns(gs.InputWarning, match=f"^{crossed} steps"):
-        assert run.gradient({"q": [1.0]}).switched_steps == crossed
-    still = step.integrate([1.0], [0.02], **RUN | {"steps": 3})
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert still.gradient({"q": [1.0]}).switched_steps == 0
+    assert run.tangents.switched_steps == crossed > 0
+    for memory in ("256 MB", "80 kB"):
+        with pytest.warns(gs.InputWarning, match=f"^{crossed} steps"):
+            assert run.gradient({"q": [1.0]}, memory=memory).switched_steps == crossed
 
 
-def test_switches_of_the_time_are_counted():
-    step = kinked()
-    run = step.integrate([1.0], [0.0], **RUN | {"steps": 20}, t0=0.7)
-    assert run.gradient({"q": [1.0]}).switched_steps == 1
-    late = step.integrate([1.0], [0.0], **RUN | {"steps": 20}, t0=2.0)
-    assert late.gradient({"q": [1.0]}).switched_steps == 0
+@pytest.mark.parametrize(("t0", "count"), [(0.7, 1), (2.0, 0)])
+def test_switches_of_the_time_are_counted(step, t0, count):
+    """Without one there is no warning."""
+    run = step.integrate([1.0], [0.0], **RUN | {"steps": 20}, t0=t0)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert run.gradient({"q": [1.0]}).switched_steps == count
+    assert len(told) == count

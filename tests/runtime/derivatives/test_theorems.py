@@ -21,8 +21,7 @@ from derivative_cases import (
 from gyrospark.runtime.derivatives.tangent_space import TangentSpace
 
 SPARK = [s for s in SCHEMES if s[0] not in ("IMS", "EMS")]
-FEW = {"driven_pendulum": [("G-L", 2)], "breathing": [("EMS", None)], "heavy_top": [("G-L", 2)],
-       "lagrangian": [("EMS", None)]}
+FEW = {"driven_pendulum": [("G-L", 2)], "breathing": [("EMS", None)], "heavy_top": [("G-L", 2)]}
 
 
 def some(few, pairs):
@@ -78,19 +77,17 @@ def test_cotangents_are_transposed(name, scheme):
         assert abs(sum(terms) - sum(pulled)) <= 1e-14 * size
 
 
-@pytest.mark.parametrize("name", ["heavy_top", "driven_pendulum"])
-def test_cotangents_are_transposed_over_ten_thousand_steps(name):
+def test_cotangents_are_transposed_over_two_thousand_steps():
     """The same of a run whose cotangents enter at all its stored states."""
-    step, case = stepper_for(name, FEW[name][0]), case_of(name)
+    name, labels = "driven_pendulum", ["m", "l", "push"]
+    step, case = stepper_for(name, ("G-L", 2)), case_of(name)
     (q, p), rng = start_of(name, step), np.random.default_rng(4)
-    labels = ["I3", "mgl"] if name == "heavy_top" else ["m", "l", "push"]
-    start = None if name == "heavy_top" else "all"
-    run = step.integrate(q, p, dt=case.dt / 10, steps=10_000, every=500, t0=case.t0,
+    run = step.integrate(q, p, dt=case.dt / 10, steps=2000, every=100, t0=case.t0,
                          parameters=case.parameters,
-                         tangents=gs.Tangents(start=start, parameters=labels, dt=True, t0=True))
+                         tangents=gs.Tangents(start="all", parameters=labels, dt=True, t0=True))
     w = {"q": rng.normal(size=run.q.shape), "p": rng.normal(size=run.p.shape)}
     gradient = step.gradient(run, w)
-    pulled = [*(gradient.start if start else ()), *(gradient[k] for k in (*labels, "dt", "t0"))]
+    pulled = [*gradient.start, *(gradient[k] for k in (*labels, "dt", "t0"))]
     terms = [w["q"][:, :, None] * run.tangents.q, w["p"][:, :, None] * run.tangents.p]
     sums = sum(x.sum(axis=(0, 1)) for x in terms)
     sizes = sum(np.abs(x).sum(axis=(0, 1)) for x in terms)
@@ -128,32 +125,7 @@ def test_momenta_along_the_constraints_are_absorbed(name, scheme):
     assert sizes[:-1].max() < 1e-14 < 1e-3 < sizes[-1]
 
 
-# ------------------------------------------------------------ symplecticity, A, B
-
-
-def symplectic_defect(name, scheme):
-    """Return how far Φ'ᵀΩΦ' is from Ω on the tangent space, relative to |Φ'|²."""
-    step = stepper_for(name, scheme)
-    basis, ends = tangents_of_step(name, step)
-    form = omega(step.n)
-    defect = ends.T @ form @ ends - basis.T @ form @ basis
-    return np.abs(defect).max() / max(1, np.abs(ends).max() ** 2)
-
-
-@pytest.mark.parametrize(("name", "scheme"), some(
-    {"heavy_top": [("G-L", 2)], "ellipse": [("G-L", 2)]},
-    [(name, scheme) for name in ("free_body", "heavy_top", "heavy_top_in_frame", "ellipse",
-                                 "breathing", "heavy_bob") for scheme in SYMMETRIC]))
-def test_tangents_of_symplectic_steps_are_symplectic(name, scheme):
-    assert symplectic_defect(name, scheme) <= 4e-15
-
-
-@pytest.mark.parametrize(("name", "scheme"), [
-    pytest.param("ellipse", ("Radau-L", 2), marks=pytest.mark.slow, id="Radau-L"),
-    pytest.param("driven_pendulum", ("G-L", 2), id="damped")])
-def test_other_tangents_are_not(name, scheme):
-    """Of a method that is not symplectic, and of forces that do work."""
-    assert symplectic_defect(name, scheme) > 1e-6
+# ------------------------------------------------------------ A, B
 
 
 THEOREM_A = some({"heavy_top": [("G-L", 2)], "ellipse": [("G-L", 2)]},
@@ -251,18 +223,3 @@ def test_energy_momentum_tangents_keep_the_energy(name):
         changes.append(change)
     assert np.abs(changes[0]).max() > 0.1
     assert float(np.abs(changes[1] - changes[0]).max()) <= 2e-13 * np.abs(slopes).max()
-
-
-@pytest.mark.slow
-def test_the_derivative_by_the_rate_of_a_frame_is_a_truncation_error():
-    """The exact motion does not depend on ω: dΨ/dω is of order h^(2s+1)."""
-    name, scheme = "heavy_top_in_frame", ("G-L", 2)
-    step, case = stepper_for(name, scheme), case_of(name)
-    q, p = start_of(name, step)
-    sizes = []
-    for dt in (4e-2, 2e-2):
-        parameters = case.parameters | {"omega_body": 115.0}
-        *_, dq, _ = step.jvp(q, p, np.zeros(4), np.zeros(4), dt=dt, parameters=parameters,
-                             d={"omega_body": 1.0})
-        sizes.append(np.abs(dq).max())
-    assert 20 < sizes[0] / sizes[1] < 48  # 2⁵

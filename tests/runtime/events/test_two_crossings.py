@@ -42,16 +42,15 @@ def starts(count: int, seed: int = 0):
 
 
 @pytest.mark.parametrize(("quantity", "dt", "slow"), [
-    ("square", 0.05, 40_000), ("square", -0.1, 20_000), ("square", 1.3, 1200),
-    ("sine", 0.5, 8000), ("sine", 1.0, 4000), ("sine", -2.7, 1200)])
+    ("square", -0.1, 20_000), ("square", 1.3, 1200), ("sine", 0.5, 8000), ("sine", -2.7, 1200)])
 @pytest.mark.parametrize("many", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_random_dips_of_an_oscillator(quantity: str, dt: float, slow: int, many: bool) -> None:
     """Each is found once, wherever in its step it turns, at up to 2.7 rad a step.
 
-    Some hundred dips a case, slowly some ten thousand. Times are worth the rounding of the value
+    Some fifty dips a case, slowly some ten thousand. Times are worth the rounding of the value
     over its rate, which is the root of the depth.
     """
-    steps, count = 24, slow if many else max(slow // 40, 60)
+    steps, count = 24, slow if many else max(slow // 80, 40)
     phase, depth = starts(count)
     found = oscillator().integrate_ensemble(
         np.sin(phase)[:, None], np.cos(phase)[:, None], dt=dt, steps=steps, every=steps,
@@ -65,13 +64,13 @@ def test_random_dips_of_an_oscillator(quantity: str, dt: float, slow: int, many:
         rate = np.sin(2 * angle) if quantity == "square" else np.cos(angle)
         assert np.array_equal(found[i].rising, rate * dt > 0)
         dips += int((np.diff((times / dt).astype(int)) == 0).sum())
-    assert dips > (10_000 if many else 150)
+    assert dips > (10_000 if many else 50)
 
 
-@pytest.mark.parametrize(("real", "stages", "depth"), [("float", 5, 1e-4), ("float128", 8, 1e-20)])
-def test_in_every_type(real: str, stages: int, depth: float) -> None:
+@pytest.mark.parametrize(("real", "depth"), [("float", 1e-4), ("float128", 1e-20)])
+def test_in_every_type(real: str, depth: float) -> None:
     """As deep as its numbers tell: about the bottom, where the bob goes √(2 (1 − cos θ₀)) fast."""
-    step = pendulum(real, stages=stages)
+    step = pendulum(real)
     q, p = step.project(*start(), parameters={"g": 1})
     with mpmath.workdps(34):
         low = gs.Event("height", level=-1 + mpmath.mpf(depth))
@@ -87,8 +86,8 @@ def test_in_every_type(real: str, stages: int, depth: float) -> None:
 def test_a_terminal_dip_ends_the_run() -> None:
     """At its first crossing, in any part of a step, whatever else happens in that step."""
     step = oscillator()
-    phase, depth = starts(25, seed=1)
-    for i, dt in enumerate(np.resize([0.1, -0.1, 0.7, 1.3, -1.3], 25)):
+    phase, depth = starts(15, seed=1)
+    for i, dt in enumerate(np.resize([0.1, -0.1, 0.7, 1.3, -1.3], 15)):
         first = crossings("square", phase[i], depth[i], 50 * dt)[0 if dt > 0 else -1]
         run = step.integrate([np.sin(phase[i])], [np.cos(phase[i])], dt=dt, steps=50,
                              parameters={"e": depth[i]},
@@ -101,13 +100,13 @@ def test_a_terminal_dip_ends_the_run() -> None:
 
 def test_a_section_has_them() -> None:
     """The points of a section are those of the runs, to the bit."""
-    step, (phase, depth) = oscillator(), starts(40, seed=2)
+    step, (phase, depth) = oscillator(), starts(12, seed=2)
     run = {"dt": 0.7, "steps": 40, "parameters": {"e": depth}}
     q, p = np.sin(phase)[:, None], np.cos(phase)[:, None]
     event = gs.Event("square", direction=-1)
     found = gs.section(step, q, p, event=event, **run)
     many = step.integrate_ensemble(q, p, events=event, **run).events["square"]
-    for i in range(40):
+    for i in range(12):
         times = crossings("square", phase[i], depth[i], 28)
         falling = times[np.sin(2 * (phase[i] + times)) < 0]
         assert np.array_equal(found.t[found.trajectory == i], many[i].t)
@@ -122,7 +121,7 @@ def test_a_stored_run_has_them(terminal: bool, tmp_path, monkeypatch) -> None:
     if terminal:
         events.append(gs.Event("square", direction=1, level=-1e-12, terminal=True, name="end"))
     for phase, depth in zip(*starts(1, seed=3), strict=True):
-        run = {"q": [np.sin(phase)], "p": [np.cos(phase)], "dt": 1.1, "steps": 40, "every": 3,
+        run = {"q": [np.sin(phase)], "p": [np.cos(phase)], "dt": 1.1, "steps": 20, "every": 3,
                "parameters": {"e": depth}, "events": events}
         whole = step.integrate(**run)
         with monkeypatch.context() as patch:
@@ -135,12 +134,12 @@ def test_a_stored_run_has_them(terminal: bool, tmp_path, monkeypatch) -> None:
             assert found.steps_done == whole.report.steps
 
 
-@pytest.mark.parametrize("dt", [0.05, -0.3])
+@pytest.mark.parametrize("dt", [0.05, -0.05])
 def test_the_bob_of_a_pendulum(dt: float) -> None:
     """sin(θ/2) = k sn: it dips below a height at K − F(arcsin(sin(θ/2)/k), m) before the bottom."""
     depth = 10 ** np.linspace(-11, -1, 31)
     events = [gs.Event("height", level=-1 + d, name=f"d{i}") for i, d in enumerate(depth)]
-    run = pendulum(stages=8).integrate(*start(), dt=dt, steps=100, every=100,
+    run = pendulum().integrate(*start(), dt=dt, steps=100, every=100,
                                        parameters={"g": 1.0}, events=events)
     m, end = np.sin(0.5) ** 2, abs(100 * dt)
     with mpmath.workdps(30):
@@ -154,27 +153,3 @@ def test_the_bob_of_a_pendulum(dt: float) -> None:
             found = np.abs(run.events[one.name].t)
             assert len(found) == len(times), depth[i]
             assert np.abs(found - times).max() < 1e-12 / np.sqrt(depth[i])
-
-
-@pytest.mark.parametrize("dt", [
-    0.02, pytest.param(-0.02, marks=pytest.mark.slow)])  # two seconds each
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_the_attitude_of_a_free_body(dt: float) -> None:
-    """Its closed form, theta functions, goes as often through levels near its turning places."""
-    body, step = gs.problems.free_body(), gs.stepper("G-L", 5)
-    name, steps, parts = step.manifest["system"]["coordinates"][0], 16, 24
-    exact = body.exact.attitude(np.linspace(0, steps * dt, parts * steps + 1))[:, 0]
-    turns = np.flatnonzero(np.diff(exact[1:]) * np.diff(exact[:-1]) < 0) + 1
-    inner = turns[(turns > parts) & (turns < len(exact) - parts)][:8]
-    assert len(inner) >= 2
-    signs = np.sign(exact[inner] - exact[inner - 8])
-    events = [gs.Event(name, level=float(exact[k] - sign * depth), name=f"{k}_{j}")
-              for k, sign in zip(inner, signs, strict=True)
-              for j, depth in enumerate((3e-2, 1e-2))]  # more than the value moves between samples
-    found = step.integrate(body.q0, body.p0, dt=dt, steps=steps, every=steps,
-                           parameters=body.parameters | {"gamma": "m"}, events=events).events
-    for one in events:
-        there, level = found[one.name], float(one.level)
-        signs = np.sign(exact - level)
-        assert len(there) == (signs[1:] != signs[:-1]).sum() >= 2
-        assert np.abs(body.exact.attitude(there.t)[:, 0] - level).max() < 1e-5

@@ -9,7 +9,6 @@ import pytest
 
 import gyrospark as gs
 import systems
-from calls import RUN, TOP
 
 pytest.importorskip("matplotlib")
 
@@ -63,17 +62,6 @@ def test_an_output_with_a_panel_is_drawn_against_time(tops, monkeypatch):
     axes = tops.plot().axes[-1]
     assert (axes.get_title(), axes.get_xlabel()) == ("momenta", "t [s]")
     assert [line.get_ydata().tolist() for line in axes.get_lines()] == tops.p.T.tolist()
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_several_bodies_have_a_legend(tops, gl3):
-    figure = tops.plot()
-    assert np.array_equal(lines(figure.axes[2])["b"], tops.body("b").position()[:, 2])
-    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["a", "b"]
-    few = gl3.integrate(TOP.q0, TOP.p0, steps=20, **RUN).plot().axes[2]
-    many = tops.plot().axes[-1]
-    assert [line.get_linestyle() for line in (few.get_lines()[0], many.get_lines()[0])] == [
-        "-", "None"]
 
 
 def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):

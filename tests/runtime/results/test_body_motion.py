@@ -10,7 +10,6 @@ import gyrospark as gs
 import systems
 from calls import RUN, TOP
 from gyrospark.core.errors import InputWarning
-from gyrospark.generator.models.model_file import parse_model
 from gyrospark.runtime.results.joint_motion import _shortest
 
 EPS = float(np.finfo(float).eps)
@@ -102,26 +101,6 @@ def test_momenta_change_by_forces_and_torques(tops):
     assert np.abs(joint.torque()).max() == 0  # a ball
     assert np.abs(np.linalg.norm(upper.angular_momentum("body"), axis=1)
                   - np.linalg.norm(upper.angular_momentum(), axis=1)).max() < 1e-13
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_bodies_of_files_and_after_reading(tmp_path, four_bar):
-    text = """
-name = "one_wheel"
-[[bodies]]
-name = "bus"
-mass = 3
-inertia = [0.3, 0.4, 0.5]
-position = [0, 0, 1]
-angular_velocity = [1, 2, 3]
-"""
-    made = run(parse_model(text, "wheel.toml"), steps=5, scheme=("IMS",))
-    assert np.abs(made.body("bus").angular_velocity()[0] - [1, 2, 3]).max() < 16 * EPS
-    assert np.abs(made.body().momentum()[-1] - [0, 0, -3 * 9.81 * 5 * DT]).max() < 64 * EPS
-    assert np.abs(made.body().position()[0] - [0, 0, 1]).max() == 0
-    again = gs.Trajectory.load(four_bar.save(tmp_path / "bars.npz"))
-    assert np.array_equal(again.joint("hinge1").force(), four_bar.joint("hinge1").force())
-    assert np.array_equal(again.body("rocker").position(), four_bar.body("rocker").position())
 
 
 def test_what_nothing_uses_is_still_known():

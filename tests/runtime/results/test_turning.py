@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from functools import partial
 from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import gyrospark as gs
 import systems
@@ -160,32 +157,6 @@ def test_a_body_that_gets_fast_on_the_way():
     run = {"dt": 0.09, "parameters": parameters}
     assert len(said_of(lambda: step.integrate(q, p, steps=200, **run))) == 1
     assert said_of(lambda: step.start(q, p, **run)) == []
-
-
-@pytest.fixture(scope="module")
-def pair():
-    """A short run of two free bodies, one of which has a tensor."""
-    build = gs.Multibody("pair")
-    build.body("plain", mass=1.0, inertia=(0.5, 0.6, 0.7), position=(0, 0, 0))
-    build.body("tilted", mass=1.0, position=(3, 0, 0),
-               inertia=[[1.0, 0.1, 0.2], [0.1, 1.1, 0.05], [0.2, 0.05, 0.9]])
-    model = build.model()
-    step = gs.stepper("IMS", system=model)
-    return step.integrate(model.q0, model.p0, dt=0.1, steps=1, parameters=dict(
-        model.parameters) | dict.fromkeys(model.bodies, "m"))
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(1, 5))
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_rates_are_those_of_the_bodies(pair, seed, rows):
-    """Of moments and of a tensor, of one state and many, beside ``BodyMotion``."""
-    rng = np.random.default_rng(seed)
-    states = replace(pair, q=rng.standard_normal((rows, 14)), p=rng.standard_normal((rows, 14)))
-    rates = {name: np.linalg.norm(states.angular_velocity(name), axis=1).max()
-             for name in states.bodies}
-    found = fastest_rotation(states)
-    assert found.body == max(rates, key=rates.__getitem__)
-    assert found.radians == pytest.approx(0.1 * rates[found.body], rel=1e-12)
 
 
 def test_every_type_has_radians():

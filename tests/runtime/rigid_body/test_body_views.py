@@ -10,8 +10,6 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from calls import TOP
-from gyrospark.generator.models.model_file import parse_model
 from gyrospark.runtime.compilation.body_columns import bodies_of, joints_of
 from gyrospark.runtime.compilation.manifest import sizes_of
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
@@ -31,41 +29,6 @@ def run(model, steps=40, name=None, **options):
                           parameters=dict(model.parameters), **options)
 
 
-def spinning(**more):
-    """Return one free body with all that a builder offers."""
-    build = gs.Multibody("spinning")
-    body = build.body("b", mass=0.5, inertia=(0.02, 0.03, 0.04), position=(1, 2, 3),
-                      angular_velocity=(1, 2, 30), **more)
-    build.spring("s", build.ground, body, stiffness=3.0, length=0.1, on_b=(0, 0, 0.2))
-    build.torque(body, [-0.01 * w for w in body.angular_velocity])
-    build.force(body, (0, 0, sp.sin(3 * build.time)))
-    for i, w in enumerate(body.angular_velocity):
-        build.quantity(f"omega{i}", w)
-    for i, x in enumerate(body.direction((0, 0, 1))):
-        build.quantity(f"axis{i}", x)
-    return build.model()
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_the_lagrange_top_is_a_heavy_top():
-    """The same motion from the paper's system: another way to every view."""
-    model = gs.models.lagrange_top()
-    made = run(model, 100)
-    inertia = tuple(model.parameters[f"a_I{i}"] for i in (1, 2, 3))
-    weight = model.parameters["a_m"] * 9.81 * model.parameters["a_centre_z"]
-    parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
-        "mgl": weight, "gamma": gs.gamma_m(inertia)}
-    paper = systems.stepper("heavy_top").integrate(model.q0, model.p0, dt=model.dt, steps=100,
-                                           parameters=parameters)
-    assert np.abs(made.rotation().as_matrix() - paper.rotation().as_matrix()).max() < 1e-12
-    assert np.abs(made.axis() - paper.axis()).max() < 1e-12
-    assert np.abs(made.angular_velocity() - paper.angular_velocity()).max() < 60 * 1e-12
-    assert np.abs(made.angular_velocity()[0] - [0, 0, 60]).max() < 60 * 4 * EPS
-    assert made.bodies == ("a",)
-    assert np.array_equal(made.axis("a"), made.axis())
-    assert made.plot().axes[0].name == "3d"  # its trace on the sphere
-
-
 def test_the_satellite_in_its_orbit():
     """Ω against axes at rest: what turns in orbit axes at n about y more than that."""
     model = gs.models.satellite()
@@ -79,43 +42,6 @@ def test_the_satellite_in_its_orbit():
     absolute = relative + n * middle[:, 1, :]
     assert np.abs(absolute - (omega[1:] + omega[:-1]) / 2).max() < 1e-5 * np.abs(omega).max()
     assert np.abs(relative - (omega[1:] + omega[:-1]) / 2).max() > 0.1 * n
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_one_free_body_with_forces_potential_and_quantities():
-    made = run(spinning())
-    omega = np.stack([made.quantity(f"omega{i}") for i in range(3)], axis=1)
-    axis = np.stack([made.quantity(f"axis{i}") for i in range(3)], axis=1)
-    assert np.abs(made.angular_velocity() - omega).max() < 30 * 8 * EPS
-    assert np.abs(made.axis() - axis).max() < 8 * EPS
-    assert np.abs(made.rotation().as_matrix() - rotation_matrix(made.q[:, :4])).max() < 8 * EPS
-
-
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_a_body_of_a_file_and_a_system_of_ones_own():
-    """[[bodies]] with one body; body_system with torque, potential and quantities."""
-    text = """
-name = "one_body"
-[[bodies]]
-name = "thrown"
-mass = 1
-inertia = [0.1, 0.2, 0.25]
-angular_velocity = [1, 2, 3]
-"""
-    model = parse_model(text, "one.toml")
-    made = run(model, 5)
-    assert made.bodies == ("thrown",)
-    assert np.abs(made.angular_velocity()[0] - [1, 2, 3]).max() < 16 * EPS
-    symbols = gs.symbols
-    k = sp.Symbol("k", positive=True)
-    system = gs.body_system("driven_body", "alpha", k * symbols.R[2, 2], (k,),
-                            torque=[-w / 100 for w in symbols.omega],
-                            quantities={"spin": symbols.omega[2]})
-    step = gs.stepper("IMS", system=system)
-    made = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=5, parameters={
-        "I1": 0.002, "I2": 0.002, "I3": 0.0008, "k": 0.1, "alpha": "h"})
-    assert np.abs(made.angular_velocity()[:, 2] - made.quantity("spin")).max() < 1e-12
-    assert made.axis().shape == (6, 3)
 
 
 def test_several_bodies_are_asked_for_by_name(two_tops):

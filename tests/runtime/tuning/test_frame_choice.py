@@ -14,7 +14,6 @@ import sympy as sp
 from numpy.testing import assert_array_equal
 
 import gyrospark as gs
-from gyrospark.benchmarks.reference_states import distance
 from gyrospark.runtime.tuning.frame_search import SpectralLines
 
 TOP = gs.problems.fast_top()
@@ -95,25 +94,6 @@ def test_each_start_of_an_ensemble_has_its_own_least_squares():
 
 
 # ---------------------------------------------------------------- pilots
-
-
-@pytest.mark.parametrize(("stages", "dt", "gain"), [
-    (2, 1e-2, 20), *(pytest.param(stages, dt, 1000, marks=pytest.mark.slow)
-                     for stages, dt in ((3, 1e-3), (3, 1e-2), (4, 1e-2)))])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_the_fast_top_gains(stages, dt, gain):
-    """The error of the centre of mass after 10 s, against γ_m without a frame.
-
-    True is a run in long double by another program. By 3-G-L at 1 ms the pilots are at round-off,
-    and steps of 2 ms tell which rates are best.
-    """
-    step, numbers = framed("G-L", stages), with_gamma(TOP)
-    steps = round(10 / dt)
-    ends = [step.integrate(TOP.q0, TOP.p0, dt=dt, steps=steps, every=steps, parameters=par)
-            for par in (numbers, numbers | {"frame": "auto"})]
-    plain, moved = (distance(end.q[-1:], 10.0)[0] for end in ends)
-    assert plain / moved > gain
-    assert ends[1].report.iterations_mean < ends[0].report.iterations_mean
 
 
 def test_a_choice_says_what_it_was_chosen_by():
@@ -257,18 +237,6 @@ def test_what_cannot_be_chosen_is_reported(tmp_path):
 
 
 # ---------------------------------------------------------------- certificates
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_a_method_keeps_its_promises_in_a_frame():
-    """The loop invariant of the constrained map, reversal, order and momentum maps."""
-    found = gs.certify(TOP, "G-L", 1, frame="symmetries", dt=1e-3, steps=200,
-                       parameters={"frame": "start"})
-    assert found.parameters["omega_body"] == pytest.approx(125.663706, rel=1e-7)
-    assert found.holds
-    for promised in ("loop invariant", "reversal", "order", "angular momentum about e3",
-                     "angular momentum about the body's axis 3"):
-        assert found.line(promised).holds is True
 
 
 def test_ems_keeps_the_energy_of_the_frame_and_says_so():
