@@ -1,9 +1,13 @@
-"""Systems of sympy.physics.mechanics with joints."""
+"""Systems of sympy.physics.mechanics with joints, and M and the right side of a system of ours."""
 
 from __future__ import annotations
 
+import numpy as np
 import sympy as sp
 import sympy.physics.mechanics as me
+
+from gyrospark.generator.symbolic.derivatives import along
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 
 T = me.dynamicsymbols._t
 
@@ -34,3 +38,16 @@ def joints(count, lift=None):
                                                before.frame))
         before = body
     return system
+
+
+def sides(system, values, q, v, t=0.0):
+    """Return M and L_q + F − (L_v)_q v − (L_v)_t of a system in numbers."""
+    at = {s: values[str(s)] for s in system.parameters}
+    at |= dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {T: t}
+    entries = evaluate(system.mass_entries, at)
+    M = np.zeros((system.n, system.n))
+    for place, slot in system.elimination.slot_of.items():
+        M[place] = entries[slot]
+    time = [] if system.clock is None else [system.clock]
+    moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
+    return M, evaluate(system.generalised_force, at) - evaluate(moved, at)

@@ -28,6 +28,14 @@ def swelling():
 
 
 @cache
+def kinked():
+    """A particle on a V-shaped floor, of a mass that is more on the right."""
+    x, v, _ = one("x")
+    return gs.System.from_lagrangian((2 + sp.tanh(x)) * v**2 / 2 - sp.Abs(x), [x], [v], [],
+                                     name="kinked")
+
+
+@cache
 def wire():
     (r, vr, _), (f, vf, _) = one("r"), one("f")
     return gs.System.from_lagrangian(m * (vr**2 + r**2 * vf**2) / 2, [r, f], [vr, vf], [m, w],

@@ -46,77 +46,40 @@ def andrews():
     return runpy.run_path(str(ROOT / "examples" / "andrews.py"))
 
 
-SYSTEMS = [double, bead]
-
-
 # ---------------------------------------------------------------- motion, the second way
 
 
-@cache
-def stepper(make, *scheme):
-    """A stepper of a system, from the catalogue where it is in there."""
-    return systems.stepper("bead", *scheme) if make is bead else gs.stepper(*scheme, system=make())
-
-
-@pytest.mark.parametrize(("make", "scheme"), [
-    (double, ("G-L", 2)),
-    *(pytest.param(*pair, marks=pytest.mark.slow)  # systems and schemes the other way round
-      for pair in ((double, ("IMS", None)), (bead, ("IMS", None)), (bead, ("G-L", 2))))])
-def test_motion_is_that_of_the_hamiltonian_written_out(make, scheme):
+def test_motion_is_that_of_the_hamiltonian_written_out():
     """M⁻¹ in symbols gives the same states: what differs is the rounding of a hundred steps.
 
-    The momenta of IMS are not on G v = 0, and g = 0 is met by their jumps: rounding by Δt in each.
     Residual and Jacobian agree entry by entry.
     """
-    system, parameters, q, v = case(make)
-    step, other = stepper(make, *scheme), gs.stepper(*scheme, system=system.legendre())
-    p = step.momenta(q, v, parameters=parameters)
+    step, entry = systems.stepper("lagrangian"), systems.case("lagrangian")
+    other = gs.stepper("G-L", 2, system=entry.system.legendre())
+    q, p = systems.start("lagrangian", step)
     for solver in ("auto", "newton", "fixed-point"):
-        run, second = (one.integrate(q, p, dt=0.01, steps=100, parameters=parameters, t0=0.3,
-                                     solver=solver) for one in (step, other))
+        run, second = (each.integrate(q, p, dt=0.01, steps=100, parameters=entry.parameters,
+                                      t0=0.3, solver=solver) for each in (step, other))
         size = np.abs(run.p).max()
         np.testing.assert_allclose(run.q, second.q, rtol=0, atol=500 * EPS)
         np.testing.assert_allclose(run.p, second.p, rtol=0, atol=5000 * EPS * size)
         np.testing.assert_allclose(run.energies, second.energies, rtol=0,
                                    atol=5000 * EPS * np.abs(run.energies).max())
         np.testing.assert_allclose(run.work, second.work, rtol=0, atol=500 * EPS * size)
-        np.testing.assert_allclose(run.f_errors, 0, atol=64 * EPS if scheme[1] else 1.0)
         assert run.velocities.shape == run.q.shape
         assert second.velocities.shape == (101, 0)
-    rng = np.random.default_rng(5)
-    x = step.guess(q, p, dt=0.02, parameters=parameters)
-    x = x + 0.05 * rng.standard_normal(len(x))
-    for what in ("residual", "jacobian"):
-        values = [getattr(one, what)(x, q, p, dt=0.02, parameters=parameters, t=0.7)
-                  for one in (step, other)]
+    at = {"dt": 0.02, "parameters": entry.parameters, "t": 0.7}
+    x = step.guess(q, p, **at)
+    x = x + 0.05 * np.random.default_rng(5).standard_normal(len(x))
+    for function in ("residual", "jacobian"):
+        values = [getattr(each, function)(x, q, p, **at) for each in (step, other)]
         np.testing.assert_allclose(*values, rtol=0, atol=256 * EPS * np.abs(values[1]).max())
-
-
-@pytest.mark.parametrize("real", [
-    "float128", *(pytest.param(real, marks=pytest.mark.slow)  # the same C with other names
-                  for real in ("float", "long-double"))])
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_all_types_of_numbers(real):
-    """The errors of a few steps shrink with the rounding of the type, order being the same."""
-    _, parameters, q, v = case(bead)
-    step = systems.stepper("bead", real=real)
-    p = step.momenta(q, v, parameters=parameters)
-    q, p = step.project(q, p, parameters=parameters)
-    run = step.integrate(q, p, dt=0.01, steps=5, parameters=parameters)
-    again = step.integrate(q, p, dt=0.01, steps=5, parameters=parameters, solver="python")
-    double_run = systems.stepper("bead").integrate(
-        q.astype(float), p.astype(float), dt=0.01, steps=5, parameters=parameters)
-    eps = float(step.binding.epsilon)
-    assert float(abs(run.q - again.q).max()) < 100 * eps
-    assert float(abs(run.p - again.p).max()) < 1000 * eps
-    assert float(abs(run.q - double_run.q).max()) < 100 * max(eps, EPS)
-    assert float(abs(run.velocities[0] - v).max()) < 100 * eps + 1e-15
 
 
 # ---------------------------------------------------------------- kernels, one by one
 
 
-@pytest.mark.parametrize("make", SYSTEMS)
+@pytest.mark.parametrize("make", [double, bead])
 def test_derivatives_along_directions_are_those_of_the_complex_step(make):
     system, parameters, q, v = case(make)
     reduced, constants = hoisted(system)
@@ -155,28 +118,39 @@ def test_derivatives_along_directions_are_those_of_the_complex_step(make):
         np.testing.assert_allclose(force, slopes, rtol=64 * EPS)
 
 
-@pytest.mark.parametrize("make", SYSTEMS)
-def test_velocities_are_the_way_back_of_momenta(make):
-    system, parameters, q, _ = case(make)
-    step = stepper(make, "G-L", 2)
-    rng = np.random.default_rng(3)
-    rows_q, rows_v = q + 0.1 * rng.standard_normal((2, 3, 4, system.n))
-    p = step.momenta(rows_q, rows_v, parameters=parameters)
+@pytest.mark.parametrize("name", ["lagrangian", "bead", "shaken"])
+def test_velocities_are_the_way_back_of_momenta(name):
+    """Of many states, each at a time of its own."""
+    step, entry = systems.stepper(name), systems.case(name)
+    rng, times = np.random.default_rng(3), np.linspace(0, 2, 12).reshape(3, 4)
+    rows_q, rows_v = np.array(entry.q) + 0.1 * rng.standard_normal((2, 3, 4, step.n))
+    at = {"parameters": entry.parameters}
+    p = step.momenta(rows_q, rows_v, t=times, **at)
     assert p.shape == rows_q.shape
-    back = step.velocities(rows_q, p, parameters=parameters)
+    each = [step.momenta(*state, t=time, **at) for *state, time in zip(
+        rows_q.reshape(12, -1), rows_v.reshape(12, -1), times.ravel(), strict=True)]
+    assert np.array_equal(p.reshape(12, -1), each)
+    back = step.velocities(rows_q, p, t=times, **at)
     np.testing.assert_allclose(back, rows_v, rtol=0, atol=64 * EPS * np.abs(rows_v).max())
+    with refused(r"\(4, 3\).*\(3, 4\)"):
+        step.momenta(rows_q, rows_v, t=times.T, **at)
+    with refused(rf"\({step.n},\).*\({step.n + 1},\)"):
+        step.momenta(entry.q, [*entry.q, 0], **at)
 
 
 def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
-    _, parameters, q, v = case(double)
-    step = stepper(double, "G-L", 2)
-    p = step.momenta(q, v, parameters=parameters)
-    run = step.integrate(q, p, dt=0.01, steps=4, parameters=parameters)
-    np.testing.assert_allclose(run.velocities[0], v, rtol=0, atol=16 * EPS)
+    """Those of its times, and the slopes of its places."""
+    step = systems.stepper("lagrangian")
+    run = systems.run("lagrangian", step, 20, dt=0.01)
+    at_its_times = step.velocities(run.q, run.p, t=run.t,
+                                   parameters=systems.case("lagrangian").parameters)
+    np.testing.assert_allclose(run.velocities, at_its_times, rtol=0, atol=64 * EPS)
+    slopes = (run.q[2:] - run.q[:-2]) / 0.02
+    np.testing.assert_allclose(run.velocities[1:-1], slopes, rtol=0, atol=0.01)
     again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     assert np.array_equal(again.velocities, run.velocities)
     heading = run.save(tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert heading.endswith("v1,v2")
+    assert heading.endswith("vx,vy")
 
 
 def test_long_kernels_are_compiled_once(tmp_path):
@@ -275,13 +249,6 @@ def test_velocities_of_a_hamiltonian_system_are_refused(gl3):
         gl3.momenta([1, 0, 0, 0], [0, 0, 0, 0], parameters={})
 
 
-def test_velocities_of_another_shape_are_refused():
-    _, parameters, q, v = case(double)
-    step = stepper(double, "G-L", 2)
-    with refused(r"\(2,\).*\(3,\)"):
-        step.momenta(q, [*v, 0], parameters=parameters)
-
-
 # ---------------------------------------------------------------- Andrews' mechanism
 
 #: At t = 0.03 s, by mpmath with 32 digits, 240 and 340 steps of another method.
@@ -316,15 +283,13 @@ def test_andrews_mechanism_is_its_lagrangian_typed_in():
 
 
 def test_what_needs_h_written_out_says_so():
-    """Profile control and certificates."""
-    control = Spec.checked("G-L", 2).with_profile("control")
-    with refused("control.*Lagrangian"):
-        generate(control, system=double())
+    """Two profiles and certificates."""
+    for profile in ("control", "run"):
+        with refused(f"{profile}.*Lagrangian"):
+            generate(Spec.checked("G-L", 2).with_profile(profile), system=double())
     system, parameters, q, v = case(double)
-    p = stepper(double, "G-L", 2).momenta(q, v, parameters=parameters)
-    model = gs.Model(system, parameters, q, p, dt=0.01, steps=5)
     with refused("Lagrangian"):
-        gs.certify(model, "G-L", 2)
+        gs.certify(gs.Model(system, parameters, q, v, dt=0.01, steps=5), "G-L", 2)
 
 
 def test_consistent_starts_without_a_compiler():

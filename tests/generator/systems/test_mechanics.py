@@ -12,26 +12,12 @@ import sympy.physics.mechanics as me
 
 import gyrospark as gs
 from calls import refused
-from gyrospark.generator.symbolic.derivatives import along
 from gyrospark.generator.symbolic.finite_fields import vanish
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.symbolic.shared_subexpressions import parts_of
 from gyrospark.generator.systems.sympy_motion import FrameMotion
-from mechanics_systems import T, joints
+from mechanics_systems import T, joints, sides
 from strategies import EPS
-
-
-def sides(system, values, q, v, t=0.0):
-    """Return M and L_q + F − (L_v)_q v − (L_v)_t of a system in numbers."""
-    at = {s: values[str(s)] for s in system.parameters}
-    at |= dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {T: t}
-    entries = evaluate(system.mass_entries, at)
-    M = np.zeros((system.n, system.n))
-    for place, slot in system.elimination.slot_of.items():
-        M[place] = entries[slot]
-    time = [] if system.clock is None else [system.clock]
-    moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
-    return M, evaluate(system.generalised_force, at) - evaluate(moved, at)
 
 
 def numbers(matrix, q, u, values, t=0.0):
@@ -69,31 +55,39 @@ def particles(lift=sp.S.Zero):
     return N, q, points[1:], bodies
 
 
-VALUES = {"m": 1.3, "l": 0.7, "g": 9.81, "k": 0.4, "I1": 0.3, "I2": 0.2, "c": 0.6}
+VALUES = {"m": 1.3, "l": 0.7, "g": 9.81, "k": 0.4, "I1": 0.3, "I2": 0.2, "c": 0.6, "a": 0.2,
+          "w": 3.0}
+A, W = sp.symbols("a w", positive=True)
+#: How high a base is that goes up and down.
+LIFT = A * sp.cos(W * T)
+
+
+def check_forcing(method, system, values, v, t, speeds):
+    """Compare M and the right side with those of the method, at a time."""
+    M, right = sides(system, VALUES, values, v, t)
+    at = (list(method.q), values), (speeds, v)
+    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, VALUES, t), rtol=1e3 * EPS,
+                               atol=64 * EPS)
+    np.testing.assert_allclose(right, numbers(method.forcing, *at, VALUES, t).ravel(),
+                               rtol=1e4 * EPS, atol=64 * EPS)
 
 
 def test_lagranges_method():
-    """With a force that has no potential, one that has, and one that depends on time."""
-    N, q, points, bodies = particles()
+    """On a driven base, with a force that has no potential, weights, and a force of the time."""
+    N, q, points, bodies = particles(LIFT)
     g, k, m, c = sp.symbols("g k m c", positive=True)
-    loads = [(points[1], -k * points[1].vel(N)), (points[0], -m * g * N.y),
+    loads = [(points[1], -k * points[1].vel(N)), *((P, -m * g * N.y) for P in points),
              (points[0], c * sp.cos(3 * T) * N.x)]
     method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, loads, bodies, N)
     method.form_lagranges_equations()
     system = gs.from_mechanics(method, name="double")
     assert [str(x) for x in (*system.q, *system.p, *system.velocities)] == [
         "q1", "q2", "p_q1", "p_q2", "q1_t", "q2_t"]
-    assert [str(x) for x in system.parameters] == ["c", "g", "k", "l", "m"]
-    assert system.potential.has(g)  # a constant force has a potential
-    assert not any(f.has(g) for f in system.forces)
-    values, v = state(2)
-    M, right = sides(system, VALUES, values, v, 0.3)
-    at = (q, values), (q, v)
-    rates = [x.diff(T) for x in q]
-    np.testing.assert_allclose(M, numbers(method.mass_matrix, (q, values), (rates, v), VALUES),
-                               rtol=64 * EPS)
-    np.testing.assert_allclose(
-        right, numbers(method.forcing, at[0], (rates, v), VALUES, 0.3).ravel(), rtol=256 * EPS)
+    assert [str(x) for x in system.parameters] == ["a", "c", "g", "k", "l", "m", "w"]
+    assert system.clock == T
+    assert system.potential.has(g)  # weights have a potential, from a point at rest
+    assert not any(force.has(g) for force in system.forces)
+    check_forcing(method, system, *state(2), 0.3, [x.diff(T) for x in q])
 
 
 def test_holonomic_constraints_of_lagranges_method():
@@ -107,103 +101,6 @@ def test_holonomic_constraints_of_lagranges_method():
                        * sp.cos(system.q[1])) == 0
 
 
-def spinning():
-    """A body on a point, turned by space angles, in speeds Ω of the body: KanesMethod."""
-    q, u = me.dynamicsymbols("q1:4"), me.dynamicsymbols("u1:4")
-    m, g, c, I1, I2 = sp.symbols("m g c I1 I2", positive=True)
-    N = me.ReferenceFrame("N")
-    B = N.orientnew("B", "Body", q, "ZXZ")
-    given = B.ang_vel_in(N)
-    B.set_ang_vel(N, sum((x * axis for x, axis in zip(u, (B.x, B.y, B.z), strict=True)), 0 * B.x))
-    O = me.Point("O")  # noqa: E741
-    O.set_vel(N, 0)
-    C = O.locatenew("C", c * B.z)
-    C.v2pt_theory(O, N, B)
-    body = me.RigidBody("top", C, B, m, (me.inertia(B, I1, I1, I2), C))
-    kinematics = [x - given.dot(axis) for x, axis in zip(u, (B.x, B.y, B.z), strict=True)]
-    return me.KanesMethod(N, q, u, kinematics, bodies=[body], forcelist=[(C, -m * g * N.z)]), q, u
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_kanes_method_with_speeds_that_are_no_rates():
-    """q̈ of both: Kane's from u̇, with q̇ = A(q) u."""
-    method, q, u = spinning()
-    method.kanes_equations()
-    system = gs.from_mechanics(method, name="top")
-    assert [str(x) for x in system.velocities] == ["q1_t", "q2_t", "q3_t"]
-    assert not system.forces  # gravity at a point that is placed from O
-    values, speeds = state(3, 4)
-    rates = sp.Matrix([method.kindiffdict()[x.diff(T)] for x in q])
-    at = (q, values), (u, speeds)
-    v = numbers(rates, *at, VALUES).ravel()
-    udot = np.linalg.solve(numbers(method.mass_matrix, *at, VALUES),
-                           numbers(method.forcing, *at, VALUES)).ravel()
-    accelerations = (numbers(rates.jacobian(q), *at, VALUES) @ v
-                     + numbers(rates.jacobian(u), *at, VALUES) @ udot)
-    M, right = sides(system, VALUES, values, v)
-    np.testing.assert_allclose(np.linalg.solve(M, right), accelerations, rtol=1e4 * EPS)
-
-
-def test_a_system_of_joints_and_actuators():
-    method = joints(3)
-    system = gs.from_mechanics(method, name="arm")
-    assert [str(x) for x in system.velocities] == ["u0", "u1", "u2"]
-    assert system.potential.has(sp.Symbol("g", positive=True))
-    method.form_eoms()
-    values, v = state(3, 2)
-    M, right = sides(system, VALUES, values, v)
-    at = (list(method.q), values), (list(method.u), v)
-    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, VALUES), rtol=1e3 * EPS,
-                               atol=64 * EPS)
-    np.testing.assert_allclose(right, numbers(method.forcing, *at, VALUES).ravel(), rtol=1e4 * EPS)
-
-
-def test_long_lagrangians_share_what_recurs():
-    """A chain of three: what is shared changes no value."""
-    method = joints(3)
-    system = gs.from_mechanics(method, name="arm")
-    assert system.is_long
-    assert "M(q)" in system.texts()[0]
-    method.form_eoms()
-    values, v = state(3, 3)
-    M, _ = sides(system, VALUES, values, v)
-    at = (list(method.q), values), (list(method.u), v)
-    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, VALUES), rtol=0,
-                               atol=1e3 * EPS * np.abs(M).max())
-
-
-# ---------------------------------------------------------------- bases that are driven
-
-A, W = sp.symbols("a w", positive=True)
-#: How high a base is that goes up and down.
-LIFT = A * sp.cos(W * T)
-DRIVEN = {**VALUES, "a": 0.2, "w": 3.0}
-
-
-def check_forcing(method, system, values, v, t, speeds):
-    """Compare M and the right side with those of the method, at a time."""
-    M, right = sides(system, DRIVEN, values, v, t)
-    at = (list(method.q), values), (speeds, v)
-    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, DRIVEN, t), rtol=1e3 * EPS,
-                               atol=64 * EPS)
-    np.testing.assert_allclose(right, numbers(method.forcing, *at, DRIVEN, t).ravel(),
-                               rtol=1e4 * EPS, atol=64 * EPS)
-
-
-def test_a_driven_base_of_lagranges_method():
-    N, q, points, bodies = particles(LIFT)
-    g, m = sp.symbols("g m", positive=True)
-    loads = [(P, -m * g * N.y) for P in points]
-    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, loads, bodies, N)
-    method.form_lagranges_equations()
-    system = gs.from_mechanics(method, name="driven")
-    assert system.clock == T
-    assert [str(x) for x in (*system.q, *system.velocities, *system.parameters)] == [
-        "q1", "q2", "q1_t", "q2_t", "a", "g", "l", "m", "w"]
-    assert not system.forces  # weights have a potential, from a point at rest
-    check_forcing(method, system, *state(2), 0.7, [x.diff(T) for x in q])
-
-
 def test_a_driven_base_of_kanes_method():
     N, q, points, bodies = particles(LIFT)
     u = me.dynamicsymbols("u1 u2")
@@ -213,24 +110,28 @@ def test_a_driven_base_of_kanes_method():
     system = gs.from_mechanics(method, name="driven")
     assert [str(v) for v in system.velocities] == ["u1", "u2"]
     values, v = state(2)
-    M, right = sides(system, DRIVEN, values, v, 0.7)
+    M, right = sides(system, VALUES, values, v, 0.7)
     rates = (q, values), ([x.diff(T) for x in q], v)
-    found = [numbers(me.msubs(e, dict(zip(u, rates[1][0], strict=True))), *rates, DRIVEN, 0.7)
+    found = [numbers(me.msubs(e, dict(zip(u, rates[1][0], strict=True))), *rates, VALUES, 0.7)
              for e in (method.mass_matrix, method.forcing)]
     np.testing.assert_allclose(np.linalg.solve(M, right),
                                np.linalg.solve(found[0], found[1]).ravel(), rtol=1e3 * EPS)
 
 
 def test_a_chain_on_a_driven_base_is_long_and_has_its_time():
+    """Joints and actuators; what recurs in a long Lagrangian is shared, and changes no value."""
     method = joints(3, LIFT)
     system = gs.from_mechanics(method, name="arm")
+    assert [str(x) for x in system.velocities] == ["u0", "u1", "u2"]
+    assert system.potential.has(sp.Symbol("g", positive=True))
     assert system.is_long
+    assert "M(q" in system.texts()[0]
     assert system.clock == T
     method.form_eoms()
     check_forcing(method, system, *state(3, 3), 0.7, list(method.u))
     angle, rate = state(3, 4)
     at = dict(zip((*system.q, *system.velocities), (*angle, *rate), strict=True)) | {
-        s: DRIVEN[str(s)] for s in system.parameters}
+        s: VALUES[str(s)] for s in system.parameters}
     (power,) = evaluate([system.H_t], at | {T: 0.7})
     (slope,) = evaluate([system.L], at | {T: 0.7 + 1e-100j}).imag / 1e-100
     assert abs(power + slope) <= 256 * EPS * abs(slope)
@@ -248,19 +149,6 @@ def test_constraints_that_move():
         gs.from_mechanics(made(sp.Integer(0)))
     with refused("contradicts"):
         gs.from_mechanics(made(LIFT.diff(T) + 1))
-
-
-def test_an_arm_moves_and_keeps_its_energy():
-    """Without its friction H is kept to the order of the method."""
-    method = joints(3)
-    system = gs.from_mechanics(method, name="arm")
-    step = gs.stepper("G-L", 3, system=system)
-    parameters = {str(s): VALUES[str(s)] for s in system.parameters} | {"k": 0.0}
-    p = step.momenta([0.3, -0.2, 0.5], [0.1, 0.4, -0.3], parameters=parameters)
-    errors = [step.integrate([0.3, -0.2, 0.5], p, dt=0.2 / n, steps=n, parameters=parameters
-                             ).report.energy_error_max for n in (5, 10)]
-    assert errors[1] < 2e-11
-    assert errors[0] / errors[1] > 2**5.5  # order 6
 
 
 def length_of_energy(count):
