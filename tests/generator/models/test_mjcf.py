@@ -456,14 +456,13 @@ def test_bad_starts_are_refused(tmp_path, options, said):
 
 def test_the_command_runs_it(tmp_path, gyrospark):
     """An actuator is an input, the keyframe a setting; what is wrong ends in one line."""
-    path = written(tmp_path, ONE + '<actuator><motor name="m" joint="j"/></actuator>'
-                   '<keyframe><key name="k" qpos=".5" ctrl=".25"/></keyframe>')
+    path = written(tmp_path, TWO)
     run = ("run", path, "--scheme", "IMS", "--steps", "5", "--json")
-    done = gyrospark(*run, "--set", "keyframe=k", "--set", "j.rate=2")
+    done = gyrospark(*run, "--set", "keyframe=k", "--set", "b=0.5", "--set", "b.rate=2")
     assert done.code == 0, done.stderr
     document = done.document
-    assert document["parameters"]["m"] == 0.25
-    assert document["quantities"]["j_angle"] == pytest.approx(0.5 + 2 * 5 * 0.002, rel=1e-2)
+    assert document["parameters"]["b"] == 2
+    assert document["quantities"]["b_angle"] == pytest.approx(0.5 + 2 * 5 * 0.002, rel=1e-2)
     for setting, said in (("keyframe=x", "'x'"), ("i=3", "'i'"), ("ignore=all the rest", "limits")):
         failed = gyrospark(*run, "--set", setting)
         assert failed.code == 2
@@ -475,7 +474,7 @@ TWO = hinged('<geom size=".1" pos="0 0 -.3"/><site name="tip" pos="0 0 -.5"/>',
              '<joint name="b" axis="0 1 0" armature=".1"/>'
              '<joint name="slide" type="slide" axis="1 0 0" armature="1"/>',
              after='<actuator><motor name="a" joint="slide"/><motor name="b" joint="b"/></actuator>'
-                   '<keyframe><key ctrl="1 2"/></keyframe>')
+                   '<keyframe><key name="k" ctrl="1 2"/></keyframe>')
 PLANE = hinged('<geom size=".1"/>', '<joint name="rootx" type="slide" axis="1 0 0"/>'
                '<joint name="b" type="slide" axis="0 0 1"/><joint name="rooty" axis="0 1 0"/>')
 

@@ -168,31 +168,6 @@ def test_the_same_in_the_words_of_sympy(tmp_path):
     assert ours == theirs
 
 
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_a_thruster_for_a_while():
-    """A body's torque as a Piecewise: Ω₃ grows while it fires, and stays; Ω₁, Ω₂ are 0."""
-    body = gs.symbols
-    torque = sp.Symbol("tau", positive=True)
-    firing = sp.Piecewise((torque, (body.t >= 0.5) & (body.t < 1)), (0, True))
-    craft = gs.body_system("craft", "gamma", 0, (torque,), torque=[0, 0, firing])
-    build = gs.Multibody("craft_of_parts")
-    part = build.top("b", mass=1.0, inertia=(0.1, 0.12, 0.03), centre=(0, 0, 0),
-                     angular_velocity=(0, 0, 2))
-    build.torque(part, [0, 0, sp.Piecewise((0.06, (build.time >= 0.5) & (build.time < 1)),
-                                           (0, True))])
-    made = build.model()
-    q = [1.0, 0.0, 0.0, 0.0]
-    p = gs.momentum(q, [0, 0, 2.0], (0.1, 0.12, 0.03))
-    parameters = {"I1": 0.1, "I2": 0.12, "I3": 0.03, "gamma": 0.08, "tau": 0.06}
-    for system, start, values in ((craft, (q, p), parameters),
-                                  (made.system, (made.q0, made.p0), made.parameters)):
-        run = gs.stepper("G-L", 2, system=system).integrate(
-            *start, dt=0.01, steps=150, parameters=values)
-        # p = 2 L(q)ᵀ J Ω and |L(q)ᵀ v| = |v|
-        spin = np.linalg.norm(run.p, axis=1) / 2 / 0.03
-        assert spin == pytest.approx(2 + 0.06 / 0.03 * np.clip(run.t - 0.5, 0, 0.5), abs=1e-9)
-
-
 def test_the_example_keeps_its_energy():
     """The rope of examples/bungee.toml by EMS: H less work to round-off, through every crossing."""
     from processes import ROOT

@@ -68,14 +68,9 @@ def pendulum():
 
 ROOT = sp.sqrt(x**2 + y**2)
 SYSTEMS = {
-    "equal links": lambda: links(4),
-    "links": lambda: links(3, equal=False),
-    "springs of a length": lambda: lattice(5, lambda d: a * (d - b) ** 2 / 2, a, b),
-    "alpha-chain": lambda: lattice(5, lambda d: a * d**2 / 2 + b * d**3 / 3, a, b),
-    "beta-chain": lambda: lattice(5, lambda d: d**2 / 2 + a * d**4 / 4, a),
+    "springs of a length": lambda: lattice(4, lambda d: a * (d - b) ** 2 / 2, a, b),
+    "alpha-chain": lambda: lattice(4, lambda d: a * d**2 / 2 + b * d**3 / 3, a, b),
     "Toda": lambda: lattice(4, lambda d: a * sp.exp(b * d), a, b),
-    "phi-4": lambda: lattice(4, lambda d: a * d**2 / 2, a, b,
-                             site=lambda u: b * (u**2 - 1) ** 2 / 4),
     "phi-4 in numbers": lambda: lattice(4, lambda d: d**2 / 2, site=lambda u: (u**2 - 1) ** 2 / 4),
     "chain of bodies": lambda: gs.models.chain(2).system,
     "four-bar": lambda: gs.models.four_bar().system,
@@ -83,7 +78,6 @@ SYSTEMS = {
     "alpha body": lambda: body("alpha", sp.symbols("I1:4", positive=True), r),
     "body in numbers": lambda: body("gamma", (sp.Rational(1, 5), sp.Rational(1, 7), HALF), 2),
     "symmetric body in numbers": lambda: body("gamma", (HALF, HALF, sp.Rational(1, 3)), 2),
-    "ball in numbers": lambda: body("gamma", (HALF, HALF, HALF), 2),
     "dragged": dragged,
     "double pendulum": pendulum,
     "vector potential": lambda: plane(((px + b * y / 2) ** 2 + (py - b * x / 2) ** 2) / (2 * k)
@@ -93,7 +87,6 @@ SYSTEMS = {
                                  a, b, c, m, k, L, r),
     "Kepler in a trap": lambda: plane(-k / ROOT + c * ROOT**2 / 2, c, m, k),
     "ring": lambda: plane(k * (x**2 + y**2 - L**2) ** 2, m, k, L),
-    "bowl": lambda: plane(k * (x**2 + y**2) ** 2 / 4 + a * x + y, a, m, k),
     "two on springs": lambda: plane((x**2 + y**2 + (x - y) ** 2) / 2 + x + y),
     "hard spring": lambda: plane(k * (ROOT - L) ** 2 / 2 + c * (ROOT - L) ** 4 / 4, c, m, k, L),
     "reduced mass": lambda: plane((px**2 + py**2) * (r + L) / (2 * r * L) + (r + L) * y, r, L),
@@ -112,26 +105,21 @@ def parts(system):
 # ---------------------------------------------------------------- one source
 
 
-@pytest.mark.parametrize(("count", "spec"), [
-    (2, Spec.checked("G-L", 2)),
-    pytest.param(2, Spec.checked("EMS", None), marks=pytest.mark.slow)],  # derives ten times
-    ids=["G-L", "EMS"])
-def test_ten_equivalent_forms_of_a_chain_are_one_source(count, spec):
+def test_equivalent_forms_of_a_chain_are_one_source():
     """Byte for byte, header and manifest too."""
-    written = [everywhere(change)(links(count)) for change in TEN.values()]
-    assert len({(e.H, e.constraints) for e in written}) >= 7
-    files = [generate(spec, system=e).source.files() for e in written]
-    for name, found in zip(TEN, files, strict=True):
-        assert found == files[0], name
+    written = [everywhere(TEN[name])(links(2)) for name in ("expanded", "nested")]
+    assert written[0].H != written[1].H
+    files = [generate(Spec.checked("G-L", 2), system=system).source.files() for system in written]
+    assert files[0] == files[1]
 
 
-@pytest.mark.parametrize("count", [2, 5])
-@pytest.mark.parametrize("equal", [True, False])
-def test_equivalent_forms_of_a_chain_of_any_length(count, equal):
-    system = links(count, equal=equal)
-    wanted = canonical(system)
-    for name in ("expanded", "with common denominators", "nested", "twice negative"):
-        assert canonical(everywhere(TEN[name])(system)) == wanted, name
+@pytest.mark.parametrize(("count", "equal"), [(2, True), (4, False)])
+def test_ten_equivalent_forms_of_a_chain(count, equal):
+    written = [everywhere(change)(links(count, equal=equal)) for change in TEN.values()]
+    assert len({(system.H, system.constraints) for system in written}) >= 7
+    wanted = canonical(links(count, equal=equal))
+    for name, system in zip(TEN, written, strict=True):
+        assert canonical(system) == wanted, name
 
 
 @zoo
@@ -151,11 +139,9 @@ def test_a_canonical_form_is_the_same_function_and_its_own_canonical_form(system
     assert parts(again) == parts(found)
 
 
-@pytest.mark.parametrize(("masses", "lines"), [
-    (10, 8000), pytest.param(50, 8000, marks=pytest.mark.slow)])
-def test_a_common_denominator_hides_no_terms(masses, lines):
+def test_a_common_denominator_hides_no_terms():
     """Of fifty masses (Σ p²)/(2m) once hid the terms: 85,000 lines of C instead of 4,600."""
-    count = 3 * masses
+    count = 3 * 10
     q, p = sp.symbols(f"x0:{count}", real=True), sp.symbols(f"p0:{count}", real=True)
     links_ = [sum((u - v) ** 2 for u, v in zip(q[i : i + 3], q[i - 3 : i] or (0, 0, 0),
                                                strict=True)) - L**2 for i in range(0, count, 3)]
@@ -164,7 +150,7 @@ def test_a_common_denominator_hides_no_terms(masses, lines):
             sum(e**2 for e in p) / (2 * m) + m * k * sum(q[2::3]),
             sum(e**2 / (2 * m) for e in p) + sum(m * k * e for e in q[2::3]))]
     assert sources[0] == sources[1]
-    assert max(text.count("\n") for text in sources[0].values()) < lines
+    assert max(text.count("\n") for text in sources[0].values()) < 8000
 
 
 # ---------------------------------------------------------------- random systems, random spellings
@@ -198,7 +184,7 @@ def systems(draw):
                   forces=forces if draw(st.booleans()) else ())
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(system=systems(), seed=st.integers(0, 2**32 - 1))
 def test_random_equivalent_forms_of_random_systems(system, seed):
     draw = random.Random(seed)
@@ -243,9 +229,7 @@ def test_equal_parts_of_a_chain_have_one_form(count):
             [1, count // 2 - 1])
 
 
-@pytest.mark.parametrize("model", [
-    gs.models.lagrange_top, gs.models.satellite, gs.models.double_top, gs.models.gimbal,
-    gs.models.four_bar])
+@pytest.mark.parametrize("model", [gs.models.lagrange_top, gs.models.double_top])
 def test_models_of_bodies_cost_no_more(model):
     """Counted with every part once: what computing H, and g, takes."""
     written = model().system
@@ -257,14 +241,12 @@ def test_models_of_bodies_cost_no_more(model):
     assert after[1] <= 1.05 * before[1]
 
 
-@pytest.mark.parametrize("model", [
-    gs.models.lagrange_top, pytest.param(gs.models.double_top, marks=pytest.mark.slow)])
-def test_operations_of_bodies_do_not_grow(model, monkeypatch):
+def test_operations_of_bodies_do_not_grow(monkeypatch):
     """All kernels of a stepper together, with and without the canonical form."""
     counts = []
     for change in (canonical, lambda system: system):
         monkeypatch.setattr(pipeline, "canonical", change)
-        made = generate(Spec.checked("G-L", 2), system=model().system)
+        made = generate(Spec.checked("G-L", 2), system=gs.models.lagrange_top().system)
         counts.append(sum(n for kernel in json.loads(made.source.manifest)["operations"].values()
                           for n in kernel.values()))
     assert counts[0] <= counts[1]

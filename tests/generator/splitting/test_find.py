@@ -161,16 +161,9 @@ def test_equal_bodies_share_templates():
     assert all(system.q[i] in system.q for one in template.instances for i in one.coordinates)
 
 
-@pytest.mark.parametrize(("make", "words"), [
-    (gs.models.double_pendulum, ["double_pendulum", "'joint: x'"]),
-    (lambda: gs.models.chain(3), ["chain_3", "'j0: x'"]),
-    (gs.models.gimbal, ["gimbal"]),
-])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_joints_are_refused_by_name(make, words):
-    with pytest.raises(gs.GyrosparkError) as error:
-        split(make().system)
-    assert all(word in str(error.value) for word in words)
+def test_joints_are_refused_by_name():
+    with pytest.raises(gs.GyrosparkError, match=r"double_pendulum.*'joint: x'"):
+        split(gs.models.double_pendulum().system)
 
 
 @pytest.mark.parametrize(("H", "words"), [

