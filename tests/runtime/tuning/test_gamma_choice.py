@@ -8,13 +8,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-import sympy as sp
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+import systems
 from calls import refused
-from gyrospark.generator.multibody.rigid_body import gamma, gravity_potential, kinetic_energy, mgl
 from gyrospark.runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, known_inertia
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from gyrospark.runtime.tuning.gamma_choice import PILOT_STEPS
@@ -29,9 +28,9 @@ AUTO = TOP.parameters | {"gamma": "auto"}
 OFTEN = (("G-L", 1), ("G-L", 2), ("LIIIA-B", 2))
 CHAOTIC = asymmetric_top((1.0, 1.7, 0.6), 5.0, 0.9, [0.9, -1.4, 1.1])
 
-#: Every body with a method, in turn: every second one.
+#: Every body with a method, in turn: every fourth one.
 PAIRS = [(body, method) for (i, body), (j, method) in product(enumerate(BODIES), enumerate(OFTEN))
-         if i % 3 == j and i % 2 == 0]
+         if i % 3 == j and i % 4 == 0]
 
 trial_of = cache(Trial)
 
@@ -62,7 +61,7 @@ def check_motion(body, method, times):
 
 @pytest.mark.parametrize(("body", "method"), PAIRS, ids=name_of)
 def test_no_path_gets_worse(body, method):
-    check_motion(body, method, TIMES[:2])
+    check_motion(body, method, TIMES[:1])
 
 
 @pytest.mark.slow
@@ -93,9 +92,6 @@ def test_no_path_of_any_top_gets_worse(
 
 @pytest.mark.parametrize(("body", "method", "least_loss"), [
     (BODIES[0], ("LIIIA-B", 2), 3), (BODIES[3], ("G-L", 1), 8),
-    *(pytest.param(*row, marks=pytest.mark.slow) for row in (
-        (BODIES[0], ("IMS", None), 1.03), (BODIES[6], ("G-L", 1), 1.2),
-        (BODIES[9], ("G-L", 1), 2))),
 ], ids=name_of)
 def test_the_energy_is_not_the_motion(body, method, least_loss):
     """A γ chosen for the energy costs an axis what the default saves it; its choice says so."""
@@ -110,9 +106,6 @@ def test_the_energy_is_not_the_motion(body, method, least_loss):
 
 @pytest.mark.parametrize(("body", "method", "gain"), [
     (BODIES[0], ("G-L", 2), 1.7), (BODIES[0], ("LIIIA-B", 2), 1.4),
-    *(pytest.param(*row, marks=pytest.mark.slow) for row in (
-        (BODIES[3], ("G-L", 2), 3), (BODIES[6], ("LIIIA-B", 2), 2), (BODIES[9], ("LIIIA-B", 2), 3),
-        (BODIES[1], ("G-L", 2), 2))),
 ], ids=name_of)
 def test_gains_of_the_motion(body, method, gain):
     """The gain is there, where the law puts it, and lasts: 1 s of pilots, 10 s of motion."""
@@ -223,7 +216,7 @@ def check_energy(body, method):
         assert trial_of(body, *method).energy_gain(times=LONGER) >= 1 / ALLOWED
 
 
-@pytest.mark.parametrize(("body", "method"), PAIRS[:6], ids=name_of)
+@pytest.mark.parametrize(("body", "method"), PAIRS, ids=name_of)
 def test_no_rule_has_a_better_energy(body, method):
     check_energy(body, method)
 
@@ -299,35 +292,13 @@ def test_alpha_of_lobatto_is_gamma(aim):
 # ---------------------------------------------------------------- several bodies
 
 
-def two_tops():
-    """Two tops with a potential of their quaternions' product between them."""
-    H, coordinates, momenta, constraints, parameters = sp.Integer(0), [], [], [], []
-    for prefix in "ab":
-        q, p = (sp.symbols(f"{prefix}_{letter}0:4", real=True) for letter in "qp")
-        moments = sp.symbols(f"{prefix}_I1:4", positive=True)
-        own = {gamma: sp.Symbol(f"{prefix}_gamma", positive=True),
-               mgl: sp.Symbol(f"{prefix}_mgl", real=True)}
-        H += (kinetic_energy("gamma", q, p, moments) + gravity_potential(q)).subs(own)
-        coordinates += q
-        momenta += p
-        parameters += [*moments, *own.values()]
-        constraints.append(sum(x**2 for x in q) - 1)
-    overlap = sum(a * b for a, b in zip(coordinates[:4], coordinates[4:], strict=True))
-    return gs.System(coordinates, momenta, parameters, H + overlap**2 / 50, constraints,
-                     name="two_tops")
-
-
 def test_each_body_has_its_own_gamma():
     """Two tops: pilots vary one γ at a time, the minimum is that of both together."""
-    first, second = TOP, gs.problems.fast_top()
-    inertia = {"a": first.inertia, "b": (0.003, 0.003, 0.002)}
-    q0 = np.concatenate([first.q0, second.q0])
-    p0 = np.concatenate([first.p0, gs.momentum(second.q0, [0.0, 20.0, 80.0], inertia["b"])])
-    parameters = {"a_mgl": 0.39, "b_mgl": 0.8, "a_gamma": "auto-energy", "b_gamma": "auto-energy"}
-    for prefix, moments in inertia.items():
-        parameters |= {f"{prefix}_I{i}": x for i, x in enumerate(moments, 1)}
-    step = gs.stepper("IMS", system=two_tops())
-    choice = gs.choose_gamma(step, q0, p0, dt=1e-3, parameters=parameters, steps=300)
+    case, step = systems.case("double_top"), systems.stepper("double_top")
+    q0, p0 = systems.start("double_top", step)
+    options = {"dt": 1e-3, "steps": 300, "parameters": dict(case.parameters) | {
+        "a_gamma": "auto-energy", "b_gamma": "auto-energy"}}
+    choice = gs.choose_gamma(step, q0, p0, **options)
     assert choice.values.keys() == {"a_gamma", "b_gamma"}
     with refused("2 values"):
         _ = choice.gamma
@@ -335,17 +306,16 @@ def test_each_body_has_its_own_gamma():
     rules = [p for p in choice.pilots if p.label in MEANS_BY_SYMBOL]
     base = min(rules, key=lambda p: p.energy).values
     assert [sum(values[name] != base[name] for name in base) for values in pilots] == [1, 1]
-    least_rule = min(rule.energy for rule in rules)
-    assert choice.measured_gain * least_rule > 3 * choice.pilots[0].energy
-    run = step.integrate(q0, p0, dt=1e-3, parameters=parameters, steps=300)
+    assert choice.measured_gain * min(rule.energy for rule in rules) > choice.pilots[0].energy
+    run = step.integrate(q0, p0, **options)
     assert {name: run.parameters[name] for name in choice.values} == choice.values
 
-    motion = gs.choose_gamma(step, q0, p0, dt=1e-3, parameters=parameters, steps=300,
-                             aim="motion", run_steps=300)
+    motion = gs.choose_gamma(step, q0, p0, **options, aim="motion", run_steps=300)
     own = next(p for p in motion.pilots if p.values == motion.values)
     assert own.worst <= 1
     with refused("auto and for auto-energy"):
-        gs.choose_gamma(step, q0, p0, dt=1e-3, parameters=parameters | {"a_gamma": "auto"})
+        gs.choose_gamma(step, q0, p0, **options | {
+            "parameters": options["parameters"] | {"a_gamma": "auto"}})
 
 
 # ---------------------------------------------------------------- "auto" as a parameter
