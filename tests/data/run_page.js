@@ -62,6 +62,7 @@ new Function(scripts.join("\n"))();
   frames(60);
   Object.assign(said, { steps: stepper.steps, fills: counts.fill,
     clock: made.clock.textContent, notice: made.notice.textContent });
+  if (process.argv[3]) return console.log(JSON.stringify(said));  // an address alone is looked at
   made.again.fire("click");
   made.play.fire("click");
   frames(10);
@@ -72,7 +73,7 @@ new Function(scripts.join("\n"))();
     one.slider.fire("input");
     one.slider.fire("change");
   }
-  frames(20);
+  frames(10);
   said.resumed = stepper.steps;
   made.defaults.fire("click");
   frames(5);

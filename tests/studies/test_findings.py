@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from gyrospark.studies.energy_law import energy_law, node_numbers
 from gyrospark.studies.equivalence import gradients_claim, nodes_claim, stages_claim
 from gyrospark.studies.one_step import energy_error
 from gyrospark.studies.power_series import PowerSeries
-from gyrospark.studies.study_result import Claim, Finding
+from gyrospark.studies.study_result import Claim
 from gyrospark.studies.zeros import integrable_claim
 
 #: Findings that rest on measurement alone.
@@ -31,12 +30,6 @@ MEASURED = ("one-stage-alpha", "gamma-auto", "frames")
 STATE = odd_proof._rational_tops()[0]
 
 
-ENGINE = Engine(short=True)
-
-
-@cache
-def finding_of(key: str) -> Finding:
-    return FINDINGS[key](ENGINE)
 
 
 #: The proofs of the slow one are checked by themselves below.
@@ -48,16 +41,12 @@ every_finding = pytest.mark.parametrize("key", [
 
 @every_finding
 def test_every_claim_holds(key: str) -> None:
-    finding = finding_of(key)
+    finding = FINDINGS[key](Engine(short=True))
     assert finding.key == key
     assert finding.about.count("\n\n") >= 2
     assert [c for c in finding.claims if not c.holds] == []
     assert any(c.how == "proved" for c in finding.claims) or key in MEASURED
-
-
-@every_finding
-def test_panels_hold_plain_numbers(key: str) -> None:
-    for panel in finding_of(key).panels:
+    for panel in finding.panels:
         for series in panel.series:
             assert len(series.x) == len(series.y) > 1
             assert all(type(v) is float and math.isfinite(v) for v in (*series.x, *series.y))
@@ -99,15 +88,14 @@ def three_stages() -> Claim:
 
 @pytest.mark.parametrize("claim", [
     pytest.param(two_stages, marks=pytest.mark.slow), three_stages,
-    lambda: odd_proof.gamma_claim((2,)), lambda: odd_proof.variational_claim(range(2, 6))])
+    lambda: odd_proof.gamma_claim((2,)), lambda: odd_proof.variational_claim(range(2, 5))])
 def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:
     assert claim().holds
 
 
 @pytest.mark.parametrize(("term", "claim"), [
-    ("A", two_stages), ("C", three_stages),
-    pytest.param("C", two_stages, marks=pytest.mark.slow),
-    pytest.param("A", three_stages, marks=pytest.mark.slow)])
+    ("C", three_stages), ("B", lambda: odd_proof.gamma_claim((2,))),
+    pytest.param("A", two_stages, marks=pytest.mark.slow)])  # 2 CPU s of algebra
 def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, claim: Any) -> None:
     def wrong(s: int, top: BodyFrameTop) -> Any:
         law = energy_law(s, top)
@@ -115,15 +103,6 @@ def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, clai
 
     monkeypatch.setattr(odd_proof, "energy_law", wrong)
     assert not claim().holds
-
-
-def test_a_wrong_gamma_term_is_refuted(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(s: int, top: BodyFrameTop) -> Any:
-        law = energy_law(s, top)
-        return dataclasses.replace(law, B=law.B * 2)
-
-    monkeypatch.setattr(odd_proof, "energy_law", wrong)
-    assert not odd_proof.gamma_claim((2,)).holds
 
 
 def test_energy_of_another_gamma_is_not_quadratic() -> None:
@@ -143,7 +122,7 @@ def test_series_keep_powers_of_both_signs() -> None:
         a.shifted(h=-1)
 
 
-@pytest.mark.parametrize("s", range(2, 7))
+@pytest.mark.parametrize("s", range(2, 5))
 def test_node_numbers_are_those_of_the_quadrature(s: int) -> None:
     numbers, table = node_numbers(s), lobatto_iiiab(s).numeric(30)
     for i, (b, c) in enumerate(zip(table.b, table.c, strict=True)):

@@ -33,12 +33,10 @@ def parameters(rep, rule="m"):
 
 
 @pytest.mark.parametrize(
-    ("scheme", "stages", "start"),
-    [("IMS", None, "state"), ("EMS", None, "state"), ("G-L", 2, "previous"),
-     ("LIIIA-B", 3, "rates")],
+    ("scheme", "stages", "start", "rep", "plain"),
+    [("IMS", None, "state", "gamma", False), ("EMS", None, "state", "gamma", True),
+     ("G-L", 2, "previous", "alpha", False), ("LIIIA-B", 3, "rates", "alpha", True)],
 )
-@pytest.mark.parametrize("rep", ["gamma", "alpha"])
-@pytest.mark.parametrize("plain", [True, False])
 def test_the_driver_takes_the_products_steps(scheme, stages, start, rep, plain):
     """Same equations, other start and stop: after 20 steps equal to round-off."""
     step = gs.stepper(scheme, stages, rep)
@@ -62,8 +60,8 @@ def test_every_norm_counts():
 
 
 def test_largest_entry_is_no_larger_than_the_euclidean_norm():
-    step = gs.stepper("LIIIA-B", 3, "gamma")
-    runs = [march(step, parameters("gamma"), STATE, 0.01, 8,
+    step = gs.stepper("LIIIA-B", 3, "alpha")
+    runs = [march(step, parameters("alpha"), STATE, 0.01, 8,
                   Rule("previous", "r", 1e-10, 50, size)).mean
             for size in ("largest", "euclidean")]
     assert runs[0] <= runs[1]
@@ -124,13 +122,11 @@ def test_only_the_intended_term_is_dropped(rep):
         assert getattr(inexact, name) == getattr(exact, name)
 
 
-@pytest.mark.parametrize("rep", ["gamma", "alpha"])
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_same_residual_other_jacobian(rep):
-    exact, inexact = gs.stepper("LIIIA-B", 3, rep), inexact_stepper("LIIIA-B", 3, rep)
-    x = exact.guess(*STATE, dt=1e-2, parameters=parameters(rep))
+def test_same_residual_other_jacobian():
+    exact, inexact = gs.stepper("LIIIA-B", 3, "alpha"), inexact_stepper("LIIIA-B", 3, "alpha")
+    keywords = {"dt": 1e-2, "parameters": parameters("alpha")}
+    x = exact.guess(*STATE, **keywords)
     x *= 1 + 0.01 * np.random.default_rng(3).standard_normal(len(x))
-    keywords = {"dt": 1e-2, "parameters": parameters(rep)}
     np.testing.assert_allclose(inexact.residual(x, *STATE, **keywords),
                                exact.residual(x, *STATE, **keywords), rtol=0, atol=1e-11)
     J = [s.jacobian(x, *STATE, **keywords) for s in (exact, inexact)]
@@ -141,14 +137,12 @@ def test_same_residual_other_jacobian(rep):
     assert not changed[:12, 12:24].any()
 
 
-def test_the_products_steppers_do_not_know_it():
-    assert "inexact" not in gs.stepper("LIIIA-B", 3, "gamma").files["heavy_top_liiiab3_gamma.c"]
-
-
 def test_inexact_converges_linearly():
-    runs = [march(s, parameters("gamma"), STATE, 0.01, 8, Rule("previous", "r", 1e-12, 100)).mean
-            for s in (gs.stepper("LIIIA-B", 3, "gamma"), inexact_stepper("LIIIA-B", 3, "gamma"))]
-    assert runs[1] > 2 * runs[0]
+    exact, inexact = gs.stepper("LIIIA-B", 3, "alpha"), inexact_stepper("LIIIA-B", 3, "alpha")
+    counts = [march(step, parameters("alpha"), STATE, 0.01, 8,
+                    Rule("previous", "r", 1e-12, 100)).mean for step in (exact, inexact)]
+    assert counts[1] > 2 * counts[0]
+    assert "inexact" not in exact.files["heavy_top_liiiab3_alpha.c"]
 
 
 # ------------------------------------------------------------ the tables
@@ -187,6 +181,7 @@ def test_search_does_not_trust_the_short_run():
     assert largest_count(lambda n: n <= 100, lambda n: n <= 9, 1, 200) == 9
 
 
+@pytest.mark.slow  # a printed number; compiles a stepper and its inexact one for it
 def test_table_8_with_the_inexact_jacobian():
     """α = 100γ_m: the printed 0.0022 to the last digit; the exact Jacobian reaches further."""
     assert largest_step("LIIIA-B", 4, "alpha", "100m", 1e-4, 160, True) == pytest.approx(0.0022)
@@ -221,10 +216,8 @@ def test_table_10():
     assert claim(table, "With the exact Jacobian").holds
 
 
-@pytest.mark.parametrize("make", [
-    table_12, pytest.param(table_11, marks=pytest.mark.slow),
-    pytest.param(table_13, marks=pytest.mark.slow)], ids=["12", "11", "13"])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
+@pytest.mark.slow  # the paper's tables as a whole
+@pytest.mark.parametrize("make", [table_11, table_12, table_13])
 def test_lobatto_tables(make):
     table = make(Engine())
     assert all(c.holds for c in table.claims)

@@ -41,8 +41,7 @@ from gyrospark.studies.verdict import compare_value, same_digits, units_between
 from processes import ROOT
 
 #: Results that take well under a second each once their steppers are compiled.
-QUICK = ("table-2", "table-4", "table-5", "table-6", "table-7", "figure-5", "figure-7", "figure-9",
-         "figure-10", "figure-11", "figure-12")
+QUICK = ("table-2", "table-4", "table-7", "figure-5", "figure-11")
 
 
 @pytest.fixture(scope="module")
@@ -206,7 +205,7 @@ def test_round_off_is_where_a_scheme_keeps_the_quantity(accuracy_tables):
     accuracy.table_5, accuracy.table_6, accuracy.table_7, accuracy.figure_8, accuracy.figure_9,
     invariants.table_2, invariants.table_3, invariants.figure_5, invariants.figure_6,
     invariants.figure_7, parameter.figure_11, parameter.figure_12, parameter.figure_13,
-    parameter.figure_14, convergence.figure_10,
+    convergence.figure_10,
 ], ids=lambda study: study.__name__)
 def test_claims_hold(study, engine):
     result = study(engine)
@@ -214,7 +213,7 @@ def test_claims_hold(study, engine):
     assert [claim for claim in result.claims if not claim.holds] == []
 
 
-@pytest.mark.parametrize("sweep", parameter.FIGURE_15[:3], ids=lambda sweep: sweep.method)
+@pytest.mark.parametrize("sweep", parameter.FIGURE_15[:2], ids=lambda sweep: sweep.method)
 def test_lobatto_laws(sweep, engine):
     x, y = parameter.measure(engine, sweep)
     inverse, direct = fit_line(x, y), fit_line([1 / a for a in x], y)
@@ -259,22 +258,14 @@ def files(quick_results):
     return report_files(quick_results)
 
 
-@pytest.mark.slow  # 3 CPU s; other cases run all its branches
 def test_page_has_every_anchor_and_no_network(files):
-    links = _Links()
-    links.feed(files["index.html"])
+    page, links = files["index.html"], _Links()
+    links.feed(page)
     assert {"summary", *QUICK} <= set(links.ids)
     assert len(links.ids) == len(set(links.ids))
     for address in links.addresses:
-        if address.startswith("#"):
-            assert address[1:] in links.ids
-        else:
-            assert address in files
-    assert not re.search(r"https?://|@import|<script|<link|url\((?!#)", files["index.html"])
-
-
-def test_page_shows_commands_verdicts_and_both_schemes(files):
-    page = files["index.html"]
+        assert address[1:] in links.ids if address.startswith("#") else address in files
+    assert not re.search(r"https?://|@import|<script|<link|url\((?!#)", page)
     for name in QUICK:
         assert f"<code>gyrospark reproduce {name}</code>" in page
     for word in ("✓ agrees", "≈ round-off", "✎ misprint", "≠ differs", "· not printed"):
@@ -301,8 +292,9 @@ def test_files_next_to_the_page(files, quick_results):
     assert list(rows[0]) == ["row", "column", "paper", "ours", "ratio", "verdict", "note"]
 
 
-def test_bytes_are_reproducible(files, quick_results):
-    assert report_files(quick_results) == files
+def test_bytes_are_reproducible(quick_results):
+    some = [result for result in quick_results if result.name in ("table-7", "figure-5")]
+    assert report_files(some) == report_files(some)
 
 
 def test_drawings_follow_the_page(files):
@@ -424,8 +416,7 @@ def test_catalogue_is_complete():
 # ---------------------------------------------------------------- docs/paper.md
 
 
-@pytest.mark.parametrize("name", ["table-2", "table-4", "table-5", "table-6", "table-7",
-                                  "figure-5", "figure-9", "figure-10"])
+@pytest.mark.parametrize("name", ["table-2", "table-4", "figure-5", "figure-10"])
 def test_committed_summary_is_what_is_computed(name, engine):
     """These results are the same in the short version; the whole file is checked by -m slow."""
     committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

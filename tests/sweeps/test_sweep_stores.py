@@ -27,7 +27,7 @@ def small_tiles(monkeypatch):
 def test_a_store_holds_what_memory_holds(tmp_path, small_tiles):
     path = tmp_path / "s.zarr"
     over = {"scheme": ["EMS", "G-L 2"], "gamma": list(np.geomspace(8e-4, 2e-3, 9)),
-            "dt": list(np.geomspace(1e-4, 2e-3, 9))}
+            "dt": list(np.geomspace(1e-4, 2e-3, 8))}
     stored = gs.sweep(TOP, over, steps=20, out=path)
     assert stored.identical(gs.sweep(TOP, over, steps=20))
     opened = gs.open_sweep(path)
@@ -86,20 +86,19 @@ def test_an_unfinished_sweep_can_be_read(tmp_path, small_tiles):
     assert np.isnan(found.q.values[states == NOT_COMPUTED]).all()
 
 
-@pytest.mark.parametrize(("change", "fragment"), [
-    ({"steps": 6}, "steps was 5"), ({"dt": 2e-3}, "dt was 0.001"),
-    ({"scheme": "IMS"}, "steppers"), ({"parameters": {"mgl": 0.5}}, "parameters.mgl"),
-    ({"over": {"gamma": [1e-3, 3e-3]}}, "axes.gamma"), ({"keep": ["q"]}, "results"),
-    ({"tolerance": 1e-9}, "tolerance")])
-def test_another_sweep_is_not_resumed(change, fragment, tmp_path):
+def test_another_sweep_is_not_resumed(tmp_path):
     path = tmp_path / "s.zarr"
     arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
     gs.sweep(TOP, **arguments, out=path)
     with pytest.raises(gs.InputError, match="already"):
         gs.sweep(TOP, **arguments, out=path)
-    with pytest.raises(gs.InputError) as error:
-        gs.sweep(TOP, **(arguments | change), out=path, resume=True)
-    assert fragment in str(error.value)
+    for change, words in (
+            ({"steps": 6}, "steps was 5"), ({"dt": 2e-3}, r"dt was 0\.001"),
+            ({"scheme": "IMS"}, "steppers"), ({"parameters": {"mgl": 0.5}}, r"parameters\.mgl"),
+            ({"over": {"gamma": [1e-3, 3e-3]}}, r"axes\.gamma"), ({"keep": ["q"]}, "results"),
+            ({"tolerance": 1e-9}, "tolerance")):
+        with pytest.raises(gs.InputError, match=words):
+            gs.sweep(TOP, **(arguments | change), out=path, resume=True)
 
 
 def test_a_store_in_other_tiles_is_not_resumed(tmp_path, monkeypatch):
@@ -151,7 +150,7 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
 
     path = tmp_path / "s.zarr"
     monkeypatch.setattr(durable_files, "write_durably", full)
-    for full.left in itertools.count(1, 17):
+    for full.left in itertools.count(1, 24):
         try:
             gs.sweep(TOP, over, **choice, out=path, resume=True)
             break

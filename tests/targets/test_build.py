@@ -49,24 +49,12 @@ def test_artefacts_have_the_bits_of_c(built, target):
     assert "2000 steps" in made.check()
 
 
-@pytest.mark.parametrize("model", [SATELLITE, "satellite", gs.problems.fast_top()], ids=str)
-def test_another_start_is_taken(built, model):
+def test_another_start_is_taken(built):
     """q and p of any model, where they are on the constraints."""
-    made = built("cpp", system=model, dt=1e-3, parameters=None,
+    made = built("cpp", system=gs.problems.fast_top(), dt=1e-3, parameters=None,
                  start=([0, 0.6, 0, 0.8], [1, 0.8, 2, -0.6]))
     assert made.options.q == (0, 0.6, 0, 0.8)
     assert "0.6" in (made.path / f"{made.stepper.name}.hpp").read_text()
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_native_bits_are_those_of_the_run_in_python(built):
-    """Start, parameters and time step arrive: profile full goes the same way up to round-off."""
-    made = built("cpp")
-    found = np.frombuffer(bytes.fromhex(native_bits(made.stepper, made.options, 50)))
-    step = gs.stepper("G-L", 1, system=SATELLITE)
-    run = step.integrate(made.options.q, made.options.p, dt=0.1, steps=50,
-                         parameters=dict(made.options.parameters))
-    np.testing.assert_allclose(found, [*run.q[-1], *run.p[-1]], rtol=0, atol=1e-12)
 
 
 def test_a_bit_that_differs_is_found(built):

@@ -286,23 +286,6 @@ def in_node(name, *arguments):
 
 
 @needs_node
-@pytest.mark.parametrize("name", [
-    "heavy_top", pytest.param("double_pendulum", marks=pytest.mark.slow)])  # 2 s of Node each
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_pages_of_the_site_run(name):
-    for script in ("stepper.js", "page.js", "check.js"):
-        subprocess.run(["node", "--input-type=module", "--check"], check=True,
-                       input=webassembly.read(script), text=True)
-    said = in_node(name)
-    assert said["bad"] == 0
-    assert said["fills"] > 0
-    assert said["steps"] > 10
-    assert said["notice"] == ""
-    assert said["paused"] == 0
-    assert said["resumed"] > 0
-
-
-@needs_node
 def test_a_page_has_the_bits_of_the_run_in_c(tmp_path, text_alone):
     made = build("web", **PAGES["heavy_top"] | {"scheme": "EMS"}, out=tmp_path / "page.html")
     said = in_node("heavy_top", "#scheme=EMS&t=0.5")
@@ -361,7 +344,14 @@ def test_a_step_that_fails_is_said_in_a_sentence():
 
 @needs_node
 def test_a_top_is_drawn_as_that_of_a_run(gl3):
-    (mine,) = in_node("heavy_top")["shapes"]
+    said = in_node("heavy_top")
+    assert said["bad"] == 0
+    assert said["fills"] > 0
+    assert said["steps"] > 10
+    assert said["notice"] == ""
+    assert said["paused"] == 0
+    assert said["resumed"] > 0
+    (mine,) = said["shapes"]
     run = gl3.integrate(TOP.q0, TOP.p0, steps=40, **RUN)
     (part,) = scene_of(run, 2).parts
     np.testing.assert_allclose(mine["tip"], part.tip, atol=1e-9)
