@@ -43,7 +43,7 @@ def compare_robots(tmp_path, seeds, loops):
     return compared, len(refusals)
 
 
-@pytest.mark.parametrize(("seeds", "loops"), [((17, 57), False), ((5, 8, 18), True)])
+@pytest.mark.parametrize(("seeds", "loops"), [((17,), False), ((5, 18), True)])
 def test_random_robots_move_as_in_mujoco(tmp_path, seeds, loops):
     """Each is read: free, ball, slide and hinge joints, tendons, gravcomp, loops."""
     assert compare_robots(tmp_path, seeds, loops) == (len(seeds), 0)
@@ -161,11 +161,11 @@ FILES = files_of("gymnasium", "playground")
 
 
 @pytest.mark.parametrize("name", [
-    "gymnasium/inverted_double_pendulum.xml", "gymnasium/ant.xml", "gymnasium/hopper.xml",
-    "gymnasium/half_cheetah.xml", "gymnasium/walker2d.xml", "gymnasium/swimmer.xml",
+    "gymnasium/inverted_double_pendulum.xml", "gymnasium/hopper.xml", "gymnasium/swimmer.xml",
     "gymnasium/point.xml", "playground/acrobot.xml", "playground/cartpole.xml",
     "playground/finger.xml", "playground/fish.xml", "playground/ball_in_cup.xml",
-    pytest.param("gymnasium/humanoid.xml", marks=pytest.mark.slow)])  # 13 bodies are derived
+    *(pytest.param(f"gymnasium/{name}.xml", marks=pytest.mark.slow)  # up to 13 bodies are derived
+      for name in ("ant", "half_cheetah", "walker2d", "humanoid"))])
 def test_joints_accelerate_as_in_mujoco(name):
     """Of robots of wheels, at control 0 and without what is ignored: to 1e-11 of the largest."""
     if name not in FILES:

@@ -26,6 +26,8 @@ HINGE = """<robot name="hinge"><link name="base"/>
   <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/>
   <axis xyz="0 1 0"/></joint></robot>
 """
+LIMITED = HINGE.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><limit lower="-1" upper="1" '
+                        'effort="9" velocity="9"/>')
 
 
 @pytest.fixture
@@ -138,10 +140,10 @@ def test_quaternions_are_rotations(tmp_path):
 
 def test_ends_that_a_range_has_not(tmp_path):
     """A missing end is 0 in URDF 1.0, and none in URDF 1.2."""
-    one = ('lower="-2" upper="2"', 'upper="2"')
+    path = tmp_path / "hinge.urdf"
     for version, end in (("1.0", 0.0), ("1.2", 2.0)):
-        path = changed(tmp_path, one, ('<robot name="arm">', f'<robot name="arm" version='
-                                       f'"{version}">'))
+        path.write_text(LIMITED.replace('lower="-1" ', "").replace(
+            "<robot", f'<robot version="{version}"'), encoding="utf-8")
         free, held = (Motion(gs.load_urdf(path, angles={"shoulder": -0.5}, **told)).energy()
                       for told in ({"ignore": "limits"}, {"limits": 40.0}))
         assert held - free == pytest.approx(40 * 0.5**2 / 2 if end == 0 else 0, rel=1e-12)
@@ -245,8 +247,7 @@ def test_angles_beyond_a_turn_warn(arm):
 
 def test_the_command_runs_it(arm, gyrospark):
     """By name, with settings; what is there and not ignored is told in a sentence."""
-    arm.write_text(HINGE.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><limit lower="-1" '
-                                 'upper="1" effort="9" velocity="9"/>'), encoding="utf-8")
+    arm.write_text(LIMITED, encoding="utf-8")
 
     def run(*settings):
         options = [part for setting in settings for part in ("--set", setting)]
@@ -440,7 +441,8 @@ def test_bad_loops_are_refused(tmp_path, text, said):
 
 def test_ranges_are_elastic_on_wish(arm):
     """Beyond its range, which is that of the file, a shoulder has V = ½ k d² more."""
-    free, held = (Motion(gs.load_urdf(arm, angles={"shoulder": 2.9}, **told))
+    arm.write_text(LIMITED, encoding="utf-8")
+    free, held = (Motion(gs.load_urdf(arm, angles={"shoulder": 1.9}, **told))
                   for told in ({"ignore": "limits"}, {"limits": 40.0}))
     assert held.energy() - free.energy() == pytest.approx(40 * 0.9**2 / 2, rel=1e-12)
     with pytest.raises(gs.InputError, match="limits"):

@@ -6,11 +6,6 @@ numerator of the residual is divided by the relations, and the remainder must be
 
 from __future__ import annotations
 
-import math
-import random
-from fractions import Fraction
-
-import mpmath
 import pytest
 import sympy as sp
 
@@ -32,7 +27,6 @@ from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.schemes.system_differences import constraint_increment, vector
 from gyrospark.generator.symbolic.shared_subexpressions import expand_shared
 
-EPS = 2.0**-52
 x = sp.symbols("x0:3", real=True)
 xm = sp.symbols("xm0:3", real=True)
 dx = sp.symbols("dx0:3", real=True)
@@ -263,95 +257,3 @@ def test_constraint_increment_is_the_change_of_g_exactly():
     (g,) = top.constraints
     assert polynomial_zero(found - g.xreplace(moved) + g)
     assert polynomial_zero(found - sum(e * (2 * s + e) for s, e in zip(q, d, strict=True)))
-
-
-# ---------------------------------------------------------------- in numbers
-
-
-def evaluate(e, values, number, known=None):
-    """Evaluate an expression in the numbers of ``values``, each shared part once."""
-    known = {} if known is None else known
-    if e not in known:
-        if e in values:
-            known[e] = values[e]
-        elif e.is_Rational:
-            known[e] = number(int(e.p)) / number(int(e.q))
-        else:
-            parts = [evaluate(part, values, number, known) for part in e.args]
-            if e.is_Add:
-                known[e] = sum(parts[1:], parts[0])
-            elif e.is_Mul:
-                known[e] = math.prod(parts[1:], start=parts[0])
-            elif e.exp.is_Integer:
-                known[e] = parts[0] ** int(e.exp)
-            else:
-                root = mpmath.sqrt if number is mpmath.mpf else math.sqrt
-                known[e] = root(parts[0]) ** int(2 * e.exp)
-    return known[e]
-
-
-def majorant(e, values):
-    """Return the size that the terms of e reach before they cancel; bases of powers are kept."""
-    if e.is_Add:
-        return sum(majorant(part, values) for part in e.args)
-    if e.is_Mul:
-        return math.prod(majorant(part, values) for part in e.args)
-    return abs(evaluate(e, values, float))
-
-
-def exact(value):
-    """Return a double as an mpmath number."""
-    fraction = Fraction(value)
-    return mpmath.mpf(fraction.numerator) / fraction.denominator
-
-
-def errors(e, symbols, means, differences, at, step):
-    """Return |ΔH − D·Δ|, D·Δ in doubles and ΔH in 60 digits, and the largest term |D_i Δ_i|."""
-    D = [expand_shared(d) for d in discrete_gradient(e, symbols, means, differences)]
-    with mpmath.workdps(60):
-        low = {s: exact(m) - exact(d) / 2 for s, m, d in zip(symbols, at, step, strict=True)}
-        high = {s: exact(m) + exact(d) / 2 for s, m, d in zip(symbols, at, step, strict=True)}
-        change = evaluate(e, high, mpmath.mpf) - evaluate(e, low, mpmath.mpf)
-        values = dict(zip((*means, *differences), (*at, *step), strict=True))
-        total = 0.0
-        largest = 0.0
-        known = {}
-        for slope, d in zip(D, step, strict=True):
-            total += evaluate(slope, values, float, known) * d
-            largest = max(largest, majorant(slope, values) * abs(d))
-        return float(abs(change - exact(total))), largest
-
-
-
-
-
-
-
-
-
-
-
-
-@pytest.mark.parametrize("size", [0.3, 1e-12])
-@pytest.mark.parametrize("rep", REPS)
-def test_energy_of_the_top_changes_by_D_times_change_in_doubles_whatever_the_step(rep, size):
-    draw = random.Random(3)
-    top = heavy_top(rep)
-    for _ in range(5):
-        weights = {s: draw.uniform(0.5, 3) for s in top.parameters}
-        exact_weights = {s: sp.Rational(Fraction(w)) for s, w in weights.items()}
-        H = top.H.xreplace(exact_weights)
-        at = [draw.uniform(-1, 1) for _ in range(8)]
-        step = [size * draw.uniform(-1, 1) for _ in range(8)]
-        error, largest = errors(H, (*q, *p), (*qm, *pm), (*dq, *dp), at, step)
-        assert error <= 64 * EPS * largest
-
-
-def test_no_digit_of_a_small_change_is_lost_where_the_difference_of_values_loses_all():
-    e = sp.sqrt(x0**2 + 1) * x1
-    at, step = [1.25, 3.0, 0.0], [1e-17, 0.0, 0.0]
-    naive = math.sqrt((at[0] + step[0]) ** 2 + 1) * at[1] - math.sqrt(at[0] ** 2 + 1) * at[1]
-    error, largest = errors(e, x, xm, dx, at, step)
-    assert naive == 0.0
-    assert largest > 1e-17
-    assert error <= 4 * EPS * largest

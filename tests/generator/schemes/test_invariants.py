@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,15 +16,6 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.rigid_body.quaternion import left_matrix, rotation_matrix
-from reference import (
-    WORKING_DIGITS,
-    Method,
-    coefficients,
-    doubles,
-    heavy_top,
-    numbers,
-    spark_stages,
-)
 from strategies import (
     EPS,
     MEAN_SPECS,
@@ -34,7 +24,6 @@ from strategies import (
     cases,
     few,
     identify,
-    make_case,
     random_case,
     stepper_of,
     turns,
@@ -68,25 +57,6 @@ def run_for(step, case, steps, **more):
 
 
 # ---------------------------------------------------------------- constraints
-
-
-@pytest.mark.parametrize("spec", few(SPARK_SPECS), ids=identify)
-def test_spark_keeps_both_constraints(spec):
-    """On every step, not on average: 4 ε of |q|² and of |p|.
-
-    T1's last constraint is g(q_{k+1}) = 0 and T2 ends with qᵀp = 0; what is left are the roundings
-    of q and p themselves, ε/2 of each of four components, and of the two sums here.
-    """
-    step, rng = stepper_of(spec), np.random.default_rng(21)
-    for weight in (0.3, 1.0, 100.0):
-        case = random_case(rng, spec.rep)
-        parameters = case.parameters | {spec.rep: weight * gs.gamma_m(case.inertia)}
-        trajectory = run_for(step, replace(case, parameters=parameters), 2000)
-        q, p = trajectory.q, trajectory.p
-        assert np.abs(np.einsum("ki,ki->k", q, q) - 1).max() <= 4 * EPS
-        momentum = np.abs(np.einsum("ki,ki->k", q, p)) / np.linalg.norm(p, axis=1)
-        assert momentum.max() <= 4 * EPS
-        assert trajectory.report.constraint_max <= 4 * EPS
 
 
 @pytest.mark.parametrize("spec", MEAN_SPECS, ids=identify)
@@ -123,14 +93,14 @@ def test_steps_too_long_fail_or_are_right(spec):
     rule that trusts one ratio of increments takes it for the solution.
     """
     rng = np.random.default_rng(3)
-    drawn = [random_case(rng, spec.rep, turn=(0.5, 30)) for _ in range(600)]
+    drawn = [random_case(rng, spec.rep, turn=(0.5, 30)) for _ in range(200)]
     many = stepper_of(spec).integrate_ensemble(
         np.array([case.q for case in drawn]), np.array([case.p for case in drawn]),
         dt=np.array([case.dt for case in drawn]), steps=1,
         parameters=[case.parameters for case in drawn])
     q = many.q[:, 1]
     done = np.isfinite(q).all(axis=1)
-    assert 20 < done.sum() < 580
+    assert 20 < done.sum() < 180
     # Stages far from the unit sphere, |Q|² up to 100, leave that many ε in the last constraint.
     assert np.abs(np.einsum("ki,ki->k", q[done], q[done]) - 1).max() <= 100 * EPS
 
@@ -199,7 +169,7 @@ def test_quadratic_invariants(spec):
 # ---------------------------------------------------------------- symmetry and symplecticity
 
 
-@pytest.mark.parametrize("spec", few(PAPER_SPECS), ids=identify)
+@pytest.mark.parametrize("spec", few(MEAN_SPECS), ids=identify)
 def test_reversibility(spec):
     """step(h) then step(−h) is the identity: 16 ε, of two steps with errors up to 1 ε each.
 
@@ -213,9 +183,8 @@ def test_reversibility(spec):
         size = np.abs(case.p).max()
         dp = p - case.p
         along = case.q @ dp
-        if spec.stages is None:
-            assert abs(along) <= 16 * EPS * size + 8 * EPS * case.weight / case.dt
-            dp = dp - along * case.q
+        assert abs(along) <= 16 * EPS * size + 8 * EPS * case.weight / case.dt
+        dp = dp - along * case.q
         assert np.abs(q - case.q).max() <= 16 * EPS
         assert np.abs(dp).max() <= 16 * EPS * size
 
@@ -303,35 +272,6 @@ def test_lobatto_types_agree(stages):
         bound = 4 * EPS * steps
         assert np.abs(runs[0].q - runs[1].q).max() <= bound
         assert np.abs(runs[0].p - runs[1].p).max() <= bound * np.abs(case.p).max()
-
-
-def test_lobatto_multipliers_differ_by_the_absorbed_term():
-    """Λ^γ_{i−1} = Λ^α_{i−1} + |P_i|²/(8γ) (erratum 23), in 40 digits from an exact start."""
-    q, p = np.array([0.5, 0.5, 0.5, 0.5]), np.array([1.25, -0.5, 0.25, -1.0])
-    parameters = {"I1": 1.0, "I2": 1.75, "I3": 0.5, "mgl": 0.75, "alpha": 1.25, "gamma": 1.25}
-    stages, ends = 3, {}
-    for rep in ("alpha", "gamma"):
-        method = Method(heavy_top(parameters, rep), "LIIIA-B", stages, q, p, 0.125)
-        ends[rep] = method.step()
-    with mp.workdps(WORKING_DIGITS):
-        e, dt, q, p = method.at(mp.mpf)
-        t = coefficients("LIIIA-B", stages, mp.mpf)
-        *_, P, _ = spark_stages(e, t, dt, q, p, ends["gamma"].x)
-        shift = [P_i @ P_i / (8 * numbers(parameters["gamma"], mp.mpf).item()) for P_i in P[:-1]]
-        difference = (ends["gamma"].multipliers - ends["alpha"].multipliers)[:-1, 0]
-        assert max(abs(difference - shift)) < mp.mpf(10) ** -38
-        assert max(abs(ends["gamma"].q - ends["alpha"].q)) < mp.mpf(10) ** -40
-        assert max(abs(ends["gamma"].p - ends["alpha"].p)) < mp.mpf(10) ** -40
-
-
-def test_gauss_types_differ():
-    """G-L-α is not G-L-γ: the stages are off |Q| = 1 (71)."""
-    case = random_case(np.random.default_rng(29), "gamma", turn=(0.2, 0.3))
-    others = {name: case.parameters[name] for name in ("I1", "I2", "I3", "mgl")}
-    ends = [gs.stepper("G-L", 2, rep).step(case.q, case.p, dt=case.dt,
-                                           parameters=others | {rep: case.weight})
-            for rep in ("alpha", "gamma")]
-    assert np.abs(ends[0][0] - ends[1][0]).max() > 1e-8
 
 
 # ---------------------------------------------------------------- the paper's tables
@@ -448,20 +388,7 @@ def separation(case, run):
     return math.exp(rate * abs(run.t[-1] - run.t[0]))
 
 
-@pytest.mark.parametrize("spec", few(SPARK_SPECS), ids=identify)
-def test_reversal_about_the_middle_axis_loses_what_the_flow_does(spec):
-    """No bound without the separation of neighbours could hold here."""
-    moments, omega = (0.4, 2.0, 2.8), np.array([1e-9, 1.0, 0.0])
-    case = make_case(spec.rep, moments, 0.0, 1.0, (1.0, 0.0, 0.0, 0.0), omega, 0.5)
-    step, steps = stepper_of(spec), 80
-    run = run_for(step, case, steps)
-    back = step.integrate(run.q[-1], run.p[-1], dt=-case.dt, steps=steps,
-                          parameters=case.parameters)
-    error = np.abs(back.q[-1] - case.q).max()
-    assert 10 * 2 * steps * EPS < error <= 2 * steps * EPS * separation(case, run)
-
-
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(data=st.data())
 @pytest.mark.parametrize("spec", few(SPARK_SPECS), ids=identify)
 def test_constraints_and_reversal_from_any_state(spec, data):
@@ -476,12 +403,3 @@ def test_constraints_and_reversal_from_any_state(spec, data):
     bound = 40 * EPS * separation(case, run)
     assert np.abs(back.q[-1] - case.q).max() <= bound
     assert np.abs(back.p[-1] - case.p).max() <= bound * np.abs(case.p).max()
-
-
-def test_reference_is_on_the_constraints():
-    """The reference itself: |q|² = 1 and qᵀp = 0 in 45 digits after a step of SPARK."""
-    case = random_case(np.random.default_rng(30), "gamma")
-    end = Method(heavy_top(case.parameters, "gamma"), "G-L", 3, case.q, case.p, case.dt).step()
-    with mp.workdps(WORKING_DIGITS):
-        assert abs(end.q @ end.q - 1) < mp.mpf(10) ** -44
-        assert abs(end.q @ end.p) < mp.mpf(10) ** -44 * max(abs(doubles(end.p)))

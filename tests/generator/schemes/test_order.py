@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from functools import cache
 
-import mpmath as mp
 import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.spec import PAPER_SPECS, Spec
-from reference import WORKING_DIGITS, Method, heavy_top, numbers
+from gyrospark.generator.spec import PAPER_SPECS
 from strategies import EPS, few, identify, make_case, stepper_of
 
 SPAN = 2.0
@@ -73,45 +71,3 @@ def test_order(spec):
         slope = observed_order(SPAN / counts[kept][-POINTS:], error[kept][-POINTS:])
         print("SLOPE", identify(spec), name, f"{slope:.3f}", f"{kept.sum()} points")
         assert abs(slope - step.order) < TOLERANCE
-
-
-
-
-# ---------------------------------------------------------------- beyond double
-
-
-def integrate_in_digits(spec, steps, span):
-    """Return q and p at the end of the reference's steps, in 45 digits."""
-    case = top(spec.rep)
-    with mp.workdps(WORKING_DIGITS):
-        q, p = numbers(case.q, mp.mpf), numbers(case.p, mp.mpf)
-        q = q / mp.sqrt(q @ q)  # consistent to all digits, not to those of a double
-        p = p - (q @ p) * q
-        for _ in range(steps):
-            end = Method(heavy_top(case.parameters, spec.rep), spec.scheme, spec.stages, q, p,
-                         span / steps).step()
-            q, p = end.q, end.p
-    return q, p
-
-
-@cache
-def exact_in_digits(rep, span):
-    """Return the end by G-L 10, order 20, with 16 steps: to 1e-25 or better."""
-    return integrate_in_digits(Spec("G-L", 10, rep), 16, span)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "spec", [Spec("G-L", 5), Spec("LIIIA-B", 6), Spec("G-L", 6)], ids=identify
-)
-def test_order_in_digits(spec):
-    """Orders 10 and 12, where a wrong eleventh digit of a coefficient shows and double ends."""
-    span, order = 1.0, expected_order(spec)
-    assert gs.tableau(spec.scheme, stages=spec.stages).order == order
-    counts = np.array([8, 16, 32])
-    errors = []
-    for count in counts:
-        q, _ = integrate_in_digits(spec, int(count), span)
-        with mp.workdps(WORKING_DIGITS):
-            errors.append(float(max(abs(q - exact_in_digits(spec.rep, span)[0]))))
-    assert abs(observed_order(span / counts, errors) - order) < TOLERANCE

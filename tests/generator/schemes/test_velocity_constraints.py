@@ -24,16 +24,6 @@ from rolling_systems import (
     stepper_of,
 )
 
-
-def errors(step, start, parameters, end, steps, exact):
-    run = step.integrate(*start, dt=end / steps, steps=steps, parameters=parameters)
-    return [float(np.abs(run.q[-1] - exact[0]).max()), float(np.abs(run.p[-1] - exact[1]).max())]
-
-
-def slopes(step, start, parameters, end, counts, exact):
-    return np.log2(np.divide(*(errors(step, start, parameters, end, n, exact) for n in counts)))
-
-
 # ---------------------------------------------------------------- order
 
 
@@ -50,21 +40,6 @@ def test_order_on_the_sleigh(s, counts):
                                               parameters=SLEIGH)
         found.append([abs(run.q[-1, 2] - th), np.abs(run.p[-1] - p).max()])
     assert np.log2(np.divide(*found)) == pytest.approx([2 * s, 2 * s], abs=0.12)
-
-
-@pytest.mark.parametrize(("make", "parameters", "start"), [
-    (disc, DISC, disc_state()), (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START)])
-@pytest.mark.slow  # 3 CPU s; other cases run all its branches
-def test_orders_with_constraints_of_both_kinds(make, parameters, start):
-    """|q|² = 1 and three rows of rolling; a skate that pulls a rod. Radau-L has 2s − 1."""
-    end = 0.5
-    run = stepper_of(make, 2).integrate(*start, dt=end / 1000, steps=1000, parameters=parameters)
-    exact = run.q[-1], run.p[-1]
-    found = slopes(stepper_of(make, 2), start, parameters, end, (20, 40), exact)
-    assert found == pytest.approx([4, 4], abs=0.12)
-    if make is not disc:
-        found = slopes(stepper_of(make, 2, "Radau-L"), start, parameters, end, (40, 80), exact)
-        assert found == pytest.approx([3, 3], abs=0.12)
 
 
 @pytest.mark.slow

@@ -168,7 +168,7 @@ def test_the_kick_of_a_force_gradient_is_a_potential():
 # ---------------------------------------------------------------- certificates
 
 
-LONG = ("SS10", "ABA1064", "G8", "KL8")
+LONG = ("SS10", "ABA1064", "G6", "G8", "KL8")
 each = pytest.mark.parametrize("name", [
     pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in COMPOSITIONS])
 

@@ -146,17 +146,6 @@ def test_short_decimals_leave_the_tableau_exact(read: Any) -> None:
     assert read(content).digits_given is None
 
 
-def test_nested_radicals(read: Any) -> None:
-    content = content_of(gauss_lobatto(3))
-    for key in ("A_hat", "b_hat"):
-        del content[key]
-    tableau = read(content)
-    for key in ("A", "A_tilde", "A_bar"):
-        found, expected = (sum(getattr(t, key), ()) for t in (tableau, gauss_lobatto(3)))
-        for a, b in zip(found, expected, strict=True):
-            assert abs(sp.N(a - b, 30, chop=True)) < 1e-25
-
-
 def test_parts_left_out(read: Any) -> None:
     content = example()
     for key in ("c", "c_tilde", "order", "symmetric"):
