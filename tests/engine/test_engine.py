@@ -80,26 +80,21 @@ def in_one_unit(headers):
     return [*(word for header in headers[:-1] for word in ("-include", header)), headers[-1]]
 
 
-def test_headers_compile_alone(checking):
-    """Beside the toy; what differs between variants the steppers of the catalogue compile."""
-    own = [(defined(flags_of(header)), header) for header in HEADERS]
-    for flags, headers in grouped(own).items():
-        assert_compiles([*checking, *flags], headers)
-
-
-@pytest.mark.slow  # every variant of every header that its text tells apart
-def test_headers_compile_in_each_variant(checking):
+@pytest.mark.slow  # every variant of every header that its text tells apart, alone
+def test_headers_compile_alone_in_each_variant(checking):
     own = [(defined(macros), header) for header in HEADERS for macros in variants(header).values()]
     for flags, headers in grouped(own).items():
         assert_compiles([*checking, *flags], headers)
 
 
-def test_an_editor_opens_headers_without_errors():
-    """By clang with compile_flags.txt and .clangd, as clangd does; gcc has done it above."""
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+def test_an_editor_opens_headers_without_errors(name):
+    """With compile_flags.txt and .clangd, as clangd does; those that guard themselves together."""
     folder = FOLDER / "gyrospark"
     common = (folder / "compile_flags.txt").read_text(encoding="ascii").split()
-    checking = [*compiler("clang"), "-fsyntax-only", "-Werror", *common]
-    for flags, headers in grouped((defined(flags_of(one)), one) for one in HEADERS).items():
+    checking = [*compiler(name), "-fsyntax-only", "-Werror", *common]
+    own = [(defined(flags_of(header)), header) for header in HEADERS]
+    for flags, headers in grouped(own).items():
         guarded = [header for header in headers if is_guarded(header)]
         if guarded:
             assert_compiles([*checking, *flags], in_one_unit(guarded), folder)
