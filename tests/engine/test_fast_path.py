@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from functools import cache
 
 import numpy as np
 import pytest
@@ -18,28 +17,18 @@ from gyrospark.generator.schemes.fast_path import FastSystem, Folds
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
 
-FAMILIES = [*(gauss_lobatto(s) for s in range(1, 9)), *(lobatto_iiiab(s) for s in range(2, 9))]
+FAMILIES = [*map(gauss_lobatto, (1, 2, 3, 5, 8)), *map(lobatto_iiiab, (2, 3, 8))]
 BODIES = {f"{make.__name__}_{rep}": make(rep) for make in (heavy_top, free_body)
           for rep in ("alpha", "gamma")}
 
 
-@cache
-def stiff_spring(stages=2):
-    x, px = sp.symbols("x px", real=True)
-    k = sp.Symbol("k", positive=True)
-    return gs.stepper("G-L", stages, system=gs.System(
-        (x,), (px,), (k,), px**2 / 2 + k * x**2 / 2 + x**4, name="stiff_spring"))
+#: Several constraints, H neither separable nor quadratic, and no constraints.
+OTHERS = ("two_rods", "relativistic", "driven_oscillator")
 
 
-#: Neither separable nor quadratic, several constraints, and none.
-OTHERS = ("two_rods", "relativistic", "stiff_spring")
-
-
-def another(name, scheme="G-L", stages=2):
+def another(name):
     """Return stepper, start and parameters."""
-    if name == "stiff_spring":
-        return stiff_spring(stages), [1], [0], {"k": 1e4}
-    step = systems.stepper(name, scheme, stages)
+    step = systems.stepper(name)
     return step, *systems.start(name, step), systems.case(name).parameters
 
 
@@ -131,7 +120,7 @@ def whole(half, rows, columns):
 
 
 @pytest.mark.parametrize("real", ["float", "double", "float128"])
-@pytest.mark.parametrize(("scheme", "s"), [("G-L", 7), ("G-L", 8), ("G-L", 9), ("LIIIA-B", 8)])
+@pytest.mark.parametrize(("scheme", "s"), [("G-L", 7), ("G-L", 8), ("LIIIA-B", 8)])
 def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme, s, real):
     """The tables that the products of lanes stand for, in rational arithmetic."""
     kind = REALS[real]
@@ -178,15 +167,9 @@ def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau)
 # ---------------------------------------------------------------- what it gives
 
 
-FEW = [("G-L", 3, "alpha"), ("LIIIA-B", 3, "gamma"), ("G-L", 8, "gamma")]
-MANY = [*FEW, *(pytest.param(scheme, stages, rep, marks=pytest.mark.slow)  # of other tables
-                for scheme, most in (("G-L", 8), ("LIIIA-B", 6)) for stages in range(1, most + 1)
-                for rep in ("alpha", "gamma") if (scheme, stages, rep) not in FEW
-                and (scheme, stages) != ("LIIIA-B", 1))]
-
-
 @pytest.mark.parametrize("dt", [1e-3, 1e-2])
-@pytest.mark.parametrize(("scheme", "stages", "rep"), MANY)
+@pytest.mark.parametrize(("scheme", "stages", "rep"), [
+    ("G-L", 2, "alpha"), ("LIIIA-B", 3, "gamma"), ("G-L", 8, "gamma")])
 def test_sweeps_and_newton_give_the_same_trajectory(scheme, stages, rep, dt):
     step = gs.stepper(scheme, stages, rep)
     parameters = TOP.parameters | {rep: gs.gamma_m(TOP.inertia)}
@@ -202,10 +185,9 @@ def test_sweeps_and_newton_give_the_same_trajectory(scheme, stages, rep, dt):
         assert fast.report.momentum_constraint_max <= 8e-17
 
 
-@pytest.mark.parametrize(("name", "stages"), [*((name, 2) for name in OTHERS), *(
-    pytest.param(name, stages, marks=pytest.mark.slow) for name in OTHERS for stages in (3, 4))])
-def test_other_systems_give_what_newton_gives(name, stages):
-    step, q, p, parameters = another(name, "G-L", stages)
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_systems_give_what_newton_gives(name):
+    step, q, p, parameters = another(name)
     run = {"dt": 5e-3, "steps": 100, "parameters": parameters}
     fast = step.integrate(q, p, solver="fixed-point", **run)
     full = step.integrate(q, p, solver="newton", **run)
@@ -230,9 +212,7 @@ def test_auto_does_every_step_that_newton_can_do(name):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize(("scheme", "stages", "rep"), [
-    ("G-L", 2, "gamma"), ("EMS", None, "gamma"),
-    pytest.param("G-L", 4, "alpha", marks=pytest.mark.slow),
-    pytest.param("LIIIA-B", 3, "gamma", marks=pytest.mark.slow)])
+    ("G-L", 2, "gamma"), ("EMS", None, "gamma")])
 def test_largest_step_of_auto_is_not_below_that_of_newton(scheme, stages, rep):
     step = gs.stepper(scheme, stages, rep)
     parameters = TOP.parameters | {rep: gs.gamma_m(TOP.inertia)}
@@ -249,7 +229,7 @@ def test_largest_step_of_auto_is_not_below_that_of_newton(scheme, stages, rep):
 
 
 def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
-    step, q, p, parameters = another("stiff_spring")
+    step, q, p, parameters = another("two_rods")
     run = {"dt": 0.2, "steps": 30, "parameters": parameters}
     with pytest.raises(gs.StepFailed, match="diverged"):
         step.integrate(q, p, solver="fixed-point", **run)
@@ -258,28 +238,8 @@ def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
     assert step.integrate(q, p, solver="newton", **run).report.newton_steps == 0
 
 
-def test_predictions_save_sweeps():
-    """From the past of the same unknowns a step starts near its end: a few sweeps are left."""
-    step = gs.stepper("G-L", 4, "gamma")
-    parameters = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
-    small = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1000, parameters=parameters)
-    assert small.iterations[200:].mean() <= 4.5
-    assert small.iterations[0] > 6
-
-
-def test_pieces_of_a_run_are_the_run_to_the_bit():
-    """Chunks of the compiled loop carry predictions and compensation on."""
-    step = gs.stepper("G-L", 2, "gamma")
-    parameters = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
-    run = {"dt": 1e-3, "parameters": parameters, "steps": 9000}
-    every = step.integrate(TOP.q0, TOP.p0, every=1, **run)
-    seldom = step.integrate(TOP.q0, TOP.p0, every=4500, **run)
-    assert np.array_equal(every.q[::4500], seldom.q)
-    assert np.array_equal(every.p[::4500], seldom.p)
-
-
 def test_manifest_says_what_was_proved():
-    fast = gs.stepper("G-L", 3).manifest["fast_path"]
+    fast = gs.stepper("G-L", 2).manifest["fast_path"]
     assert fast["available"]
     assert fast["constant_schur"]
     assert fast["scalar_correction"]
@@ -289,6 +249,6 @@ def test_manifest_says_what_was_proved():
 @pytest.mark.parametrize(("dt", "most"), [(1e-4, 2), (1e-3, 3), (5e-3, 4)])
 def test_newton_stops_when_the_next_increment_is_round_off(dt, most):
     """Increments of quadratic convergence, size (size/previous)^2 next: none is made in vain."""
-    made = gs.stepper("G-L", 3).integrate(TOP.q0, TOP.p0, dt=dt, steps=100, parameters=PARAMETERS,
+    made = gs.stepper("G-L", 2).integrate(TOP.q0, TOP.p0, dt=dt, steps=100, parameters=PARAMETERS,
                                           solver="newton")
     assert set(made.iterations.tolist()) == {most}

@@ -15,18 +15,15 @@ import cffi
 import numpy as np
 import pytest
 
-import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP
 from compilers import MAIN, compiler
-from forced_systems import PARAMETERS as DRAG
-from forced_systems import oscillator, pendulum
 from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation.compiler import read_declarations
 from gyrospark.runtime.steppers.stepper import Stepper
-from processes import ROOT, call
+from processes import call
 
 STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 #: Without optimisation nothing is contracted, and compiling is quick.
@@ -37,23 +34,21 @@ ROWS = 40
 def models():
     """Name → scheme, system or None, start, parameters, dt, time at the start."""
     top, bead = (TOP.q0, TOP.p0), ([0.6, -0.8], [0.8, 0.6])
-    named = {f"{scheme}{stages or ''} {real}": (Spec(scheme, stages, real=real), None, top,
-                                               PARAMETERS, 1e-3)
-             for scheme, stages, real in (("G-L", 3, "double"), ("EMS", None, "float"),
-                                          ("G-L", 2, "float"), ("IMS", None, "double"),
-                                          ("LIIIA-B", 3, "long-double"))}
-    return named | {
-        "long steps": (Spec("G-L", 3), None, top, PARAMETERS, 0.026),
-        "forces": (Spec("G-L", 2), pendulum(), bead, DRAG, 0.05),
-        "forces EMS": (Spec("EMS"), pendulum(), bead, DRAG, 0.05),
-        "free": (Spec("G-L", 2), oscillator(), ([0.5], [0.3]), DRAG, 0.05),
-        "free IMS": (Spec("IMS"), oscillator(), ([0.5], [0.3]), DRAG, 0.05),
+    drag = {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}
+    forced = systems.case("dragged_pendulum").system
+    return {
+        "G-L2 double": (Spec("G-L", 2), None, top, PARAMETERS, 1e-3),
+        "long steps": (Spec("G-L", 2), None, top, PARAMETERS, 0.026),
+        "forces EMS float": (Spec("EMS", real="float"), forced, bead, drag, 0.05),
+        "forces": (Spec("G-L", 2), forced, bead, drag, 0.05),
+        "LIIIA-B3 long-double": (Spec("LIIIA-B", 3, real="long-double"), None, top, PARAMETERS,
+                                 1e-3),
     }
 
 
 MODELS = models()
 #: Of these, the default run compiles two profiles each.
-FEW = ("G-L3 double", "long steps", "EMS float", "forces")
+FEW = ("G-L2 double", "long steps", "forces EMS float")
 EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name not in FEW)) for name in MODELS]
 every_model = pytest.mark.parametrize("name", EVERY)
 
@@ -163,7 +158,7 @@ def programs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("programs")
     compiled = cache(lambda name, profile: Program(made(name, profile),
                                                    folder / f"{name} {profile}"))
-    return lambda name, profile: compiled("G-L3 double" if name == "long steps" else name, profile)
+    return lambda name, profile: compiled("G-L2 double" if name == "long steps" else name, profile)
 
 
 AUTO, NEWTON, FIXED_POINT = 0, 1, 2
@@ -215,7 +210,7 @@ def test_sweeps_are_those_of_profile_control(name, programs):
 
 
 def test_project(programs):
-    for name in ("G-L3 double", "forces"):
+    for name in ("G-L2 double", "forces EMS float"):
         found = []
         for profile in ("run", "full"):
             program = programs(name, profile)
@@ -230,8 +225,8 @@ def test_project(programs):
 def test_quantities(programs):
     found = []
     for profile in ("run", "full"):
-        program = programs("forces", profile)
-        parameters, _, _, _, state, _ = program.start("forces")
+        program = programs("forces EMS float", profile)
+        parameters, _, _, _, state, _ = program.start("forces EMS float")
         values, at = program.new(2)
         t, t_at = program.new(1)
         t[:] = 0.5
@@ -245,8 +240,8 @@ def test_quantities(programs):
 
 def test_nothing_but_what_the_header_declares(programs):
     """No batches, no lanes, no residual; no static function that nothing calls."""
-    program = programs("G-L3 double", "run")
-    source = made("G-L3 double")
+    program = programs("G-L2 double", "run")
+    source = made("G-L2 double")
     functions = set(re.findall(rf"\b{source.name}_(\w+)\(", read_declarations(source.header)))
     assert functions == {"work_size", "begin", "advance", "set_parameters", "report_of",
                          "integrate", "project"}
@@ -262,42 +257,10 @@ def test_nothing_but_what_the_header_declares(programs):
 # ---------------------------------------------------------------- programs
 
 
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_example_of_a_loop(gyrospark, tmp_path, monkeypatch):
-    """The commands on its top. By Newton every number is the Python stepper's, to the bit.
-
-    By sweeps they are its own, but for rounding.
-    """
-    main = (ROOT / "examples" / "run_c" / "main.c").read_text(encoding="utf-8")
-    (tmp_path / "main.c").write_text(main, encoding="utf-8")
-    command, build = re.search(r"\*   (generate .*)\n \*   cc (.*) && \./top", main).groups()
-    assert gyrospark(*command.split()).code == 0
-    done = call([*compiler(MAIN), *STRICT, *build.split()], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")  # nothing is contracted
-    full = gs.stepper("G-L", 3)
-    for solver in ("auto", "newton"):
-        said = call([tmp_path / "top", solver], cwd=tmp_path)
-        assert said.returncode == 0
-        lines = said.stdout.splitlines()
-        assert re.fullmatch(r"status 0 after 2100 steps, 0 by Newton; .* constraint \d\.\de-16",
-                            lines[-2])
-        assert lines[-1] == "one run of 2100 steps ends at the same bits"
-        found = np.array([[float.fromhex(x) for x in re.findall(r"-?0x[^ ,]+", line)]
-                          for line in lines[:-2]])
-        I1, I3 = 0.002, 0.0008
-        parameters = {"I1": I1, "I2": I1, "I3": I3, "mgl": 9.81 * 0.04, "gamma": (2*I1 + I3) / 3}
-        run = full.integrate(found[0, :4], found[0, 4:], dt=1e-3, steps=2000, every=100,
-                             parameters=parameters, solver=solver)
-        wanted = np.hstack([run.q, run.p])
-        assert len(found) == 21
-        assert abs(found - wanted).max() <= (0 if solver == "newton" else 1e-12)
-
-
 def test_header_is_for_cplusplus(programs, tmp_path):
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
-    source = made("G-L3 double")
+    source = made("G-L2 double")
     (tmp_path / f"{source.name}.h").write_text(source.header, encoding="utf-8")
     for macro in ("", f"#define {source.name.upper()}_WORK\n"):
         (tmp_path / "main.cpp").write_text(f'{macro}#include "{source.name}.h"\nint main() {{}}\n')
@@ -310,17 +273,11 @@ def test_header_is_for_cplusplus(programs, tmp_path):
 
 
 def test_python_says_that_it_needs_the_full_profile():
-    source = made("G-L3 double")
+    source = made("G-L2 double")
     with pytest.raises(InputError, match=r"'run'.*--profile full"):
         Stepper(source.name, source.files())
 
 
-def test_what_it_does_not_take_is_refused(monkeypatch):
-    """float128 it does take."""
+def test_float128_is_taken():
+    """What both plain profiles refuse is in ``test_control_profile.py``."""
     assert "_Float128" in generate(Spec("IMS", real="float128").with_profile("run")).source.header
-    chain = gs.models.chain(8)
-    with pytest.raises(InputError, match=r"run.* full"):
-        generate(Spec("G-L", 2).with_profile("run"), system=chain.system)
-    monkeypatch.setattr(FastTableau, "refusal", "a weight b_i is zero")
-    with pytest.raises(InputError, match="b_i"):
-        generate(Spec("G-L", 2).with_profile("run"))

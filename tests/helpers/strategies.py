@@ -45,7 +45,7 @@ def few(specs: Iterable[Spec]) -> list[Any]:
 
 
 #: Each scheme once, of few stages; checked in or in the catalogue.
-_FEW = (Spec("IMS", None, "alpha"), Spec("EMS"), Spec("G-L", 2), Spec("LIIIA-B", 3, "alpha"))
+_FEW = (Spec("IMS"), Spec("EMS"), Spec("G-L", 2, "alpha"), Spec("LIIIA-B", 3))
 
 
 def identify(value: Any) -> str:
