@@ -2,14 +2,12 @@
 
     cart         q̈ = −k q + u: between two changes of u a closed form
     pendulum     a bead on a circle that two inputs push
-    sling        the same in forms
 
 The second way is a run of one call a step, with the input as a parameter of that step.
 """
 
 from __future__ import annotations
 
-from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -17,19 +15,16 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.core.errors import InputError
-from gyrospark.generator.pipeline import generate
-from gyrospark.generator.spec import Spec
-from gyrospark.runtime.steppers.stepper import Stepper
 from input_systems import k, push, u, v, x, y
 from strategies import EPS
-from systems import SCHEMES, case, stepper
+from systems import SCHEMES, stepper
 
 START = [0.6, -0.8], [0.8, 0.6]
 
 
 @cache
-def cart(stages=5, real="double"):
-    return gs.stepper("G-L", stages, real=real, system=gs.System(
+def cart():
+    return gs.stepper("G-L", 5, system=gs.System(
         (x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, forces=[2 * push], inputs=(push,), name="cart"))
 
 
@@ -118,34 +113,6 @@ def test_events_of_runs_whose_inputs_change() -> None:
                           events=gs.Event("x", level=0.25, terminal=True))
     assert stop.t[-1] == t[0]
     assert np.abs(stop.q[-1] - 0.25).max() < 1e-15
-
-
-def test_forms_have_inputs():
-    made = generate(Spec.checked("G-L", 2), system=case("pushed_pendulum").system, structured=True)
-    forms = Stepper(made.source.name, made.source.files())
-    rows = np.random.default_rng(6).integers(-8, 8, (12, 2)) / 8
-    q, p = START
-    dense = stepper("pushed_pendulum")
-    q, p = dense.project(q, p, parameters={"k": 2.0, "push": 0, "pull": 0})
-    what = {"dt": 0.02, "steps": 12, "parameters": {"k": 2.0}, "inputs": rows}
-    run = dense.integrate(q, p, **what)
-    assert np.abs(forms.integrate(q, p, **what).q - run.q).max() <= 64 * EPS
-    many = forms.integrate_ensemble([q, q], [p, p], **what)
-    assert np.abs(many.q[1] - run.q).max() <= 64 * EPS
-
-
-@pytest.mark.slow  # two more steppers; forces of wide numbers are quick
-def test_wide_numbers_have_inputs():
-    rows = np.random.default_rng(6).integers(-8, 8, (12, 2)) / 8
-    wide = cart(2, "float128")
-    run = wide.integrate([0.5], [0], dt=Fraction(1, 50), steps=12, parameters={"k": 2},
-                         inputs=rows[:, 0])
-    same = cart(2).integrate([0.5], [0], dt=0.02, steps=12, parameters={"k": 2},
-                                   inputs=rows[:, 0])
-    python = wide.integrate([0.5], [0], dt=Fraction(1, 50), steps=12, parameters={"k": 2},
-                            inputs=rows[:, 0], solver="python")
-    assert np.abs(run.q.astype(float) - same.q).max() <= 16 * EPS
-    assert np.abs(run.q - python.q).max() <= 256 * 2.0**-112
 
 
 FILE = """

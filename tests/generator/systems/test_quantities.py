@@ -44,7 +44,7 @@ def system(name="watched", **more):
 
 @pytest.fixture(scope="module")
 def step():
-    return gs.stepper("IMS", system=system())
+    return gs.stepper("EMS", system=system(forces=(-u * t, 0)))
 
 
 def exact(name, values):
@@ -107,11 +107,7 @@ def test_unknown_names_are_refused(step):
         plain.quantity("height")
 
 
-@pytest.mark.parametrize("real", [
-    "double", *(pytest.param(real, marks=pytest.mark.slow)
-                            for real in ("float", "long-double", "float128"))])
-def test_kept_in_the_file(real, tmp_path):
-    step = gs.stepper("EMS", system=system(forces=(-u * t, 0)), real=real)
+def test_kept_in_the_file(step, tmp_path):
     q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=PARAMETERS)
     run = step.integrate(q, p, dt=0.125, steps=4, parameters=PARAMETERS, t0=0.5)
     again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
@@ -124,12 +120,10 @@ def test_kept_in_the_file(real, tmp_path):
     assert run.report.work == float(run.work[-1]) != 0
     members = step.integrate_ensemble([q] * 2, [p] * 2, dt=0.125, steps=4, parameters=PARAMETERS,
                                       t0=0.5).members
-    difference = (members[1].quantity_values - run.quantity_values).astype(float)
-    assert np.abs(difference).max() <= 256 * max(step.binding.epsilon, EPS * EPS)
+    assert np.abs(members[1].quantity_values - run.quantity_values).max() <= 256 * EPS
 
 
-def test_reported_by_run():
-    step = gs.stepper("EMS", system=system(forces=(-u * t, 0)))
+def test_reported_by_run(step):
     run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.125, steps=5, every=2,
                          parameters=PARAMETERS)
     problem: Any = SimpleNamespace(name="watched")
@@ -160,8 +154,7 @@ def test_quantities_do_not_touch_the_steps():
     assert "quantities" not in json.loads(plain.manifest)["system"]
 
 
-@pytest.mark.parametrize("scheme", [("EMS", None), ("LIIIA-B", 2), *(
-    pytest.param(scheme, marks=pytest.mark.slow) for scheme in (("IMS", None), ("G-L", 2)))])
+@pytest.mark.parametrize("scheme", [("EMS", None), ("LIIIA-B", 2)])
 def test_names_and_warnings(scheme, tmp_path):
     """Names that the C uses itself, as symbols, time and quantities: pedantic-clean C."""
     names = ["t", "work", "out", "w", "W", "late", "i", "count", "report", "t0", "F", "start"]

@@ -10,6 +10,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from gyrospark.generator.multibody.rigid_body import kinetic_energy, rotation_matrix
 from gyrospark.generator.pipeline import generate
@@ -23,7 +24,7 @@ from gyrospark.generator.systems.elimination_order import (
 from gyrospark.generator.systems.repeated_structure import Structure
 from gyrospark.generator.systems.system import System
 from gyrospark.runtime.steppers.stepper import Stepper
-from structured_systems import BEADS, beads, made, made_beads, start, start_of_beads
+from structured_systems import BEADS, beads, made_beads, start_of_beads
 
 EPS = 2.0**-52
 
@@ -82,37 +83,10 @@ def compare(loops, dense, start, parameters, t0):
     assert np.abs(many.q[1] - b.q).max() <= 256 * EPS
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [
-    ("G-L", 2), ("EMS", None),
-    *(pytest.param(*pair, marks=pytest.mark.slow)  # what EMS has, and what G-L has
-      for pair in (("LIIIA-B", 3), ("IMS", None)))])
+@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
 def test_structured_code_computes_what_dense_code_does(scheme, stages):
     loops, dense = (made_beads(scheme, stages, kind) for kind in (True, False))
     compare(loops, dense, start_of_beads(dense, 0.4), BEADS, 0.4)
-
-
-@pytest.mark.slow  # dense code of seven coordinates takes six seconds to derive
-@pytest.mark.parametrize(("scheme", "driven"), [("G-L", True), ("G-L", False), ("EMS", True)])
-def test_forms_of_bodies_compute_what_dense_code_does(scheme, driven):
-    loops, dense = (made(scheme, 2 if scheme == "G-L" else None, kind, driven)
-                    for kind in (True, False))
-    q, p, parameters = start(driven)
-    t0 = 0.4 if driven else 0.0
-    compare(loops, dense, dense.project(q, p + 0.1, parameters=parameters), parameters, t0)
-
-
-@pytest.mark.parametrize("real", ["float128", *(
-    pytest.param(real, marks=pytest.mark.slow)  # types between double and that
-    for real in ("float", "long-double"))])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_structured_code_in_every_real(real):
-    step, double = made_beads("G-L", 2, True, real), made_beads("G-L", 2, True)
-    how = {"dt": 4e-3, "steps": 20, "parameters": BEADS, "t0": 0.4}
-    found = step.integrate(*start_of_beads(step, 0.4), **how)
-    wanted = double.integrate(*start_of_beads(double, 0.4), **how)
-    bound = 2e-5 if real == "float" else 1e-13  # some round-off of the coarser one
-    assert np.abs(found.q.astype(float) - wanted.q).max() < bound
-    assert found.report.constraint_max < (1e-6 if real == "float" else 1e-17)
 
 
 def test_ensemble_of_a_structured_system():
@@ -126,23 +100,32 @@ def test_ensemble_of_a_structured_system():
         assert np.abs(ensemble.q[i] - alone.q).max() <= 64 * EPS
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [
-    ("G-L", 2), pytest.param("EMS", None, marks=pytest.mark.slow)])  # forms of it are above
-def test_oscillators_without_constraints(scheme, stages):
+def test_forms_without_constraints_have_inputs():
+    """Springs that are pushed at one end, each push held for 20 steps: against DOP853."""
     n = 6
     q, p = sp.symbols(f"u0:{n}", real=True), sp.symbols(f"v0:{n}", real=True)
-    a = sp.Symbol("a", real=True)
-    H = sum((x**2 / 2 for x in p), sp.Integer(0)) + sum(
-        ((y - x) ** 2 / 2 + a * (y - x) ** 4 / 4 for x, y in pairwise(q)),
-        sp.Integer(0))
-    system = System(q, p, (a,), H, name="springs")
-    ends = []
-    for structured in (True, False):
-        found = generate(Spec.checked(scheme, stages), system=system, structured=structured)
-        step = Stepper(found.source.name, found.source.files())
-        ends.append(step.integrate(np.sin(np.arange(n)), np.zeros(n), dt=0.05, steps=100,
-                                   parameters={"a": 0.3}).q)
-    assert np.abs(ends[0] - ends[1]).max() <= 256 * EPS
+    a, push = sp.symbols("a push", real=True)
+    stretched = [y - x for x, y in pairwise(q)]
+    H = sp.Add(*(x**2 / 2 for x in p), *(d**2 / 2 + a * d**4 / 4 for d in stretched))
+    system = System(q, p, (a,), H, forces=(push, *[0] * (n - 1)), inputs=(push,), name="springs")
+    source = generate(Spec.checked("G-L", 3), system=system, structured=True).source
+    step = Stepper(source.name, source.files())
+    pushes, start = [0.5, -1.0, 0.25], np.sin(np.arange(n))
+    run = {"dt": 0.02, "steps": 60, "parameters": {"a": 0.3}, "inputs": pushes, "hold": 20}
+
+    def slope(t, y, force):
+        stretch = np.diff(y[:n])
+        pull = stretch + 0.3 * stretch**3
+        return [*y[n:], *(np.append(pull, 0) - np.append(0, pull) + np.eye(n)[0] * force)]
+
+    y = np.array([*start, *np.zeros(n)])
+    for force in pushes:
+        y = solve_ivp(slope, (0, 0.4), y, args=(force,), method="DOP853", rtol=1e-13,
+                      atol=1e-14).y[:, -1]
+    alone = step.integrate(start, np.zeros(n), **run)
+    assert np.abs([*alone.q[-1], *alone.p[-1]] - y).max() <= 1e-11
+    many = step.integrate_ensemble([start] * 2, np.zeros((2, n)), **run)
+    assert np.abs(many.q[1] - alone.q).max() <= 64 * EPS
 
 
 # ---------------------------------------------------------------- size and cost
