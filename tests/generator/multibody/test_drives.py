@@ -13,7 +13,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy as sp
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
@@ -55,45 +54,25 @@ def shaken():
     return build.model(), path[:2], t
 
 
-@cache
-def swinging():
-    """A crank of length 1/2 whose angle is driven, and a body at its end."""
-    build = hanging("swinging")
-    t = build.time
-    law = sp.sin(2 * t)
-    rod(build, "crank", position=(0, -0.25, 0))
-    rod(build, "b", angular_velocity=(0, 0, 0))
-    build.revolute("shaft", "ground", "crank", axis=Z, at=(0, 0, 0))
-    build.revolute("pin", "crank", "b", axis=Z, at=(0, -0.5, 0), on_b=(0, ARM, 0))
-    build.drive("engine", "shaft", angle=law)
-    return build.model(), (sp.sin(law) / 2, -sp.cos(law) / 2), t
-
-
 def angles(run, body):
     """The angle of a body about z, unwound."""
     R = run.rotation(body).as_matrix()
     return np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
 
 
-@pytest.mark.parametrize(("make", "scheme", "stages"), [
-    (shaken, "G-L", 2),
-    *(pytest.param(*case, marks=pytest.mark.slow)  # four seconds each to derive
-      for case in ((swinging, "EMS", None), (shaken, "EMS", None), (swinging, "G-L", 2)))])
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_a_body_at_a_point_that_moves(make, scheme, stages):
-    model, path, t = make()
+@pytest.mark.slow  # 2 CPU s: a second way to the forces of a pivot that moves
+def test_a_body_at_a_point_that_moves():
+    model, path, t = shaken()
     system, p0 = angle_model(path, t)
     fine = gs.stepper("G-L", 4, system=system).integrate(
         [0], [float(p0)], dt=0.002, steps=250, parameters={})
-    step = gs.stepper(scheme, stages, system=model.system)
+    step = gs.stepper("G-L", 2, system=model.system)
     errors = []
     for steps in (25, 50, 100):
         run = step.integrate(model.q0, model.p0, dt=0.5 / steps, steps=steps,
                              parameters=model.parameters)
         errors.append(abs(angles(run, "b")[-1] - fine.q[-1, 0]))
         assert run.report.constraint_max <= 16 * EPS
-        if scheme == "EMS":
-            assert run.report.energy_error_max <= 1e3 * EPS * np.abs(run.energies).max()
     orders = [np.log2(one / two) for one, two in pairwise(errors)]
     assert abs(orders[-1] - step.order) < 0.3, (errors, orders)
 
@@ -124,76 +103,26 @@ def test_a_driven_hinge_turns_as_prescribed_and_reports_its_torque():
     assert np.abs(gain - run.work).max() <= 1e-12  # all of it is the engine's
 
 
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_the_power_of_a_drive_is_the_energy_that_it_brings():
-    """Torque times rate against the energy's own increase; here the second body is the ground."""
-    build = hanging("powered")
-    rod(build, "b")
-    build.revolute("shaft", "b", "ground", axis=(0, 0.6, 0.8), at=(0, 0, 0))
-    build.drive("engine", "shaft", angle=sp.sin(2 * build.time))
-    model = build.model()
-    run = gs.stepper("G-L", 4, system=model.system).integrate(
-        model.q0, model.p0, dt=0.01, steps=200, parameters=model.parameters)
-    engine, shaft = run.joint("engine"), run.joint("shaft")
-    along = (engine.torque() * (0, 0.6, 0.8)).sum(axis=1)
-    power = along * shaft.rate()
-    assert np.abs(np.diff(run.energies) - (power[1:] + power[:-1]) / 2 * 0.01).max() < 2e-5
-    middle = slice(1, -1)
-    assert np.abs(power[middle] - (run.energies[2:] - run.energies[:-2]) / 0.02).max() < 5e-3
-    assert np.abs(power).max() > 0.1
-    assert np.abs(shaft.angle() - np.sin(2 * run.t)).max() < 1e-13
-
-
-@pytest.mark.slow  # two models of two bodies; drive and motor have a sign by themselves below
-def test_a_motor_and_a_drive_agree_on_their_sign():
-    """The torque of a drive, as the law of a motor of the same joint, gives the same motion."""
-    runs = []
-    for motor in (False, True):
-        build = gs.Multibody(f"sign_{motor}", gravity=(0, 0, 0))
-        for name in "ab":
-            build.top(name, mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
-        build.align("fix", "ground", "a", axis=Z)
-        build.align("shaft", "a", "b", axis=Z)
-        # b turns by t² against a: each has half of it, for both weigh the same
-        if motor:
-            build.motor("engine", "shaft", torque=INERTIA)
-        else:
-            build.drive("engine", "shaft", angle=build.time**2)
-        model = build.model()
-        runs.append(gs.stepper("G-L", 3, system=model.system).integrate(
-            model.q0, model.p0, dt=0.01, steps=50, parameters=model.parameters))
-    driven, moved = runs
-    assert np.abs(driven.joint("engine").torque()[:, 2] - INERTIA).max() < 1e-10
-    assert np.abs(angles(driven, "b") - angles(moved, "b")).max() < 1e-12
-
-
-@pytest.mark.slow  # two bodies about an oblique axis take twenty seconds to derive
 @pytest.mark.parametrize("said", [6.0, 0.4])
 def test_all_angles_of_a_joint_between_two_bodies_are_one(said):
-    """Of a quantity, a spring, a drive and a run, whatever the attitude at the start.
-
-    A spring about the joint is at rest where the angle is: H − T is ½ k (θ − rest)².
-    """
+    """Of a quantity and a spring, whatever the attitude at the start: H − T is ½ k (θ − rest)²."""
     build = gs.Multibody("one_angle", gravity=(0, 0, 0))
-    build.top("a", mass=1, inertia=(0.1, 0.2, 0.3), centre=(0, 0, 0),
-              rotation=Rotation.from_euler("ZXZ", (0.3, 0.2, 0.5)))
-    build.top("b", mass=1, inertia=(0.2, 0.1, 0.3), centre=(0, 0, 0),
-              rotation=Rotation.from_euler("ZXZ", (1.3, 0.1, -0.7)))
-    axis = np.array([0.6, 0.0, 0.8])
-    build.align("pin", "a", "b", axis_in_space=axis, angle=said, rate=3.0)
+    moments = {"a": (0.1, 0.2, 0.3), "b": (0.2, 0.1, 0.3)}
+    attitudes = {"a": (0.3, 0.2, 0.5), "b": (1.3, 0.1, -0.7)}
+    for name, inertia in moments.items():
+        body = build.top(name, mass=1, inertia=inertia, centre=(0, 0, 0),
+                         rotation=Rotation.from_euler("ZXZ", attitudes[name]))
+        for i, rate in enumerate(body.angular_velocity):
+            build.quantity(f"{name}{i}", rate)
+    build.align("pin", "a", "b", axis_in_space=np.array([0.6, 0.0, 0.8]), angle=said, rate=3.0)
     build.quantity("turned", build.angle("pin"))
     build.joint_spring("spring", "pin", stiffness=2.0, rest=0.1)
-    model = build.model()
-    run = gs.stepper("G-L", 3, system=model.system).integrate(
-        model.q0, model.p0, dt=0.01, steps=15, parameters=model.parameters)
-    angle = run.joint("pin").angle()
-    assert abs(angle[0] - said) < 1e-14
-    assert np.abs(angle - run.quantity("turned")).max() < 1e-12
-    spin = 0
-    for name in "ab":
-        omega = run.body(name).angular_velocity()
-        spin += ((omega @ run.body(name).inertia) * omega).sum(axis=1) / 2
-    assert np.abs(run.energies - spin - (angle - 0.1) ** 2).max() < 1e-10
+    motion = Motion(build.model())
+    assert motion.value("turned") == pytest.approx(said, rel=1e-14)
+    assert motion.acceleration("turned") == pytest.approx(3.0, rel=1e-13)
+    spin = sum(moment * motion.value(f"{name}{i}") ** 2 / 2
+               for name, inertia in moments.items() for i, moment in enumerate(inertia))
+    assert motion.energy() == pytest.approx(spin + (said - 0.1) ** 2, rel=1e-12)
 
 
 def driven_about_an_oblique_axis():
@@ -213,30 +142,16 @@ def test_a_drive_and_a_quantity_have_one_angle():
     assert motion.acceleration("turned") == pytest.approx(0.5, rel=1e-13)
 
 
-@pytest.mark.slow  # a drive about an oblique axis takes six seconds to derive
-def test_a_drive_about_an_oblique_axis_keeps_its_angle():
-    model, said = driven_about_an_oblique_axis(), 6.0
-    run = gs.stepper("G-L", 3, system=model.system).integrate(
-        model.q0, model.p0, dt=0.01, steps=40, parameters=model.parameters)
-    for angle in (run.joint("pin").angle(), run.joint("engine").angle(), run.quantity("turned")):
-        assert np.abs(angle - said - run.t / 2).max() < 1e-12
-
-
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
 def test_a_motor_turns_by_its_law():
-    """A servo, k (target − φ) − c φ', on a body in no gravity: a damped oscillator."""
+    """A servo, k (target − φ) − c φ', on a body in no gravity."""
     build = gs.Multibody("servo", gravity=(0, 0, 0))
     k, c = build.parameter("k", 2.0), build.parameter("c", 0.05)
     build.top("b", mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
-    build.align("shaft", "ground", "b", axis=Z)
+    build.align("shaft", "ground", "b", axis=Z, angle=0.25, rate=3.0)
     build.motor("motor", "shaft", torque=k * (1 - build.angle("shaft")) - c * build.rate("shaft"))
-    model = build.model()
-    step = gs.stepper("G-L", 3, system=model.system)
-    run = step.integrate(model.q0, model.p0, dt=0.005, steps=200, parameters=model.parameters)
-    damping = 0.05 / (2 * INERTIA)
-    w = np.sqrt(2.0 / INERTIA - damping**2)
-    wanted = 1 - np.exp(-damping * run.t) * (np.cos(w * run.t) + damping / w * np.sin(w * run.t))
-    assert np.abs(angles(run, "b") - wanted).max() <= 1e-10
+    build.quantity("w", build.rate("shaft"))
+    wanted = (2 * 0.75 - 0.05 * 3) / INERTIA
+    assert Motion(build.model()).acceleration("w") == pytest.approx(wanted, rel=1e-12)
     pair = gs.Multibody("servo_pair", gravity=(0, 0, 0))  # and back on the other body
     bodies = {name: pair.top(name, mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
               for name in "ab"}
@@ -245,10 +160,9 @@ def test_a_motor_turns_by_its_law():
     pair.motor("motor", "shaft", torque=sp.cos(pair.time) - pair.rate("shaft") / 100)
     for name in "ab":
         pair.quantity(f"w_{name}", bodies[name].angular_velocity[2])
-    found = pair.model()
-    at_once = Motion(found)
+    motion = Motion(pair.model())
     for name, sign in (("a", -1), ("b", 1)):  # cos 0, and no rate yet
-        assert at_once.acceleration(f"w_{name}") == pytest.approx(sign / INERTIA, rel=1e-12)
+        assert motion.acceleration(f"w_{name}") == pytest.approx(sign / INERTIA, rel=1e-12)
 
 
 @cache
@@ -275,10 +189,9 @@ def four_bar():
 
 
 @pytest.mark.slow  # three bodies; a loop without a drive is quick in test_loops
-@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
-def test_a_driven_four_bar(scheme, stages):
+def test_a_driven_four_bar():
     model, pin = four_bar()
-    step = gs.stepper(scheme, stages, system=model.system)
+    step = gs.stepper("G-L", 2, system=model.system)
     run = step.integrate(model.q0, model.p0, dt=0.01, steps=100, parameters=model.parameters)
     assert run.report.constraint_max <= 16 * EPS
     assert np.abs(angles(run, "crank") + 2 * run.t).max() <= 256 * EPS
@@ -289,8 +202,6 @@ def test_a_driven_four_bar(scheme, stages):
     joined = end + difference / 2 + np.sqrt(4 - half**2)[:, None] * normal
     rocker = np.arctan2(joined[:, 1], joined[:, 0] - 2) - np.arctan2(pin[1], pin[0] - 2)
     assert np.abs(angles(run, "rocker") - rocker).max() <= 1e3 * EPS
-    if scheme == "EMS":
-        assert run.report.energy_error_max <= 1e4 * EPS * np.abs(run.energies).max()
 
 
 def test_wrong_use_ends_in_one_sentence():
@@ -394,7 +305,6 @@ def test_a_file_has_drives_motors_and_points(gyrospark, tmp_path):
         assert answer.stderr.count("\n") == 1
 
 
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
 def test_one_body_in_a_potential_that_changes(tmp_path):
     path = tmp_path / "changing.toml"
     path.write_text("""
@@ -410,15 +320,16 @@ euler = [0.1, 0.5, 0.2]
 angular_velocity = [1, 2, 3]
 """, encoding="utf-8")
     model = gs.load_model(path)
-    step = gs.stepper("EMS", system=path)
-    run = step.integrate(model.q0, model.p0, dt=0.01, steps=100,
-                         parameters=model.parameters | {"gamma": "m"})
-    assert run.report.energy_error_max <= 1e-13
-    assert np.abs(run.work).max() > 1e-3
+    system = model.system
+    at = dict(zip(system.q, model.q0, strict=True)) | {
+        s: model.parameters[str(s)] for s in system.parameters if str(s) in "kw"}
+    power = sp.diff(system.H, system.time).subs(at | {system.time: 0.4})
+    upright = Rotation.from_quat(np.roll(model.q0, -1)).as_matrix()[2, 2]
+    assert power == pytest.approx(-0.3 * 4 * np.sin(1.6) * upright, rel=1e-13)
 
 
 def test_dampers_know_how_fast_a_point_moves():
-    """z'' = −8 s − s'/2 with s = z − sin(5 t)/5, for all that measures a speed: three bodies."""
+    """s'' = −8 s − s'/2 with s = z − sin(5 t)/5 at t = 0, for all that measures a speed."""
     build = gs.Multibody("shaken", gravity=(0, 0, 0))
     build.moving_point("P", (0, 0, sp.sin(5 * build.time) / 5))
     rails = {}
@@ -432,19 +343,10 @@ def test_dampers_know_how_fast_a_point_moves():
     build.joint_spring("of_joint", rails["spring"], stiffness=8.0, damping=0.5)
     rail = rails["motor"]
     build.motor("servo", rail, force=-8 * build.travel(rail) - build.speed(rail) / 2)
-    model = build.model()
-    step = gs.stepper("G-L", 3, system=model.system)
-    run = step.integrate(model.q0, model.p0, dt=0.01, steps=100, parameters=model.parameters)
-
-    def rates(t, y):
-        s, rate = y[0] - np.sin(5 * t) / 5, y[1] - np.cos(5 * t)
-        return [y[1], -8 * s - rate / 2]
-
-    z = solve_ivp(rates, (0, 1), [0.3, 0.0], method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    motion = Motion(build.model())
     for name in rails:
-        place = model.system.q.index(sp.Symbol(f"{name}_z", real=True))
-        assert abs(run.q[-1, place] - z[0]) <= 1e-12
-        assert abs(run.quantity(f"{name}_speed")[-1] - (z[1] - np.cos(5.0))) <= 1e-11
+        assert motion.value(f"{name}_speed") == pytest.approx(-1.0, rel=1e-14)
+        assert motion.acceleration(f"{name}_speed") == pytest.approx(-8 * 0.3 + 0.5, rel=1e-12)
 
 
 def test_gears_and_drives_act_on_flywheels():

@@ -50,19 +50,15 @@ def test_a_box_on_a_slope_with_spring_and_motor():
 
 
 def test_a_damped_pair_on_a_line():
-    """Spring with damper between two points: relative motion is a damped cosine."""
+    """Spring with damper between two points: μ d'' = −k (d − length) − c d'."""
     build = builder(gravity=(0, 0, 0))
     build.body("one", **BOX, position=(0, 0, 0))
     build.body("two", **BOX, position=(2.0, 0, 0), velocity=(0.5, 0, 0))
     build.spring("line", "one", "two", stiffness=40.0, length=1.5, damping=3.0)
-    build.quantity("apart", sp.Symbol("two_x", real=True) - sp.Symbol("one_x", real=True))
-    done = run(build)
-    mu, c, k = 1.0, 3.0, 40.0
-    w = math.sqrt(k / mu - (c / mu / 2) ** 2)
-    decay = np.exp(-c / mu / 2 * done.t)
-    a, b = 0.5, (0.5 + c / mu / 2 * 0.5) / w
-    apart = 1.5 + decay * (a * np.cos(w * done.t) + b * np.sin(w * done.t))
-    assert np.abs(quantity(done, "apart") - apart).max() <= 1e-12
+    build.quantity("rate", (sp.Symbol("two_px", real=True) - sp.Symbol("one_px", real=True)) / 2)
+    motion = Motion(build.model())
+    assert motion.value("rate") == pytest.approx(0.5, rel=1e-14)
+    assert motion.acceleration("rate") == pytest.approx(-40 * 0.5 - 3 * 0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize(("travel", "speed"), [(0.0, 0.0), (0.25, 0.4)])
@@ -101,7 +97,7 @@ def test_cylinder_on_a_pole():
         assert motion.acceleration(name) == pytest.approx(rate, rel=1e-12), name
 
 
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
+@pytest.mark.slow  # sixty turns
 def test_a_nut_runs_down_its_screw():
     """s'' = −g/(1 + I k²/m), k = 2π/h; 60 turns and more."""
     build = builder()
@@ -152,7 +148,7 @@ def cardan(bend=0.6):
     return build
 
 
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
+@pytest.mark.slow  # a quarter turn of two bodies in a closed loop
 def test_universal_joint_between_shafts():
     """tan θ₁ = cos β tan θ₂, and ½ I₁ θ₁'² + ½ I₂ θ₂'² is kept: θ₁ by quadrature."""
     build = cardan()
@@ -171,7 +167,7 @@ def test_universal_joint_between_shafts():
     assert np.abs(kinetic / kinetic[0] - 1).max() <= 1e-11
 
 
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
+@pytest.mark.slow  # thirty turns
 def test_gears_turn_as_often_as_they_like():
     """A motor on one of two wheels: θ₁'' = τ/(I₁ + I₂ (z₁/z₂)²), over tens of turns."""
     build = builder("gears", (0, 0, 0))
@@ -193,9 +189,9 @@ def test_gears_turn_as_often_as_they_like():
 
 
 @pytest.mark.slow  # four bodies; test_gears turns two of them, and files below couple others
-@pytest.mark.parametrize("ratio", [0.3137, 0.5])
-def test_a_rack_an_elevator_and_a_finger(ratio):
+def test_a_rack_an_elevator_and_a_finger():
     """Travel to travel, angle to travel and angle to angle: c₂ = ratio c₁ + offset."""
+    ratio = 0.3137
     build = builder("coupled", (0, 0, 0))
     for name in ("a", "b", "c", "d"):
         build.body(name, mass=1.0, inertia=(0.1, 0.1, 0.1))
@@ -222,9 +218,8 @@ def test_a_rack_an_elevator_and_a_finger(ratio):
 
 
 @pytest.mark.slow  # a screw and a hinge take three to six seconds to derive
-@pytest.mark.parametrize("scheme", [("EMS", None), ("LIIIA-B", 3), ("IMS", None)], ids=str)
-def test_every_scheme_takes_every_joint(scheme):
-    """Energy of a screw with a spring, coupled to a hinge; EMS keeps it to round-off."""
+def test_a_screw_with_a_hinge_keeps_its_energy():
+    """With springs; EMS keeps it to round-off."""
     build = builder()
     build.body("nut", **BOX)
     build.body("arm", **BOX)
@@ -234,10 +229,9 @@ def test_every_scheme_takes_every_joint(scheme):
                    rate=1.0)
     build.joint_spring("up", "thread", stiffness=200.0)
     build.joint_spring("coil", "hinge", stiffness=3.0, rest=0.2)
-    done = run(build, seconds=0.2, steps=40, scheme=scheme)
+    done = run(build, seconds=0.2, steps=40, scheme=("EMS", None))
     energy = done.energies
-    bound = 1e-13 if scheme[0] == "EMS" else 1e-3
-    assert np.abs(energy - energy[0]).max() <= bound * np.abs(energy).max()
+    assert np.abs(energy - energy[0]).max() <= 1e-13 * np.abs(energy).max()
 
 
 def test_wrong_joints_are_refused():
@@ -340,22 +334,18 @@ turned = "axle_one_angle"
 """
 
 
-def test_a_spring_is_slack_in_an_interval():
-    """V = ½ k d² on both sides; EMS conserves H across the ends to round-off."""
+@pytest.mark.parametrize(("travel", "force"), [(-0.2, 800 * 0.15), (0.03, 0.0), (0.3, -800 * 0.2)])
+def test_a_spring_is_slack_in_an_interval(travel, force):
+    """V = ½ k d² on both sides, and no force between."""
     build = builder(gravity=(0, 0, 0))
     build.body("box", **BOX)
-    slide = build.prismatic("slide", "ground", "box", axis=(1, 0, 0), at=(0, 0, 0), speed=1.0)
+    slide = build.prismatic("slide", "ground", "box", axis=(1, 0, 0), at=(0, 0, 0), travel=travel,
+                            speed=1.0)
     build.joint_spring("ends", slide, stiffness=800.0, rest=(-0.05, 0.1))
-    build.quantity("s", build.travel(slide))
-    model = build.model()
-    step = gs.stepper("EMS", system=model)
-    done = step.integrate(model.q0, model.p0, parameters=model.parameters, dt=1e-3, t_end=0.6)
-    energy = done.energy()
-    assert np.abs(energy - energy[0]).max() < 1e-13 * energy[0]
-    s = np.asarray(done.quantity("s"))
-    w = np.sqrt(800 / 2.0)  # it goes in by v/ω
-    assert s.max() == pytest.approx(0.1 + 1 / w, abs=1e-5)
-    assert s.min() == pytest.approx(-0.05 - 1 / w, abs=1e-5)
+    build.quantity("v", build.speed(slide))
+    motion = Motion(build.model())
+    assert motion.acceleration("v") == pytest.approx(force / 2, rel=1e-12, abs=1e-12)
+    assert motion.energy() == pytest.approx(1.0 + force**2 / 1600, rel=1e-12)
     with pytest.raises(gs.InputError, match="lower"):
         build.joint_spring("ends_too", slide, stiffness=1.0, rest=(0.1, 0))
 

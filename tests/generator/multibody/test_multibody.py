@@ -157,28 +157,6 @@ def test_springs_forces_and_expressions():
     assert system.time == build.time
 
 
-def test_inputs_of_a_builder_turn_a_body_as_said():
-    """ω̇ = u/I about a principal axis: t² / 2 while it is pushed, straight on while it is not."""
-    build = gs.Multibody("pushed_body", gravity=(0, 0, 0))
-    body = build.body("bus", mass=1.0, inertia=INERTIA)
-    push = build.input("push", 0.25)
-    build.torque(body, (0, 0, push * 0.03))
-    model = build.model()
-    assert model.system.inputs == (push,)
-    assert model.parameters["push"] == 0.25
-    step = gs.stepper("G-L", 4, system=model.system)
-    how = {"dt": 0.05, "parameters": model.parameters}
-    run = step.integrate(model.q0, model.p0, steps=40, inputs={"push": [2.0, -1.0]}, hold=20, **how)
-    assert run.body().angular_velocity()[[20, 40], 2] == pytest.approx([2, 1], rel=1e-12)
-    angles = 2 * np.arctan2(run.q[[20, 40], 3], run.q[[20, 40], 0])
-    assert angles == pytest.approx([1, 2.5], rel=1e-10)
-    plain = step.integrate(model.q0, model.p0, steps=20, **how)
-    assert plain.body().angular_velocity()[-1, 2] == pytest.approx(0.25, rel=1e-12)
-    build.input("idle")
-    with pytest.raises(gs.InputError, match=r"'idle'.*force"):
-        build.model()
-
-
 def test_rod_keeps_the_distance_of_the_start():
     build = gs.Multibody("bola", gravity=(0, 0, 0))
     a, b = (build.body(name, mass=1, inertia=INERTIA, position=x)
@@ -263,16 +241,31 @@ def test_expressions_of_a_body():
         assert np.abs(evaluate(found, at) - expected).max() <= 16 * EPS * 8
 
 
-def test_free_body_flies_and_turns_as_jacobi_says():
-    """Quaternion by elliptic functions, centre of mass along a parabola."""
+def test_a_free_body_flies_and_turns_as_jacobi_says_and_as_inputs_push_it():
+    """Quaternion by elliptic functions, centre of mass along a parabola; then ω̇ = u."""
     exact = gs.problems.free_body()
     build = gs.Multibody("stone")
-    build.body("a", mass=2.0, inertia=exact.inertia, velocity=(1, 0, 5), quaternion=exact.q0,
-               angular_velocity=(30, -40, 100))
+    body = build.body("a", mass=2.0, inertia=exact.inertia, velocity=(1, 0, 5),
+                      quaternion=exact.q0, angular_velocity=(30, -40, 100))
+    push = build.input("push", 0.25)
+    build.torque(body, (0, 0, push * exact.inertia[2]))
     model = build.model()
-    t = 0.25
-    made = gs.stepper("G-L", 3, system=model.system).integrate(
-        model.q0, model.p0, dt=t / 500, steps=500, every=500, parameters=model.parameters)
-    assert np.abs(made.q[-1, :4] - exact.exact.attitude([t])[0]).max() <= 1e-12
+    assert model.system.inputs == (push,)
+    assert model.parameters["push"] == 0.25
+    step, t = gs.stepper("G-L", 4, system=model.system), 0.25
+    run = step.integrate(model.q0, model.p0, dt=t / 500, steps=500, every=500,
+                         parameters=model.parameters | {"push": 0.0})
+    assert np.abs(run.q[-1, :4] - exact.exact.attitude([t])[0]).max() <= 1e-12
     place = np.array([t, 0, 5 * t - 9.81 * t**2 / 2])
-    assert np.abs(made.q[-1, 4:] - place).max() <= 8 * EPS
+    assert np.abs(run.q[-1, 4:] - place).max() <= 8 * EPS
+    at_rest = {"q": model.q0, "p": np.zeros(7), "dt": 0.05, "parameters": model.parameters}
+    pushed = step.integrate(**at_rest, steps=40, inputs={"push": [2.0, -1.0]}, hold=20)
+    assert pushed.body().angular_velocity()[[20, 40], 2] == pytest.approx([2, 1], rel=1e-12)
+    before, *after = (Rotation.from_quat(np.roll(pushed.q[i, :4], -1)) for i in (0, 20, 40))
+    turned = [(before.inv() * R).as_rotvec() for R in after]
+    assert np.abs(np.array(turned) - [[0, 0, 1], [0, 0, 2.5]]).max() <= 1e-10
+    plain = step.integrate(**at_rest, steps=20)
+    assert plain.body().angular_velocity()[-1, 2] == pytest.approx(0.25, rel=1e-12)
+    build.input("idle")
+    with pytest.raises(gs.InputError, match=r"'idle'.*force"):
+        build.model()
