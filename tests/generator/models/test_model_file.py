@@ -435,44 +435,6 @@ def test_files_that_cannot_be_read(tmp_path):
         refused(tmp_path / "pipe.toml", "regular")
 
 
-KEYS = ["name", "description", "potential", "body", "system", "parameters", "start", "run",
-        "quantities", "forces", "inertia", "mass", "rep", "gamma", "coordinates", "momenta",
-        "hamiltonian", "constraints", "q", "p", "dt", "steps", "euler", "x", "__class__"]
-VALUES = ["1", "-1", "0", "1e999", "nan", "true", "[]", "[1]", '["x"]', '["x", "y"]', "[0, 0]",
-          "[1, 2, 3]", "[1, 0, 0, 0]", "[[1]]", "{}", '""', '"x"', '"x**2"', '"alpha"', '"q0"',
-          '"1/0"', '"x y"', "1979-05-27", '"\\u0000"', '"gamma"', '"px**2"', '["px", "py"]']
-LINES = st.one_of(
-    st.sampled_from(KEYS).map("[{}]".format),
-    st.tuples(st.sampled_from(KEYS), st.sampled_from(VALUES)).map(" = ".join),
-)
-EDITS = st.lists(st.tuples(st.integers(0, 30), st.booleans(), LINES), max_size=4)
-
-
-@pytest.mark.filterwarnings("ignore::gyrospark.core.errors.InputWarning")
-@given(st.sampled_from([BODY, SYSTEM]), EDITS)
-@settings(max_examples=100, deadline=None)
-def test_any_lines_are_a_model_or_refused(text, edits):
-    lines = text.strip().splitlines()
-    for at, replaces, line in edits:
-        at %= len(lines)
-        lines[at : at + replaces] = [line]
-    try:
-        model = read("\n".join(lines))
-    except InputError as error:
-        assert "'model.toml'" in str(error)  # noqa: PT017
-        assert str(error).endswith(".")  # noqa: PT017
-        return
-    assert np.isfinite(model.q0.astype(float)).all()
-    assert np.isfinite(model.p0.astype(float)).all()
-
-
-@given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
-@settings(max_examples=60, deadline=None)
-def test_any_text_is_refused(text):
-    with pytest.raises(InputError, match=r"'model.toml'"):
-        read(text)
-
-
 def test_documented_forms_are_models():
     """The two files in the module's docstring."""
     from gyrospark.generator.models import model_file

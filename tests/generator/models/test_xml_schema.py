@@ -8,7 +8,6 @@ from copy import deepcopy
 from pathlib import Path
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 
 import gyrospark as gs
@@ -50,8 +49,6 @@ FORMATS = {"sdf": (SDF, FULL_SDF, gs.read_sdf), "urdf": (URDF, FULL_URDF, gs.rea
 #: Default → a value that is another one.
 OTHER = {"false": "true", "0": "0.5", "": "arm", "1": "0", "axis": "axis2", "0 0 0": "0 1 0"}
 KEYS = [(kind, key) for kind, (schema, *_) in FORMATS.items() for key in schema.parts]
-ROWS = [(kind, key, name) for kind, (schema, *_) in FORMATS.items()
-        for key, parts in schema.parts.items() for name in parts.names]
 
 
 def read(tmp_path, kind, root, ignore=()):
@@ -168,42 +165,6 @@ def test_parts_of_other_programs_are_ignored_by_name(tmp_path, kind):
         load(path, ignore="extension")
     path.write_text(text.replace(" name", ' xmlns:other="http://x" xml:base="x" name', 1))
     load(path)
-
-
-@pytest.mark.parametrize("seed", [*range(10), *(
-    pytest.param(k, marks=pytest.mark.slow) for k in range(10, 200))])
-def test_random_files_are_read_or_refused(tmp_path, seed):
-    """A dozen random parts in random places: read as without them, or the first is named."""
-    rng = np.random.default_rng(seed)
-    kind = ("sdf", "urdf")[seed % 2]
-    schema, text, _ = FORMATS[kind]
-    root = ElementTree.fromstring(text)
-    wanted = read(tmp_path, kind, root)
-    rows = [row for row in ROWS if row[0] == kind]
-    refused, ignore = set(), set()
-    for k in rng.choice(len(rows), 12, replace=False):
-        _, key, name = rows[k]
-        parts: Parts = schema.parts[key]
-        spots = places(root, key)
-        element = spots[rng.integers(len(spots))]
-        if name in parts.still.split():
-            put(element, name, None)
-        elif name in parts.refused:
-            default, ignored_by, _ = parts.refused[name]
-            if default and rng.random() < 0.7:
-                put(element, name, default)
-                continue
-            put(element, name, OTHER.get(default, "x"))
-            if ignored_by:
-                ignore.add(ignored_by)
-            else:
-                refused.add(f"{name[1:]}=" if name[0] == "@" else f"<{name}>")
-    if refused:
-        with pytest.raises(gs.InputError) as caught:
-            read(tmp_path, kind, root, [*ignore])
-        assert any(name in str(caught.value) for name in refused)
-    else:
-        assert read(tmp_path, kind, root, [*ignore]) == wanted
 
 
 # ---------------------------------------------------------------- the published schemas

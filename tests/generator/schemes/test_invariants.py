@@ -189,48 +189,6 @@ def test_reversibility(spec):
         assert np.abs(dp).max() <= 16 * EPS * size
 
 
-POINTS = 256
-
-
-def closed_loop(rng, momentum):
-    """Return a closed curve of states on |q| = 1, qᵀp = 0, analytic in its parameter."""
-    s = 2 * np.pi * np.arange(POINTS)[:, None] / POINTS
-    a, b, c, d, e, f = rng.standard_normal((6, 4))
-    q = a / np.linalg.norm(a) + 0.1 * (np.cos(s) * b + np.sin(s) * c)
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    p = momentum * (d / np.linalg.norm(d) + 0.1 * (np.cos(s) * e + np.sin(s) * f))
-    for _ in range(2):
-        p -= np.einsum("ki,ki->k", q, p)[:, None] * q / np.einsum("ki,ki->k", q, q)[:, None]
-    return q, p
-
-
-def loop_invariant(q, p):
-    """Return ∮ p·dq with a spectral derivative along the curve."""
-    frequencies = np.fft.rfftfreq(POINTS, 1 / POINTS)
-    spectrum = np.fft.rfft(q, axis=0)
-    resolved = np.abs(spectrum[-8:]).max() / np.abs(spectrum).max()
-    assert resolved < 1e-14, "the loop needs more points"
-    slope = np.fft.irfft(1j * frequencies[:, None] * spectrum, POINTS, axis=0)
-    return (p * slope).sum() * 2 * np.pi / POINTS
-
-
-@pytest.mark.parametrize("spec", few(PAPER_SPECS), ids=identify)
-def test_loop_invariant(spec):
-    """∮ p·dq drifts by no more than 1e-12 in 100 steps of a symplectic method.
-
-    It is a sum of 256·4 terms of size |p|. EMS is not symplectic, and IMS is not either: its
-    multiplier acts along q̄ with |q̄| not constant. Both fail visibly, so the test can fail.
-    """
-    step = stepper_of(spec)
-    q, p = closed_loop(np.random.default_rng(27), momentum=2.0)
-    parameters = {"I1": 1.0, "I2": 1.7, "I3": 0.6, "mgl": 0.7, spec.rep: 1.3}
-    many = step.integrate_ensemble(q, p, dt=0.05, steps=100, parameters=parameters, every=50)
-    start = loop_invariant(q, p)
-    assert abs(start) > 1e-2
-    drift = max(abs(loop_invariant(many.q[:, k], many.p[:, k]) - start) for k in (1, 2))
-    assert drift <= 1e-12 if spec.stages else drift > 1e-6
-
-
 # ---------------------------------------------------------------- closed forms
 
 

@@ -217,40 +217,6 @@ def test_the_certificate_tells_what_is_given_up():
     assert lines["order"].holds
 
 
-
-
-def damped_rod():
-    """A rod on a hinge, struck, with a damper from its end to the ground: λ = 3/4 C 1/s."""
-    build = gs.Multibody("damped_rod", gravity=(0, 0, -9.81), dt=0.05, steps=4)
-    rod = build.body("rod", mass=1, inertia=(1 / 12, 1 / 12, 1e-3), position=(0, 0, -0.5))
-    build.revolute("hinge", "ground", rod, axis=(0, 1, 0), at=(0, 0, 0), rate=5.0)
-    build.spring("damper", "ground", rod, stiffness=10, length=0.5, damping=1, on_a=(1, 0, -0.5),
-                 on_b=(0, 0, 0))
-    return build.model()
-
-
-@pytest.mark.parametrize("solver", ["newton", "auto", "python"])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_newton_begins_again_where_a_stiff_force_led_it_astray(solver):
-    """λΔt times the momentum at the start is no guess of that at the stages; one that stays is.
-
-    Both times iterations are counted, and there are no more than were allowed.
-    """
-    model = damped_rod()
-    step = gs.stepper("Radau-L", 2, system=model)
-    for stiffness in (300, 1000, 3000):
-        what = {"dt": 0.05, "parameters": model.parameters | {
-            "damper_damping": stiffness / 0.05 / 0.75}}
-        run = step.integrate(model.q0, model.p0, steps=4, solver=solver, **what)
-        assert run.report.constraint_max < 8 * EPS
-        assert run.iterations[0] > 8 > run.iterations[1:].min()
-        rates = np.linalg.norm(run.body("rod").angular_velocity(), axis=1)
-        assert rates[0] == pytest.approx(5)
-        assert rates[2:].max() < 0.02
-    with pytest.raises(gs.StepFailed):
-        step.integrate(model.q0, model.p0, steps=1, solver=solver, max_iterations=6, **what)
-
-
 @pytest.mark.slow
 def test_the_flyball_governor_of_iftomm():
     """28 coordinates against three: Radau of SciPy on the symmetric motion, 1e-12 and 3e-13.

@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 import sympy as sp
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from gyrospark.core.errors import TableauError
 from gyrospark.generator.tableaux import tableau_file
@@ -327,38 +325,3 @@ def test_unreadable_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(TableauError, match=r"no entry"):
         read_tableau(EXAMPLE)
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
-    | st.sampled_from(["1/2", "sqrt(2)", 0, 1]),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner),
-    max_leaves=12,
-)  # fmt: skip
-
-
-@given(
-    st.dictionaries(st.sampled_from([*FIELDS, "name", "order", "symmetric", "?"]), JSON, max_size=3)
-)
-@settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_any_content_is_a_tableau_or_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
-    path = tmp_path / "tableau.json"
-    path.write_text(json.dumps(example() | changes), encoding="utf-8")
-    try:
-        tableau = read_tableau(path)
-    except TableauError:
-        return
-    assert (len(tableau.A), len(tableau.c_tilde)) == (tableau.s, tableau.p + 1)
-
-
-@given(st.binary(max_size=200))
-@settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_any_bytes_are_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "tableau.json"
-    path.write_bytes(content)
-    with pytest.raises(TableauError):
-        read_tableau(path)
