@@ -17,7 +17,11 @@ import sympy as sp
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from gyrospark.generator.schemes.discrete_gradient import discrete_gradient
+from gyrospark.generator.schemes.discrete_gradient import (
+    DiscreteDifference,
+    differentiate,
+    discrete_gradient,
+)
 from gyrospark.generator.symbolic.identities import evaluate
 from gyrospark.generator.symbolic.shared_subexpressions import parts_of
 from random_expressions import (
@@ -190,7 +194,32 @@ def test_periodic_functions_of_an_angle_do_not_see_its_cut(
     check_identity(e, values, ends, largest)
 
 
-x = X[0]
+x, y, z, _ = X
+a, b = PARAMETERS
+HALF = sp.Rational(1, 2)
+
+
+@pytest.mark.parametrize("e", [
+    3 * x - a * y + 2, x**2, x**3, y**6, x * y**2 * z**3 - b * x * y, (x + 2 * y - a) ** 2,
+    ((x**2 + y) ** 3 + z) ** 2, (x + y) * (y + z) * (z + x) * (a - x),
+    1 / x, x**-2, x**-3, (x + a) / (y**2 + b), (x / y) / (1 + z / x), a / (x**2 + y**2 + z**2),
+    sp.sqrt(x), x ** (3 * HALF), 1 / sp.sqrt(x), x ** (-3 * HALF), sp.sqrt(x**2 + a),
+    sp.sqrt(x) * sp.sqrt(y + z), b / sp.sqrt(x**2 + y**2), sp.sqrt(a + sp.sqrt(x)),
+    sp.sqrt(a**2 + x**2) + y * x,
+], ids=str)
+def test_powers_quotients_and_roots(e):
+    """The identity, the symmetry, the gradient where the ends meet; the mean is that of the ends.
+    """
+    values = named([1.25, 0.75, 1.5, 1.0], [0.5, -0.25, 0.75, 0.0], [0.7, 1.2])
+    leaves = {s: DiscreteDifference(mean, {i: sp.Integer(1)}, STEPS)
+              for i, (s, mean) in enumerate(zip(X, MEANS, strict=True))}
+    mean = differentiate(e, leaves, STEPS).mean
+    with mp.workdps(DIGITS):
+        ends = [evaluate([e], point, DIGITS) for point in end_points(values)]
+        largest = largest_term(e, ends, sizes_of_steps(values))
+        found = evaluate([mean], {s: Fraction(v) for s, v in values.items()}, DIGITS)[mean]
+        assert abs(found - (ends[0][e] + ends[1][e]) / 2) < mp.mpf(10) ** -50
+    check_identity(e, values, ends, largest)
 
 
 @pytest.mark.parametrize(("e", "mean", "step"), [

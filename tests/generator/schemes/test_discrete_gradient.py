@@ -1,7 +1,6 @@
-"""The discrete gradient: ΔH = D·Δ exactly, symmetric, consistent; proved, then in doubles.
+"""The discrete gradient of the heavy top: ΔH = D·Δ, symmetric, consistent, proved by algebra.
 
-The proofs are algebraic: every root √u becomes a variable r with the relation r² = u, the
-numerator of the residual is divided by the relations, and the remainder must be zero.
+That of other expressions is in test_discrete_functions.py.
 """
 
 from __future__ import annotations
@@ -19,8 +18,6 @@ from gyrospark.generator.multibody.rigid_body import (
     moments,
 )
 from gyrospark.generator.schemes.discrete_gradient import (
-    DiscreteDifference,
-    differentiate,
     discrete_gradient,
 )
 from gyrospark.generator.schemes.step_equations import MeanScheme
@@ -30,120 +27,12 @@ from gyrospark.generator.symbolic.shared_subexpressions import expand_shared
 x = sp.symbols("x0:3", real=True)
 xm = sp.symbols("xm0:3", real=True)
 dx = sp.symbols("dx0:3", real=True)
-a, b = sp.symbols("a b", positive=True)
-x0, x1, x2 = x
-
-STARTS = {s: mean - d / 2 for s, mean, d in zip(x, xm, dx, strict=True)}
-ENDS = {s: mean + d / 2 for s, mean, d in zip(x, xm, dx, strict=True)}
-MEANS = dict(zip(x, xm, strict=True))
-NO_STEP = dict.fromkeys(dx, sp.Integer(0))
-EXCHANGED = {d: -d for d in dx}
-
-
-def is_zero(*expressions):
-    """Prove that algebraic expressions vanish, by division by the relations of their roots."""
-    return all(prove_zero(e) for e in expressions)
-
-
-def prove_zero(e):
-    roots = {}  # what is under a root, in terms of earlier roots → its symbol
-
-    def vanishes(quotient):
-        remainder = sp.expand(sp.together(quotient).as_numer_denom()[0])
-        for base, r in reversed(roots.items()):  # roots under other roots come last
-            above, below = sp.fraction(base)
-            remainder = sp.prem(remainder, below * r**2 - above, r)  # at most linear in r is left
-        return sp.expand(remainder) == 0
-
-    def plain(node):
-        if node.is_Atom:
-            return node
-        node = node.func(*map(plain, node.args))
-        if not (node.is_Pow and node.exp.is_Rational and node.exp.q == 2):
-            return node
-        base = sp.cancel(node.base)
-        known = next((r for other, r in roots.items() if vanishes(base - other)), None)
-        if known is None:
-            roots[base] = known = sp.Symbol(f"r{len(roots)}")
-        return known ** node.exp.p
-
-    return vanishes(plain(e))
+a = sp.Symbol("a", positive=True)
+x0, x1, _ = x
 
 
 def gradient_of(e):
     return [expand_shared(D) for D in discrete_gradient(e, x, xm, dx)]
-
-
-def residual(e):
-    """Return ΔH − D·Δ."""
-    change = e.xreplace(ENDS) - e.xreplace(STARTS)
-    return change - sum(D * d for D, d in zip(gradient_of(e), dx, strict=True))
-
-
-POLYNOMIALS = {
-    "linear": 3 * x0 - a * x1 + 2,
-    "square": x0**2,
-    "cube": x0**3,
-    "sixth": x1**6,
-    "mixed": x0 * x1**2 * x2**3 - b * x0 * x1,
-    "square of a sum": (x0 + 2 * x1 - a) ** 2,
-    "nested powers": ((x0**2 + x1) ** 3 + x2) ** 2,
-    "product of sums": (x0 + x1) * (x1 + x2) * (x2 + x0) * (a - x0),
-}
-QUOTIENTS = {
-    "reciprocal": 1 / x0,
-    "negative square": x0**-2,
-    "negative cube": x0**-3,
-    "quotient": (x0 + a) / (x1**2 + b),
-    "quotient of quotients": (x0 / x1) / (1 + x2 / x0),
-    "Kepler squared": a / (x0**2 + x1**2 + x2**2),
-}
-ROOTS = {
-    "root": sp.sqrt(x0),
-    "three halves": x0 ** sp.Rational(3, 2),
-    "minus a half": 1 / sp.sqrt(x0),
-    "minus three halves": x0 ** sp.Rational(-3, 2),
-    "length": sp.sqrt(x0**2 + a),
-    "product of roots": sp.sqrt(x0) * sp.sqrt(x1 + x2),
-    "inverse length": b / sp.sqrt(x0**2 + x1**2),
-    "root under root": sp.sqrt(a + sp.sqrt(x0)),
-    "relativistic": sp.sqrt(a**2 + x0**2) + x1 * x0,
-}
-ZOO = POLYNOMIALS | QUOTIENTS | ROOTS
-named = pytest.mark.parametrize("e", ZOO.values(), ids=ZOO.keys())
-
-
-def test_the_prover_itself_rejects_what_is_false():
-    assert not is_zero(x0 - x1)
-    assert not is_zero(sp.sqrt(x0**2 + a) - x0)
-    assert not is_zero(sp.sqrt(a + sp.sqrt(x0)) - sp.sqrt(a))
-    assert is_zero(sp.sqrt(x0**2 + a) ** 3 - (x0**2 + a) * sp.sqrt(x0**2 + a))
-    assert is_zero(1 / (sp.sqrt(x0 + 1) + 1) - (sp.sqrt(x0 + 1) - 1) / x0)
-
-
-@named
-def test_change_of_e_is_D_times_change_of_x_exactly(e):
-    assert is_zero(residual(e))
-
-
-@named
-def test_D_is_symmetric_under_exchange_of_the_end_points(e):
-    assert is_zero(*(D - D.xreplace(EXCHANGED) for D in gradient_of(e)))
-
-
-@named
-def test_D_is_the_gradient_when_the_end_points_meet(e):
-    derivatives = [sp.diff(e, s).xreplace(MEANS) for s in x]
-    at_rest = [D.xreplace(NO_STEP) for D in gradient_of(e)]
-    assert is_zero(*(D - d for D, d in zip(at_rest, derivatives, strict=True)))
-
-
-@pytest.mark.parametrize("e", [x0 * x1, x0**3, 1 / x0, sp.sqrt(x0), x0**-2 * x1])
-def test_mean_is_the_mean_of_the_end_values_exactly(e):
-    leaves = {s: DiscreteDifference(mean, {i: sp.Integer(1)}, dx)
-              for i, (s, mean) in enumerate(zip(x, xm, strict=True))}
-    found = differentiate(e, leaves, dx)
-    assert is_zero(expand_shared(found.mean) - (e.xreplace(STARTS) + e.xreplace(ENDS)) / 2)
 
 
 def test_symbols_that_do_not_occur_have_slope_zero_and_constants_have_none():
