@@ -27,7 +27,7 @@ def tied():
     build.rod("rod", "a", "ground", on_b=(0, 0, 0))
     build.spring("spring", "b", "ground", stiffness=20.0, on_b=(0, 1, 0))
     model = build.model()
-    step = gs.stepper("G-L", 1, system=model)
+    step = gs.stepper("IMS", system=model)
     return step.integrate(model.q0, model.p0, dt=5e-3, steps=40, parameters=model.parameters)
 
 

@@ -178,7 +178,7 @@ def test_links_look_as_their_file_says(robot):
 
 
 def test_a_page_has_the_meshes_and_names_those_that_it_has_not(robot, gyrospark):
-    options = ["--scheme", "G-L", "--stages", "1", "--dt", "1e-3", "--steps", "2"]
+    options = ["--scheme", "IMS", "--dt", "1e-3", "--steps", "2"]
     page = robot.parent / "page.html"
     said = gyrospark("run", str(robot), *options, "--view", str(page))
     assert said.code == 0

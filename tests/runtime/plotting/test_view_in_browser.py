@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import gyrospark as gs
+import systems
 from processes import ROOT
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -101,7 +102,7 @@ addEventListener("message", ({{ data, source }}) => {{
 @pytest.fixture(scope="module")
 def run():
     model = gs.models.double_top()
-    step = gs.stepper("G-L", 3, system=model.system)
+    step = systems.stepper("double_top")
     return step.integrate(model.q0, model.p0, dt=model.dt, steps=40, parameters=model.parameters)
 
 

@@ -62,7 +62,7 @@ def test_a_failure_is_reported() -> None:
 
 
 @pytest.mark.parametrize("real", [
-    "double", "float128", pytest.param("float", marks=pytest.mark.slow)])
+    "double", "float128"])
 def test_files(real: str, tmp_path) -> None:
     """All three, read by other programs' own readers."""
     many = ensemble(real)

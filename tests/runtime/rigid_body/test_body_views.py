@@ -64,9 +64,9 @@ def test_views_go_with_a_trajectory_into_its_file(two_tops, tmp_path):
     again = gs.Trajectory.load(made.save(tmp_path / "two.npz"))
     assert again.bodies == made.bodies
     assert np.array_equal(again.angular_velocity("b"), made.angular_velocity("b"))
-    top = gs.models.lagrange_top()
-    stored = gs.record(gs.stepper("G-L", 2, system=top), top.q0, top.p0, dt=1e-3, steps=4,
-                       parameters=dict(top.parameters), out=tmp_path / "top.zarr")
+    case, step = systems.case("satellite"), systems.stepper("satellite")
+    stored = gs.record(step, *systems.start("satellite", step), dt=case.dt, steps=4,
+                       parameters=case.parameters, out=tmp_path / "satellite.zarr")
     assert stored.trajectory().axis().shape == (5, 3)
 
 
