@@ -175,12 +175,15 @@ class Recorder:
     def _read(self, first: int, count: int) -> Rows:
         """Return a block of rows with its stored part."""
         refuse_missing_blocks(self.path, self.group, first, first + count)
-        rows = self._empty()
+        rows, of_rows = self._empty(), []
         for one in self.fields:
-            part = getattr(rows, one.name, None)
-            if part is not None:
+            if one.name in ("multipliers", "reactions"):
+                of_rows.append(self._stored(one.name, one.wide, first, count).reshape(count, -1))
+            elif (part := getattr(rows, one.name, None)) is not None:
                 part[:count] = self._stored(one.name, one.wide, first, count).reshape(
                     count, *part.shape[1:])
+        if of_rows:  # side by side, as ``flat_multipliers`` has them
+            rows.multipliers[:count] = np.concatenate(of_rows, axis=1)
         return rows
 
     def _stored(self, name: str, wide: bool, first: int, count: int) -> Any:

@@ -26,7 +26,8 @@ FEATURES = {
 CHANGED = {"heavy_top_in_frame": "omega_body", "bead": "k", "breathing": "k",
            "driven_pendulum": "c"}
 #: The parts of a trajectory that a consumer must not change.
-PARTS = ("t", "q", "p", "velocities", "energies", "work", "quantity_values", "multipliers")
+PARTS = ("t", "q", "p", "velocities", "energies", "work", "quantity_values", "multipliers",
+         "reactions")
 
 
 def features(*left_out):

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from gyrospark import api
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation import newton_library, object_files, stepper_module
 from gyrospark.runtime.compilation.build_cache import CacheError
 
-TOP = gs.problems.fast_top()
-RUN = {"dt": 1e-3, "steps": 3, "parameters": TOP.parameters | {"gamma": "m"}}
+RUN = {"dt": 0.02, "steps": 3, "parameters": {"k": 4.0}}
 
 
 def made(**options):
@@ -33,8 +33,7 @@ def own_cache(monkeypatch, tmp_path):
 
 
 def run(step, solver="auto"):
-    start = step.project(TOP.q0, TOP.p0, parameters=RUN["parameters"])
-    return step.integrate(*start, solver=solver, **RUN).q
+    return step.integrate([0.8], [-0.3], solver=solver, **RUN).q
 
 
 def by_newton(step):
@@ -42,21 +41,19 @@ def by_newton(step):
 
 
 def guess(step):
-    return step.guess(TOP.q0, TOP.p0, dt=1e-3, parameters=RUN["parameters"])
+    return step.guess([0.8], [-0.3], dt=0.02, parameters=RUN["parameters"])
 
 
 def forked(step, results):
     results.put(by_newton(step).tolist())
 
 
-@pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
-def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(
-    real, own_cache, monkeypatch
-):
+def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cache, monkeypatch):
     """Without a compiler, on a full disk, in a forked process, then in this one."""
-    step = gs.Stepper(*made(real=real))
+    known = systems.stepper("oscillator")
+    step = gs.Stepper(known.name, dict(known.files))
     fixed = run(step)
-    libraries = "heavy_top_*.so"
+    libraries = "oscillator_*.so"
     assert len(list(own_cache.glob(libraries))) == 1
     monkeypatch.setenv("CC", "no-such-compiler")
     for call in (by_newton, guess):

@@ -77,8 +77,7 @@ def test_ensembles_tell_the_reason_without_looking_for_a_cure(gl3):
     assert made.failures[1].dt is None
 
 
-@pytest.mark.parametrize("scheme", ["Radau-L", "G-L"])
-def test_newton_that_leaves_the_range_of_numbers_has_diverged(scheme):
+def test_newton_that_leaves_the_range_of_numbers_has_diverged():
     """The state is finite, and so are its forces: "not finite" would be said of these."""
     import sympy as sp
 
@@ -86,8 +85,8 @@ def test_newton_that_leaves_the_range_of_numbers_has_diverged(scheme):
     system = gs.System((q,), (u,), (c,), u**2 / 2 + q**2 / 2, forces=[-sp.sinh(c * u)],
                        name="sinh_damper")
     with pytest.raises(gs.StepFailed) as caught:
-        gs.stepper(scheme, 2, system=system).integrate([0.0], [3.0], dt=1.0, steps=1,
-                                                       parameters={"c": 50.0})
+        gs.stepper("G-L", 2, system=system).integrate([0.0], [3.0], dt=1.0, steps=1,
+                                                      parameters={"c": 50.0})
     assert caught.value.reason == "diverged"
 
 
