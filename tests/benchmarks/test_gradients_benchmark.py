@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from gyrospark.benchmarks import gradients, pictures
-from gyrospark.benchmarks.derivative_cost import COUNTS, cases, compare_derivatives
 from gyrospark.benchmarks.gradients import FastTopGradient, GradientRow, compare_gradients
 from gyrospark.benchmarks.peers.gradient_job import of_euler, top_start
 from gyrospark.benchmarks.tops import INERTIA, spin_of, tops
@@ -72,13 +71,3 @@ def test_rows_of_a_method_are_a_family():
     names = [GradientRow("top", "ours", "1", f"G-L s=3 Δt={dt:g} adjoint").family
              for dt in (1e-3, 2e-3)]
     assert names[0] == names[1] == "ours G-L s=3 adjoint"
-
-
-@pytest.mark.slow  # compiles each count of tangents
-def test_costs_of_derivatives(capsys):
-    row, = compare_derivatives(cases(quick=True), 1, 1e-4)
-    assert row.steps == len(row.primal) * 100
-    assert min(row.over_primal(k) for k in (None, *COUNTS)) > 1
-    assert min(row.derive, row.derive_more, row.compile, row.compile_more) > 0
-    PRINT["derivatives"]([row])
-    assert "16 tangents" in capsys.readouterr().out

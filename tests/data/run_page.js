@@ -68,7 +68,7 @@ new Function(scripts.join("\n"))();
   frames(10);
   said.paused = stepper.steps;
   made.play.fire("click");
-  for (const one of settings.values()) {
+  for (const one of [...settings.values()].slice(0, 5)) {
     one.slider.value = 20;
     one.slider.fire("input");
     one.slider.fire("change");
