@@ -86,6 +86,8 @@ def test_files_have_the_numbers_of_the_store(stored, tmp_path):
         assert json.loads(file.attrs[key]) == stored.attributes[key]
     for name in whole.variables:
         assert file[name].attrs["long_name"] == whole[name].attrs["long_name"]
+        kinds = {file[name].dtype, whole[name].dtype}
+        assert len(kinds) == 1 or {kind.kind for kind in kinds} <= set("OUT")  # text
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -153,8 +155,7 @@ def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
     plain = gyrospark(*RUN, "--every", "3", "--json")
     for key in plain.document.keys() - {"seconds", "ns_per_step"}:
         assert answer.document[key] == plain.document[key]
-    expected = {name, f".{name}.lock"} if name.endswith(".zarr") else {
-        name if "." in name else f"{name}.npz"}
+    expected = {name, f".{name}.lock"} if name.endswith(".zarr") else {name}
     assert {path.name for path in tmp_path.iterdir()} == expected
     step = systems.stepper("heavy_top")
     q = step.integrate(**START, steps=20, every=3).q
@@ -162,10 +163,8 @@ def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
         np.testing.assert_array_equal(read_csv(Path(name))["q0"], q[:, 0])
     elif name.endswith(".nc"):
         np.testing.assert_array_equal(read_netcdf(name)["q"], q)
-    elif name.endswith(".zarr"):
-        np.testing.assert_array_equal(gs.open_recording(name).trajectory().q, q)
     else:
-        np.testing.assert_array_equal(gs.Trajectory.load(answer.document["out"]).q, q)
+        np.testing.assert_array_equal(gs.open_recording(name).trajectory().q, q)
 
 
 @pytest.mark.parametrize("end", [".csv", ".zarr", ".npz"])
@@ -209,13 +208,14 @@ def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
     assert len(made.events["q1"]) == len(events.pop().splitlines()) - 1 > 0
 
 
-@pytest.mark.parametrize(("out", "options", "words"), [
-    ("x.csv", ["--euler", "ZZX"], "'ZZX'"), ("x.npz", ["--euler", "ZYX"], "'x.npz'"),
-    ("x.csv", ["--degrees"], "Degrees"), (None, ["--euler", "ZYX"], "--out")])
-def test_euler_angles_that_are_refused(out, options, words, gyrospark, tmp_path):
+def test_euler_angles_that_are_refused(gyrospark, tmp_path):
     """Before a step is taken."""
-    refused(gyrospark(*RUN, *(["--out", out] if out else []), *options), words)
-    assert not [*tmp_path.iterdir()]
+    for options, words in ((["--out", "x.csv", "--euler", "ZZX"], "'ZZX'"),
+                           (["--out", "x.npz", "--euler", "ZYX"], "'x.npz'"),
+                           (["--out", "x.csv", "--degrees"], "Degrees"),
+                           (["--euler", "ZYX"], "--out")):
+        refused(gyrospark(*RUN, *options), words)
+        assert not [*tmp_path.iterdir()]
 
 
 def test_export_that_is_refused(gyrospark, tmp_path):

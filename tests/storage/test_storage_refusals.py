@@ -323,31 +323,23 @@ def test_hostile_attributes(name, store, gl3):
             gs.record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
-TEXTS = {
-    "cut": '{"a":', "empty": "", "list": "[]", "null": "null", "number": "3",
-    "array": '{"zarr_format": 3, "node_type": "array"}',
-    "format 4": '{"zarr_format": 4, "node_type": "group"}',
-    "group": '{"zarr_format": 3, "node_type": "group"}',
-    "attributes a list": '{"zarr_format": 3, "node_type": "group", "attributes": []}',
-    "deep": "[" * 100_000,
-}
+#: Cut, empty, other kinds, groups of another format or without attributes, too deep.
+TEXTS = [
+    '{"a":', "", "[]", "null", "3", '{"zarr_format": 3, "node_type": "array"}',
+    '{"zarr_format": 4, "node_type": "group"}', '{"zarr_format": 3, "node_type": "group"}',
+    '{"zarr_format": 3, "node_type": "group", "attributes": []}', "[" * 100_000,
+]
 
 
 @pytest.mark.parametrize("file", ["zarr.json", "q/zarr.json"])
 def test_garbage_for_metadata(file, store, gl3):
-    for text in TEXTS.values():
-        (store / file).write_text(text)
+    for text in (*map(str.encode, TEXTS), b"\xff\xfe\0"):
+        (store / file).write_bytes(text)
         with pytest.raises(gs.InputError) as error:
             gs.open_recording(store)
         sentence(error.value)
         with pytest.raises(gs.InputError):
             gs.record(gl3, **ARGUMENTS, out=store, resume=True)
-
-
-def test_bytes_for_metadata(store):
-    (store / "zarr.json").write_bytes(b"\xff\xfe\0")
-    with pytest.raises(gs.InputError, match="gyrospark stored"):
-        gs.open_recording(store)
 
 
 @pytest.mark.parametrize("name", ["q", "time", "iterations", "multipliers"])

@@ -11,6 +11,8 @@ import sympy as sp
 from click.testing import CliRunner
 
 import gyrospark as gs
+import systems
+from calls import PARAMETERS, TOP
 from gyrospark.commands import gyrospark
 from sweep_studies import study_file
 
@@ -53,19 +55,19 @@ def test_first_times_and_counts_are_those_of_the_closed_form() -> None:
     assert found.event_side_first.attrs["units"] == "s"
 
 
-def test_cells_find_what_single_runs_find() -> None:
-    """To the bit, by Newton's method too, whatever the lengths of the cells."""
-    model = pendulum()
-    result = gs.sweep(model, {"dt": [0.05, 0.04]}, scheme="G-L", stages=5, duration=8.0,
-                      solver="newton", events=model.events)
-    step = gs.stepper("G-L", 5, system=model)
-    q, p = step.project(model.q0, model.p0, parameters=model.parameters)
-    for i, (dt, steps) in enumerate([(0.05, 160), (0.04, 200)]):
-        many = step.integrate_ensemble([q], [p], dt=dt, steps=steps, parameters=model.parameters,
-                                       solver="newton", events=model.events).events["side"]
-        assert result.event_side_first[i] == float(many.first[0])
-        assert result.event_side_count[i] == many.count[0]
-        assert many.count[0] == 2
+@pytest.mark.parametrize(("real", "solver"), [("double", "newton"), ("long-double", "auto")])
+def test_cells_find_what_single_runs_find(real: str, solver: str) -> None:
+    """To the bit, in wide types and by Newton's method, whatever the lengths of the cells."""
+    step, event = systems.stepper("heavy_top", real=real), gs.Event("q1", level=0.2)
+    result = gs.sweep("fast-top", {"dt": [1e-3, 8e-4]}, scheme="G-L", stages=2, duration=0.2,
+                      parameters={"gamma": PARAMETERS["gamma"]}, real=real, solver=solver,
+                      events=event)
+    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
+    for i, (dt, steps) in enumerate([(1e-3, 200), (8e-4, 250)]):
+        many = step.integrate_ensemble([q], [p], dt=dt, steps=steps, parameters=PARAMETERS,
+                                       solver=solver, events=event).events["q1"]
+        assert result.event_q1_first[i] == float(many.first[0])
+        assert result.event_q1_count[i] == many.count[0] > 0
 
 
 def test_a_cell_that_fails_has_no_events() -> None:
