@@ -48,7 +48,7 @@ def test_ensemble_of_newton_equals_single_runs_bit_for_bit(step):
             assert np.array_equal(getattr(many, name)[i], getattr(one, name))
 
 
-@pytest.mark.parametrize("count", [1, 5, 11])
+@pytest.mark.parametrize("count", [1, 11])
 def test_a_trajectory_does_not_depend_on_its_neighbours(step, count):
     """Lanes share instructions, nothing else: any number of neighbours, any order, same bits."""
     q, p, dts, gammas = members(count)
@@ -104,8 +104,6 @@ def test_unusable_member_is_named(gl3):
 
 @pytest.mark.parametrize(("change", "words"), [
     ({"gamma": "auto"}, "Trajectory 3.*gamma = 'auto'"),
-    ({"gamma": "mean"}, "Trajectory 3.*gamma = 'mean'"),
-    ({"gamma": True}, "Trajectory 3.*gamma = True"),
     ({"gamma": np.inf}, "Trajectory 3.*gamma = inf"),
     ({"gamma": 10**400}, "Trajectory 3.*gamma = 1000"),
     ({"I2": -1.0}, r"Trajectory 3.*I2 = -1\.0"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, RUN, TOP, refused
 
 # ---------------------------------------------------------------- the constraint
@@ -63,10 +64,9 @@ def test_results_are_starts_again(step):
 
 
 @pytest.mark.parametrize("dt", [1e-5, 1e-2])
-@pytest.mark.parametrize("scheme", ["IMS", "EMS"])
-def test_results_of_long_runs_are_starts_again(scheme, dt):
-    """IMS and EMS let qᵀp oscillate; whatever they return, they take."""
-    step = gs.stepper(scheme)
+def test_results_of_long_runs_are_starts_again(dt):
+    """EMS lets qᵀp oscillate; whatever it returns, it takes."""
+    step = systems.stepper("heavy_top", "EMS")
     for inertia in ((0.002, 0.0013, 0.0008), (1.0, 0.9, 0.1)):
         body = gs.problems.free_body(inertia, (3.0, -4.0, 10.0))
         run = {"dt": dt, "parameters": body.parameters | {"gamma": 0.7 * gs.gamma_m(inertia)}}
@@ -78,8 +78,8 @@ def test_results_of_long_runs_are_starts_again(scheme, dt):
 # ---------------------------------------------------------------- shapes
 
 
-@pytest.mark.parametrize(("steps", "every"), [(0, 1), (0, 5), (1, 1), (7, 3), (6, 3), (2, 5),
-                                              (8193, 4096), (9000, 5000), (4097, 1)])
+@pytest.mark.parametrize(("steps", "every"), [(0, 5), (1, 1), (7, 3), (6, 3), (2, 5),
+                                              (8193, 4096), (4097, 1)])
 def test_every_stores_every_kth_and_the_last(steps, every, gl3):
     whole = gl3.integrate(TOP.q0, TOP.p0, steps=steps, **RUN)
     made = gl3.integrate(TOP.q0, TOP.p0, steps=steps, every=every, **RUN)

@@ -35,17 +35,6 @@ def test_what_is_no_body_has_no_axis():
     assert made.energy().shape == (4,)
 
 
-@pytest.mark.parametrize("ending", ["svg", "pdf", "PNG"])
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_picture_is_written(ending, tmp_path, gl3):
-    pytest.importorskip("matplotlib")
-    path = tmp_path / f"top.{ending}"
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=20, **RUN)
-    assert made.plot(path) is not None
-    start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending.lower()]
-    assert path.read_bytes().startswith(start)
-
-
 def test_jupyter_shows_a_picture_once(gl3):
     """By itself: ``pyplot``, which would show it once more, knows nothing of it."""
     pyplot = pytest.importorskip("matplotlib.pyplot")
@@ -58,11 +47,11 @@ def test_jupyter_shows_a_picture_once(gl3):
     assert isinstance(pickle.loads(pickle.dumps(figure)), type(figure))
 
 
-@pytest.mark.parametrize("name", ["top.txt", "top", "top.npz", "top.jpeg", ".png", ""])
-def test_other_pictures_are_refused(name, tmp_path, gl3):
+def test_other_pictures_are_refused(tmp_path, gl3):
     made = gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN)
-    with refused(r"\.png, \.svg, \.pdf"):
-        made.plot(tmp_path / name)
+    for name in ("top.txt", "top", ".png", ""):
+        with refused(r"\.png, \.svg, \.pdf"):
+            made.plot(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
@@ -71,26 +60,20 @@ def test_pictures_of_special_trajectories(tmp_path, gl3):
     pytest.importorskip("matplotlib")
     gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN).plot(tmp_path / "one.png")
     gl3.integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=3, **RUN).plot(tmp_path / "rest.png")
-    gl3.integrate(TOP.q0, TOP.p0, steps=20_000, **RUN).plot(tmp_path / "many.png")
-    short = systems.stepper("heavy_top", real="float")
-    short.integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=3, **RUN).plot(tmp_path / "float.png")
+    gl3.integrate(TOP.q0, TOP.p0, steps=5000, **RUN).plot(tmp_path / "many.svg")
     with pytest.raises(gs.GyrosparkError, match="written"):
         gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN).plot(tmp_path / "none" / "top.png")
-    assert len(list(tmp_path.iterdir())) == 4
+    assert len(list(tmp_path.iterdir())) == 3
 
 
-@pytest.mark.parametrize(("module", "call", "extra"), [
-    ("matplotlib", "made.plot('top.png')", "plot"),
-    ("scipy", "made.rotation()", "rotation"),
-])
-def test_missing_extra_is_refused_with_the_cure(module, call, extra):
-    code = FAST_TOP + (
-        f"import sys\nsys.modules['{module}'] = None\n"
+def test_missing_extra_is_refused_with_the_cure():
+    said = python(FAST_TOP + (
+        "import sys\nsys.modules |= {'matplotlib': None, 'scipy': None}\n"
         "made = gs.stepper('IMS').integrate(top.q0, top.p0, dt=1e-3, steps=2, "
         "parameters=parameters)\n"
-        f"try:\n    {call}\nexcept gs.MissingDependencyError as error:\n    print(error)\n"
-        "    assert isinstance(error, ImportError)\n"
-    )
-    said = python(code)
-    assert install(extra) in said
-    assert said.count("\n") == 1
+        "for call in (lambda: made.plot('top.png'), made.rotation):\n"
+        "    try:\n        call()\n    except gs.MissingDependencyError as error:\n"
+        "        print(error)\n        assert isinstance(error, ImportError)\n"))
+    plot, rotation = said.splitlines()
+    assert install("plot") in plot
+    assert install("rotation") in rotation

@@ -14,7 +14,7 @@ from hostile import WRONG, calls
 
 NAMES = [call.name for call in calls(Path())]
 #: One of each kind of argument; the others are for the slow run.
-FEW = ("text", "none", "function", "nan", "block", "symbol", "dict")
+FEW = ("text", "none", "nan", "block", "symbol", "dict")
 pytestmark = pytest.mark.filterwarnings("ignore::gyrospark.InputWarning")
 
 

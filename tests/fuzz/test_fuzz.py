@@ -21,7 +21,7 @@ from processes import HELPERS, ROOT, environment
 every_entrance = pytest.mark.parametrize("name", list(ENTRANCES))
 INPUTS = [(name, path) for name in ENTRANCES for path in corpus(name)]
 #: Of seeded inputs, for each entrance; the slow ones get fewer of them.
-SECONDS = 0.15
+SECONDS = 0.05
 DRIVER = ROOT / "tests" / "fuzz" / "run.py"
 
 
@@ -56,7 +56,7 @@ def test_seeded_inputs(name):
 
 
 @every_entrance
-@settings(max_examples=15, deadline=None, database=None,
+@settings(max_examples=6, deadline=None, database=None,
           suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(data=st.binary(max_size=120))
 def test_any_bytes(name, data):

@@ -12,7 +12,7 @@ import gyrospark as gs
 TOP = gs.problems.fast_top()
 PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
 RUN = {"dt": 1e-3, "parameters": PARAMETERS}
-SCHEMES = [("EMS", None), ("G-L", 2), ("LIIIA-B", 3)]
+SCHEMES = [("EMS", None), ("G-L", 2)]
 
 
 def identify(scheme):

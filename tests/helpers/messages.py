@@ -8,6 +8,8 @@ from collections.abc import Iterator
 
 #: An expression that is a message: stderr of a command, or an exception as text.
 MESSAGE = re.compile(r"stderr|\.value\b|\bmessage\b|str\(\w*error|__notes__")
+#: Text of a statement in which there may be one.
+LIKELY = re.compile(rf"{MESSAGE.pattern}|match=|refused")
 #: No prose: what is in quotes or braces, name = value, lists of allowed values, escapes.
 NAMES = re.compile(
     r"""'[^']*'|"[^"]*"|`[^`]*`|\{[^{}]*\}|\\[wdsSWDbB]|[\w.]+ = (?:[^\s.]|\\\.)+"""
@@ -33,12 +35,15 @@ def text_of(node: ast.AST) -> str | None:
 class Sought(ast.NodeVisitor):
     """The literals of a file of tests that are looked for in messages: (line, text)."""
 
-    def __init__(self, tree: ast.Module) -> None:
+    def __init__(self, source: str) -> None:
+        tree, lines = ast.parse(source), source.splitlines()
         self.tables = {node.targets[0].id: node.value for node in tree.body
                        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)}
         self.scopes: list[ast.AST] = []
         self.found: set[tuple[int, str]] = set()
-        self.visit(tree)
+        for statement in tree.body:
+            if LIKELY.search("\n".join(lines[statement.lineno - 1:statement.end_lineno])):
+                self.visit(statement)
 
     def generic_visit(self, node: ast.AST) -> None:
         scope = isinstance(node, (ast.FunctionDef, ast.For, ast.ListComp, ast.GeneratorExp))

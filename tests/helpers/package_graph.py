@@ -62,7 +62,7 @@ def statements(path: Path) -> list[ast.stmt]:
             found.append(node)
         inner = [child for name in ("body", "orelse", "finalbody", "handlers", "cases")
                  for child in getattr(node, name, None) or [] if isinstance(child, ast.AST)]
-        if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
+        if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
             waiting += inner
     return found
 

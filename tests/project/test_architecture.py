@@ -26,14 +26,11 @@ def test_no_circle():
     assert not circles
 
 
-@pytest.mark.parametrize("name", sorted(set(packages()) - UNLISTED))
-def test_packages_list_their_modules(name):
+def test_packages_list_their_modules():
     """Each module has a line in its package's docstring."""
-    files = packages()[name]
-    if name != API:
-        text = (ROOT / name / "__init__.py").read_text(encoding="utf-8")
-        missing = [path.stem for path in files if not re.search(rf"\b{path.stem}\b", text)]
-        assert not missing, missing
+    for name in set(packages()) - UNLISTED - {API}:
+        words = set(re.findall(r"\w+", (ROOT / name / "__init__.py").read_text(encoding="utf-8")))
+        assert {path.stem for path in packages()[name]} <= words, name
 
 
 @pytest.mark.parametrize("outer", OUTER)

@@ -24,22 +24,30 @@ FOLDERS = ("api", "commands", "engine", "fuzz", "generator", "matrix", "project"
            "studies", "sweeps")
 
 
+#: A literal in quotes of any kind; each alternative has its own group.
+LITERAL = re.compile(r'''"""(.*?)"""|"((?:[^"\\\n]|\\.)*)"|\'((?:[^\'\\\n]|\\.)*)\'''', re.DOTALL)
+
+
 @cache
 def literals() -> set[str]:
     """Return the texts in the tests' code, and the examples, each of which a test loads."""
-    found = {path.read_text(encoding="utf-8") for path in (ROOT / "examples").rglob("*")
-             if path.suffix in (".toml", ".urdf", ".sdf", ".json")}
-    for path in (path for name in FOLDERS for path in (ROOT / "tests" / name).rglob("*.py")):
-        if path.name == "test_file_keys.py":
-            continue
-        found |= {node.value for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-                  if isinstance(node, ast.Constant) and isinstance(node.value, str)}
-    return found
+    examples = {path.read_text(encoding="utf-8") for path in (ROOT / "examples").rglob("*")
+                if path.suffix in (".toml", ".urdf", ".sdf", ".json")}
+    return examples.union(*(
+        ("".join(quoted).replace("\\n", "\n")
+         for quoted in LITERAL.findall(path.read_text(encoding="utf-8")))
+        for name in FOLDERS for path in (ROOT / "tests" / name).rglob("*.py")
+        if path.name != "test_file_keys.py"))
 
 
 @cache
 def text() -> str:
     return "\n".join(sorted(literals()))
+
+
+def names_before(end: str) -> set[str]:
+    """Return the names in the literals that stand before a sign, and those in brackets."""
+    return set(re.findall(rf"(?<![\w.])(\w+)(?:\.\w+)*{end}", text()))
 
 
 def allowed_keys() -> set[str]:
@@ -64,8 +72,7 @@ def test_keys_of_toml_files():
     """Model files, and studies."""
     keys = allowed_keys() | study_file._KEYS
     assert len(keys) > 80
-    missing = {key for key in keys if not re.search(
-        rf"(?<![\w.]){key}(\.\w+)* ?=|\[\[?{key}[\].]", text())}
+    missing = keys - names_before(" ?=") - set(re.findall(r"\[\[?(\w+)[\].]", text()))
     assert not missing, " ".join(sorted(missing))
 
 
@@ -78,6 +85,6 @@ def test_keys_of_tableau_files():
 def test_elements_and_attributes_that_are_read_of_robots(schema):
     names = {name for parts in schema.parts.values()
              for name in (*parts.once.split(), *parts.many.split())}
-    missing = {name for name in names if not re.search(
-        rf"\b{name[1:]}=" if name.startswith("@") else rf"<{name}[\s/>]", text())}
+    missing = names - {f"@{name}" for name in names_before("=")} - set(
+        re.findall(r"<(\w+)[\s/>]", text()))
     assert not missing, " ".join(sorted(missing))

@@ -19,6 +19,7 @@ import pytest
 
 import documents
 import gyrospark
+import systems
 from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from gyrospark.core.extras import install, packages_of
@@ -33,10 +34,6 @@ SOURCES = sorted([*FACE, *(p for hall in HALLS for p in (ROOT / hall).rglob("*.p
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath", "zarr", "xarray", "dask")
-
-
-def name_of(path: Path) -> str:
-    return str(path.relative_to(ROOT))
 
 
 @functools.cache
@@ -143,25 +140,18 @@ def test_import_is_light():
     assert loaded("import gyrospark.generator.spec\nfrom gyrospark import commands") == set()
 
 
-def test_checked_in_stepper_imports_no_sympy():
-    code = FAST_TOP + ("for scheme in (('G-L', 3), ('EMS',)):\n    gs.stepper(*scheme).integrate("
-                       "top.q0, top.p0, dt=1e-3, steps=3, parameters=parameters)")
-    assert loaded(code) == set()
-
-
-def test_cache_hit_imports_no_sympy():
-    """A stepper beyond the checked-in ones: generated at most once, then read."""
-    code = FAST_TOP + "gs.stepper('IMS', real='float')"
-    loaded(code)
-    assert loaded(code) == set()
-
-
-def test_run_command_imports_no_sympy():
+def test_steppers_that_are_there_import_no_sympy():
+    """Those checked in, one that an earlier process has generated, and the command that runs."""
+    systems.stepper("heavy_top", real="float")
     arguments = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3",
                  "--steps", "3", "--json"]
-    code = (f"import sys\nsys.argv = ['gyrospark', *{arguments}]\n"
-            "from gyrospark.commands import main\n"
-            "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 0")
+    code = FAST_TOP + (
+        "for scheme in (('G-L', 3), ('EMS',)):\n    gs.stepper(*scheme).integrate("
+        "top.q0, top.p0, dt=1e-3, steps=3, parameters=parameters)\n"
+        "gs.stepper('G-L', 2, real='float')\n"
+        f"import sys\nsys.argv = ['gyrospark', *{arguments}]\n"
+        "from gyrospark.commands import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert end.code == 0")
     assert loaded(code) == set()
 
 
@@ -225,10 +215,8 @@ def test_public_names_resolve():
         _ = gyrospark.nonsense
 
 
-@pytest.mark.parametrize("package", [
-    pytest.param("zarr", marks=pytest.mark.slow), "xarray",
-    pytest.param("filelock", marks=pytest.mark.slow)])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
+@pytest.mark.parametrize("package", ["zarr", "xarray", "filelock"])
+@pytest.mark.slow  # a process each
 def test_names_of_an_extra_that_is_not_installed_say_so_when_they_are_called(package):
     """To look at them, and to import all, is no error; their command ends in the same sentence."""
     said = python(
@@ -351,20 +339,21 @@ def test_examples_in_help_exist():
             check_command(words)
 
 
-@pytest.mark.parametrize("path", documents.DOCUMENTS, ids=name_of)
-def test_documents_name_what_exists(path):
+def test_documents_name_what_exists():
     """Targets of make, files and headings that links lead to, extras."""
-    text = path.read_text(encoding="utf-8")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"(?:^|`|\$ )make ([a-z]+)", text, flags=re.MULTILINE):
-        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
-    for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", text):
-        file, _, heading = link.partition("#")
-        assert (path.parent / file).exists(), link
-        assert not heading or heading in documents.headings(
-            (path.parent / file).read_text("utf-8")), link
-    for named in re.findall(r'pip install "\.\[([\w,]+)\]', text):
-        assert set(named.split(",")) <= set(PROJECT["project"]["optional-dependencies"]), named
+    targets = set(re.findall(r"^([a-z]+):", makefile, flags=re.MULTILINE))
+    for path in documents.DOCUMENTS:
+        text = path.read_text(encoding="utf-8")
+        for target in re.findall(r"(?:^|`|\$ )make ([a-z]+)", text, flags=re.MULTILINE):
+            assert target in targets, (path, target)
+        for link in re.findall(r"\]\((?!https?:|#)([^)]+)\)", text):
+            file, _, heading = link.partition("#")
+            assert (path.parent / file).exists(), (path, link)
+            assert not heading or heading in documents.headings(
+                (path.parent / file).read_text("utf-8")), (path, link)
+        for named in re.findall(r'pip install "\.\[([\w,]+)\]', text):
+            assert set(named.split(",")) <= set(PROJECT["project"]["optional-dependencies"]), path
 
 
 def test_a_readme_is_read_in_two_minutes():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-
 import pytest
 
 from messages import Sought, plain_words
@@ -24,7 +22,7 @@ def test_words_of_prose_are_distinguished_from_names(text, words):
 
 
 def test_what_is_looked_for_is_found():
-    tree = ast.parse('''
+    source = '''
 TABLE = {"a": (1, "one of a table"), "b": (2, "another")}
 @pytest.mark.parametrize(("x", "words"), [(1, "in a row"), pytest.param(2, "of param", id="z")])
 def test_a(x, words):
@@ -37,8 +35,8 @@ def test_b(x, parts):
         refused(call(), said, "at once")
     assert answer.stderr == "all of it"
     assert "no message" in table
-''')
-    assert {text for _, text in Sought(tree).found} == {
+'''
+    assert {text for _, text in Sought(source).found} == {
         "one of a table", "another", "in a row", "of param", "of a loop", "{} put in", "at once",
         "all of it"}
 
@@ -48,5 +46,5 @@ def test_b(x, parts):
 def test_no_sentence_is_looked_for(folder):
     """At most two words of prose: a key word, a name, a value."""
     for path in sorted((ROOT / "tests" / folder).rglob("*.py")):
-        for line, text in sorted(Sought(ast.parse(path.read_text(encoding="utf-8"))).found):
+        for line, text in sorted(Sought(path.read_text(encoding="utf-8")).found):
             assert len(plain_words(text)) <= 2 or text in NAMES, f"{path}:{line}: {text!r}"
