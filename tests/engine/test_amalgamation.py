@@ -7,7 +7,6 @@ import json
 import pickle
 import re
 import shutil
-import sys
 
 import numpy as np
 import pytest
@@ -64,35 +63,14 @@ CHANGE = ("fixed_point/convergence.h", "s->iterations > 2", "s->iterations > 3")
 # ---------------------------------------------------------------- short and standalone
 
 
-def objects(tmp_path, name, source, *flags):
-    """Return the object code of C in a folder of its own."""
-    folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
-    folder.mkdir()
-    (folder / f"{name}.c").write_text(source, encoding="utf-8")
-    shutil.copy(ROOT / "generated" / f"{name}.h", folder)
-    done = call([*compiler(MAIN), *FLAGS, *flags, "-c", f"{name}.c"], cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return (folder / f"{name}.o").read_bytes()
-
-
-@pytest.mark.parametrize("name", [NAME, "heavy_top_gl2_gamma"])
-@pytest.mark.slow  # 2 CPU s; other cases run all its branches
-def test_short_and_standalone_files_have_the_same_object_code(name, tmp_path):
-    short = text_of(name)
-    assert objects(tmp_path, name, short, f"-I{FOLDER}") == objects(
-        tmp_path, name, amalgamate(short))
-
-
 FULL = ["newton/step", "run/batch", "run/ensemble", "run/begin_advance"]
 RUN = ["newton/step", "profiles/run", "run/begin_advance"]
 
 
 @pytest.mark.parametrize(("features", "headers"), [
-    ("SPARK", FULL), ("TIME_DEPENDENT FORCES", FULL), ("SPARK INPUTS", FULL),
-    ("FRAME FRAME_WORK FORCES TIME_DEPENDENT", FULL), ("SPARK LAGRANGIAN TIME_DEPENDENT", FULL),
-    ("ELEMENTS", FULL), ("SPARK FRAME", FULL), ("PROFILE_RUN", RUN),
-    ("SPARK PROFILE_RUN FORCES", RUN), ("SPARK PROFILE_CONTROL", ["profiles/control"]),
-    ("PROFILE_CONTROL", ["profiles/control"])])
+    ("SPARK INPUTS", FULL), ("FRAME FRAME_WORK FORCES TIME_DEPENDENT", FULL),
+    ("SPARK LAGRANGIAN TIME_DEPENDENT", FULL), ("ELEMENTS", FULL),
+    ("SPARK PROFILE_RUN FORCES", RUN), ("PROFILE_CONTROL", ["profiles/control"])])
 def test_amalgamation_does_what_the_preprocessor_does(features, headers, tmp_path):
     """Also where macros of features expand to nothing: the same tokens."""
     fixed_point = "" if "PROFILE" in features else "FIXED_POINT"
@@ -262,29 +240,3 @@ def test_a_pickle_keeps_the_engine_it_was_made_with(other_engine):
     runs = [s.integrate(START["q"], START["p"], dt=1e-3, steps=5, parameters=PARAMETERS)
             for s in (step, again)]
     assert np.array_equal(runs[0].q, runs[1].q)
-
-
-# ---------------------------------------------------------------- installed
-
-
-@pytest.mark.slow
-def test_an_installed_wheel_has_the_headers_and_compiles(tmp_path):
-    """Built, installed into an environment of its own, and a stepper compiled there."""
-    pytest.importorskip("build")
-    done = call([sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT],
-                PYTHONWARNINGS=None)
-    assert done.returncode == 0, done.stderr
-    (wheel,) = tmp_path.glob("*.whl")
-    folder = tmp_path / "venv"
-    assert call([sys.executable, "-m", "venv", folder]).returncode == 0
-    python = folder / "bin" / "python"
-    clean = {"PYTHONWARNINGS": None, "PYTHONPATH": None, "GYROSPARK_CACHE": str(tmp_path / "cache")}
-    done = call([python, "-m", "pip", "install", "--quiet", wheel], **clean)
-    assert done.returncode == 0, done.stderr
-    done = call([python, "-m", "gyrospark", "include"], cwd=tmp_path, **clean)
-    assert done.stdout.startswith(str(folder))
-    installed = {path.name for path in (tmp_path / done.stdout.strip()).rglob("*.h")}
-    assert installed == {path.name for path in HEADERS}
-    done = call([python, "-m", "gyrospark", "run", "fast-top", "--scheme", "IMS", "--dt", "1e-3",
-                 "--steps", "5", "--json"], cwd=tmp_path, **clean)
-    assert done.returncode == 0, done.stderr

@@ -262,19 +262,3 @@ def test_asymmetry_is_found_on_both_sides_of_each_switch():
             continue
         with pytest.raises(InputError, match="swapped"):
             pytest.fail(f"potential {number} gave {box(2, pair, {'k': 1.0})}")
-
-
-@pytest.mark.slow
-def test_a_thousand_waters():
-    """Energy of order 2, and momenta."""
-    model = gs.models.waters(1000)
-    step = gs.stepper("splitting", order=2, system=model)
-    errors = []
-    for dt, steps in ((1e-3, 100), (5e-4, 200)):
-        run = step.integrate(model.q0, model.p0, dt=dt, steps=steps, every=steps // 4,
-                             parameters=model.parameters)
-        assert run.q.shape == (5, 7000)
-        errors.append(np.abs(run.energy_error()).max())
-        momentum = run.total_angular_momentum()
-        assert np.abs(momentum - momentum[0]).max() < 1e-9
-    assert 3.2 < errors[0] / errors[1] < 5

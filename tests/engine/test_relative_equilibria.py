@@ -19,19 +19,14 @@ from steady_motions import ACROSS, E1, E3, STEADY, WEIGHT, Steady, of_model, wit
 EPS = np.finfo(float).eps
 
 
-METHODS = [("G-L", 1), ("G-L", 3), ("LIIIA-B", 2), ("LIIIA-B", 3), ("IMS", None), ("EMS", None)]
-
-
 @cache
 def framed(name, scheme="G-L", stages=2):
     steady = STEADY[name]()
     return gs.stepper(scheme, stages, system=steady.system, frame="symmetries", **steady.rep)
 
 
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name != "free_body"))  # derived for seconds
-    for name in STEADY])
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
+@pytest.mark.slow  # systems that are derived for seconds; test_frames.py has a quick one
+@pytest.mark.parametrize("name", STEADY)
 def test_a_steady_motion_has_no_error(name):
     """Where the start's own least squares is the frame; without one the error is of the order."""
     steady, step = STEADY[name](), framed(name)
@@ -53,16 +48,6 @@ def allowed(steady, run):
     """Rates come of numbers that are rounded: the angle of a run is off by some t ω ε."""
     rates = sum(abs(run.parameters[s]) for s in run.parameters if s.startswith("omega"))
     return 16 * EPS * (1 + run.t[-1] * rates)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("scheme", "stages"), METHODS)
-@pytest.mark.parametrize("name", STEADY)
-def test_a_steady_motion_has_no_error_by_any_method(name, scheme, stages):
-    steady, step = STEADY[name](), framed(name, scheme, stages)
-    run = step.integrate(steady.q, steady.p, dt=steady.dt, steps=1000, parameters={
-        **steady.parameters, "frame": "start"})
-    assert steady.error(run) < allowed(steady, run)
 
 
 @pytest.mark.slow  # derives the satellite

@@ -11,7 +11,6 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.generator.tableaux.compositions import COMPOSITIONS
-from splitting_systems import SYSTEMS, start
 
 TOP = gs.problems.fast_top()
 SYMMETRIC = TOP.parameters | {"gamma": 1.0}
@@ -148,30 +147,6 @@ def on_constraints(z):
     q[:4] /= np.sqrt(q[:4] @ q[:4])
     p[:4] -= q[:4] * (q[:4] @ p[:4])
     return q, p
-
-
-@pytest.mark.slow  # 1 CPU s; other cases run all its branches
-def test_kicks_of_symmetric_bodies_that_depend_on_momenta_are_whole():
-    """Tangents by differences of the step, adjoints by tangents: forces are no potential's."""
-    system, values, _ = SYSTEMS["driven"]
-    values = {str(x): values[str(x)] for x in system.parameters}
-    step, free, h = gs.stepper("splitting", order=2, system=system), ["I3", "mgl", "k"], 0.1
-    at = np.concatenate(start((0.3, -0.2, 1), values))
-    run = step.integrate(at[:4], at[4:], dt=h, steps=1, parameters=values,
-                         tangents=gs.Tangents(parameters=free, dt=True, t0=True))
-    first, found = np.concatenate([run.tangents.q, run.tangents.p], axis=1)
-    for k, name in enumerate(run.tangents.names):
-        def end(by, name=name, way=first[:, k]):
-            return np.concatenate(step.step(
-                *on_constraints(at + by * way), dt=h + by * (name == "dt"),
-                t0=by * (name == "t0"),
-                parameters={m: x + by * (m == name) for m, x in values.items()})[:2])
-
-        exact = (end(1e-5) - end(-1e-5)) / 2e-5
-        assert np.abs(found[:, k] - exact).max() < 1e-9 * np.abs(exact).max()
-    w = np.random.default_rng(1).normal(size=8)
-    back = step.gradient(run, {"q": w[:4], "p": w[4:]}, wrt=["start", *free, "dt", "t0"]).vector()
-    assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
 
 
 @cache
