@@ -482,7 +482,7 @@ def numbers_are_short(e):
 EXPRESSIONS = st.recursive(LEAVES, grow, max_leaves=8).filter(numbers_are_short)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None, derandomize=True)
 @given(st.lists(EXPRESSIONS, min_size=1, max_size=4))
 def test_kernels_of_random_expressions_are_exact_and_counted(expressions):
     constants = Constants((z,))
