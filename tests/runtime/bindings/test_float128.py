@@ -190,24 +190,6 @@ def test_constraints_hold_to_round_off_and_the_manifest_says_float128():
     assert largest(run.g_errors) <= 4 * EPS
 
 
-@pytest.mark.slow  # another stepper in float128
-def test_energy_is_kept_by_ems():
-    step = stepper("EMS")
-    run = step.integrate(*start(step), dt=2.0**-6, steps=50, parameters=TOP)
-    assert run.report.energy_error_max < 200 * EPS
-
-
-def test_an_ensemble_agrees_with_its_members():
-    step = stepper("G-L", 2)
-    q, p = start(step)
-    many = step.integrate_ensemble([q, q], [p, -p], dt=2.0**-6, steps=10, every=3, parameters=TOP)
-    for i, momentum in enumerate((p, -p)):
-        one = step.integrate(q, momentum, dt=2.0**-6, steps=10, every=3, parameters=TOP)
-        assert largest(one.q - many.q[i]) < 64 * EPS
-        assert many.members[i].report.steps == 10
-        assert many.iterations[i].all()
-
-
 def test_what_a_step_solves():
     step = stepper("G-L", 2)
     q, p = start(step)
@@ -230,15 +212,6 @@ def test_a_long_run_is_stored_across_chunks(monkeypatch):
     again = step.integrate(q, p, dt=2.0**-9, steps=42, every=42, parameters=TOP)
     assert run.q.shape == (3, 4)
     assert (run.q[-1] == again.q[-1]).all()
-
-
-def test_a_saved_trajectory_comes_back(tmp_path):
-    step = stepper("G-L", 2)
-    run = step.integrate(*start(step), dt=2.0**-6, steps=5, parameters=TOP)
-    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
-    for name in ("q", "p", "multipliers", "energies", "g_errors", "f_errors"):
-        assert (getattr(again, name) == getattr(run, name)).all()
-        assert all(type(x) is binary128.mpf for x in getattr(again, name).flat)
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")

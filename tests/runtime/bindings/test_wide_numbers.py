@@ -17,6 +17,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import equal
 from gyrospark.core.exact_numbers import digits_of, exact
 from gyrospark.core.warnings import capture_warnings
@@ -107,12 +108,14 @@ def test_a_python_float_is_the_number_it_holds(real):
 
 
 def test_a_double_stepper_rounds_once():
-    step = pushed("double")
+    step = systems.stepper("driven_oscillator")
     with mp.workdps(40):
-        whole = {"dt": mp.mpf("0.1"), "parameters": {"m": mp.mpf("0.7"), "c": mp.mpf(1) / 3}}
-    run = step.integrate(*START, steps=4, t0=Decimal("0.3"), **whole)
+        exact_numbers = {"k": mp.mpf("1.3"), "c": mp.mpf(1) / 3, "f": Fraction(7, 10),
+                         "omega": Decimal("2.1")}
+        run = step.integrate(*START, dt=mp.mpf("0.1"), steps=4, t0=Decimal("0.3"),
+                             parameters=exact_numbers)
     again = step.integrate([0.2], [0.1875], dt=0.1, steps=4, t0=0.3,
-                           parameters={"m": 0.7, "c": 1 / 3})
+                           parameters={"k": 1.3, "c": 1 / 3, "f": 0.7, "omega": 2.1})
     assert equal(run, again)
     assert (type(run.dt), run.t.dtype) == (float, np.float64)
     assert all(type(x) is float for x in run.parameters.values())
@@ -361,8 +364,8 @@ def test_the_command_line(tmp_path):
 
 
 def test_gamma_on_the_command_line():
-    done = cli("run", "fast-top", "--scheme", "IMS", "--real", "float128", "--dt", "1e-3",
-               "--steps", "2", "--gamma", "0.0016", "--json")
+    done = cli("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--real",
+               "float128", "--dt", "1e-3", "--steps", "2", "--gamma", "0.0016", "--json")
     assert json.loads(done.stdout)["all_digits"]["parameters"]["gamma"] == "0.0016"
 
 

@@ -12,7 +12,6 @@ import sympy as sp
 import gyrospark as gs
 import systems
 from gyrospark.generator.schemes import derivative_kernels
-from gyrospark.runtime.bindings.array_checks import as_real
 
 DT, T0 = 0.02, 0.3
 VALUES = systems.case("driven_pendulum").parameters
@@ -300,35 +299,3 @@ def test_stored_runs_that_lack_what_gradients_need_are_refused(options, tmp_path
     loaded = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(gs.InputError, match=r"not kept|not know"):
         step.gradient(loaded, {"q": [1.0, 0.0]})
-
-
-@pytest.mark.slow
-def test_ends_by_events_have_the_limits_of_differences_in_113_bits():
-    """Differences of fourth order of 2⁻³²; the adjoint has what tangents have."""
-    step = systems.differentiable("driven_pendulum", real="float128")
-    number = step.binding.number
-    values = {name: as_real(name, x, number) for name, x in VALUES.items()}
-    at = step.consistent([0.5, -0.8], [0.3, 0.4], parameters=values, t=T0)
-    events = [gs.Event("along", level=0.5, terminal=True), EVENTS[1]]
-    names = [*NAMES, "dt", "t0"]
-    point = {name: values.get(name) for name in NAMES} | {
-        "dt": as_real("dt", DT, number), "t0": as_real("t0", T0, number)}
-
-    def run_of(point, **options):
-        here = values | {name: point[name] for name in NAMES}
-        start = step.consistent(at.q, at.p, parameters=here, t=point["t0"])
-        return step.integrate(start.q, start.p, dt=point["dt"], t0=point["t0"], steps=30,
-                              parameters=here, events=events, **options)
-
-    run = run_of(point, tangents=gs.Tangents(None, NAMES, dt=True, t0=True))
-    made = derivatives(run)
-    for i, name in enumerate(names):
-        e = as_real("e", 2.0**-32, number) * (point["dt"] if name == "dt" else 1)
-        one, two, back, twice = (numbers(run_of(point | {name: point[name] + k * e}))
-                                 for k in (1, 2, -1, -2))
-        slope = (8 * (one - back) - (two - twice)) / (12 * e)
-        assert max(abs(slope - made[:, i])) <= 1e-22 * max(abs(made[:, i])), name
-    weights = np.array([as_real("w", 7 * k % 11 - 5, number) for k in range(len(made))],
-                       dtype=object)
-    found = run.gradient(cotangents(run, weights), wrt=names).vector()
-    assert max(abs(found - weights @ made)) <= 1e-31 * max(abs(weights @ made))

@@ -22,7 +22,7 @@ needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="without No
 
 
 def integrated(model, steps=40, name=None, **options):
-    step = systems.stepper(name) if name else gs.stepper("G-L", 2, system=model.system)
+    step = systems.stepper(name) if name else gs.stepper("IMS", system=model.system)
     return step.integrate(model.q0, model.p0, steps=steps, parameters=dict(model.parameters),
                           **{"dt": model.dt} | options)
 

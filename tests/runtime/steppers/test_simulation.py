@@ -51,15 +51,6 @@ def test_any_split_is_a_run_to_the_bit(solver, step):
     assert sim.dt == 1e-3
 
 
-@given(parts=st.lists(st.integers(0, 40), max_size=8))
-@settings(max_examples=20, deadline=None)
-def test_whatever_the_split(parts, gl3):
-    sim = begun(gl3)
-    for steps in parts:
-        sim.advance(steps)
-    assert_is(sim, gl3.integrate(TOP.q0, TOP.p0, steps=sum(parts), **RUN))
-
-
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize(("real", "solver"), [
     ("float", "auto"), ("long-double", "auto"), ("float128", "newton")])
@@ -359,15 +350,6 @@ def test_a_history_of_every_type(real, tmp_path):
     sim.advance(5)
     assert len(found) == 36
     assert len(sim.trajectory) == 41
-
-
-def test_a_history_in_a_frame():
-    step = systems.stepper("heavy_top_in_frame")
-    run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=90,
-                         parameters=PARAMETERS | {"frame": "start"})
-    sim = step.start(TOP.q0, TOP.p0, dt=1e-3, parameters=run.parameters, record=True)
-    in_pieces(sim, 9, 10)
-    assert_same_run(sim.trajectory, run)
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")

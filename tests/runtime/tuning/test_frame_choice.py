@@ -147,45 +147,6 @@ def test_where_a_frame_harms_none_is_taken_or_a_better_one():
     assert error["auto"] <= 1.05 * error["none"]
 
 
-def guarded():
-    """Systems and starts: a top, asymmetric ones, and motions that are no rotation."""
-    inertia = TOP.inertia
-    tilted = np.array([np.cos(0.35), np.sin(0.35), 0.0, 0.0])
-    body = {"I1": 1.0, "I2": 1.4, "I3": 2.0, "gamma": 1.5}
-    spin = gs.momentum(tilted, (5.0, 3.0, 40.0), inertia)
-    plane = gs.System((X, Y), (PX, PY), (), (PX**2 + PY**2) / 2 - 1 / sp.sqrt(X**2 + Y**2),
-                      name="kepler")
-    ball = gs.System((X, Y, Z), (PX, PY, PZ), (), (PX**2 + PY**2 + PZ**2) / 2 + Z,
-                     (X**2 + Y**2 + Z**2 - 1,), name="pendulum")
-    return {
-        "slow top": ("heavy_top", tilted, spin, with_gamma(TOP), 5e-3),
-        "asymmetric top": ("heavy_top", tilted, spin, with_gamma(TOP) | {"I2": 1.4e-3}, 5e-3),
-        "asymmetric body": ("free_body", BODY.q0, gs.momentum(BODY.q0, (3, -4, 10), (1, 1.4, 2)),
-                            body, 2e-2),
-        "ellipse": (plane, [0.4, 0.0], [0.0, 2.0], {}, 0.05),
-        "circle": (plane, [0.9, 0.0], [0.0, 1.1], {}, 0.1),
-        "swing": (ball, [0.8, 0.0, -0.6], [0.0, 0.2, 0.0], {}, 0.1),
-    }
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 1), ("G-L", 2), ("G-L", 3), ("LIIIA-B", 2),
-                                                ("IMS", None), ("EMS", None)])
-@pytest.mark.parametrize("name", guarded())
-def test_no_choice_is_worse_than_no_frame(name, scheme, stages):
-    """By 5 % at the most, over twice the length of the pilots."""
-    system, q, p, numbers, dt = guarded()[name]
-    choice = {"system": system} if numbers == {} else {"system": system, "rep": "gamma"}
-    step = gs.stepper(scheme, stages, frame="symmetries", **choice)
-    fine = gs.stepper("G-L", 5, frame="symmetries", **choice)
-    exact = fine.integrate(q, p, dt=dt / 8, steps=6400, every=8, parameters=numbers).q
-    found = gs.choose_frame(step, q, p, dt=dt, parameters=numbers, steps=400)
-    plain, moved = (np.sqrt(((step.integrate(q, p, dt=dt, steps=800, parameters=par).q - exact) ** 2
-                             ).mean()) for par in (numbers, numbers | found.frame))
-    assert moved <= 1.05 * plain
-    assert found.measured_gain >= 1
-
-
 def test_a_motion_without_error_needs_no_frame():
     """At a small step what is left is round-off, and no frame is searched for."""
     step = framed()
