@@ -35,7 +35,7 @@ def parameters(rep, rule="m"):
 @pytest.mark.parametrize(
     ("scheme", "stages", "start", "rep", "plain"),
     [("IMS", None, "state", "gamma", False), ("EMS", None, "state", "gamma", True),
-     ("G-L", 2, "previous", "alpha", False), ("LIIIA-B", 3, "rates", "alpha", True)],
+     ("G-L", 2, "previous", "alpha", False), ("LIIIA-B", 3, "rates", "gamma", True)],
 )
 def test_the_driver_takes_the_products_steps(scheme, stages, start, rep, plain):
     """Same equations, other start and stop: after 20 steps equal to round-off."""
@@ -60,8 +60,8 @@ def test_every_norm_counts():
 
 
 def test_largest_entry_is_no_larger_than_the_euclidean_norm():
-    step = gs.stepper("LIIIA-B", 3, "alpha")
-    runs = [march(step, parameters("alpha"), STATE, 0.01, 8,
+    step = gs.stepper("LIIIA-B", 3, "gamma")
+    runs = [march(step, parameters("gamma"), STATE, 0.01, 8,
                   Rule("previous", "r", 1e-10, 50, size)).mean
             for size in ("largest", "euclidean")]
     assert runs[0] <= runs[1]
@@ -123,8 +123,8 @@ def test_only_the_intended_term_is_dropped(rep):
 
 
 def test_same_residual_other_jacobian():
-    exact, inexact = gs.stepper("LIIIA-B", 3, "alpha"), inexact_stepper("LIIIA-B", 3, "alpha")
-    keywords = {"dt": 1e-2, "parameters": parameters("alpha")}
+    exact, inexact = gs.stepper("LIIIA-B", 3, "gamma"), inexact_stepper("LIIIA-B", 3, "gamma")
+    keywords = {"dt": 1e-2, "parameters": parameters("gamma")}
     x = exact.guess(*STATE, **keywords)
     x *= 1 + 0.01 * np.random.default_rng(3).standard_normal(len(x))
     np.testing.assert_allclose(inexact.residual(x, *STATE, **keywords),
@@ -138,11 +138,11 @@ def test_same_residual_other_jacobian():
 
 
 def test_inexact_converges_linearly():
-    exact, inexact = gs.stepper("LIIIA-B", 3, "alpha"), inexact_stepper("LIIIA-B", 3, "alpha")
-    counts = [march(step, parameters("alpha"), STATE, 0.01, 8,
+    exact, inexact = gs.stepper("LIIIA-B", 3, "gamma"), inexact_stepper("LIIIA-B", 3, "gamma")
+    counts = [march(step, parameters("gamma"), STATE, 0.01, 8,
                     Rule("previous", "r", 1e-12, 100)).mean for step in (exact, inexact)]
     assert counts[1] > 2 * counts[0]
-    assert "inexact" not in exact.files["heavy_top_liiiab3_alpha.c"]
+    assert "inexact" not in exact.files["heavy_top_liiiab3_gamma.c"]
 
 
 # ------------------------------------------------------------ the tables

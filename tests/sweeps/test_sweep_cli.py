@@ -99,6 +99,20 @@ def test_examples_are_studies_and_say_how_to_begin(path, gyrospark):
     assert done.code == 0, done.stderr
 
 
+def test_every_option_of_a_study_file_reaches_the_study(tmp_path):
+    options = {"name": '"options"', "dt": "1e-3", "every": "10", "solver": '"newton"',
+               "tolerance": "1e-12", "max_iterations": "30", "rep": '"gamma"', "real": '"double"',
+               "frame": '"symmetries"', "keep": '["energy_error_max"]'}
+    text = "\n".join(f"{key} = {value}" for key, value in options.items())
+    loaded = parse_study(text + STUDY.replace("steps = 100", "steps = 1e3").replace(
+        "dt =", "mgl ="), tmp_path / "options.toml")
+    study, (step,) = loaded.study, loaded.study.steppers
+    assert loaded.keep == ["energy_error_max"]
+    assert step.name == "heavy_top_gl2_gamma_frame"
+    assert (study.name, study.dt, study.steps, study.every, study.solver, study.tolerance,
+            study.max_iterations) == ("options", 1e-3, 1000, 10, "newton", 1e-12, 30)
+
+
 def test_the_readmes_example_has_a_million_cells():
     path = ROOT / "examples" / "studies" / "gamma_dt.toml"
     study = parse_study(path.read_text(encoding="utf-8"), path).study
