@@ -2,40 +2,33 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 import gyrospark as gs
-import input_systems
-import time_lagrangians
+import systems
 from gyrospark.interop.discrete_flow import DiscreteFlow
 
-CASES = ["top", "framed", "IMS", "pushed", "lifted"]
+#: Case → system of the catalogue and its scheme.
+_SYSTEMS = {"top": ("heavy_top", "G-L"), "framed": ("heavy_top_in_frame", "G-L"),
+            "IMS": ("heavy_top", "IMS"), "pushed": ("pushed_pendulum", "G-L"),
+            "bead": ("bead", "G-L")}
+CASES = [*_SYSTEMS]
 TOP = gs.problems.fast_top()
 PARAMETERS = TOP.parameters | {"gamma": 0.0016}
 
 
-@cache
 def stepper_of(case):
-    """Return the stepper of a case."""
-    if case == "pushed":
-        return input_systems.stepper(input_systems.pendulum)
-    if case == "lifted":
-        return gs.stepper("G-L", 2, system=time_lagrangians.lifted())
-    if case == "IMS":
-        return gs.stepper("IMS", rep="gamma")
-    return gs.stepper("G-L", 2, rep="gamma",
-                      **({"frame": "symmetries"} if case == "framed" else {}))
+    """Return the stepper of a case, its derivatives compiled."""
+    return systems.differentiable(*_SYSTEMS[case])
 
 
 def start_of(case):
     """Return q, p, parameters, dt and t0 of a case; its start is consistent."""
     if case == "pushed":
         return np.array([0.6, 0.8]), np.array([-0.8, 0.6]), {"k": 1.3}, 0.05, 0.0
-    if case == "lifted":
-        q, p = time_lagrangians.start_of_lifted(stepper_of(case))
-        return q, p, time_lagrangians.PARAMETERS["bead"], 0.01, 0.3
+    if case == "bead":
+        entry = systems.case("bead")
+        return *systems.start("bead", stepper_of(case)), entry.parameters, entry.dt, entry.t0
     rates = {"omega_body": 50.0} if case == "framed" else {}
     return np.array(TOP.q0), np.array(TOP.p0), PARAMETERS | rates, 1e-3, 0.0
 

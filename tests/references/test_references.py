@@ -119,15 +119,12 @@ def test_the_script_gives_the_stored_digits(name):
     assert found["values"] == dict(REFERENCES[name].truth.values)
 
 
-#: Dear ones, of loops that are closed alike all but one, and Andrews' mechanism, which
-#: tests/generator/systems/test_lagrangian.py runs: by ``-m slow``.
-SLOW = ("andrews", "bricard", "car-axis", "dzhanibekov", "flyball-governor",
-        "four-bar", "four-bars-40", "bennett", "bricard-pushed", "kovalevskaya", "parallelogram",
-        "slider-crank")
+#: A point, a Lagrangian with forces, a body, and one whose steps other tests take.
+FEW = ("spherical-pendulum", "bead", "heavy-top", "neumann")
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in REFERENCES])
+    pytest.param(name, marks=[pytest.mark.slow] * (name not in FEW)) for name in REFERENCES])
 def test_a_scheme_reaches_the_digits(name):
     """To 1e-12, and no worse with more steps until then."""
     runs = list(measure(REFERENCES[name], rounds=1, quick=True))
