@@ -5,12 +5,14 @@ from __future__ import annotations
 import ctypes
 import struct
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
+import splitting_systems
 from c_programs import shared_library
 from gyrospark.core.errors import InputError, StepFailed
 from gyrospark.generator.pipeline import generate
@@ -237,31 +239,31 @@ def test_what_a_splitting_does_not_have_is_refused():
             call()
 
 
-@pytest.fixture(scope="module")
+DRAG = splitting_systems.TOP | {"k": 0.2}
+DRAGGED_START = splitting_systems.start((0.5, 0.2, 3), DRAG)
+
+
+@cache
 def dragged():
-    """A top with drag, and its stepper, which chooses its flows by the moments."""
-    model = gs.Multibody("dragged")
-    top = model.top("t", mass=1, inertia=(1, 1, 0.7), centre=(0, 0, 0.3),
-                    quaternion=(0.9, np.sqrt(0.19), 0, 0), angular_velocity=(0.5, 0.2, 9))
-    c = model.parameter("c", 0.2)
-    model.torque(top, [-c * sp.Symbol(f"t_I{i}", positive=True) * w
-                       for i, w in zip((1, 2, 3), top.angular_velocity, strict=True)])
-    made = model.model()
-    return made, gs.stepper("splitting", order=4, system=made)
+    """The stepper of a top with drag, which chooses its flows by the moments."""
+    return gs.stepper("splitting", order=4, system=splitting_systems.SYSTEMS["drag"][0])
 
 
-def test_work_of_drag_has_the_order_of_the_motion(dragged):
-    made, step = dragged
-    errors = []
+def values_of(parameters):
+    """Return those parameters that the stepper of the dragged top has."""
+    return {name: parameters[name] for name in dragged().parameter_domains}
+
+
+def test_work_of_drag_has_the_order_of_the_motion():
+    step, values, errors = dragged(), values_of(DRAG), []
     for steps in (40, 80):
-        run = step.integrate(made.q0, made.p0, dt=1 / steps, steps=steps,
-                             parameters=made.parameters)
+        run = step.integrate(*DRAGGED_START, dt=1 / steps, steps=steps, parameters=values)
         errors.append(np.abs(run.energy_error()).max())
     assert errors[0] / errors[1] > 12
-    held = step.start(made.q0, made.p0, dt=0.025, parameters=made.parameters)
+    held = step.start(*DRAGGED_START, dt=0.025, parameters=values)
     for _ in range(40):
         held.advance(1)
-        held.parameters = dict(held.parameters)
+        held.parameters = dict(values)
     assert held.report.work == pytest.approx(run.report.work, rel=1e-4)
     assert held.report.energy_error_max < 2 * errors[0]
 
@@ -309,15 +311,12 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control
     assert np.abs(np.array(p) - run.p[-1]).max() < 1e-14
 
 
-def test_profile_run_takes_the_steps_of_the_full_profile(dragged, tmp_path):
+def test_profile_run_takes_the_steps_of_the_full_profile(tmp_path):
     """Whole runs and pieces; asymmetric, with drag and its work."""
-    made, step = dragged
-    values = dict(made.parameters) | {"t_I2": 1.2}
-    source = generate(Spec.checked("splitting", order=4).with_profile("run"),
-                      system=made.system).source
+    system, values = splitting_systems.SYSTEMS["drag"][0], values_of(DRAG | {"I2": 1.2})
+    source = generate(Spec.checked("splitting", order=4).with_profile("run"), system=system).source
     library, name = shared_library(source, tmp_path), source.name
-    wanted = step.integrate(
-        made.q0, made.p0, dt=5e-3, steps=40, parameters=values)
+    wanted = dragged().integrate(*DRAGGED_START, dt=5e-3, steps=40, parameters=values)
 
     def numbers(values):
         return (ctypes.c_double * len(values))(*map(float, values))
@@ -327,12 +326,12 @@ def test_profile_run_takes_the_steps_of_the_full_profile(dragged, tmp_path):
         found.restype = ctypes.c_size_t if function == "work_size" else ctypes.c_int
         return found
 
-    parameters = numbers([values[str(x)] for x in made.system.parameters])
+    parameters = numbers(values.values())
     options = (ctypes.c_double * 2)()  # tolerance 0, solver AUTO
     ends, dt = [], ctypes.c_double(5e-3)
     for pieces in ((40,), (1, 20, 19)):
         work = ctypes.create_string_buffer(of("work_size")())
-        q, p = numbers(made.q0), numbers(made.p0)
+        q, p = map(numbers, DRAGGED_START)
         of("begin")(work, parameters, options, dt, q, p)
         for steps in pieces:
             assert of("advance")(work, ctypes.c_long(steps), q, p) == 0
@@ -340,7 +339,7 @@ def test_profile_run_takes_the_steps_of_the_full_profile(dragged, tmp_path):
         assert np.abs(np.array(q) - wanted.q[-1]).max() < 1e-14
         assert np.abs(np.array(p) - wanted.p[-1]).max() < 1e-13
     assert ends[0] == ends[1]
-    q, p, report = numbers(made.q0), numbers(made.p0), ctypes.create_string_buffer(512)
+    (q, p), report = map(numbers, DRAGGED_START), ctypes.create_string_buffer(512)
     rows, done = (ctypes.c_double * 16)(), (ctypes.c_double * 4)()
     assert of("integrate")(parameters, options, dt, ctypes.c_long(40), ctypes.c_long(10), q, p,
                            rows, None, None, done, report, work) == 0
