@@ -178,7 +178,8 @@ class Recorder:
         rows, of_rows = self._empty(), []
         for one in self.fields:
             if one.name in ("multipliers", "reactions"):
-                of_rows.append(self._stored(one.name, one.wide, first, count).reshape(count, -1))
+                stored = self._stored(one.name, one.wide, first, count)
+                of_rows.append(stored.reshape(count, int(np.prod(stored.shape[1:]))))
             elif (part := getattr(rows, one.name, None)) is not None:
                 part[:count] = self._stored(one.name, one.wide, first, count).reshape(
                     count, *part.shape[1:])
