@@ -66,7 +66,8 @@ ARM = """<?xml version="1.0"?>
 class Motion:
     """q', p' and what follows from them for any quantity, by complex steps and one linear solve.
 
-    W λ = d/dt (g_q H_p) along (H_p, F − H_q), and p' = F − H_q − g_qᵀ λ.
+    W λ = d/dt (g_q H_p + g_t) along (H_p, F − H_q) and the time, and p' = F − H_q − g_qᵀ λ.
+    The time is 0.
     """
 
     def __init__(self, model):
@@ -96,10 +97,14 @@ class Motion:
 
     def _rate(self, expressions, dp):
         ahead = self._at(self.q + 1j * TINY * self.dq, self.p + 1j * TINY * dp)
+        if self.system.clock is not None:
+            ahead[self.system.clock] = 1j * TINY
         return evaluate(expressions, ahead).imag / TINY
 
     def _hidden(self, velocity):
         of = dict(zip(self.system.q, velocity, strict=True))
+        if self.system.clock is not None:
+            of[self.system.clock] = sp.S.One
         return [sp.Add(*(derivative(g, x) * v for x, v in of.items() if x in g.free_symbols))
                 for g in self.system.constraints]
 

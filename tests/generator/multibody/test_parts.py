@@ -38,17 +38,6 @@ steps = 10
 """
 
 
-@pytest.mark.slow  # the digits of others; the system is compared with the catalogue's below
-def test_a_point_on_a_rod_is_the_spherical_pendulum():
-    """Three coordinates, one constraint; the digits are those of mpmath (pydykit's problem)."""
-    model = spherical().model()
-    assert (model.system.n, model.system.m) == (3, 1)
-    run = gs.stepper("G-L", 4, system=model).integrate(
-        model.q0, model.p0, dt=0.01, steps=1000, parameters=model.parameters)
-    exact = [0.218611338000210502, 0.046728350139105571, -0.974692538286322818]
-    assert np.abs(run.q[-1] - exact).max() < 2e-13
-
-
 def test_files_have_points_and_rotors():
     model = parse_model(SPHERICAL, "bob.toml")
     made = spherical().model()

@@ -249,36 +249,6 @@ def test_velocities_of_a_hamiltonian_system_are_refused(gl3):
         gl3.momenta([1, 0, 0, 0], [0, 0, 0, 0], parameters={})
 
 
-# ---------------------------------------------------------------- Andrews' mechanism
-
-#: At t = 0.03 s, by mpmath with 32 digits, 240 and 340 steps of another method.
-ANDREWS = {
-    "beta": (15.8107711951537071, 1139.920302259106064),
-    "theta": (-15.75637105841183947, -1424.379295177540073),
-    "gamma": (0.04082224011964580486, 11.03291191061859375),
-    "phi": (-0.5347301163420795938, 19.29337410503204083),
-    "delta": (0.5244099658799540694, 0.5735699148295024538),
-    "omega": (0.5347301163420795938, -19.29337410503204083),
-    "epsilon": (1.048080741041937873, 0.323179149249130875),
-}
-
-
-@pytest.mark.slow  # a second and a half; test_mechanisms has a quick one
-def test_andrews_mechanism_is_its_lagrangian_typed_in():
-    path = ROOT / "examples" / "andrews.py"
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
-    made = andrews()
-    step = gs.stepper("G-L", 4, system=made["system"])
-    rest = step.momenta(made["start"], np.zeros(7), parameters=made["values"])
-    energy = step.energy(made["start"], rest, parameters=made["values"])
-    assert abs(energy - 1.4378329575321398726) < 8 * EPS
-    run = step.integrate(made["start"], rest, dt=0.03 / 400, steps=400,
-                         parameters=made["values"])
-    places, rates = np.array([ANDREWS[name] for name in run.coordinates]).T
-    np.testing.assert_allclose(run.q[-1], places, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(run.velocities[-1], rates, rtol=2e-12)
-
-
 # ---------------------------------------------------------------- what is not made of it
 
 

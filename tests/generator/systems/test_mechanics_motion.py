@@ -1,6 +1,6 @@
 """Accelerations of systems of sympy.physics.mechanics against those of ``form_eoms``.
 
-Ten systems with bases that move, joints of all kinds, actuators, and loads of every kind.
+Nine systems with bases that move, joints of all kinds, actuators, and loads of every kind.
 """
 
 from __future__ import annotations
@@ -43,22 +43,6 @@ def body(name):
     """A body with three different moments."""
     A, P = me.ReferenceFrame(f"A_{name}"), me.Point(f"P_{name}")
     return me.RigidBody(name, P, A, M, (me.inertia(A, I, 2 * I, sp.Rational(5, 2) * I), P))
-
-
-def cart():
-    """A cart with a pendulum: gravity, a spring and a damper to the ground, a torque in the pin."""
-    system, N, O, earth = ground()  # noqa: E741
-    wagon, bob = body("wagon"), body("bob")
-    slide = me.PrismaticJoint("slide", earth, wagon, *number(1), joint_axis=N.x)
-    pin = me.PinJoint("pin", wagon, bob, *number(2), child_point=LENGTH * bob.frame.y,
-                      joint_axis=wagon.frame.z)
-    system.add_joints(slide, pin)
-    side = O.locatenew("side", -2 * N.x)
-    path = me.LinearPathway(side, wagon.masscenter)
-    system.add_actuators(me.LinearSpring(K, path, LENGTH), me.LinearDamper(C, path),
-                         me.TorqueActuator.at_pin_joint(-C * pin.speeds[0], pin))
-    system.apply_uniform_gravity(-G * N.y)
-    return system
 
 
 def bead_on_a_bar_on_a_moving_base():
@@ -194,7 +178,7 @@ def moved_load():
     return system
 
 
-SYSTEMS = (cart, bead_on_a_bar_on_a_moving_base, slide_on_a_turning_base,
+SYSTEMS = (bead_on_a_bar_on_a_moving_base, slide_on_a_turning_base,
            on_a_moving_base_with_the_axes_of_space, drum, plate, ball, two_arms, potential,
            moved_load)
 

@@ -105,17 +105,6 @@ def test_system_without_constraints_has_empty_constraint_parts():
 # ---------------------------------------------------------------- derivatives
 
 
-def test_derivatives_of_a_generic_H_are_those_of_sympy_by_another_order():
-    made = generic()
-    for i in range(3):
-        assert sp.expand(made.H_q[i] - sp.Derivative(made.H, q[i]).doit()) == 0
-        assert sp.expand(made.H_p[i] - sp.Derivative(made.H, p[i]).doit()) == 0
-        for j in range(3):  # the second derivative taken first
-            assert sp.simplify(made.H_qq[i][j] - sp.diff(made.H, q[j], q[i])) == 0
-            assert sp.simplify(made.H_pp[i][j] - sp.diff(made.H, p[j], p[i])) == 0
-            assert sp.simplify(made.H_pq[i][j] - sp.diff(made.H, q[j], p[i])) == 0
-
-
 def test_derivatives_of_a_generic_H_are_those_of_the_complex_step():
     made = generic()
     draw = random.Random(7)

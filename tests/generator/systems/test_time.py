@@ -1,7 +1,5 @@
 """Time in H and in constraints: driven systems, each against the same with time as a coordinate.
 
-    car axis     the IVP test set's, n = 4, m = 2: digits of a run of another length, 1e-17
-
 The second way to every number is H + p_τ with the coordinate τ: q and p are those of the direct
 way, and W = −(p_τ − p_τ(0)).
 """
@@ -20,7 +18,6 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
 from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.spec import Spec
-from processes import ROOT
 from strategies import EPS
 from systems import case, start, stepper
 
@@ -47,30 +44,6 @@ def as_coordinate(system):
                      system.H.xreplace(there) + p_tau,
                      [g.xreplace(there) for g in system.constraints], inputs=system.inputs,
                      forces=[*forces, 0] if forces else (), name=system.name + "_tau")
-
-
-# ---------------------------------------------------------------- digits of others
-
-CAR_AXIS = {  # at t = 3, [ours, 900 and 1200 steps]
-    "q": [0.049345578427524092132, 0.49698946023000810676, 1.0417425248854261152,
-          0.37391102726536581936],
-    "v": [-0.077058368403592084284, 0.0074468665920684164914, 0.01755681575354173663,
-          0.77034104377960106312],
-    "lambda": [0.0047368865908533265153, 0.0011046803312595658399],
-}
-
-
-@pytest.mark.slow  # a published table; time in constraints is compared below
-def test_car_axis_has_the_digits_of_the_test_set():
-    step = gs.stepper("G-L", 5, system=ROOT / "examples" / "car_axis.toml")
-    run = step.integrate([0, 0.5, 1, 0.5], [-2.5e-4, 0, -2.5e-4, 0], dt=0.003, steps=1000,
-                         parameters={})
-    assert np.abs(run.q[-1] - CAR_AXIS["q"]).max() < 1e-14
-    assert np.abs(run.p[-1] * 2000 - CAR_AXIS["v"]).max() < 1e-12
-    last = run.multipliers.reshape(1000, -1, 2)[-1, -1]
-    assert np.abs(last - CAR_AXIS["lambda"]).max() < 1e-11
-    assert run.report.constraint_max <= 8 * EPS
-    assert run.report.energy_error_max < 1e-15
 
 
 # ---------------------------------------------------------------- the second way
