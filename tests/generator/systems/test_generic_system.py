@@ -37,10 +37,9 @@ def largest(x):
     return float(np.abs(x).max(initial=0.0))
 
 
-#: Each method with two systems, each system with both kinds of methods.
-PAIRS = [("runner", "IMS", None), ("runner", "EMS", None), ("runner", "G-L", 2),
-         ("runner", "LIIIA-B", 3), ("pendulum", "EMS", None), ("pendulum", "G-L", 2),
-         ("oscillator", "EMS", None), ("oscillator", "G-L", 2)]
+#: Each method, and each system with one.
+PAIRS = [("runner", "IMS", None), ("runner", "EMS", None), ("runner", "LIIIA-B", 3),
+         ("pendulum", "G-L", 2), ("oscillator", "EMS", None)]
 pairs = pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 
 
@@ -151,11 +150,10 @@ def test_redundant_constraints_fail_clearly(dt):
         assert len(failure.trajectory.multipliers) == 0
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("EMS", None), ("G-L", 2)])
 @pytest.mark.parametrize("masses", [(1e-4, 1e-5), (1e3, 1e4), (1e-3, 1.0)])
-def test_consistency_is_checked_in_any_units(scheme, stages, masses):
+def test_consistency_is_checked_in_any_units(masses):
     """What ``project`` returns is a start, whatever the size of the masses."""
-    step, rng = stepper_for("pendulum", scheme, stages), np.random.default_rng(43)
+    step, rng = stepper_for("pendulum", "G-L", 2), np.random.default_rng(43)
     m1, m2 = masses
     parameters = EXAMPLES["pendulum"].parameters | {"m1": m1, "m2": m2}
     for _ in range(10):
@@ -164,7 +162,7 @@ def test_consistency_is_checked_in_any_units(scheme, stages, masses):
         step.step(*step.project(q, p, parameters=parameters), dt=1e-3, parameters=parameters)
 
 
-@pytest.mark.parametrize(("name", "scheme"), [("runner", "IMS"), ("pendulum", "EMS")])
+@pytest.mark.parametrize(("name", "scheme"), [("runner", "IMS"), ("runner", "EMS")])
 def test_states_of_ims_and_ems_are_starts(name, scheme):
     """Every state of a run is accepted as a start, and goes on as the run did."""
     step, example = stepper_for(name, scheme, None), EXAMPLES[name]

@@ -49,10 +49,10 @@ def as_coordinate(system):
 # ---------------------------------------------------------------- the second way
 
 
-@pytest.mark.parametrize(("name", "scheme"), [("breathing", "EMS"), ("driven_pendulum", "G-L")])
-def test_time_as_a_coordinate_gives_the_same(name, scheme):
-    step, entry = stepper(name, scheme), case(name)
-    other = gs.stepper(scheme, 2 if scheme == "G-L" else None, system=as_coordinate(entry.system))
+def test_time_as_a_coordinate_gives_the_same():
+    name = "driven_pendulum"
+    step, entry = stepper(name), case(name)
+    other = gs.stepper("G-L", 2, system=as_coordinate(entry.system))
     q, p = start(name, step)
     what = {"dt": entry.dt, "steps": 40, "parameters": entry.parameters}
     n, p_tau = len(q), 0.0
