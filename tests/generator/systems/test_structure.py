@@ -126,7 +126,7 @@ def test_forms_without_constraints_have_inputs():
 
 @pytest.mark.parametrize("links", [2, 5])
 def test_forms_of_a_chain(links):
-    """Rotation, translation across and along gravity; norm, first joint and inner joint: whatever the length."""
+    """Rotation, translation across and along gravity; norm, first, inner joint: at any length."""
     structure = Structure(hoisted(chain(links))[0])
     assert [len(form.instances) for form in structure.templates] == [
         links, 2 * links, links]
