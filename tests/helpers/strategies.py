@@ -32,13 +32,6 @@ SPARK_SPECS = tuple(spec for spec in PAPER_SPECS if spec.stages)
 MEAN_SPECS = tuple(spec for spec in PAPER_SPECS if not spec.stages)
 
 
-def usual(specs: Iterable[Spec]) -> list[Any]:
-    """Return specs to run a test with: γ and α in turn; a number of stages again is a slow test."""
-    return [pytest.param(spec, marks=[pytest.mark.slow] * (
-        bool(spec.stages) and (spec.rep == "gamma") != (
-            (spec.stages + (spec.scheme == "LIIIA-B")) % 2 == 1))) for spec in specs]
-
-
 def few(specs: Iterable[Spec]) -> list[Any]:
     """Return specs to run a test with: each scheme once, in both parametrisations; else slow."""
     return [pytest.param(spec, marks=[pytest.mark.slow] * (spec not in _FEW)) for spec in specs]
