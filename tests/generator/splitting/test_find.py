@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import sympy as sp
 
@@ -106,6 +108,15 @@ def test_gyrostats():
     rates = {axis.axis: axis.c for axis in (*body.axes, *body.further)}
     assert [str(rates[e]) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))] == ["c1", "c2", "c3"]
     assert not body.symmetric_if
+
+
+def test_a_symmetric_gyrostat_turns_across_its_axis_too():
+    system = SYSTEMS["gyrostat"][0]
+    (body,) = split(replace(system, H=system.H.subs(I2, I1))).bodies
+    axis, across = (*body.axes, *body.further)
+    assert (axis.axis, str(axis.c)) == ((0, 0, 1), "c3")
+    assert [str(sp.simplify(across.c * e)) for e in across.axis] == ["c1", "c2", "0"]
+    assert across.d == 0
 
 
 def test_frames_are_rotations_of_space():
