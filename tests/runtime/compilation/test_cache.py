@@ -320,23 +320,6 @@ def test_killed_builds_leave_nothing_that_is_loaded(kills, own_cache, quick):
     assert len(kept(own_cache)) == 1
 
 
-@pytest.mark.slow  # processes that are killed
-def test_killed_derivation_leaves_nothing(own_cache, quick):
-    """The same for generated sources: a stepper that is not checked in."""
-    code = BUILD.replace('"IMS"', '"IMS", real="float"').replace(
-        "top.q0, top.p0", "*step.project(top.q0, top.p0, parameters=parameters)")
-    for pause in (0.3, 0.8, 1.5):
-        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE,
-                                   stderr=subprocess.PIPE, start_new_session=True,
-                                   env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick,
-                                                   TMPDIR=str(own_cache.parent)))
-        time.sleep(pause)
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate(timeout=PATIENCE)
-    done = call([sys.executable, "-c", code], CC=quick)
-    assert done.returncode == 0, done.stderr
-
-
 @pytest.mark.slow  # processes; test_threads_and_processes.py has threads that build one stepper
 @pytest.mark.parametrize("many", [3, 16])
 def test_many_processes_at_once(many, own_cache, quick):
@@ -418,7 +401,7 @@ def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
     assert loaded.lib.heavy_top_ims_gamma_step
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b"{}", b'{"a": 1}', b"\xff"])
+@pytest.mark.parametrize("content", [b"", b"[]", b'{"a": 1}', b"\xff"])
 def test_damaged_source_is_derived_anew(content, own_cache):
     spec = Spec("IMS", real="float")
     own_cache.mkdir()

@@ -27,7 +27,7 @@ def top():
 def test_a_gradient_is_the_same_however_it_is_computed(top):
     """Checkpoints have the bits; running backwards has them but for round-off; so have tangents."""
     step, problem, parameters = top
-    arguments = {"dt": 1e-3, "steps": 300, "every": 7, "parameters": parameters}  # 300 is no 7 k
+    arguments = {"dt": 1e-3, "steps": 300, "every": 7, "parameters": parameters}
     run = step.integrate(problem.q0, problem.p0, **arguments,
                          tangents=gs.Tangents("all", ["I3", "mgl"], dt=True))
     plain = step.integrate(problem.q0, problem.p0, **arguments)
