@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import sympy as sp
 
 import gyrospark as gs
@@ -68,6 +67,8 @@ def cast(base: np.ndarray, dtype: str) -> Any:
 
 def odd(choices: Choices) -> Any:
     """Return anything that is no array of numbers, or a number of an odd kind."""
+    import pandas as pd
+
     return choices.pick((
         None, "abc", b"", {}, {1: 2}, set(), object(), 1, 1.5, True, math.nan, 10**400,
         fractions.Fraction(1, 3), decimal.Decimal("0.1"), np.float32(1), np.int64(3), np.bool_(1),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import decimal
 import fractions
+import importlib
 import inspect
 import math
 from collections.abc import Callable, Iterator
@@ -18,27 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import sympy as sp
-import sympy.physics.mechanics as me
 
 import gyrospark as gs
 import systems
 from calls import PARAMETERS, TOP
-
-WRONG: dict[str, Any] = {
-    "text": "abc", "empty text": "", "bytes": b"ab", "none": None, "function": lambda *a: None,
-    "texts": ["a", "b"], "nan": math.nan, "inf": math.inf, "complex": 1j, "huge": 10**400,
-    "bool": True, "minus": -1, "zero": 0, "half": 0.5, "block": np.zeros((2, 3, 4)),
-    "empty": [], "dict": {}, "other dict": {1: object()}, "set": {1.0, 2.0}, "object": object(),
-    "class": float, "symbol": sp.Symbol("x"), "pi": sp.pi, "matrix": sp.eye(2),
-    "fraction": fractions.Fraction(1, 3), "decimal": decimal.Decimal("NaN"),
-    "ragged": [[1.0], [1.0, 2.0]], "strings": np.array(["a", "b", "c", "d"]),
-    "complexes": np.array([1j, 2, 3, 4]), "nones": [None] * 4, "bools": [True] * 4,
-    "series": pd.Series([1.0, 2.0]), "frame": pd.DataFrame({"a": [1.0]}),
-    "date": np.datetime64("2020-01-01"), "generator": (x for x in ()), "path": Path("nowhere"),
-    "surrogate": "\ud800", "nul": "a\0b", "long": "x" * 1000,
-}
 
 
 class Later:
@@ -57,6 +42,22 @@ class Later:
 def resolve(thing: Any) -> Any:
     """Return an object, built now if it was to be built later."""
     return thing._make() if isinstance(thing, Later) else thing
+
+
+WRONG: dict[str, Any] = {
+    "text": "abc", "empty text": "", "bytes": b"ab", "none": None, "function": lambda *a: None,
+    "texts": ["a", "b"], "nan": math.nan, "inf": math.inf, "complex": 1j, "huge": 10**400,
+    "bool": True, "minus": -1, "zero": 0, "half": 0.5, "block": np.zeros((2, 3, 4)),
+    "empty": [], "dict": {}, "other dict": {1: object()}, "set": {1.0, 2.0}, "object": object(),
+    "class": float, "symbol": sp.Symbol("x"), "pi": sp.pi, "matrix": sp.eye(2),
+    "fraction": fractions.Fraction(1, 3), "decimal": decimal.Decimal("NaN"),
+    "ragged": [[1.0], [1.0, 2.0]], "strings": np.array(["a", "b", "c", "d"]),
+    "complexes": np.array([1j, 2, 3, 4]), "nones": [None] * 4, "bools": [True] * 4,
+    "series": Later(lambda: importlib.import_module("pandas").Series([1.0, 2.0])),
+    "frame": Later(lambda: importlib.import_module("pandas").DataFrame({"a": [1.0]})),
+    "date": np.datetime64("2020-01-01"), "generator": (x for x in ()), "path": Path("nowhere"),
+    "surrogate": "\ud800", "nul": "a\0b", "long": "x" * 1000,
+}
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Call:
         """Make the call with one wrong argument; return how it ended."""
         function, arguments = self.make()
         try:
-            function(**arguments | {argument: WRONG[wrong]})
+            function(**arguments | {argument: resolve(WRONG[wrong])})
         except gs.GyrosparkError as error:
             text = str(error)
             assert text.rstrip().endswith((".", ")", "]", "?")) or "\n" in text, text
@@ -340,8 +341,10 @@ def model_calls() -> Iterator[Call]:
     yield Call("Model", model)
 
 
-def free_particle() -> me.LagrangesMethod:
+def free_particle() -> Any:
     """Return the method of a particle on a line."""
+    import sympy.physics.mechanics as me
+
     x = me.dynamicsymbols("x")
     return me.LagrangesMethod(x.diff(me.dynamicsymbols._t) ** 2, [x])
 

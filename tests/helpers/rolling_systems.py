@@ -184,8 +184,3 @@ def transmission() -> System:
     H = sum(e**2 for e in p) / 2 + (x**2 + y**2) / 2 - sp.cos(s) + k * sp.sin(2 * s)
     return System((x, y, s), p, (k,), H, name="transmission", velocities=v,
                   velocity_constraints=(vy - sp.sin(s) * vx,))
-
-
-def transmission_state(k, speed=2.6):
-    """Return a start in which the pendulum turns over."""
-    return np.array([1.0, 0.3, 0.0]), np.array([0.4, 0.0, speed])
