@@ -10,6 +10,7 @@ from ..schemes.derivative_kernels import (
     derivative_kernels,
     flow_transposes,
     quantity_derivatives,
+    quantity_rates,
     switch_kernel,
     time_columns,
 )
@@ -67,16 +68,19 @@ def derivatives_of(
         known = {k.name for k in iteration.kernels}
         lanes = [emit_kernel(k, derived.constants, real, Target.lanes({}))
                  for k in of_linearisation if f"lanes_{k.name}" not in known]
-        used = {"hidden_derivative", "constraint_by_constants"}  # of one state
+        used = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative",
+                *({"rates_by_constants"} if system.is_time_dependent else ())}  # of one state
         kernels = [k for k in kernels if k.name in used]
     quantities = quantity_derivatives(system)
     if quantities is not None:
         kernels.append(emit_kernel(quantities, Constants(system.parameters), real,
                                    Target(real.c_type, "parameters_t", "")))
+    rates = quantity_rates(system) if derived.profile == "full" else None
     switches = switch_kernel(system)
-    if switches is not None:
-        kernels.append(emit_kernel(switches, Constants(system.parameters), real,
-                                   Target(real.c_type, "parameters_t", "")))
+    for kernel in (rates, switches):
+        if kernel is not None:
+            kernels.append(emit_kernel(kernel, Constants(system.parameters), real,
+                                       Target(real.c_type, "parameters_t", "")))
     called = [*kernels, *(k["scalar"] for part in parts for k in part["own"])]
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
                        | {START: f"par->{system.time}"})
@@ -98,6 +102,7 @@ def derivatives_of(
         parts=parts,
         lanes=lanes,
         quantities=quantities is not None,
+        quantity_rates=rates is not None,
         duals=duals,
         second=derived.second,
         switches=0 if switches is None else len(switches.outputs["w"]),

@@ -337,8 +337,9 @@ class Derivatives:
     parts: list[dict[str, Any]]
     #: Kernels on lanes, where as many steps are linearised at once as there are lanes.
     lanes: list[EmittedKernel]
-    #: Whether there is a kernel of the derivatives of quantities.
+    #: Whether there is a kernel of the derivatives of quantities, and one of their rates.
     quantities: bool
+    quantity_rates: bool
     #: Kernels on dual numbers, for second derivatives, and for tangents where ``flows`` is not on
     #: lanes.
     duals: DualKernels | None

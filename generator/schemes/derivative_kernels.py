@@ -26,7 +26,7 @@ from .step_equations import MeanScheme, SparkScheme
 from .system_differences import TIME_STEP, time_input, vector
 
 __all__ = ["by_each", "derivative_kernels", "flow_transposes", "quantity_derivatives",
-           "time_columns"]
+           "quantity_rates", "time_columns"]
 
 Rows = list[list[sp.Expr]]
 
@@ -120,6 +120,22 @@ def quantity_derivatives(system: System) -> Kernel | None:
     return Kernel("quantity_derivatives", "derivatives of quantities by q, p, parameters and time",
                   {**given, "q": list(system.q), "p": list(system.p)},
                   {"rows": by_each(expressions, columns)})
+
+
+def quantity_rates(system: System) -> Kernel | None:
+    """Return the kernel of Σ ∂(quantity)/∂x dx over q, p and the time; None without quantities."""
+    if not system.quantities:
+        return None
+    dq, dp, (dt,) = vector("dq", system.n), vector("dp", system.n), vector("dt", 1)
+    step = dict(zip([*system.q, *system.p], [*dq, *dp], strict=True))
+    given: dict[str, Any] = {}
+    if system.time is not None:
+        step[system.time], given = dt, {"t": [system.time]}
+    rates = [sp.Add(*(derivative(e, x) * step[x] for x in step if e.has(x)))
+             for e in system.quantities.values()]
+    return Kernel("quantity_rates", "derivatives of quantities along (dq, dp, dt)",
+                  {**given, "q": list(system.q), "p": list(system.p), "dq": dq, "dp": dp,
+                   "dt": [dt]}, {"rates": rates})
 
 
 def switch_kernel(system: System) -> Kernel | None:

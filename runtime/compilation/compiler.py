@@ -235,7 +235,7 @@ def compile_module(
         running.append(_start([*compile_, *own, "-c", f"{made.name}/{name}.c", "-o",
                                f"{made.name}.o"], folder))
         linked.append(f"{made.name}.o")
-    everything = is_whole() and part not in ("derivatives", "second")
+    everything = is_whole() and part not in ("derivatives", "second", "motion")
     header = files[f"{name}.h"]
     header = header if everything or part == "newton" else declarations_of(name, header, part)
     if part == "newton":

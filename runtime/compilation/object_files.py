@@ -2,7 +2,7 @@
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
 side, on lanes, in another one that is made when they are first asked for, and so are tangents and
-adjoints, and second derivatives, whose texts have more kernels. Newton's method is a library of its
+adjoints, second derivatives, and accelerations, whose texts have more kernels. Newton's method is a library of its
 own, ``newton_library``, unless its steps need it in any case. Each module is linked of
 objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
 iteration, and for one trajectory beside what its run is set up with and learns. An object defines
@@ -42,7 +42,7 @@ __all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Object", "Part", "declaratio
            "with_inline_functions"]
 
 #: Which of the modules.
-Part = Literal["runs", "lanes", "newton", "derivatives", "second"]
+Part = Literal["runs", "lanes", "newton", "derivatives", "second", "motion"]
 
 #: Of both modules: how many trajectories lie side by side, and the size of work memory.
 _BOTH = {"lanes", "work_size"}
@@ -58,7 +58,9 @@ _NEWTON = {"T1", "T2", "guess", "residual", "jacobian", "increment_size", "satis
 #: Of the modules that are made when they are first asked for, whose text is their own.
 _LATER: dict[Part, set[str]] = {
     "derivatives": _DERIVATIVES,
-    "second": {"second_size", "integrate_second", "constraint_second", *_BOTH}}
+    "second": {"second_size", "integrate_second", "constraint_second", *_BOTH},
+    "motion": {"derivative_size", "accelerations", "inverse_mass", "constraint_derivatives",
+               "quantity_rates", *_BOTH}}
 #: The kernels of an object by its number: Newton's on numbers, the fixed-point iteration's on
 #: lanes.
 _CHECKS: dict[int, tuple[Kind, ...]] = {
@@ -96,7 +98,7 @@ def objects_of(
     if part in _LATER:
         only = _only(name, header, _LATER[part])
         return [Object(part, with_inline_functions(only) if whole else only, _FLAGS,
-                       seldom=part == "second", sparse=whole)]
+                       seldom=part != "derivatives", sparse=whole)]
     if not _has_lanes(name, header):
         return [Object("whole", header, checks=("numbers",))]
     if whole:

@@ -8,5 +8,6 @@
     tangent_run         tangents along a run
     gradient            gradients of functions of a run
     second_order        Hessians of functions of a run, and the module for them
+    motion              accelerations of states and mass matrices, and the module for them
     value_and_gradient  a function of a vector with its gradient, for optimisers
 """

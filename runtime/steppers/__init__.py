@@ -3,6 +3,7 @@
     stepper          a compiled stepper, the class of the contract
     evaluation       energy, constraints and the equations of a step at a state
     differentiation  derivatives of a step and of functions of a run
+    dynamics         accelerations, inverse dynamics, mass matrices
     run_defaults     parameters and start of a model, for its runs
     simulation       a trajectory that is held between calls
     ensemble         many trajectories on threads

@@ -94,19 +94,23 @@ class Differentiation(Evaluation):
         """Calls of tangents and adjoints, derived and compiled when first called."""
         with self._deriving:
             if not self._derivative_binding:
-                if self._derive is None:
-                    raise InputError(
-                        f"Stepper {self.name} was read from a file, or sent to this process before "
-                        "its derivatives were first used; make it with gyrospark.stepper(...).")
-                files = self._derive.files()
-                own = self._bound(load_module(self.name, files, "derivatives"))
-                self._derive = Derive(partial(dict, files), portable=True, known=True,
-                                      further=self._derive.of_others)
+                own = self._bound(load_module(self.name, self._derivative_files(), "derivatives"))
                 quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_binding.append(kind(
                     own, self.binding, self.manifest["scheme"]["keeps_momentum_constraint"]))
         return self._derivative_binding[0]
+
+    def _derivative_files(self) -> dict[str, str]:
+        """Return the files with derivatives, which are kept."""
+        if self._derive is None:
+            raise InputError(
+                f"Stepper {self.name} was read from a file, or sent to this process before "
+                "its derivatives were first used; make it with gyrospark.stepper(...).")
+        files = self._derive.files()
+        self._derive = Derive(partial(dict, files), portable=True, known=True,
+                              further=self._derive.of_others)
+        return files
 
     def second_binding(self) -> SecondBinding:
         """Calls of derivatives of adjoints, derived and compiled when first called."""

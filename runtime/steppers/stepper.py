@@ -47,7 +47,8 @@ from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
 from ..tuning.frame_choice import choose_parameters
 from ..tuning.step_choice import step_choice
-from .differentiation import Derive, Differentiation
+from .differentiation import Derive
+from .dynamics import Dynamics
 from .ensemble import Ensemble, integrate_members
 from .simulation import ContinuedStep, Simulation
 
@@ -60,7 +61,7 @@ _LONGEST = 300
 
 
 @explain_arguments
-class Stepper(Differentiation):
+class Stepper(Dynamics):
     """A stepper compiled from generated C.
 
     Make one with ``gyrospark.stepper(...)``. Instances may be used from many threads at once; all

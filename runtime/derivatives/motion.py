@@ -1,0 +1,340 @@
+"""Accelerations of states, inverse dynamics and mass matrices: exact, by one linear solve.
+
+    q̇ = v = H_p,   ṗ = F − H_q − g_qᵀ λ,   W λ = d/dt (g_q H_p + g_t) at λ = 0,   W = g_q H_pp g_qᵀ
+    q̈ = H_pq v + H_pp ṗ + H_pt
+
+Rates y = C(q) v of joints and bodies have the accelerations ÿ = C q̈ + (dC/dt) v, and forces τ on
+them add Cᵀτ to ṗ, so that on the constraints
+
+    ÿ(τ) = ÿ(0) + M⁻¹ τ,   M⁻¹ = C H_pp Cᵀ − C H_pp g_qᵀ W⁻¹ g_q H_pp Cᵀ
+
+with M the mass matrix of the joints. (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 8;
+Hairer-Lubich-Wanner, VII.1.2)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import shown, unknown
+from ...core.calls import explain_arguments
+from ...core.errors import InputError
+from ..bindings.array_checks import as_numbers
+from ..bindings.binding import REASONS, Binding
+from ..bindings.real_numbers import aligned
+from ..compilation.body_columns import bodies_of, joints_of, numbers
+from ..rigid_body.quaternion import rotation_matrix
+
+__all__ = ["Accelerations", "Kinematics", "MotionBinding", "StateMotion", "joint_inertia"]
+
+Array = NDArray[Any]
+
+#: Condition of a scaled inverse mass matrix beyond which its rates depend on each other.
+_DEPENDENT = 1e12
+_KINDS = ("rate", "speed")
+
+
+class MotionBinding:
+    """Calls into the module of accelerations."""
+
+    def __init__(self, own: Binding, manifest: Mapping[str, Any]) -> None:
+        self.own = own
+        #: Where bodies and joints are, and which joints slide without turning.
+        self.bodies, self.joints = bodies_of(manifest), joints_of(manifest)
+        self.slides = {name for name, joint in manifest["system"].get("joints", {}).items()
+                       if f"{name}: turn" in joint["constraints"]}
+        self._size = int(own.function("derivative_size")())
+
+    def _memory(self) -> tuple[Any, Any]:
+        keep = aligned(self._size)
+        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(keep)), keep
+
+    def accelerations(self, parameters: Any, q: Array, p: Array) -> tuple[int, list[Array]]:
+        """Return the status, and v, ṗ, q̈ and λ of a state."""
+        own, (memory, _keep) = self.own, self._memory()
+        found = [own.new(own.n), own.new(own.n), own.new(own.n), own.new(own.m)]
+        status = own.function("accelerations")(
+            parameters, own.pointer(q), own.pointer(p), *map(own.pointer, found), memory)
+        return int(status), found
+
+    def inverse_mass(self, parameters: Any, q: Array, p: Array) -> Array:
+        """Return H_pp of a state, in doubles."""
+        own, (memory, _keep) = self.own, self._memory()
+        found = own.new(own.n, own.n)
+        own.function("inverse_mass")(parameters, own.pointer(q), own.pointer(p),
+                                     own.pointer(found), memory)
+        return found.astype(float)
+
+    def constraint_jacobian(self, parameters: Any, q: Array, p: Array) -> Array:
+        """Return g_q of a state, in doubles."""
+        own, (memory, _keep) = self.own, self._memory()
+        g, f = (own.new(own.m, 2 * own.n + len(own.parameter_names) + 2) for _ in range(2))
+        if own.m:
+            own.function("constraint_derivatives")(
+                parameters, own.pointer(q), own.pointer(p), own.pointer(g), own.pointer(f), memory)
+        return g[:, : own.n].astype(float)
+
+    def quantity_rates(
+        self, parameters: Any, t: Any, q: Array, p: Array, dq: Array, dp: Array, dt: int
+    ) -> dict[str, Any]:
+        """Return the derivative of each quantity along (dq, dp, dt)."""
+        own = self.own
+        if not own.quantity_names:
+            return {}
+        rates, time, step = own.new(len(own.quantity_names)), own.new(1), own.new(1)
+        time[0], step[0] = t, dt
+        own.function("quantity_rates")(
+            parameters, *([own.pointer(time)] if own.quantities_take_time else []),
+            *map(own.pointer, (q, p, dq, dp, step, rates)))
+        return dict(zip(own.quantity_names, rates, strict=True))
+
+
+class Kinematics:
+    """Rates of bodies and joints at one q as rows C of y = C(q) v, with (dC/dt) v."""
+
+    def __init__(self, binding: MotionBinding, parameters: Mapping[str, Any], q: Array) -> None:
+        self.bodies, self.joints, self._slides = binding.bodies, binding.joints, binding.slides
+        self._parameters, self._q = parameters, q.astype(float)
+
+    def _rotation(self, body: str) -> Array:
+        return rotation_matrix(self._q[self.bodies[body].q]) if body else np.eye(3)
+
+    def _turning(self, body: str) -> Array:
+        """Return the rows of ω in space axes, ω = 2 Im(q̇ q̄); their rates do not add to Cq̈."""
+        rows = np.zeros((3, len(self._q)))
+        if body:
+            columns = self.bodies[body].q
+            w, x, y, z = self._q[columns]
+            rows[:, columns] = 2 * np.array([[-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+        return rows
+
+    def _point(self, body: str, r: Array, v: Array) -> tuple[Array, Array]:
+        """Return the rows of the velocity of the point r of a body, and ω × (ω × R r)."""
+        rows, turning = np.zeros((3, len(self._q))), self._turning(body)
+        if not body:
+            return rows, np.zeros(3)
+        columns, arm = self.bodies[body].x, self._rotation(body) @ r
+        if columns:
+            rows[:, columns] = np.eye(3)
+        rows += np.cross(turning.T, arm).T
+        omega = turning @ v
+        return rows, np.cross(omega, np.cross(omega, arm))
+
+    def body(self, name: str, v: Array) -> tuple[Array, Array]:
+        """Return rows of a body's velocity and ω in space axes, and their drift.
+
+        Six rows of one that moves freely: the velocity is that of the origin of its axes. Three, of
+        ω, of one whose origin is held.
+        """
+        turning, still = self._turning(name), np.zeros(3)
+        if not self.bodies[name].x:
+            return turning, still
+        rows, drift = self._point(name, np.zeros(3), v)
+        return np.vstack([rows, turning]), np.concatenate([drift, still])
+
+    def joint(self, name: str, v: Array) -> tuple[Array, Array]:
+        """Return the row of a joint's rate about its axis, or of the speed along it, and its drift.
+
+        Raises
+        ------
+        InputError
+            For a joint without an axis that its bodies keep in common.
+        """
+        at = self.joints[name]
+        if not at.axis_b:
+            raise InputError(f"Joint {name!r} has no axis that its bodies keep in common, so no "
+                             "one acceleration; ask for those of its bodies.")
+        both = numbers(at.axis_a, self._parameters)
+        axis = self._rotation(at.a) @ np.cross(both[:3], both[3:])
+        carried = np.cross(self._turning(at.a) @ v, axis)
+        if name not in self._slides:
+            rows, drift = self._turning(at.b) - self._turning(at.a), np.zeros(3)
+        else:
+            ends = [self._point(body, numbers(point, self._parameters), v)
+                    for body, point in ((at.a, at.on_a), (at.b, at.on_b))]
+            rows, drift = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
+        return (axis @ rows)[None], np.array([axis @ drift + carried @ (rows @ v)])
+
+
+class StateMotion:
+    """What is evaluated at one state: its accelerations, H_pp and g_q, and rates by their names."""
+
+    def __init__(
+        self, binding: MotionBinding, values: Mapping[str, Any], t: Any, q: Array, p: Array,
+    ) -> None:
+        self._binding, self._t, self._q, self._p = binding, t, q, p
+        self._parameters = binding.own.parameters(dict(values), t)
+        self.at = Kinematics(binding, values, q)
+        status, (self.v, self.p_rate, self.acceleration, self.multipliers) = (
+            binding.accelerations(self._parameters, q, p))
+        if status:
+            raise InputError(f"The multipliers of the state q = {shown(q)} have no solution: "
+                             f"{REASONS[status]}. Its constraints depend on each other there; move "
+                             "it, or leave some out.")
+
+    def inverse_mass(self) -> Array:
+        """Return H_pp."""
+        return self._binding.inverse_mass(self._parameters, self._q, self._p)
+
+    def constraint_jacobian(self) -> Array:
+        """Return g_q."""
+        return self._binding.constraint_jacobian(self._parameters, self._q, self._p)
+
+    def quantity_rates(self) -> dict[str, Any]:
+        """Return the time derivative of each quantity."""
+        return self._along(self.v, self.p_rate, 1)
+
+    def joint(self, name: str) -> tuple[Array, Array, bool]:
+        """Return a row of the rate of a joint, its acceleration, and what the row is.
+
+        The row is C, or C H_pp where the rate is a quantity of the system: then the last is True.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, with the known ones, and a joint without an axis.
+        """
+        own = self._binding.own
+        measured = [x for x in (f"{name}_{kind}" for kind in _KINDS) if x in own.quantity_names]
+        if measured:
+            still = own.new(own.n)
+            row = []
+            for k in range(own.n):
+                unit = own.new(own.n)
+                unit[k] += 1
+                row.append(float(self._along(still, unit, 0)[measured[0]]))
+            return np.array([row]), np.array([float(self.quantity_rates()[measured[0]])]), True
+        if name not in self.at.joints:
+            raise self._unknown("joint", name, self.at.joints)
+        return *self._moving(*self.at.joint(name, self.v.astype(float))), False
+
+    def body(self, name: str) -> tuple[Array, Array, bool]:
+        """Return rows C of the rates of a body, their accelerations, and False.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, with the known ones.
+        """
+        if name not in self.at.bodies:
+            raise self._unknown("body", name, self.at.bodies)
+        return *self._moving(*self.at.body(name, self.v.astype(float))), False
+
+    def rate(self, name: str) -> tuple[Array, Array, bool]:
+        """Return what ``joint`` does, or ``body`` where only a body has the name."""
+        own = self._binding.own
+        is_joint = name in self.at.joints or any(
+            f"{name}_{kind}" in own.quantity_names for kind in _KINDS)
+        return self.body(name) if name in self.at.bodies and not is_joint else self.joint(name)
+
+    def _moving(self, rows: Array, drift: Array) -> tuple[Array, Array]:
+        return rows, rows @ self.acceleration.astype(float) + drift
+
+    def _unknown(self, what: str, name: str, known: Mapping[str, Any]) -> InputError:
+        names = [x[: -len(kind) - 1] for x in self._binding.own.quantity_names for kind in _KINDS
+                 if x.endswith(f"_{kind}")] if what == "joint" else []
+        names = [*dict.fromkeys([*names, *known])]
+        if names:
+            return unknown(what, name, names)
+        return InputError(f"The system has no {what} {shown(name)}, nor any other; use the "
+                          "accelerations of its coordinates, .q.")
+
+    def _along(self, dq: Array, dp: Array, dt: int) -> dict[str, Any]:
+        return self._binding.quantity_rates(self._parameters, self._t, self._q, self._p, dq, dp, dt)
+
+
+def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, list[Array]]:
+    """Return the mass matrix of the rates of joints and bodies, and the accelerations of each.
+
+    Raises
+    ------
+    InputError
+        For unknown names, and for rates that depend on each other.
+    """
+    H_pp, G = motion.inverse_mass(), motion.constraint_jacobian()
+    parts = [motion.rate(name) for name in names]
+    C = np.vstack([_solve(H_pp, rows.T, names).T if is_momentum else rows
+                   for rows, _, is_momentum in parts])
+    to_p = C @ H_pp
+    held = to_p @ G.T
+    mobility = to_p @ C.T
+    if len(G):
+        mobility = mobility - held @ _solve(G @ H_pp @ G.T, held.T, names)
+    scale = np.sqrt(np.abs(np.diag(to_p @ C.T)))
+    scaled = mobility / np.outer(scale, scale)
+    if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _DEPENDENT:
+        raise InputError(f"The rates of {', '.join(names)} depend on each other on the constraints, "
+                         "so that no force on them follows from accelerations; leave one out.")
+    mass = np.linalg.inv(scaled) / np.outer(scale, scale)
+    return (mass + mass.T) / 2, [accelerations for _, accelerations, _ in parts]
+
+
+def _solve(A: Array, b: Array, names: Sequence[str]) -> Array:
+    try:
+        x: Array = np.linalg.solve(A, b)
+    except np.linalg.LinAlgError:
+        raise InputError(f"The mass matrix of {', '.join(names)} does not exist: H_pp or "
+                         "g_q H_pp g_qᵀ is singular at this state.") from None
+    return x
+
+
+@explain_arguments
+@dataclass(frozen=True, eq=False, repr=False)
+class Accelerations:
+    """Accelerations of states; made by ``Stepper.accelerations``. Leading axes are those of q.
+
+    Attributes
+    ----------
+    q : array, shape (..., n)
+        d²q/dt² of the coordinates.
+    p : array, shape (..., n)
+        dp/dt of the momenta, with the forces of the constraints.
+    velocities : array, shape (..., n)
+        dq/dt.
+    multipliers : array, shape (..., m)
+        λ in dp/dt = F − H_q − g_qᵀ λ.
+    quantities : dict of str to array, shape (...)
+        The time derivative of each quantity of the system.
+    """
+
+    q: Array
+    p: Array
+    velocities: Array
+    multipliers: Array
+    quantities: dict[str, Array]
+    _states: tuple[StateMotion, ...]
+
+    def __repr__(self) -> str:
+        return f"<Accelerations of {len(self._states):,} states, {self.q.shape[-1]} coordinates>"
+
+    def joint(self, name: str) -> Array:
+        """Return d²θ/dt² of a hinge in rad/s², or d²s/dt² of a slide in m/s², shape (...).
+
+        Raises
+        ------
+        InputError
+            For an unknown name, and a joint that has neither angle nor travel.
+        """
+        return self._stacked([motion.joint(name)[1] for motion in self._states], 1)[..., 0]
+
+    def body(self, name: str) -> tuple[Array, Array]:
+        """Return the acceleration of a body's origin and dω/dt, in space axes, shapes (..., 3).
+
+        The origin is the centre of mass of a body that moves freely; held, it has none: zeros.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, with the known ones.
+        """
+        rows = self._stacked([motion.body(name)[1] for motion in self._states], 6)
+        turning = rows[..., -3:]
+        return (rows[..., :3] if rows.shape[-1] == 6 else 0 * turning), turning
+
+    def _stacked(self, rows: list[Array], width: int) -> Array:
+        return np.array(rows).reshape(*self.q.shape[:-1], len(rows[0]) if rows else width)

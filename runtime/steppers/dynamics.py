@@ -1,0 +1,267 @@
+"""Accelerations, inverse dynamics and mass matrices of a stepper's system at states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import as_items, as_mapping, as_text, few, shown, unknown
+from ...core.errors import InputError
+from ...core.exact_numbers import Number
+from ...core.frozen_dict import NO_PARAMETERS
+from ..bindings.array_checks import as_numbers
+from ..compilation.stepper_module import load_module
+from ..derivatives.motion import Accelerations, MotionBinding, StateMotion, joint_inertia
+from .differentiation import Differentiation
+
+__all__ = ["Dynamics"]
+
+Array = NDArray[Any]
+
+#: |G δq̈| beyond this share of |G| |δq̈| leaves the constraints; ÿ off its target by this share was
+#: not reached.
+_OFF = 1e-9
+
+
+class Dynamics(Differentiation):
+    """What ``Stepper`` offers of forces and accelerations; its module is compiled when first used.
+    """
+
+    _motion: MotionBinding | None = None
+
+    def accelerations(
+        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
+        t: Number | ArrayLike = 0.0,
+    ) -> Accelerations:
+        """Return d²q/dt², dp/dt and the multipliers of states on the constraints.
+
+            q̇ = H_p,   ṗ = F − H_q − g_qᵀ λ,   d/dt (g_q H_p + g_t) = 0,
+            q̈ = H_pq q̇ + H_pp ṗ + H_pt
+
+        exact but for rounding: there are no differences in it. ``.joint(name)`` is the acceleration
+        of a hinge or a slide, ``.body(name)`` that of a body and the rate of its angular velocity,
+        ``.quantities[name]`` the rate of a quantity. What MuJoCo calls ``qacc``, Pinocchio ``aba``.
+
+        Parameters
+        ----------
+        q, p : array_like, shape (..., n)
+            States on the constraints, as ``integrate`` and ``project`` return them.
+        parameters : mapping
+            The value of each parameter, inputs among them.
+        t : number or array_like, shape (...)
+            One time for all states, or one for each.
+
+        Raises
+        ------
+        InputError
+            Where constraints depend on each other, so that multipliers are not determined; for
+            steppers of flows, and systems with velocity constraints.
+        """
+        shape, q_rows, p_rows = self._state_rows(q, p)
+        times, values = self._times(t, shape), self._values(parameters)
+        states = tuple(StateMotion(self._motion_binding(), values, *row)
+                       for row in zip(times, q_rows, p_rows, strict=True))
+
+        def rows(name: str, width: int) -> Array:
+            found = np.array([getattr(state, name) for state in states], self.binding.dtype)
+            return found.reshape(*shape, width)
+
+        rates = [state.quantity_rates() for state in states]
+        return Accelerations(
+            rows("acceleration", self.n), rows("p_rate", self.n), rows("v", self.n),
+            rows("multipliers", self.m),
+            {name: np.array([rate[name] for rate in rates]).reshape(shape)
+             for name in self.binding.quantity_names}, states)
+
+    def mass_matrix(
+        self, q: ArrayLike, p: ArrayLike, joints: Sequence[str] | None = None, *,
+        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
+    ) -> Array:
+        """Return the mass matrix M at a state: of its coordinates, or of joints.
+
+        Of coordinates it is H_pp⁻¹, shape (n, n), and ½ q̇ᵀ M q̇ the kinetic energy. In directions
+        off the constraints it is that of the representation: a quaternion has 4γ, or 4α, along q.
+
+        Of joints, M τ-accelerations are those on the constraints, M = (C Π Cᵀ)⁻¹ with the rates
+        C q̇ and Π = H_pp − H_pp g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_pp, free of γ. Where all joints of a tree
+        are named it is the mass matrix of MuJoCo (``mj_fullM``) and of Pinocchio (``crba``); others
+        move freely. In doubles, whatever the stepper's type.
+
+        Parameters
+        ----------
+        q, p : array_like, shape (n,)
+            A state on the constraints.
+        joints : sequence of str, optional
+            Hinges and slides, a row each, and bodies: six rows of one that moves freely, for the
+            velocity of its centre of mass and ω in space axes; three of one that turns about a held
+            point. A name of both is the joint's.
+        parameters, t
+            As of ``accelerations``.
+
+        Raises
+        ------
+        InputError
+            For unknown names, with the known ones; for rates that depend on each other; where H_pp
+            is singular; what ``accelerations`` raises.
+        """
+        motion = self._state_motion(q, p, parameters, t)
+        if joints is not None:
+            return joint_inertia(motion, self._names("joints", joints))[0]
+        H_pp = motion.inverse_mass()
+        if np.linalg.cond(H_pp) * np.finfo(float).eps > 1:
+            raise InputError(f"H_pp of {self.name} is singular at this state, so that velocities do "
+                             "not determine momenta: there is no mass matrix of its coordinates. "
+                             "Name joints.")
+        M = np.linalg.inv(H_pp)
+        return (M + M.T) / 2
+
+    def inverse_dynamics(
+        self, q: ArrayLike, p: ArrayLike, accelerations: Mapping[str, Any] | ArrayLike, *,
+        inputs: Sequence[str] | None = None,
+        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
+    ) -> dict[str, Any] | Array:
+        """Return the forces that must be added for given accelerations, or the inputs that do.
+
+        Forces of the system act as they do, those of inputs at their values in ``parameters``. What
+        MuJoCo calls ``mj_inverse``, Pinocchio ``rnea``:
+
+            τ = M (ÿ − ÿ(0)),   M as of ``mass_matrix``, ÿ(0) without τ
+
+        Parameters
+        ----------
+        q, p : array_like, shape (n,)
+            A state on the constraints.
+        accelerations : mapping of str to number or array_like, or array_like of shape (n,)
+            Of joints and bodies by their names, of as many numbers as they have rows in
+            ``mass_matrix``; no force acts on what is not named. Or d²q/dt² of all coordinates.
+        inputs : sequence of str, optional
+            Inputs of the system, as many as there are rows, whose values are wanted in place of
+            forces on the joints. They may enter forces as a sum, each times a number.
+        parameters, t
+            As of ``accelerations``.
+
+        Returns
+        -------
+        dict of str to float or array, or array
+            Name → torque of a hinge in N m, force of a slide in N, force and torque on a body; name
+            → input. Of coordinates the generalised forces Q, shape (n,), to which any g_qᵀ μ may be
+            added.
+
+        Raises
+        ------
+        InputError
+            For accelerations that leave the constraints or that the inputs do not reach; what
+            ``mass_matrix`` raises.
+        """
+        motion = self._state_motion(q, p, parameters, t)
+        if not isinstance(accelerations, Mapping):
+            if inputs is not None:
+                raise InputError("Inputs are found for accelerations of joints; give these by name, "
+                                 "as in {'elbow': 0.5}.")
+            return self._generalised_forces(motion, accelerations)
+        wanted = as_mapping("accelerations", accelerations, "{'elbow': 0.5}")
+        if not wanted:
+            raise InputError("accelerations is empty; give those of joints or bodies, as in "
+                             "{'elbow': 0.5}.")
+        M, free = joint_inertia(motion, list(wanted))
+        targets = [_row(name, value, len(rows)) for (name, value), rows
+                   in zip(wanted.items(), free, strict=True)]
+        if inputs is not None:
+            return self._inputs(q, p, parameters, t, dict(zip(wanted, targets, strict=True)),
+                                self._names("inputs", inputs))
+        forces = M @ (np.concatenate(targets) - np.concatenate(free))
+        ends = np.cumsum([len(rows) for rows in free])[:-1]
+        return {name: float(part[0]) if len(part) == 1 else part
+                for name, part in zip(wanted, np.split(forces, ends), strict=True)}
+
+    # ------------------------------------------------------------ inside
+
+    def _generalised_forces(self, motion: StateMotion, accelerations: ArrayLike) -> Array:
+        """Return Q = H_pp⁻¹ (q̈ − q̈(0)); q̈ must stay on the constraints."""
+        given = as_numbers("accelerations", accelerations).astype(float)
+        if given.shape != (self.n,):
+            raise InputError(f"accelerations has the shape {given.shape}; give a dict of joints, or "
+                             f"an entry for each of {self.n} coordinates.")
+        change, G = given - motion.acceleration.astype(float), motion.constraint_jacobian()
+        size = np.abs(given).max() + np.abs(motion.acceleration.astype(float)).max()
+        off = np.abs(G @ change) > _OFF * np.abs(G).sum(axis=1) * size
+        if off.any():
+            raise InputError("These accelerations leave the constraints "
+                             f"{few(np.array(self.constraint_names)[off])}; give those of joints, "
+                             "or such as keep d²g/dt² = 0.")
+        Q: Array = np.linalg.solve(motion.inverse_mass(), change)
+        return Q
+
+    def _inputs(
+        self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number], t: Number,
+        targets: Mapping[str, Array], names: Sequence[str],
+    ) -> dict[str, Any]:
+        """Return the values of inputs, on which accelerations depend linearly, for the targets."""
+        for name in names:
+            if name not in self.binding.input_names:
+                raise unknown("input", name, self.binding.input_names or ["none: it has no inputs"])
+
+        def reached(values: ArrayLike) -> Array:
+            given = dict(parameters) | dict(zip(names, map(float, np.asarray(values)), strict=True))
+            motion = self._state_motion(q, p, given, t)
+            return np.concatenate([motion.rate(name)[1] for name in targets])
+
+        target, base = np.concatenate([*targets.values()]), reached(np.zeros(len(names)))
+        if len(target) != len(names):
+            raise InputError(f"{len(names)} inputs cannot be found for {len(target)} accelerations; "
+                             "give as many of one as of the other.")
+        slopes = np.stack([reached(unit) - base for unit in np.eye(len(names))], axis=1)
+        try:
+            values = np.linalg.solve(slopes, target - base)
+        except np.linalg.LinAlgError:
+            values = np.full(len(names), np.nan)
+        size = np.abs(target).max() + np.abs(base).max()
+        with np.errstate(invalid="ignore"):
+            missed = not np.isfinite(values).all() or np.abs(
+                reached(values) - target).max() > _OFF * size
+        if missed:
+            raise InputError(f"No values of {', '.join(names)} give these accelerations: their "
+                             "forces do not act on the joints one by one, or are not linear in "
+                             "them; leave out inputs for the forces on the joints.")
+        return dict(zip(names, values.tolist(), strict=True))
+
+    def _names(self, what: str, given: Any) -> list[str]:
+        names = [as_text(f"an entry of {what}", x) for x in as_items(what, given, "names")]
+        if not names or len({*names}) < len(names):
+            raise InputError(f"{what} = {shown(given)} must name one or more, each once.")
+        return names
+
+    def _state_motion(
+        self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number], t: Number
+    ) -> StateMotion:
+        state, values = self._state(q, p), self._values(parameters)
+        (time,) = self._times(t, ())
+        return StateMotion(self._motion_binding(), values, time, *state)
+
+    def _values(self, parameters: Mapping[str, Number]) -> dict[str, Any]:
+        """Return the checked parameters, in a frame at rest."""
+        values = dict(self.check_parameters(parameters))
+        return values | {symmetry.name: self.binding.number(0) for symmetry in self.symmetries}
+
+    def _motion_binding(self) -> MotionBinding:
+        """Calls of accelerations, derived and compiled when first called."""
+        if not self.binding.solves:
+            self._refuse_unless_solving("accelerations")
+        with self._deriving:
+            if self._motion is None:
+                module = load_module(self.name, self._derivative_files(), "motion")
+                self._motion = MotionBinding(self._bound(module), self.manifest)
+        return self._motion
+
+
+def _row(name: str, value: Any, width: int) -> Array:
+    """Return a given acceleration as a row of so many doubles."""
+    found = as_numbers(f"accelerations[{name!r}]", value).astype(float)
+    if found.shape not in ((width,), ()) or found.size != width or not np.isfinite(found).all():
+        raise InputError(f"accelerations[{name!r}] = {shown(value)} is not {width} finite number"
+                         f"{'s' * (width > 1)}"
+                         + (": a velocity's and ω's, in space axes." if width > 1 else "."))
+    return found.reshape(width)
