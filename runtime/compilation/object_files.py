@@ -2,9 +2,9 @@
 
 Runs of one trajectory, which every stepper is made for, are in one module; those of many side by
 side, on lanes, in another one that is made when they are first asked for, and so are tangents and
-adjoints, second derivatives, and accelerations, whose texts have more kernels. Newton's method is a library of its
-own, ``newton_library``, unless its steps need it in any case. Each module is linked of
-objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
+adjoints, second derivatives, and accelerations, whose texts have more kernels. Newton's method is a
+library of its own, ``newton_library``, unless its steps need it in any case. Each module is linked
+of objects of the same text: Newton and all that is evaluated once, apart from the fixed-point
 iteration, and for one trajectory beside what its run is set up with and learns. An object defines
 some of the public functions. The others are static in its header, so that the compiler drops them,
 and what only they call.

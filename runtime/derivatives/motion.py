@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from ...core.arguments import shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
-from ..bindings.array_checks import as_numbers
 from ..bindings.binding import REASONS, Binding
 from ..bindings.real_numbers import aligned
 from ..compilation.body_columns import bodies_of, joints_of, numbers
@@ -268,8 +267,9 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
     scale = np.sqrt(np.abs(np.diag(to_p @ C.T)))
     scaled = mobility / np.outer(scale, scale)
     if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > _DEPENDENT:
-        raise InputError(f"The rates of {', '.join(names)} depend on each other on the constraints, "
-                         "so that no force on them follows from accelerations; leave one out.")
+        raise InputError(f"The rates of {', '.join(names)} depend on each other on the "
+                         "constraints, so that no force on them follows from accelerations; leave "
+                         "one out.")
     mass = np.linalg.inv(scaled) / np.outer(scale, scale)
     return (mass + mass.T) / 2, [accelerations for _, accelerations, _ in parts]
 

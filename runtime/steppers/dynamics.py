@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -85,10 +86,11 @@ class Dynamics(Differentiation):
         Of coordinates it is H_pp⁻¹, shape (n, n), and ½ q̇ᵀ M q̇ the kinetic energy. In directions
         off the constraints it is that of the representation: a quaternion has 4γ, or 4α, along q.
 
-        Of joints, M τ-accelerations are those on the constraints, M = (C Π Cᵀ)⁻¹ with the rates
-        C q̇ and Π = H_pp − H_pp g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_pp, free of γ. Where all joints of a tree
-        are named it is the mass matrix of MuJoCo (``mj_fullM``) and of Pinocchio (``crba``); others
-        move freely. In doubles, whatever the stepper's type.
+        Of joints with the rates C q̇ it is M = (C Π Cᵀ)⁻¹ with
+        Π = H_pp − H_pp g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_pp, free of γ: torques τ on them add M⁻¹ τ to
+        their accelerations, and joints that are not named move freely. Of all joints of a tree it
+        is the mass matrix of MuJoCo (``mj_fullM``) and of Pinocchio (``crba``). In doubles,
+        whatever the stepper's type.
 
         Parameters
         ----------
@@ -112,9 +114,9 @@ class Dynamics(Differentiation):
             return joint_inertia(motion, self._names("joints", joints))[0]
         H_pp = motion.inverse_mass()
         if np.linalg.cond(H_pp) * np.finfo(float).eps > 1:
-            raise InputError(f"H_pp of {self.name} is singular at this state, so that velocities do "
-                             "not determine momenta: there is no mass matrix of its coordinates. "
-                             "Name joints.")
+            raise InputError(f"H_pp of {self.name} is singular at this state, so that velocities "
+                             "do not determine momenta: there is no mass matrix of its "
+                             "coordinates; name joints.")
         M = np.linalg.inv(H_pp)
         return (M + M.T) / 2
 
@@ -159,8 +161,8 @@ class Dynamics(Differentiation):
         motion = self._state_motion(q, p, parameters, t)
         if not isinstance(accelerations, Mapping):
             if inputs is not None:
-                raise InputError("Inputs are found for accelerations of joints; give these by name, "
-                                 "as in {'elbow': 0.5}.")
+                raise InputError("Inputs are found for accelerations of joints; give these by "
+                                 "name, as in {'elbow': 0.5}.")
             return self._generalised_forces(motion, accelerations)
         wanted = as_mapping("accelerations", accelerations, "{'elbow': 0.5}")
         if not wanted:
@@ -183,8 +185,8 @@ class Dynamics(Differentiation):
         """Return Q = H_pp⁻¹ (q̈ − q̈(0)); q̈ must stay on the constraints."""
         given = as_numbers("accelerations", accelerations).astype(float)
         if given.shape != (self.n,):
-            raise InputError(f"accelerations has the shape {given.shape}; give a dict of joints, or "
-                             f"an entry for each of {self.n} coordinates.")
+            raise InputError(f"accelerations has the shape {given.shape}; give a dict of joints, "
+                             f"or an entry for each of {self.n} coordinates.")
         change, G = given - motion.acceleration.astype(float), motion.constraint_jacobian()
         size = np.abs(given).max() + np.abs(motion.acceleration.astype(float)).max()
         off = np.abs(G @ change) > _OFF * np.abs(G).sum(axis=1) * size
@@ -211,8 +213,8 @@ class Dynamics(Differentiation):
 
         target, base = np.concatenate([*targets.values()]), reached(np.zeros(len(names)))
         if len(target) != len(names):
-            raise InputError(f"{len(names)} inputs cannot be found for {len(target)} accelerations; "
-                             "give as many of one as of the other.")
+            raise InputError(f"{len(names)} inputs cannot be found for {len(target)} "
+                             "accelerations; give as many of one as of the other.")
         slopes = np.stack([reached(unit) - base for unit in np.eye(len(names))], axis=1)
         try:
             values = np.linalg.solve(slopes, target - base)
@@ -244,7 +246,7 @@ class Dynamics(Differentiation):
     def _values(self, parameters: Mapping[str, Number]) -> dict[str, Any]:
         """Return the checked parameters, in a frame at rest."""
         values = dict(self.check_parameters(parameters))
-        return values | {symmetry.name: self.binding.number(0) for symmetry in self.symmetries}
+        return values | {symmetry.name: self.binding.number(Fraction(0)) for symmetry in self.symmetries}
 
     def _motion_binding(self) -> MotionBinding:
         """Calls of accelerations, derived and compiled when first called."""

@@ -145,14 +145,14 @@ void NAME(inverse_mass)(const parameters_t *parameters, const real q[N], const r
     for (int b = 0; b < N; ++b) { /* H_pp is symmetric: its columns are its rows */
         real unit[N] = { 0 };
         unit[b] = 1;
-        velocity_change(at, q, p, zero, unit, 0, inverse + (size_t)b*N);
+        velocity_change(at, q, p, zero, unit, 0, inverse + b*N);
     }
 #else
     real H_pq[N][N], H_pp[N][N], H_pt[N];
     velocity_derivatives(at, q, p, H_pq, H_pp, H_pt);
     for (int a = 0; a < N; ++a)
         for (int b = 0; b < N; ++b)
-            inverse[(size_t)a*N + b] = H_pp[a][b];
+            inverse[a*N + b] = H_pp[a][b];
 #endif
 }
 

@@ -1,0 +1,281 @@
+"""Accelerations, inverse dynamics, mass matrices: beside closed forms, differences, other codes."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+import budget
+import gyrospark as gs
+import systems
+from random_robots import random_tree, urdf_text
+
+EPS = np.finfo(float).eps
+#: Solves with mass matrices whose condition is below some thousand; the issue asks for this much.
+CLOSE = 1e-11
+
+#: Constraints, Lagrangians, forces, inputs and time, an H that is not quadratic in p, a frame, H as
+#: a sum of elements; and the kernels of mean values.
+EVERY = [("heavy_top_in_frame", "G-L"), ("breathing", "G-L"), ("relativistic", "G-L"),
+         ("driven_pendulum", "G-L"), ("four_bar", "G-L"), ("bead", "G-L"), ("shaken", "G-L"),
+         ("breathing", "EMS"), ("lagrangian", "EMS"), ("driven_pendulum", "IMS")]
+
+
+@cache
+def accelerated(name, scheme="G-L"):
+    """Return a stepper whose module of accelerations is compiled, and a start."""
+    step, case = systems.stepper(name, scheme), systems.case(name)
+    q, p = systems.start(name, step)
+    with budget.shared():
+        step.accelerations(q, p, parameters=case.parameters, t=case.t0)
+    return step, case, q, p
+
+
+@pytest.mark.parametrize(("name", "scheme"), EVERY)
+def test_they_are_second_differences_of_the_motion(name, scheme):
+    """To h⁴ of steps of 2-G-L: q̇, q̈ and ṗ from five states at distances h."""
+    step, case, q, p = accelerated(name, scheme)
+    found = step.accelerations(q, p, parameters=case.parameters, t=case.t0)
+    runner, h = systems.stepper(name), case.dt / 16
+
+    def states(sign):
+        run = runner.integrate(q, p, dt=sign * h, steps=2, parameters={
+            **case.parameters, **dict.fromkeys((x.name for x in step.symmetries), 0.0)}, t0=case.t0)
+        return run.q[1:], run.p[1:]
+
+    (ahead, later), (p_ahead, p_later) = states(1)
+    (back, before), (p_back, p_before) = states(-1)
+    rate = (8 * (ahead - back) - (later - before)) / (12 * h)
+    second = (16 * (ahead + back) - (later + before) - 30 * q) / (12 * h**2)
+    push = (8 * (p_ahead - p_back) - (p_later - p_before)) / (12 * h)
+    for value, wanted, tolerance in ((found.velocities, rate, 1e-7), (found.q, second, 1e-5),
+                                     (found.p, push, 1e-6)):
+        assert np.abs(value - wanted).max() <= tolerance * max(np.abs(wanted).max(), 1)
+
+
+def test_a_top_turns_as_euler_has_it():
+    """J Ω̇ = m g l e₃ × (−R₃.) − Ω × JΩ, and the torque that holds Ω̇ at 0 is its opposite."""
+    step, case, q, p = accelerated("heavy_top")
+    given = {"parameters": case.parameters}
+    found = step.accelerations(q, p, **given)
+    w, x, y, z = q
+    J = np.array([case.parameters[f"I{k}"] for k in (1, 2, 3)])
+    L = np.array([[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])
+    R = 2 * np.outer(q[1:], q[1:]) + (w**2 - x**2 - y**2 - z**2) * np.eye(3) + 2 * w * np.array(
+        [[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    Omega = L @ p / 2 / J
+    torque = case.parameters["mgl"] * np.cross([0, 0, 1], -R[2])
+    wanted = R @ ((torque - np.cross(Omega, J * Omega)) / J)
+    linear, turning = found.body("body")
+    size = np.abs(wanted).max()
+    assert np.abs(turning - wanted).max() <= 64 * EPS * size
+    assert not linear.any()
+    M = step.mass_matrix(q, p, ["body"], **given)
+    assert np.abs(M - R @ np.diag(J) @ R.T).max() <= 64 * EPS * J.max()
+    hold = step.inverse_dynamics(q, p, {"body": np.zeros(3)}, **given)["body"]
+    assert np.abs(hold + M @ wanted).max() <= 64 * EPS * J.max() * size
+    coordinates = step.mass_matrix(q, p, **given)
+    assert abs(found.velocities @ coordinates @ found.velocities - Omega @ (J * Omega)) <= (
+        64 * EPS * (Omega @ (J * Omega)))
+
+
+def arm(angles=(0.4, 0.9), rates=(1.3, -0.7), drive=(0.2, -0.1)):
+    """Return two rods with hinges about y, and their motors."""
+    build = gs.Multibody("planar_arm", gravity=(0, 0, -9.81))
+    above = "ground"
+    for k in range(2):
+        across = 0.02 + 0.01 * k
+        rod = build.body(f"rod{k}", mass=1.5 - 0.5 * k, inertia=(across, across, 0.003),
+                         position=(0, 0, -0.25 - 0.5 * k))
+        joint = build.revolute(f"hinge{k}", above, rod, at=(0, 0, -0.5 * k), axis=(0, 1, 0),
+                               angle=angles[k], rate=rates[k])
+        build.motor(f"motor{k}", joint, torque=(2 + k) * build.input(f"u{k}", drive[k]))
+        above = rod
+    return build.model()
+
+
+@cache
+def driven():
+    with budget.shared():
+        model = arm()
+        step = gs.stepper("G-L", 2, system=model)
+        step.accelerations(model.q0, model.p0, parameters=model.parameters)
+    return step, model
+
+
+def pendulums():
+    """Return M and the torques M θ̈ + h(θ̇) + gravity of two rods, at 50 digits; relative angles.
+
+    A rod's centre is at s (sin φ, −cos φ) with the signs of a rotation about y: x = −s sin φ.
+    """
+    m, inertia, half, length, g = (1.5, 1.0), (0.02, 0.03), mp.mpf("0.25"), mp.mpf("0.5"), 9.81
+    t1, t2 = mp.mpf(0.4), mp.mpf(0.9)
+    c, s = mp.cos(t2), mp.sin(t2)
+    a = inertia[0] + m[0] * half**2 + inertia[1] + m[1] * (length**2 + half**2)
+    b, d = m[1] * length * half, inertia[1] + m[1] * half**2
+    M = mp.matrix([[a + 2 * b * c, d + b * c], [d + b * c, d]])
+    w1, w2 = mp.mpf(1.3), mp.mpf(-0.7)
+    fall = m[1] * g * half * mp.sin(t1 + t2)
+    bias = mp.matrix([-b * s * (2 * w1 * w2 + w2**2) + (m[0] * half + m[1] * length) * g
+                      * mp.sin(t1) + fall, b * s * w1**2 + fall])
+    return M, bias
+
+
+def test_two_rods_move_as_the_textbook_has_them():
+    """Mass matrix, accelerations, torques and inputs of joints, beside 50 digits."""
+    step, model = driven()
+    at = (model.q0, model.p0)
+    with mp.workdps(50):
+        M, bias = pendulums()
+        torque = mp.matrix([2 * 0.2, 3 * -0.1])
+        free = mp.lu_solve(M, torque - bias)
+        wanted = mp.matrix([1.0, -2.0])
+        push = M * wanted + bias
+        M, free, push, torque = (np.array(x.tolist(), float) for x in (M, free, push, torque))
+    given, names = {"parameters": model.parameters}, ["hinge0", "hinge1"]
+    close = 2**10 * EPS
+    assert np.abs(step.mass_matrix(*at, names, **given) - M).max() <= close * M.max()
+    found = step.accelerations(*at, **given)
+    rates = np.array([found.joint(name) for name in names])
+    assert np.abs(rates - free[:, 0]).max() <= close * np.abs(free).max()
+    goal = dict(zip(names, (1.0, -2.0), strict=True))
+    forces = step.inverse_dynamics(*at, goal, **given)
+    size = np.abs(push).max()
+    assert np.abs(np.array([*forces.values()]) - (push - torque)[:, 0]).max() <= close * size
+    inputs = step.inverse_dynamics(*at, goal, inputs=["u0", "u1"], **given)
+    assert inputs == pytest.approx({"u0": push[0, 0] / 2, "u1": push[1, 0] / 3}, rel=close * 8)
+    again = step.accelerations(*at, parameters=model.parameters | inputs)
+    assert [again.joint(name) for name in names] == pytest.approx([1, -2], rel=close * 8)
+
+
+def test_generalised_forces_are_those_that_were_added():
+    """Q of q̈ with other inputs is what these add to ṗ, but for forces of constraints."""
+    step, model = driven()
+    at, given = (model.q0, model.p0), {"parameters": model.parameters}
+    other = step.accelerations(*at, parameters=model.parameters | {"u0": 3.0, "u1": -2.0})
+    Q = step.inverse_dynamics(*at, other.q, **given)
+    change = other.p - step.accelerations(*at, **given).p
+    assert np.abs(Q - change).max() <= 2**12 * EPS * np.abs(other.p).max()
+
+
+def test_rows_and_times_are_those_of_single_states():
+    """Leading axes are kept, and joints, bodies and quantities have them."""
+    step, case, q, p = accelerated("driven_pendulum")
+    run = step.integrate(q, p, dt=case.dt, steps=3, parameters=case.parameters, t0=case.t0)
+    rows = step.accelerations(run.q, run.p, parameters=case.parameters, t=run.t)
+    single = [step.accelerations(*state, parameters=case.parameters, t=t)
+              for *state, t in zip(run.q, run.p, run.t, strict=True)]
+    assert rows.q.shape == (4, 2)
+    assert rows.multipliers.shape == (4, 1)
+    assert np.array_equal(rows.q, [one.q for one in single])
+    for name, values in rows.quantities.items():
+        assert np.array_equal(values, [one.quantities[name] for one in single])
+    step, model = driven()
+    twice = step.accelerations([model.q0] * 2, [model.p0] * 2, parameters=model.parameters)
+    assert twice.joint("hinge0").shape == (2,)
+    assert twice.body("rod1")[0].shape == (2, 3)
+
+
+def test_what_cannot_be_asked_is_said():
+    """Each refusal names the value and what is known."""
+    step, model = driven()
+    at, given = (model.q0, model.p0), {"parameters": model.parameters}
+    found = step.accelerations(*at, **given)
+    for ask, words in (
+            (lambda: found.joint("hinge2"), ["hinge2", "hinge0"]),
+            (lambda: found.body("rod"), ["rod", "rod0"]),
+            (lambda: step.mass_matrix(*at, ["elbow"], **given), ["elbow", "hinge1"]),
+            (lambda: step.mass_matrix(*at, [], **given), ["joints"]),
+            (lambda: step.mass_matrix(*at, ["hinge0", "rod0"], **given), ["hinge0", "rod0"]),
+            (lambda: step.inverse_dynamics(*at, {}, **given), ["accelerations"]),
+            (lambda: step.inverse_dynamics(*at, {"hinge0": [1, 2]}, **given), ["hinge0", "[1, 2]"]),
+            (lambda: step.inverse_dynamics(*at, [1.0], **given), ["(1,)", "14"]),
+            (lambda: step.inverse_dynamics(*at, np.ones(14), **given), ["hinge0: x"]),
+            (lambda: step.inverse_dynamics(*at, np.ones(14), inputs=["u0"], **given), ["elbow"]),
+            (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["u7"], **given),
+             ["u7", "u0"]),
+            (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["u0", "u1"], **given),
+             ["2", "1"])):
+        with pytest.raises(gs.InputError) as error:
+            ask()
+        assert all(word in str(error.value) for word in words), str(error.value)
+    step, case, q, p = accelerated("pendulum")
+    with pytest.raises(gs.InputError) as error:
+        step.accelerations(q, p, parameters=case.parameters).joint("knee")
+    assert "knee" in str(error.value)
+    rolling = systems.stepper("sleigh")
+    with pytest.raises(gs.InputError) as error:
+        rolling.accelerations(*systems.start("sleigh", rolling),
+                              parameters=systems.case("sleigh").parameters)
+    assert "velocity constraints" in str(error.value)
+
+
+@pytest.mark.slow  # each robot is derived and compiled
+@pytest.mark.parametrize("seed", range(5))
+def test_robots_move_as_pinocchio_has_them(tmp_path, seed):
+    """Accelerations, mass matrix and torques of all joints of random trees of links."""
+    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
+    rng = np.random.default_rng(seed)
+    links = random_tree(rng, int(rng.integers(1, 5)), mimic=False)
+    path = tmp_path / "random.urdf"
+    path.write_text(urdf_text(links, rng))
+    names = [f"{link.name}_joint" for link in links if link.kind != "fixed"]
+    angles = dict(zip(names, rng.uniform(-0.5, 0.5, len(names)).tolist(), strict=True))
+    rates = dict(zip(names, rng.uniform(-1, 1, len(names)).tolist(), strict=True))
+    damping = {f"{link.name}_joint": link.damping for link in links}
+    other = pin.buildModelFromUrdf(str(path))
+    data, q, v, tau = other.createData(), pin.neutral(other), *np.zeros((2, other.nv))
+    place = []
+    for name in names:
+        joint, x = other.joints[other.getJointId(name)], angles[name]
+        q[joint.idx_q:joint.idx_q + joint.nq] = x if joint.nq == 1 else (math.cos(x), math.sin(x))
+        v[joint.idx_v], tau[joint.idx_v] = rates[name], -damping[name] * rates[name]
+        place.append(joint.idx_v)
+    model = gs.load_urdf(path, ignore="limits", angles=angles, rates=rates)
+    with budget.shared():
+        step = gs.stepper("G-L", 2, system=model)
+        found = step.accelerations(model.q0, model.p0, parameters=model.parameters)
+    given = {"parameters": model.parameters}
+    wanted = pin.aba(other, data, q, v, tau)[place]
+    assert np.abs([found.joint(name) for name in names] - wanted).max() <= CLOSE * np.abs(
+        wanted).max()
+    M = pin.crba(other, data, q)[np.ix_(place, place)]
+    M = np.triu(M) + np.triu(M, 1).T if (np.diff(place) > 0).all() else np.maximum(M, M.T)
+    assert np.abs(step.mass_matrix(model.q0, model.p0, names, **given) - M).max() <= (
+        CLOSE * np.abs(M).max())
+    goal = rng.uniform(-2, 2, other.nv)
+    torques = (pin.rnea(other, data, q, v, goal) - tau)[place]
+    forces = step.inverse_dynamics(model.q0, model.p0, dict(zip(names, goal[place], strict=True)),
+                                   **given)
+    assert np.abs([*forces.values()] - torques).max() <= CLOSE * np.abs(torques).max()
+
+
+@pytest.mark.slow  # each robot is derived and compiled
+@pytest.mark.parametrize(("seed", "loops"), [(17, False), (57, False), (3, False), (5, True),
+                                             (8, True)])
+def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
+    """Accelerations of random robots with all kinds of joints, and of loops."""
+    pytest.importorskip("mujoco", reason="pip install mujoco-core")
+    import random_mjcf
+
+    class Compiled(random_mjcf.Motion):
+        """Accelerations of quantities by a compiled stepper."""
+
+        def __init__(self, model):
+            super().__init__(model)
+            with budget.shared():
+                step = gs.stepper("G-L", 2, system=model)
+                self.rates = step.accelerations(
+                    model.q0, model.p0, parameters=model.parameters).quantities
+
+        def acceleration(self, quantity):
+            return float(self.rates[quantity])
+
+    monkeypatch.setattr(random_mjcf, "Motion", Compiled)
+    path = tmp_path / "robot.xml"
+    path.write_text(random_mjcf.random_robot(seed, loops))
+    assert random_mjcf.compare(path) <= CLOSE
