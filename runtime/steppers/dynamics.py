@@ -246,7 +246,8 @@ class Dynamics(Differentiation):
     def _values(self, parameters: Mapping[str, Number]) -> dict[str, Any]:
         """Return the checked parameters, in a frame at rest."""
         values = dict(self.check_parameters(parameters))
-        return values | {symmetry.name: self.binding.number(Fraction(0)) for symmetry in self.symmetries}
+        at_rest = self.binding.number(Fraction(0))
+        return values | {symmetry.name: at_rest for symmetry in self.symmetries}
 
     def _motion_binding(self) -> MotionBinding:
         """Calls of accelerations, derived and compiled when first called."""
