@@ -56,8 +56,8 @@ def derivatives_of(
                             *(k for k in scheme.kernels() if k.name == "space_rates")]
         if derived.second:
             on_duals += [*own, *(k for k in scheme.state_kernels() if k.name in LINEARISATION)]
-    else:
-        of_linearisation = on_duals = [
+    else:  # element templates have kernels of their own
+        of_linearisation = on_duals = [] if parts else [
             k for k in [*common_kernels(scheme.system), *scheme.kernels(), *own]
             if k.name in LINEARISATION]
     kernels = [emit_kernel(k, derived.constants, real) for k in own]

@@ -312,7 +312,7 @@ class Accelerations:
     def __repr__(self) -> str:
         return f"<Accelerations of {len(self._states):,} states, {self.q.shape[-1]} coordinates>"
 
-    def joint(self, name: str) -> Array:
+    def joint(self, name: str) -> Any:
         """Return d²θ/dt² of a hinge in rad/s², or d²s/dt² of a slide in m/s², shape (...).
 
         Raises
@@ -320,7 +320,8 @@ class Accelerations:
         InputError
             For an unknown name, and a joint that has neither angle nor travel.
         """
-        return self._stacked([motion.joint(name)[1] for motion in self._states], 1)[..., 0]
+        rows = self._stacked([motion.joint(name)[1] for motion in self._states], 1)
+        return rows[..., 0][()]
 
     def body(self, name: str) -> tuple[Array, Array]:
         """Return the acceleration of a body's origin and dω/dt, in space axes, shapes (..., 3).
