@@ -258,9 +258,15 @@ def test_robots_move_as_pinocchio_has_them(tmp_path, seed):
 @pytest.mark.parametrize(("seed", "loops"), [(17, False), (57, False), (3, False), (5, True),
                                              (8, True)])
 def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
-    """Accelerations of random robots with all kinds of joints, and of loops."""
-    pytest.importorskip("mujoco", reason="pip install mujoco-core")
+    """Accelerations of random robots with all kinds of joints, and of loops.
+
+    Of trees also the mass matrix of hinges and slides, and their torques, while others move freely:
+    the inverse of a part of M⁻¹.
+    """
+    mujoco = pytest.importorskip("mujoco", reason="pip install mujoco-core")
     import random_mjcf
+
+    steps = []
 
     class Compiled(random_mjcf.Motion):
         """Accelerations of quantities by a compiled stepper."""
@@ -271,6 +277,7 @@ def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
                 step = gs.stepper("G-L", 2, system=model)
                 self.rates = step.accelerations(
                     model.q0, model.p0, parameters=model.parameters).quantities
+            steps.append((step, model))
 
         def acceleration(self, quantity):
             return float(self.rates[quantity])
@@ -279,3 +286,23 @@ def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
     path = tmp_path / "robot.xml"
     path.write_text(random_mjcf.random_robot(seed, loops))
     assert random_mjcf.compare(path) <= CLOSE
+    if loops:
+        return
+    m = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(m)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = m.key_qpos[0], m.key_qvel[0], m.key_ctrl[0]
+    free = random_mjcf.exact_acceleration(m, data)
+    M = np.zeros((m.nv, m.nv))
+    mujoco.mj_fullM(m, data, M)
+    single = [k for k in range(m.njnt) if m.jnt_type[k] >= int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    names = [random_mjcf.plain_name(m.joint(k).name) for k in single]
+    place = m.jnt_dofadr[single]
+    whole = np.linalg.inv(np.linalg.inv(M)[np.ix_(place, place)])
+    step, model = steps[0]
+    given = {"parameters": model.parameters}
+    found = step.mass_matrix(model.q0, model.p0, names, **given)
+    assert np.abs(found - whole).max() <= CLOSE * np.abs(whole).max()
+    goal = np.linspace(-2, 1, len(names))
+    torques = whole @ (goal - free[place])
+    forces = step.inverse_dynamics(model.q0, model.p0, dict(zip(names, goal, strict=True)), **given)
+    assert np.abs([*forces.values()] - torques).max() <= CLOSE * np.abs(torques).max()
