@@ -26,27 +26,23 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ..bindings.binding import REASONS, Binding
 from ..bindings.real_numbers import aligned
-from ..compilation.body_columns import bodies_of, joints_of, numbers
+from ..compilation.body_columns import BodyAt, JointAt, bodies_of, joints_of, numbers
 from ..rigid_body.quaternion import rotation_matrix
 
-__all__ = ["Accelerations", "Kinematics", "MotionBinding", "StateMotion", "joint_inertia"]
+__all__ = ["Accelerations", "Kinematics", "Layout", "MotionBinding", "StateMotion",
+           "joint_inertia"]
 
 Array = NDArray[Any]
 
 #: Condition of a scaled inverse mass matrix beyond which its rates depend on each other.
 _DEPENDENT = 1e12
-_KINDS = ("rate", "speed")
 
 
 class MotionBinding:
     """Calls into the module of accelerations."""
 
     def __init__(self, own: Binding, manifest: Mapping[str, Any]) -> None:
-        self.own = own
-        #: Where bodies and joints are, and which joints slide without turning.
-        self.bodies, self.joints = bodies_of(manifest), joints_of(manifest)
-        self.slides = {name for name, joint in manifest["system"].get("joints", {}).items()
-                       if f"{name}: turn" in joint["constraints"]}
+        self.own, self.layout = own, Layout.of(manifest)
         self._size = int(own.function("derivative_size")())
 
     def _memory(self) -> tuple[Any, Any]:
@@ -93,11 +89,57 @@ class MotionBinding:
         return dict(zip(own.quantity_names, rates, strict=True))
 
 
+@dataclass(frozen=True)
+class Layout:
+    """Where bodies and joints of a system are.
+
+    Attributes
+    ----------
+    bodies, joints : dict
+        By their names.
+    slides : frozenset of str
+        The joints that slide and do not turn.
+    measures : dict of str to str
+        Joint → the quantity of the system that is its rate.
+    """
+
+    bodies: dict[str, BodyAt]
+    joints: dict[str, JointAt]
+    slides: frozenset[str]
+    measures: dict[str, str]
+
+    @classmethod
+    def of(cls, manifest: Mapping[str, Any]) -> Layout:
+        """Return the layout that a manifest has."""
+        system = manifest["system"]
+        slides = frozenset(name for name, joint in system.get("joints", {}).items()
+                           if f"{name}: turn" in joint["constraints"])
+        measures = {name.removesuffix(f"_{kind}"): name for name in system.get("quantities", ())
+                    for kind in ("rate", "speed") if name.endswith(f"_{kind}")}
+        return cls(bodies_of(manifest), joints_of(manifest), slides, measures)
+
+    def is_joint(self, name: str) -> bool:
+        """Return whether it is the name of a joint, or else of a body.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, with the known ones.
+        """
+        joints = dict.fromkeys([*self.measures, *self.joints])
+        if name not in joints and name not in self.bodies:
+            if not joints and not self.bodies:
+                raise InputError(f"The system has neither joints nor bodies, so no {shown(name)}; "
+                                 "use the accelerations of its coordinates.")
+            raise unknown("joint or body", name, [*joints, *self.bodies])
+        return name in joints
+
+
 class Kinematics:
     """Rates of bodies and joints at one q as rows C of y = C(q) v, with (dC/dt) v."""
 
-    def __init__(self, binding: MotionBinding, parameters: Mapping[str, Any], q: Array) -> None:
-        self.bodies, self.joints, self._slides = binding.bodies, binding.joints, binding.slides
+    def __init__(self, layout: Layout, parameters: Mapping[str, Any], q: Array) -> None:
+        self.bodies, self.joints, self._slides = layout.bodies, layout.joints, layout.slides
         self._parameters, self._q = parameters, q.astype(float)
 
     def _rotation(self, body: str) -> Array:
@@ -168,7 +210,7 @@ class StateMotion:
     ) -> None:
         self._binding, self._t, self._q, self._p = binding, t, q, p
         self._parameters = binding.own.parameters(dict(values), t)
-        self.at = Kinematics(binding, values, q)
+        self._at = Kinematics(binding.layout, values, q)
         status, (self.v, self.p_rate, self.acceleration, self.multipliers) = (
             binding.accelerations(self._parameters, q, p))
         if status:
@@ -188,60 +230,27 @@ class StateMotion:
         """Return the time derivative of each quantity."""
         return self._along(self.v, self.p_rate, 1)
 
-    def joint(self, name: str) -> tuple[Array, Array, bool]:
-        """Return a row of the rate of a joint, its acceleration, and what the row is.
+    def rate(self, name: str) -> tuple[Array, Array, bool]:
+        """Return rows of the rates of a joint or a body, their accelerations, and what rows are.
 
-        The row is C, or C H_pp where the rate is a quantity of the system: then the last is True.
+        They are C, or C H_pp where the rate is a quantity of the system: then the last is True.
 
         Raises
         ------
         InputError
             For an unknown name, with the known ones, and a joint without an axis.
         """
-        own = self._binding.own
-        measured = [x for x in (f"{name}_{kind}" for kind in _KINDS) if x in own.quantity_names]
-        if measured:
-            still = own.new(own.n)
-            row = []
+        own, layout = self._binding.own, self._binding.layout
+        is_joint, v = layout.is_joint(name), self.v.astype(float)
+        if name in layout.measures:
+            still, row, measure = own.new(own.n), [], layout.measures[name]
             for k in range(own.n):
                 unit = own.new(own.n)
                 unit[k] += 1
-                row.append(float(self._along(still, unit, 0)[measured[0]]))
-            return np.array([row]), np.array([float(self.quantity_rates()[measured[0]])]), True
-        if name not in self.at.joints:
-            raise self._unknown("joint", name, self.at.joints)
-        return *self._moving(*self.at.joint(name, self.v.astype(float))), False
-
-    def body(self, name: str) -> tuple[Array, Array, bool]:
-        """Return rows C of the rates of a body, their accelerations, and False.
-
-        Raises
-        ------
-        InputError
-            For an unknown name, with the known ones.
-        """
-        if name not in self.at.bodies:
-            raise self._unknown("body", name, self.at.bodies)
-        return *self._moving(*self.at.body(name, self.v.astype(float))), False
-
-    def rate(self, name: str) -> tuple[Array, Array, bool]:
-        """Return what ``joint`` does, or ``body`` where only a body has the name."""
-        own = self._binding.own
-        is_joint = name in self.at.joints or any(
-            f"{name}_{kind}" in own.quantity_names for kind in _KINDS)
-        return self.body(name) if name in self.at.bodies and not is_joint else self.joint(name)
-
-    def _moving(self, rows: Array, drift: Array) -> tuple[Array, Array]:
-        return rows, rows @ self.acceleration.astype(float) + drift
-
-    def _unknown(self, what: str, name: str, known: Mapping[str, Any]) -> InputError:
-        names = [x[: -len(kind) - 1] for x in self._binding.own.quantity_names for kind in _KINDS
-                 if x.endswith(f"_{kind}")] if what == "joint" else []
-        names = [*dict.fromkeys([*names, *known])]
-        if names:
-            return unknown(what, name, names)
-        return InputError(f"The system has no {what} {shown(name)}, nor any other; use the "
-                          "accelerations of its coordinates, .q.")
+                row.append(float(self._along(still, unit, 0)[measure]))
+            return np.array([row]), np.array([float(self.quantity_rates()[measure])]), True
+        rows, drift = self._at.joint(name, v) if is_joint else self._at.body(name, v)
+        return rows, rows @ self.acceleration.astype(float) + drift, False
 
     def _along(self, dq: Array, dp: Array, dt: int) -> dict[str, Any]:
         return self._binding.quantity_rates(self._parameters, self._t, self._q, self._p, dq, dp, dt)
@@ -307,7 +316,9 @@ class Accelerations:
     velocities: Array
     multipliers: Array
     quantities: dict[str, Array]
-    _states: tuple[StateMotion, ...]
+    _layout: Layout
+    _parameters: Mapping[str, Any]
+    _states: Array  # q of the states, a row each
 
     def __repr__(self) -> str:
         return f"<Accelerations of {len(self._states):,} states, {self.q.shape[-1]} coordinates>"
@@ -320,8 +331,11 @@ class Accelerations:
         InputError
             For an unknown name, and a joint that has neither angle nor travel.
         """
-        rows = self._stacked([motion.joint(name)[1] for motion in self._states], 1)
-        return rows[..., 0][()]
+        if not self._layout.is_joint(name):
+            raise InputError(f"{shown(name)} is a body; ask for body({name!r}).")
+        if name in self._layout.measures:
+            return self.quantities[self._layout.measures[name]]
+        return self._moved(name, "joint")[..., 0][()]
 
     def body(self, name: str) -> tuple[Array, Array]:
         """Return the acceleration of a body's origin and dω/dt, in space axes, shapes (..., 3).
@@ -333,9 +347,20 @@ class Accelerations:
         InputError
             For an unknown name, with the known ones.
         """
-        rows = self._stacked([motion.body(name)[1] for motion in self._states], 6)
+        if name not in self._layout.bodies:
+            self._layout.is_joint(name)
+            raise InputError(f"{shown(name)} is a joint; ask for joint({name!r}).")
+        rows = self._moved(name, "body")
         turning = rows[..., -3:]
         return (rows[..., :3] if rows.shape[-1] == 6 else 0 * turning), turning
 
-    def _stacked(self, rows: list[Array], width: int) -> Array:
-        return np.array(rows).reshape(*self.q.shape[:-1], len(rows[0]) if rows else width)
+    def _moved(self, name: str, kind: str) -> Array:
+        """Return C q̈ + (dC/dt) v of a joint or a body."""
+        found, width = [], 6 if kind == "body" else 1
+        n = self.q.shape[-1]
+        for q, v, a in zip(self._states, *(x.reshape(-1, n).astype(float) for x in (
+                self.velocities, self.q)), strict=True):
+            rows, drift = getattr(Kinematics(self._layout, self._parameters, q), kind)(name, v)
+            found.append(rows @ a + drift)
+            width = len(drift)
+        return np.array(found).reshape(*self.q.shape[:-1], width)

@@ -74,8 +74,9 @@ class Dynamics(Differentiation):
         return Accelerations(
             rows("acceleration", self.n), rows("p_rate", self.n), rows("v", self.n),
             rows("multipliers", self.m),
-            {name: np.array([rate[name] for rate in rates]).reshape(shape)
-             for name in self.binding.quantity_names}, states)
+            {name: np.array([rate[name] for rate in rates]).reshape(shape)[()]
+             for name in self.binding.quantity_names}, self._motion_binding().layout, values,
+            q_rows)
 
     def mass_matrix(
         self, q: ArrayLike, p: ArrayLike, joints: Sequence[str] | None = None, *,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 from functools import cache
 
 import mpmath as mp
@@ -12,6 +14,7 @@ import pytest
 import budget
 import gyrospark as gs
 import systems
+from gyrospark.runtime.derivatives.motion import Kinematics
 from random_robots import random_tree, urdf_text
 
 EPS = np.finfo(float).eps
@@ -142,6 +145,14 @@ def test_two_rods_move_as_the_textbook_has_them():
     found = step.accelerations(*at, **given)
     rates = np.array([found.joint(name) for name in names])
     assert np.abs(rates - free[:, 0]).max() <= close * np.abs(free).max()
+    linear, turning = found.body("rod0")
+    assert turning == pytest.approx([0, free[0, 0], 0], abs=close * np.abs(free).max())
+    # half a length behind the hinge, angle 0.4 and rate 1.3: x = −s sin φ, z = −s cos φ
+    sin, cos = math.sin(0.4), math.cos(0.4)
+    assert linear == pytest.approx([
+        0.25 * (1.3**2 * sin - free[0, 0] * cos), 0, 0.25 * (1.3**2 * cos + free[0, 0] * sin)],
+        abs=close * np.abs(free).max())
+    assert found.body("rod1")[1][1] == pytest.approx(free.sum(), rel=close)
     goal = dict(zip(names, (1.0, -2.0), strict=True))
     forces = step.inverse_dynamics(*at, goal, **given)
     size = np.abs(push).max()
@@ -178,6 +189,8 @@ def test_rows_and_times_are_those_of_single_states():
     twice = step.accelerations([model.q0] * 2, [model.p0] * 2, parameters=model.parameters)
     assert twice.joint("hinge0").shape == (2,)
     assert twice.body("rod1")[0].shape == (2, 3)
+    for again in (pickle.loads(pickle.dumps(twice)), copy.deepcopy(twice)):
+        assert np.array_equal(again.joint("hinge1"), twice.joint("hinge1"))
 
 
 def test_what_cannot_be_asked_is_said():
@@ -188,6 +201,8 @@ def test_what_cannot_be_asked_is_said():
     for ask, words in (
             (lambda: found.joint("hinge2"), ["hinge2", "hinge0"]),
             (lambda: found.body("rod"), ["rod", "rod0"]),
+            (lambda: found.body("hinge0"), ["joint('hinge0')"]),
+            (lambda: found.joint("rod0"), ["body('rod0')"]),
             (lambda: step.mass_matrix(*at, ["elbow"], **given), ["elbow", "hinge1"]),
             (lambda: step.mass_matrix(*at, [], **given), ["joints"]),
             (lambda: step.mass_matrix(*at, ["hinge0", "rod0"], **given), ["hinge0", "rod0"]),
@@ -243,6 +258,10 @@ def test_robots_move_as_pinocchio_has_them(tmp_path, seed):
     wanted = pin.aba(other, data, q, v, tau)[place]
     assert np.abs([found.joint(name) for name in names] - wanted).max() <= CLOSE * np.abs(
         wanted).max()
+    kinematics = [Kinematics(found._layout, model.parameters, model.q0).joint(
+        name, found.velocities) for name in names]
+    assert np.abs([(C @ found.q + drift)[0] for C, drift in kinematics] - wanted).max() <= (
+        CLOSE * np.abs(wanted).max())
     M = pin.crba(other, data, q)[np.ix_(place, place)]
     M = np.triu(M) + np.triu(M, 1).T if (np.diff(place) > 0).all() else np.maximum(M, M.T)
     assert np.abs(step.mass_matrix(model.q0, model.p0, names, **given) - M).max() <= (
