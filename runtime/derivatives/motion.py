@@ -112,10 +112,11 @@ class Layout:
     def of(cls, manifest: Mapping[str, Any]) -> Layout:
         """Return the layout that a manifest has."""
         system = manifest["system"]
+        measures = {name.removesuffix(f"_{kind}"): name for kind in ("speed", "rate")
+                    for name in system.get("quantities", ()) if name.endswith(f"_{kind}")}
         slides = frozenset(name for name, joint in system.get("joints", {}).items()
-                           if f"{name}: turn" in joint["constraints"])
-        measures = {name.removesuffix(f"_{kind}"): name for name in system.get("quantities", ())
-                    for kind in ("rate", "speed") if name.endswith(f"_{kind}")}
+                           if f"{name}: turn" in joint["constraints"]
+                           or measures.get(name, "").endswith("_speed"))
         return cls(bodies_of(manifest), joints_of(manifest), slides, measures)
 
     def is_joint(self, name: str) -> bool:
@@ -233,7 +234,8 @@ class StateMotion:
     def rate(self, name: str) -> tuple[Array, Array, bool]:
         """Return rows of the rates of a joint or a body, their accelerations, and what rows are.
 
-        They are C, or C H_pp where the rate is a quantity of the system: then the last is True.
+        They are C, or C H_pp of joints in a row, which have no axis that their bodies keep, but a
+        quantity of the system: then the last is True.
 
         Raises
         ------
@@ -242,7 +244,8 @@ class StateMotion:
         """
         own, layout = self._binding.own, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
-        if name in layout.measures:
+        has_axis = name in layout.joints and bool(layout.joints[name].axis_b)
+        if name in layout.measures and not has_axis:
             still, row, measure = own.new(own.n), [], layout.measures[name]
             for k in range(own.n):
                 unit = own.new(own.n)
