@@ -100,10 +100,17 @@ def test_examples_are_studies_and_say_how_to_begin(path, gyrospark):
 
 
 def test_every_option_of_a_study_file_reaches_the_study(tmp_path):
-    options = {"dt": "1e-3", "every": "10", "solver": '"newton"',
-               "tolerance": "1e-12", "max_iterations": "30", "rep": '"gamma"', "real": '"double"',
-               "frame": '"symmetries"', "keep": '["energy_error_max"]'}
-    text = "\n".join(f"{key} = {value}" for key, value in options.items())
+    text = """
+dt = 1e-3
+every = 10
+solver = "newton"
+tolerance = 1e-12
+max_iterations = 30
+rep = "gamma"
+real = "double"
+frame = "symmetries"
+keep = ["energy_error_max"]
+"""
     loaded = parse_study(text + STUDY.replace("steps = 100", "steps = 1e3").replace(
         "dt =", "mgl ="), tmp_path / "options.toml")
     study, (step,) = loaded.study, loaded.study.steppers
