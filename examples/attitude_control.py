@@ -14,9 +14,9 @@ seen = []  # attitude error in degrees, at each sample
 
 for _ in range(6000):
     e = sim.q
-    omega = [sim.quantity(name) for name in ("omega1", "omega2", "omega3")]  # gyroscope output
+    omega = sim.body().angular_velocity()  # gyroscope output
     turn = np.copysign(e[1:], e[0] * e[1:])  # the smaller rotation
-    torque = np.clip(-0.5 * turn - 4.0 * np.array(omega), -0.2, 0.2)  # N m
+    torque = np.clip(-0.5 * turn - 4.0 * omega, -0.2, 0.2)  # N m
     sim.advance(5, **dict(zip(("u1", "u2", "u3"), torque, strict=True)))  # held for 0.1 s
     seen.append(np.degrees(2 * np.arctan2(np.linalg.norm(e[1:]), abs(e[0]))))
 

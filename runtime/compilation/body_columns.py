@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arguments import choose
+from ...core.errors import InputError
 from ...core.inertia import Inertia, as_moments, tensor_of_inverse
 
-__all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "bodies_of", "joints_of", "numbers",
-           "placed_of", "points_of"]
+__all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "bodies_of", "body_named", "joint_named",
+           "joints_of", "numbers", "placed_of", "points_of"]
 
 Array = NDArray[np.float64]
 Entry = str | float
@@ -183,6 +185,49 @@ def joints_of(manifest: Mapping[str, Any]) -> dict[str, JointAt]:
         found[str(name)] = JointAt(a, b, on_a, on_b, axis_a, axis_b, zero,
                                    known if len(known) == len(pulls) else None, len(pulls))
     return found
+
+
+def body_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, BodyAt | PlacedAt]:
+    """Return a body and its name; None is the name of a single one.
+
+    Raises
+    ------
+    InputError
+        Where there is no body, or several and none is named.
+    """
+    system = manifest["system"]["name"]
+    bodies: dict[str, BodyAt | PlacedAt] = {**bodies_of(manifest), **placed_of(manifest)}
+    if not bodies:
+        raise InputError(
+            f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
+            "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
+    if name is None and len(bodies) > 1:
+        raise InputError(f"System {system!r} is not one rigid body but {len(bodies)}, "
+                         f"{', '.join(bodies)}; say which, as in body({next(iter(bodies))!r}).")
+    known = next(iter(bodies)) if name is None else choose(
+        f"body of system {system!r}:", name, bodies)
+    return known, bodies[known]
+
+
+def joint_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, JointAt]:
+    """Return a joint and its name; None is the name of a single one.
+
+    Raises
+    ------
+    InputError
+        Where there is no joint, or several and none is named.
+    """
+    system = manifest["system"]["name"]
+    joints = {key: at for key, at in joints_of(manifest).items() if at.constraints}
+    if not joints:
+        raise InputError(f"System {system!r} has no joints; those of gyrospark.Multibody and "
+                         "of [[joints]] in model files are asked for here.")
+    if name is None and len(joints) > 1:
+        raise InputError(f"System {system!r} has {len(joints)} joints, {', '.join(joints)}; "
+                         f"say which, as in joint({next(iter(joints))!r}).")
+    known = next(iter(joints)) if name is None else choose(
+        f"joint of system {system!r}:", name, joints)
+    return known, joints[known]
 
 
 def _pull(system: Mapping[str, Any], name: str, pull: Any) -> Pull | None:

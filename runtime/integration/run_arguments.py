@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 __all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
            "as_parameters", "checked_runs", "refuse_auto", "refuse_choice", "step_count",
-           "warn_of_late_start", "warn_of_negative"]
+           "steps_until", "warn_of_late_start", "warn_of_negative"]
 
 Array = NDArray[Any]
 
@@ -516,9 +516,8 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) 
         raise InputError(f"t_end = {_text(end)} lies {'before' if span < 0 else 'behind'} "
                          f"t0 = {_text(begin)}, and dt = {_text(step)} leads away from it; give "
                          f"dt = {_text(-step)}.")
-    count = round(span / step)
-    rounding = _ROUNDING * (abs(end) + abs(begin) + count * abs(step))
-    if nearest or abs(span - count * step) <= rounding:
+    count, fits = _nearest_count(end, begin, step)
+    if nearest or fits:
         return as_positive_count("steps", count)
     few = math.floor(span / step)
     times = " and ".join(_text(begin + n * step) for n in (few, few + 1) if n)
@@ -527,6 +526,21 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) 
                      f"t0 = {_text(begin)}; round=True (--round) ends at the step next to it. The "
                      f"nearest that fit: t_end = {times}, or dt = "
                      f"{steps_of}.")
+
+
+def steps_until(t: Any, t0: Any, dt: Any) -> int:
+    """Return the largest n with t0 + n dt not beyond t, by the rounding of ``step_count``."""
+    end, begin, step = _fraction("t", t), _fraction("t0", t0), _fraction("dt", dt)
+    count, fits = _nearest_count(end, begin, step)
+    return count if fits else math.floor((end - begin) / step)
+
+
+def _nearest_count(end: Fraction, begin: Fraction, step: Fraction) -> tuple[int, bool]:
+    """Return the number of steps that leads nearest to a time, and whether it leads there."""
+    span = end - begin
+    count = round(span / step)
+    rounding = _ROUNDING * (abs(end) + abs(begin) + abs(count * step))
+    return count, abs(span - count * step) <= rounding
 
 
 def _fraction(name: str, value: Any) -> Fraction:

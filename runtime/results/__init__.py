@@ -8,6 +8,7 @@
     trajectory_file     its .npz
     body_motion         one body of it: attitude, angles, velocities, momenta
     joint_motion        one joint of it: angle, force, torque
+    present_motion      bodies and joints of a simulation, at its present state
     rotation_rate       how far the fastest body turns in a step, and how far is sound
     trajectory_display  tables, figures, pages, films and notebook output of a trajectory
     trajectory_tables   CSV, pandas, xarray

@@ -57,7 +57,7 @@ class BodyMotion:
     @property
     def attitude(self) -> Array:
         """Unit quaternions from body to space axes, scalar first, shape (N+1, 4), as computed."""
-        values: Array = self._run.q[:, self._at.q]
+        values: Array = self._run.q[..., self._at.q]
         return values
 
     def rotation(self) -> Any:
@@ -115,7 +115,7 @@ class BodyMotion:
         In kg m²/s; in space axes unless ``frame="body"``.
         """
         L = quaternion.left_matrix(self.attitude)
-        return self._in(frame, np.einsum("kij,kj->ki", L, self._p.astype(float)) / 2)
+        return self._in(frame, np.einsum("...ij,...j->...i", L, self._p.astype(float)) / 2)
 
     # ------------------------------------------------------------ moving
 
@@ -129,7 +129,7 @@ class BodyMotion:
         InputError
             For what is no point, and where nobody says where the centre of mass is.
         """
-        return self._origin() + turned(self.attitude, self._point(on_body))
+        return self._origin() + self._in_space(self._point(on_body))
 
     def velocity(self, on_body: ArrayLike | None = None) -> Array:
         """Return the velocity of such a point, ẋ + R(q) (Ω × r), shape (N+1, 3), in m/s.
@@ -137,10 +137,10 @@ class BodyMotion:
         ``on_body`` and what is raised are those of ``position``.
         """
         r = self._point(on_body)
-        turning = turned(self.attitude, np.cross(self.angular_velocity(), r))
+        turning = self._in_space(np.cross(self.angular_velocity(), r))
         if not self.moves:
             return turning
-        return self._run.p[:, self._at.x].astype(float) / self.mass + turning
+        return self._run.p[..., self._at.x].astype(float) / self.mass + turning
 
     def momentum(self) -> Array:
         """Return m ẋ of the centre of mass in space axes, shape (N+1, 3), in kg m/s.
@@ -158,9 +158,9 @@ class BodyMotion:
         Without the terms of γ or α, which vanish on the constraints.
         """
         l, omega = self.angular_momentum("body"), self.angular_velocity()  # noqa: E741
-        energy: Array = (l * omega).sum(axis=1) / 2
+        energy: Array = (l * omega).sum(axis=-1) / 2
         if self.moves:
-            energy = energy + (self._run.p[:, self._at.x].astype(float) ** 2).sum(axis=1) / (
+            energy = energy + (self._run.p[..., self._at.x].astype(float) ** 2).sum(axis=-1) / (
                 2 * self.mass)
         return energy
 
@@ -216,7 +216,7 @@ class BodyMotion:
 
     @property
     def _p(self) -> Array:
-        values: Array = self._run.p[:, self._at.q]
+        values: Array = self._run.p[..., self._at.q]
         return values
 
     @property
@@ -226,9 +226,9 @@ class BodyMotion:
     def _origin(self) -> Array:
         """Return where the origin of the body axes is in space, a row a state."""
         if self.moves:
-            return self._run.q[:, self._at.x].astype(float)
+            return self._run.q[..., self._at.x].astype(float)
         held = numbers(self._at.origin, self._run.parameters)
-        return np.broadcast_to(held, (len(self._run), 3))
+        return np.broadcast_to(held, (*self._run.q.shape[:-1], 3))
 
     def _point(self, on_body: ArrayLike | None) -> Array:
         if on_body is None:
@@ -239,10 +239,14 @@ class BodyMotion:
                              "three finite numbers in body axes, in m.")
         return r
 
+    def _in_space(self, vectors: Array) -> Array:
+        """Return R(q) v of vectors in body axes."""
+        return turned(self.attitude, vectors)
+
     def _in(self, frame: FrameName, vectors: Array) -> Array:
         """Return vectors in body axes in those of ``frame``."""
         in_body = choose("frame", frame, FRAMES) == "body"
-        return vectors if in_body else turned(self.attitude, vectors)
+        return vectors if in_body else self._in_space(vectors)
 
     def _unknown(self, what: str) -> str:
         return (f"System {self._run.manifest['system']['name']!r} does not say {what} of body "
@@ -251,9 +255,9 @@ class BodyMotion:
 
 
 def turned(q: Array, vectors: Array) -> Array:
-    """Return R(q) v of each row, shape (N+1, 3); v may be one for all."""
+    """Return R(q) v of each row, shape (N+1, 3), or of one; v may be one for all."""
     R = quaternion.rotation_matrix(q)
-    in_space: Array = np.einsum("kij,kj->ki", R, np.broadcast_to(vectors, (len(R), 3)))
+    in_space: Array = np.einsum("...ij,...j->...i", R, vectors)
     return in_space
 
 
@@ -291,7 +295,7 @@ class PlacedMotion(BodyMotion):
 
     def _values(self, names: list[str]) -> Array:
         """Return quantities as columns."""
-        return np.stack([self._run.quantity(name).astype(float) for name in names], axis=1)
+        return np.stack([np.asarray(self._run.quantity(name), float) for name in names], axis=-1)
 
     @property
     def attitude(self) -> Array:
@@ -301,7 +305,7 @@ class PlacedMotion(BodyMotion):
         2000), whose signs are those of the state before.
         """
         if not self._placed.axes:
-            return np.tile([1.0, 0.0, 0.0, 0.0], (len(self._run), 1))
+            return np.tile([1.0, 0.0, 0.0, 0.0], (*self._run.q.shape[:-1], 1))
         axes = self._values(self._placed.axes).reshape(-1, 2, 3)
         R = np.stack([axes[:, 0], axes[:, 1], np.cross(axes[:, 0], axes[:, 1])], axis=2)
         turn = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0],
@@ -315,7 +319,7 @@ class PlacedMotion(BodyMotion):
         q[0] *= -1 if q[0, 0] < 0 else 1
         signs = np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)
         q[1:] *= np.cumprod(signs)[:, None]
-        return q
+        return q.reshape(*self._run.q.shape[:-1], 4)
 
     def _origin(self) -> Array:
         return self._values(self._placed.x)

@@ -19,10 +19,11 @@ from .body_motion import turned
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states"]
+__all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states",
+           "shortest_rotation"]
 
 Array = NDArray[Any]
-_STILL = np.array([[1.0, 0.0, 0.0, 0.0]])
+_STILL = np.array([1.0, 0.0, 0.0, 0.0])
 #: By how many rad a turn between two states may be off that at a constant rate.
 _STEADY = 0.5
 
@@ -93,7 +94,7 @@ class JointMotion:
             w, v = (q_a * x).sum(1), (back @ x[..., None])[..., 0] @ np.cross(n1, n2)
             turn: Array = turns + 2 * np.arctan2(v, w)
         else:
-            m = turned(q_b, _shortest(np.cross(n1, n2), of_b, n1) @ n1)
+            m = turned(q_b, shortest_rotation(np.cross(n1, n2), of_b, n1) @ n1)
             turn = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
         # Whole turns between two states are those that the rate between them makes.
         t, rate = self._run.t.astype(float), self._rate(e)
@@ -133,11 +134,11 @@ class JointMotion:
         return self._rate(self._axes()[2])
 
     def _rate(self, e: Array) -> Array:
-        omega = np.zeros((len(self._run), 3))
+        omega = np.zeros((*self._run.q.shape[:-1], 3))
         for name, sign in zip(self.bodies, (-1, 1), strict=True):
             if name:
                 omega = omega + sign * self._run.body(name).angular_velocity("space")
-        rate: Array = (omega * e).sum(axis=1)
+        rate: Array = (omega * e).sum(axis=-1)
         return rate
 
     # ------------------------------------------------------------ reactions
@@ -230,12 +231,13 @@ class JointMotion:
         for name, r in zip(self.bodies, (self._at.on_a, self._at.on_b), strict=True):
             point = numbers(r, self._run.parameters)
             found.append(self._run.body(name).position(point) if name else
-                         np.broadcast_to(point, (len(self._run), 3)))
+                         np.broadcast_to(point, (*self._run.q.shape[:-1], 3)))
         return found[0], found[1]
 
     def _attitudes(self) -> tuple[Array, Array]:
         q_a, q_b = (self._run.body(name).attitude if name else
-                    np.repeat(_STILL, len(self._run), axis=0) for name in self.bodies)
+                    np.broadcast_to(_STILL, (*self._run.q.shape[:-1], 4))
+                    for name in self.bodies)
         return q_a, q_b
 
     def _axes(self) -> tuple[Array, Array, Array, Array]:
@@ -322,7 +324,7 @@ def _product(q: Array, r: Array) -> Array:
     return np.hstack([scalar, q[:, :1] * u + w * q[:, 1:] + np.cross(q[:, 1:], u)])
 
 
-def _shortest(a: Array, b: Array, normal: Array) -> Array:
+def shortest_rotation(a: Array, b: Array, normal: Array) -> Array:
     """Return the rotation by the shortest way that takes the unit vector a to b.
 
     Where they are opposite, all ways are equally short: it turns about ``normal``, one to a.

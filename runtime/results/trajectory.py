@@ -11,12 +11,19 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_path, choose, shown
+from ...core.arguments import as_path, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.file_formats import format_of
 from ...core.records import changed
-from ..compilation.body_columns import bodies_of, joints_of, placed_of
+from ..compilation.body_columns import (
+    PlacedAt,
+    bodies_of,
+    body_named,
+    joint_named,
+    joints_of,
+    placed_of,
+)
 from .body_motion import BodyMotion, PlacedMotion, total_momenta
 from .crossings import Crossings
 from .diagnostics import Report
@@ -266,21 +273,9 @@ class Trajectory(Shown):
         >>> run.body("bus").euler("ZYX", degrees=True)            # doctest: +SKIP
         >>> run.body("bus").angular_velocity(frame="space")       # doctest: +SKIP
         """
-        bodies, system = bodies_of(self.manifest), self.manifest["system"]["name"]
-        placed = placed_of(self.manifest)
-        if not self.bodies:
-            raise InputError(
-                f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
-                "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
-        if name is None and len(self.bodies) > 1:
-            raise InputError(f"System {system!r} is not one rigid body but "
-                             f"{len(self.bodies)}, {', '.join(self.bodies)}; say which, as in "
-                             f"body({self.bodies[0]!r}).")
-        if name is None:
-            name = self.bodies[0]
-        at = choose(f"body of system {system!r}:", name, self.bodies)
-        return (PlacedMotion(self, at, placed[at]) if at in placed else
-                BodyMotion(self, at, bodies[at]))
+        known, at = body_named(self.manifest, name)
+        return (PlacedMotion(self, known, at) if isinstance(at, PlacedAt) else
+                BodyMotion(self, known, at))
 
     def joint(self, name: str | None = None) -> JointMotion:
         """Return one joint: its point, its angle, the force and the torque in it.
@@ -300,18 +295,7 @@ class Trajectory(Shown):
         >>> run.joint("hinge").angle(degrees=True)                # doctest: +SKIP
         >>> run.joint("hinge").force()                            # doctest: +SKIP
         """
-        system = self.manifest["system"]["name"]
-        joints = {key: at for key, at in joints_of(self.manifest).items() if at.constraints}
-        if not joints:
-            raise InputError(f"System {system!r} has no joints; those of gyrospark.Multibody and "
-                             "of [[joints]] in model files are asked for here.")
-        if name is None and len(joints) > 1:
-            raise InputError(f"System {system!r} has {len(joints)} joints, {', '.join(joints)}; "
-                             f"say which, as in joint({next(iter(joints))!r}).")
-        if name is None:
-            name = next(iter(joints))
-        at = choose(f"joint of system {system!r}:", name, joints)
-        return JointMotion(self, at, joints[at])
+        return JointMotion(self, *joint_named(self.manifest, name))
 
     def angular_velocity(self, body: str | None = None) -> Array:
         """Return Ω in body axes, shape (N+1, 3), in rad/s; see ``BodyMotion.angular_velocity``.

@@ -11,14 +11,14 @@ well.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import proposal
+from ...core.arguments import proposal, shown
 from ...core.calls import explain_arguments
 from ...core.errors import AbsentError, InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
@@ -28,11 +28,21 @@ from ...core.records import changed
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import Binding
 from ..bindings.inputs import Inputs
+from ..compilation.body_columns import body_named, joint_named
 from ..integration.consistency import refuse_inconsistent
 from ..integration.failure import diagnose
-from ..integration.run_arguments import RunArguments, warn_of_negative
-from ..integration.step_loop import FIRST_STEPS, ChunkSize, Rows, advance, ended_at, trajectory_of
+from ..integration.run_arguments import RunArguments, steps_until, warn_of_negative
+from ..integration.step_loop import (
+    FIRST_STEPS,
+    ChunkSize,
+    Rows,
+    advance,
+    ended_at,
+    integrate,
+    trajectory_of,
+)
 from ..results.diagnostics import Report
+from ..results.present_motion import PresentBody, PresentJoint, PresentPlaced, body_at_present
 from ..results.run_arrays import place_of_quantity
 from ..results.trajectory import Trajectory
 
@@ -245,6 +255,9 @@ class Simulation:
         self._held = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
         self._in_use = threading.Lock()
         self.dt = run.dt
+        self._present = _PresentState(self)
+        self._bodies: dict[str | None, PresentBody | PresentPlaced] = {}
+        self._joints: dict[str | None, PresentJoint] = {}
 
     def __repr__(self) -> str:
         return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {float(self.dt):.6g}"
@@ -283,14 +296,31 @@ class Simulation:
         if status:
             raise self._failure(status)
 
+    def advance_to(self, t: Number, **inputs: Number) -> None:
+        """Take steps of dt to the last time t0 + k dt that is not beyond ``t``.
+
+        A controller of any period calls it with its own times; a time that is a step's but for the
+        rounding of decimals is that step's. Inputs hold from these steps on, as in ``advance``,
+        whose errors it raises.
+
+        Raises
+        ------
+        InputError
+            If ``t`` is no number, or lies behind the time that is reached.
+        """
+        steps = steps_until(t, self._held.run.t0, self.dt) - self.steps
+        if steps < 0:
+            raise InputError(f"t = {float(t):.15g} s lies behind {float(self.t):.15g} s, the time "
+                             "that this simulation has reached; give a later time, or keep a "
+                             "copy() to go on from.")
+        self.advance(steps, **inputs)
+
     def _inputs(self, inputs: Mapping[str, Number]) -> dict[str, Any]:
         """Return all parameters, with other values of some inputs."""
         binding = self._held.binding
         for name in inputs:
             if name not in binding.input_names:
-                raise InputError(f"{name!r} is no input of this system, which has "
-                                 f"{', '.join(binding.input_names) or 'none'}"
-                                 f"{proposal(name, binding.input_names)}.")
+                raise _no_input(name, binding.input_names)
         return self._held.run.parameters | {
             name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
 
@@ -365,6 +395,71 @@ class Simulation:
         """
         held = self._held
         return Report.read(held.record, held.q, held.p, forced=held.binding.has_forces)
+
+    def body(self, name: str | None = None) -> PresentBody | PresentPlaced:
+        """Return a rigid body at the present state, with the methods of ``run.body``.
+
+        Its arrays are those of one state: ``sim.body("bus").angular_velocity()`` has shape (3,).
+        It follows the simulation, so that a control loop may ask for it once.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which of several bodies.
+
+        Raises
+        ------
+        InputError
+            Where there is no body, or several and none is named.
+        """
+        try:
+            return self._bodies[name]
+        except (KeyError, TypeError):
+            known, at = body_named(self._stepper.manifest, name)
+        return self._bodies.setdefault(name, body_at_present(self._present, known, at))
+
+    def joint(self, name: str | None = None) -> PresentJoint:
+        """Return a joint at the present state, with the methods of ``run.joint``.
+
+        ``angle()`` and ``rate()`` are numbers, ``force()`` and ``torque()`` those at the begin of
+        the step that would follow with the present inputs, which is solved and discarded.
+
+        Parameters
+        ----------
+        name : str, optional
+            Which of several joints.
+
+        Raises
+        ------
+        InputError
+            Where there is no joint, or several and none is named.
+        """
+        try:
+            return self._joints[name]
+        except (KeyError, TypeError):
+            known, at = joint_named(self._stepper.manifest, name)
+        return self._joints.setdefault(name, PresentJoint(self._present, known, at))
+
+    @property
+    def input(self) -> MutableMapping[str, Any]:
+        """The present values of the system's inputs, by name.
+
+        ``sim.input["torque"] = 0.3`` holds from the next step on, as in ``advance``.
+
+        Raises
+        ------
+        InputError
+            For an unknown input, or one that is no number.
+        """
+        return _InputValues(self)
+
+    def _set_inputs(self, inputs: Mapping[str, Number]) -> None:
+        given = self._inputs(inputs)
+        self._take()
+        try:
+            self._held.set_inputs(given)
+        finally:
+            self._in_use.release()
 
     def quantity(self, name: str) -> Any:
         """Return a quantity of the system, at the state and the time reached.
@@ -447,6 +542,69 @@ class Simulation:
         found = diagnose(held.binding, manifest, run, status, run.q, run.p, t)
         return StepFailed(step=done + 1, t=float(t), trajectory=held.trajectory(manifest),
                           **asdict(found))
+
+
+class _PresentState:
+    """The state of a simulation, as its bodies and joints read it: arrays of one state."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation, self._held = simulation, simulation._held
+        self.q, self.p = self._held.q, self._held.p  # compiled code writes into these
+        self.manifest = simulation._stepper.manifest
+        self.body, self.quantity = simulation.body, simulation.quantity
+        self.quantities = tuple(self.manifest["system"].get("quantities", ()))
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters, as numbers."""
+        return self._held.run.parameters
+
+    def next_step(self) -> Trajectory:
+        """Return the step that would follow; the simulation stays where it is."""
+        run = replace(self._held.run, q=self.q.copy(), p=self.p.copy(), t0=self._simulation.t,
+                      steps=1, every=1)
+        return integrate(self._held.binding, self.manifest, run)
+
+
+class _InputValues(MutableMapping[str, Any]):
+    """The inputs of a simulation; to set one holds from its next step on."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._names = simulation._held.binding.input_names
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._names:
+            raise _no_input(name, self._names)
+        return self._simulation._held.run.parameters[name]
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the value of an input, or another one where there is none."""
+        return self[name] if name in self._names else default
+
+    def __setitem__(self, name: str, value: Number) -> None:
+        self._simulation._set_inputs({name: value})
+
+    def __delitem__(self, name: str) -> None:
+        raise InputError(f"Input {name!r} cannot be deleted: each step has a value of it; set it "
+                         "to 0.")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        return f"<inputs of {self._simulation!r}: {dict(self)}>"
+
+
+def _no_input(name: Any, names: list[str]) -> InputError:
+    return InputError(f"{shown(name)} is no input of this system, which has "
+                      f"{', '.join(names) or 'none'}{proposal(name, names)}.")
 
 
 def _simulation(

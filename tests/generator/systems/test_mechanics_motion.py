@@ -241,9 +241,10 @@ def test_inputs_of_loads_are_held_over_a_step_and_bodies_are_placed(tmp_path):
     made = gs.from_mechanics(system, name="pushed", inputs=[push], bodies=True)
     assert [str(u) for u in made.inputs] == ["F"]
     pushes = np.sin(np.arange(50.0))
-    run = gs.stepper("G-L", 3, system=made).integrate(
-        [0.0, 0.0], [0.0, 0.0], dt=0.1, steps=50, inputs={"F": pushes},
-        parameters={str(e): VALUES[str(e)] for e in made.parameters if e not in made.inputs})
+    step = gs.stepper("G-L", 3, system=made)
+    values = {str(e): VALUES[str(e)] for e in made.parameters if e not in made.inputs}
+    run = step.integrate([0.0, 0.0], [0.0, 0.0], dt=0.1, steps=50, inputs={"F": pushes},
+                         parameters=values)
     y, w = np.zeros(2), np.sqrt(VALUES["k"] / (2 * VALUES["m"]))
     turned, rate = 0.0, 0.0
     c, s = np.cos(0.1 * w), np.sin(0.1 * w)
@@ -260,6 +261,11 @@ def test_inputs_of_loads_are_held_over_a_step_and_bodies_are_placed(tmp_path):
     R = np.array(N.dcm(wheel.frame).subs(at), float)
     seen = run.body("wheel")
     np.testing.assert_allclose(seen.position()[-1], np.array(place, float).ravel(), atol=1e-14)
+    now = step.start(run.q[-1], run.p[-1], dt=0.1, parameters=values | {"F": 0.0}).body("wheel")
+    np.testing.assert_allclose(now.position(), seen.position()[-1], atol=1e-14)
+    np.testing.assert_allclose(now.rotation_matrix(), R, atol=1e-14)
+    with pytest.raises(InputError):
+        now.angular_velocity()
     np.testing.assert_allclose(seen.rotation_matrix()[-1], R, atol=1e-14)
     assert np.abs(np.diff(seen.attitude, axis=0)).max() < 0.2
     np.testing.assert_allclose(seen.position((0, 0, 1))[-1], seen.position()[-1] + R[:, 2],

@@ -10,7 +10,7 @@ import gyrospark as gs
 import systems
 from calls import RUN, TOP
 from gyrospark.core.errors import InputWarning
-from gyrospark.runtime.results.joint_motion import _shortest
+from gyrospark.runtime.results.joint_motion import shortest_rotation
 
 EPS = float(np.finfo(float).eps)
 DT = 1e-3
@@ -257,10 +257,10 @@ def test_the_shortest_way_between_axes():
         a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
         normal = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
         for end in (b, -a, a):
-            R = _shortest(a, end, normal)
+            R = shortest_rotation(a, end, normal)
             assert np.abs(R @ R.T - np.eye(3)).max() < 1e-13
             assert np.abs(R @ a - end).max() < 1e-13
-        assert np.abs(_shortest(a, b, normal) @ normal - normal).max() < 1e-13
+        assert np.abs(shortest_rotation(a, b, normal) @ normal - normal).max() < 1e-13
 
 
 def test_names_that_are_not_there(four_bar, tops, gl3):

@@ -1,0 +1,240 @@
+"""Bodies and joints of a simulation: the methods of ``run.body`` and ``run.joint``, of one state.
+
+Attitudes, rates and angles, which controllers read, are computed on floats: on arrays of one row
+the same formulas take ten times as long.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.arguments import as_flag, choose
+from ...core.calls import explain_arguments
+from ...core.errors import InputError
+from ...core.inertia import inertia_matrix
+from ..compilation.body_columns import BodyAt, JointAt, PlacedAt, numbers
+from .body_motion import FRAMES, BodyMotion, FrameName, PlacedMotion
+from .joint_motion import JointMotion, shortest_rotation
+from .trajectory import Trajectory
+
+__all__ = ["PresentBody", "PresentJoint", "PresentPlaced", "body_at_present"]
+
+Array = NDArray[Any]
+Floats = Sequence[float]
+
+
+class Present(Protocol):
+    """A simulation, as its bodies and joints see it; q and p have the shape (n,)."""
+
+    q: Array
+    p: Array
+    manifest: dict[str, Any]
+    quantities: tuple[str, ...]
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters, as numbers."""
+
+    def quantity(self, name: str) -> Any:
+        """Return a quantity of the system."""
+
+    def body(self, name: str) -> Any:
+        """Return one of the bodies."""
+
+    def next_step(self) -> Trajectory:
+        """Return the step that would follow; the simulation stays where it is."""
+
+
+class _OfOneState:
+    """What a motion has and a state has not."""
+
+    name: str
+    _run: Any
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name} of {self._run.manifest['name']}>"
+
+    def plot(self, *arguments: Any, **options: Any) -> Any:
+        """Refuse to draw one state."""
+        kind = "joint" if isinstance(self, JointMotion) else "body"
+        raise InputError(f"A simulation has one state of {self.name!r}, which is no motion to "
+                         "draw; start it by step.start(..., record=True) and call "
+                         f"sim.trajectory.{kind}({self.name!r}).plot().")
+
+
+@explain_arguments
+class PresentPlaced(_OfOneState, PlacedMotion):
+    """A body in coordinates of its own at the present state; made by ``Simulation.body``."""
+
+
+@explain_arguments
+class PresentBody(_OfOneState, BodyMotion):
+    """One body of a simulation at its present state; made by ``Simulation.body``.
+
+    It has the attributes and methods of ``BodyMotion``, whose arrays have one row less a
+    dimension: ``angular_velocity()`` has shape (3,). Each call reads the state that is reached
+    then, so that one object serves a whole control loop.
+    """
+
+    def __init__(self, run: Present, name: str, at: BodyAt) -> None:
+        super().__init__(run, name, at)  # type: ignore[arg-type]
+        self._columns = np.array(at.q)
+        self._inverse = _Recall(run, at.inertia, lambda: _inverse(self._inertia))
+
+    @property
+    def attitude(self) -> Array:
+        """Unit quaternion from body to space axes, scalar first, shape (4,), as computed."""
+        values: Array = self._run.q[self._columns]
+        return values
+
+    def angular_velocity(self, frame: FrameName = "body") -> Array:
+        """Return Ω = J⁻¹ ½ L(q) p (19), or R(q) Ω for ``frame="space"``, shape (3,), in rad/s.
+
+        Raises
+        ------
+        InputError
+            For another frame.
+        """
+        in_body = frame == "body" or choose("frame", frame, FRAMES) == "body"
+        return np.array(self._rates() if in_body else rotated(self._quaternion(), self._rates()))
+
+    def _quaternion(self) -> list[float]:
+        """Return the attitude as floats."""
+        values: list[float] = self._run.q[self._columns].astype(float).tolist()
+        return values
+
+    def _rates(self) -> list[float]:
+        """Return Ω in body axes as floats."""
+        q0, q1, q2, q3 = self._quaternion()
+        p0, p1, p2, p3 = self._run.p[self._columns].astype(float).tolist()
+        x = q0 * p1 - q1 * p0 + q3 * p2 - q2 * p3
+        y = q0 * p2 - q2 * p0 + q1 * p3 - q3 * p1
+        z = q0 * p3 - q3 * p0 + q2 * p1 - q1 * p2
+        return [(a * x + b * y + c * z) / 2 for a, b, c in self._inverse()]
+
+    def _in_space(self, vectors: Array) -> Array:
+        return np.array(rotated(self._quaternion(), vectors.tolist()))
+
+
+@explain_arguments
+class PresentJoint(_OfOneState, JointMotion):
+    """One joint of a simulation at its present state; made by ``Simulation.joint``.
+
+    It has the methods of ``JointMotion``, whose arrays have one row less a dimension: ``angle()``
+    and ``rate()`` are numbers.
+    """
+
+    def __init__(self, run: Present, name: str, at: JointAt) -> None:
+        super().__init__(run, name, at)  # type: ignore[arg-type]
+        entries = [e for e in (*at.axis_a, *at.axis_b, *at.zero) if isinstance(e, str)]
+        self._vectors = _Recall(run, entries, self._constant_vectors)
+
+    def angle(self, *, degrees: bool = False) -> Any:
+        """Return by how much b is turned against a about their axis, in rad or degrees.
+
+        It is that of ``JointMotion.angle`` in its first state: whole turns, which one state does
+        not tell, are counted by ``sim.trajectory.joint(name).angle()``. Where the model goes by
+        the angle it is known up to two turns, and else lies in (−π, π].
+
+        Raises
+        ------
+        InputError
+            For a joint without such an axis.
+        """
+        unit = math.degrees(1.0) if as_flag("degrees", degrees) else 1.0
+        if self._is_measured("angle"):
+            return self._run.quantity(f"{self.name}_angle") * unit
+        axis, n1, n2, of_b, zero = self._vectors()
+        q_a, q_b = map(self._quaternion_of, self.bodies)
+        if zero:
+            w, *v = product([q_a[0], *map(operator.neg, q_a[1:])], product(q_b, zero[:4]))
+            return (zero[4] + 2 * math.atan2(dot(v, axis), w)) * unit
+        m = rotated(q_b, of_b)
+        return math.atan2(dot(rotated(q_a, n2), m), dot(rotated(q_a, n1), m)) * unit
+
+    def rate(self) -> Any:
+        """Return the angular velocity of b against a about their axis, in rad/s.
+
+        What is raised is that of ``angle``.
+        """
+        if self._is_measured("rate"):
+            return self._run.quantity(f"{self.name}_rate")
+        along, rate = rotated(self._quaternion_of(self.bodies[0]), self._vectors()[0]), 0.0
+        for name, sign in zip(self.bodies, (-1, 1), strict=True):
+            if name:
+                body = self._run.body(name)
+                rate += sign * dot(along, rotated(body._quaternion(), body._rates()))
+        return rate
+
+    def _reaction(self) -> tuple[Array, Array]:
+        """Return force and torque at the begin of the step that would follow."""
+        rows = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
+        return rows[0][0], rows[1][0]
+
+    def _quaternion_of(self, name: str) -> list[float]:
+        values: list[float] = self._run.body(name)._quaternion() if name else [1.0, 0.0, 0.0, 0.0]
+        return values
+
+    def _constant_vectors(self) -> tuple[list[float], ...]:
+        """Return e = n₁ × n₂, n₁ and n₂ in a, what n₁ is in b at angle 0, and ``zero``."""
+        n1, n2, _, of_b = self._axes()
+        e = np.cross(n1, n2)
+        return (e.tolist(), n1.tolist(), n2.tolist(),
+                (shortest_rotation(e, of_b, n1) @ n1).tolist(),
+                numbers(self._at.zero, self._run.parameters).tolist())
+
+
+class _Recall:
+    """A function of some parameters, called again when one of them has another value."""
+
+    def __init__(self, run: Present, names: Sequence[str], function: Any) -> None:
+        self._run, self._names, self._function = run, names, function
+        self._values: list[Any] | None = None
+        self._result: Any = None
+
+    def __call__(self) -> Any:
+        """Return the value of the function at the present parameters."""
+        values = [*map(self._run.parameters.__getitem__, self._names)]
+        if values != self._values:
+            self._result, self._values = self._function(), values
+        return self._result
+
+
+def body_at_present(run: Present, name: str, at: BodyAt | PlacedAt) -> PresentBody | PresentPlaced:
+    """Return a body of a simulation."""
+    if isinstance(at, PlacedAt):
+        return PresentPlaced(run, name, at)  # type: ignore[arg-type]
+    return PresentBody(run, name, at)
+
+
+def _inverse(inertia: Any) -> list[list[float]]:
+    """Return J⁻¹."""
+    rows: list[list[float]] = np.linalg.inv(inertia_matrix(inertia)).tolist()
+    return rows
+
+
+def rotated(q: Floats, v: Floats) -> list[float]:
+    """Return R(q) v = (q₀² − u·u) v + 2 (u·v) u + 2 q₀ u × v with q = (q₀, u)."""
+    (q0, q1, q2, q3), (x, y, z) = q, v
+    scale, along = q0 * q0 - q1 * q1 - q2 * q2 - q3 * q3, 2 * (q1 * x + q2 * y + q3 * z)
+    return [scale * x + along * q1 + 2 * q0 * (q2 * z - q3 * y),
+            scale * y + along * q2 + 2 * q0 * (q3 * x - q1 * z),
+            scale * z + along * q3 + 2 * q0 * (q1 * y - q2 * x)]
+
+
+def product(q: Floats, r: Floats) -> list[float]:
+    """Return Hamilton's product q ∘ r."""
+    (a, b, c, d), (w, x, y, z) = q, r
+    return [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
+            a * y + c * w + d * x - b * z, a * z + d * w + b * y - c * x]
+
+
+def dot(v: Floats, w: Floats) -> float:
+    """Return v·w."""
+    return v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
