@@ -3,8 +3,7 @@
 >>> import gyrospark as gs
 >>> step = gs.stepper("G-L", stages=3, rep="gamma")
 >>> top = gs.problems.fast_top()
->>> parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
->>> trajectory = step.integrate(top.q0, top.p0, dt=1e-3, steps=320, parameters=parameters)
+>>> trajectory = step.integrate(top, dt=1e-3, steps=320)
 
 Importing this package imports no SymPy; generating a stepper does.
 """
@@ -35,6 +34,8 @@ if TYPE_CHECKING:
     from .core.event import Event
     from .core.projection import Projection
     from .core.shapes import Shape
+    from .core.solver import Solver
+    from .core.start import Start
     from .generator.models.robots import (
         load_mjcf,
         load_sdf,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from .runtime.analysis.fit import Fit, fit
     from .runtime.analysis.lyapunov import Lyapunov, lyapunov
     from .runtime.analysis.periodic_orbit import PeriodicOrbit, periodic_orbit
+    from .runtime.bindings.inputs import Inputs
     from .runtime.derivatives.gradient import Gradient
     from .runtime.derivatives.tangent_space import Tangents
     from .runtime.devices.ensemble import DeviceEnsemble
@@ -119,6 +121,8 @@ _HOMES = {
     "Ensemble": "runtime.steppers.ensemble",
     "Event": "core.event",
     "Shape": "core.shapes",
+    "Solver": "core.solver",
+    "Start": "core.start",
     "FrameChoice": "runtime.tuning.frame_search",
     "choose_frame": "runtime.tuning.frame_choice",
     "GammaChoice": "runtime.tuning.gamma_choice",
@@ -140,6 +144,7 @@ _HOMES = {
     "PeriodicOrbit": "runtime.analysis.periodic_orbit",
     "periodic_orbit": "runtime.analysis.periodic_orbit",
     "Gradient": "runtime.derivatives.gradient",
+    "Inputs": "runtime.bindings.inputs",
     "Tangents": "runtime.derivatives.tangent_space",
     "Stepper": "runtime.steppers.stepper",
     "Trajectory": "runtime.results.trajectory",
@@ -176,6 +181,7 @@ __all__ = [
     "GyrosparkError",
     "InputError",
     "InputWarning",
+    "Inputs",
     "Lyapunov",
     "MissingDependencyError",
     "Model",
@@ -186,6 +192,8 @@ __all__ = [
     "Section",
     "Shape",
     "Simulation",
+    "Solver",
+    "Start",
     "StepFailed",
     "Stepper",
     "Stopped",

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import GyrosparkError, StepFailed
+from ..core.start import Start
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 
@@ -51,8 +52,8 @@ def reversal(
     """
     steps = run.report.steps
     try:
-        back = stepper.integrate(run.q[-1], run.p[-1], dt=-run.dt, steps=steps,
-                                 parameters=parameters, t0=float(run.t[-1]))
+        end = Start(run.q[-1], run.p[-1], parameters, float(run.t[-1]))
+        back = stepper.integrate(end, dt=-run.dt, steps=steps)
         growth = max(_growth(stepper, one, parameters, sizes) for one in (run, back))
     except GyrosparkError:
         return None
@@ -74,8 +75,8 @@ def _growth(
     starts = [stepper.project(*state, parameters=parameters, t=float(run.t[0]))
               for state in zip(*near, strict=True)]
     qs, ps = (np.array(part) for part in zip(*starts, strict=True))
-    many = stepper.integrate_ensemble(qs, ps, dt=run.dt, steps=run.report.steps,
-                                      parameters=parameters, t0=float(run.t[0]))
+    many = stepper.integrate_ensemble(Start(qs, ps, parameters, float(run.t[0])), dt=run.dt,
+                                      steps=run.report.steps)
     distance = np.maximum(*(np.abs(states - own).max(axis=2) / size for states, own, size in
                             zip((many.q, many.p), (run.q, run.p), sizes, strict=True)))
     with np.errstate(all="ignore"):  # a neighbour may be projected onto the start

@@ -10,6 +10,8 @@
     mesh_files     triangles of STL and OBJ files
     shapes         boxes, spheres, discs, bars and meshes that bodies are drawn with
     event          an event: a quantity of a run crosses a level
+    start          where a motion starts: state, parameters, time, inputs
+    solver         how the equations of a step are solved
     registry       named systems, problems and models
     warnings       warnings about accepted but suspicious input
     projection     states projected onto the constraints

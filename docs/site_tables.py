@@ -23,7 +23,8 @@ ROOT = Path(__file__).resolve().parent.parent
 #: Page of the reference → its names, in order. Every public name is on one page.
 API = {
     "runs": [
-        "stepper", "Stepper", "Trajectory", "gyrospark.runtime.results.body_motion.BodyMotion",
+        "stepper", "Stepper", "Start", "Solver", "Inputs", "Trajectory",
+        "gyrospark.runtime.results.body_motion.BodyMotion",
         "gyrospark.runtime.results.joint_motion.JointMotion",
         "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "DeviceEnsemble",
         "Event", "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",

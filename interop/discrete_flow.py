@@ -22,7 +22,7 @@ from ..core.arguments import shown, unknown
 from ..core.errors import GyrosparkError, InputError
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.binding import REASONS
-from ..runtime.bindings.inputs import Inputs
+from ..runtime.bindings.inputs import InputRows
 from ..runtime.derivatives.binding import KeptRun
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import DEFAULT_MEMORY, as_bytes, backwards
@@ -209,7 +209,7 @@ class DiscreteFlow:
             q.copy(), p.copy(), float(dt), self.steps, self.steps,
             as_parameters(values, stepper.parameter_domains, binding.number, stepper.symmetries),
             "auto", None, 50, float(t0),
-            Inputs(self.input_names, rows, 1) if self.input_names else None)
+            InputRows(self.input_names, rows, 1) if self.input_names else None)
         refuse_singular_mass(binding, stepper.manifest, run)
         if not stepper.m:
             return run

@@ -20,6 +20,7 @@ from ...core.html import card, table
 from ...core.inertia import Inertia, as_moments_or_tensor, real_array
 from ...core.registry import FRAMES, RULES
 from ...core.shapes import Shape
+from ...core.start import Start
 from ...core.units import base_units
 from ..systems.system import System
 
@@ -200,6 +201,11 @@ class Model:
         """The system's name."""
         name: str = self.__dict__.get("_name") or self.system.name
         return name
+
+    @property
+    def start(self) -> Start:
+        """Where a run of it starts; γ and α without a value are found by its rules."""
+        return Start(self.q0, self.p0, self.parameters).of_model(self.bodies, self.rules)
 
     def in_type(self, number: Callable[[Fraction], Any]) -> Model:
         """Return the model with all its numbers rounded once, to the type of ``number``."""

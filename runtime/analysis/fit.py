@@ -24,7 +24,7 @@ from ...core.exact_numbers import Number, as_double
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.progress import log_progress
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
-from ..bindings.inputs import Inputs, as_inputs
+from ..bindings.inputs import InputRows, as_inputs
 from ..derivatives.kept_steps import refuse_run
 from ..derivatives.tangent_run import tangents_of
 from ..derivatives.tangent_space import Tangents
@@ -458,7 +458,7 @@ def _first_run(
     t0: float, inputs: Any, hold: int,
 ) -> RunArguments:
     """Return the run of the first guess, its start on the constraints."""
-    fed: Inputs | None = as_inputs(inputs, step.binding, steps, hold)
+    fed: InputRows | None = as_inputs(inputs, step.binding, steps, hold)
     numbers = step.parameters_with_inputs(given, fed)
     if step.m:
         plain = {name: x for name, x in numbers.items() if not isinstance(x, str)}

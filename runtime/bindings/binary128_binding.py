@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..compilation.quad_wrapper import PREFIX
 from . import binary128
 from .binding import SOLVERS, Binding, SolverName
-from .inputs import Inputs
+from .inputs import InputRows
 from .real_numbers import aligned
 
 __all__ = ["QuadBinding"]
@@ -179,7 +179,7 @@ class QuadBinding(Binding):
     def integrate(
         self, parameters: Any, options: Any, dt: float, steps: int, every: int,
         q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
-        inputs: Inputs | None = None,
+        inputs: InputRows | None = None,
     ) -> int:
         """Advance (q, p) in place by up to ``steps`` steps; return the status."""
         rows = steps // every  # converted: those of this call, not all that are left
@@ -189,7 +189,7 @@ class QuadBinding(Binding):
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
         q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
-        memory: tuple[Any, Any], inputs: Inputs | None = None,
+        memory: tuple[Any, Any], inputs: InputRows | None = None,
     ) -> None:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         now = slice(row, row + steps // every)

@@ -9,24 +9,23 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.real_types import REALS
+from ...core.solver import SolverName
 from ..compilation.call_stack import on_large_stack
 from ..compilation.newton_library import checked
 from .array_checks import as_array, as_numbers, converted_to
-from .inputs import Inputs
+from .inputs import InputRows
 from .real_numbers import aligned, rounding
 
 __all__ = ["CORES", "SOLVERS", "Compiled", "Pool", "SolverName"]
 
 Array = NDArray[Any]
 
-#: What ``solver`` may be; the keys of ``SOLVERS``, for editors and type checkers.
-SolverName = Literal["auto", "newton", "fixed-point", "python"]
 #: Of this machine: a call that asks for them costs as much as some steps.
 CORES = os.cpu_count() or 1
 #: Bytes of a kind of memory that are kept for the next call, if not that of one thread.
@@ -257,7 +256,7 @@ class Compiled:
     def integrate(
         self, parameters: Any, options: Any, dt: float, steps: int, every: int,
         q: Array, p: Array, out: tuple[Array, ...], report: Any, work: Any,
-        inputs: Inputs | None = None,
+        inputs: InputRows | None = None,
     ) -> int:
         """Advance (q, p) in place by up to ``steps`` steps; return the status."""
         q_out, p_out, multipliers, iterations, work_out = out
@@ -270,7 +269,7 @@ class Compiled:
             counts, *done, report, work,
         ))
 
-    def _fed(self, inputs: Inputs | None) -> list[Any]:
+    def _fed(self, inputs: InputRows | None) -> list[Any]:
         """Return the arguments with inputs, how long they are held, and rows between runs."""
         if not self.input_names:
             return []
@@ -313,7 +312,7 @@ class Compiled:
     def integrate_lanes(
         self, parameters: Any, options: Any, dt: Array, steps: int, every: int, row: int,
         q: Array, p: Array, out: tuple[Array, ...], reports: Any, status: Array,
-        memory: tuple[Any, Any], inputs: Inputs | None = None,
+        memory: tuple[Any, Any], inputs: InputRows | None = None,
     ) -> None:
         """Advance the rows of q and p in place by up to ``steps`` steps, stored from ``row`` on."""
         rows = out[0].shape[1]

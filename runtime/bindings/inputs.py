@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import proposal
 from ...core.errors import InputError
@@ -19,13 +19,38 @@ from .array_checks import as_numbers, as_positive_count
 if TYPE_CHECKING:
     from .compiled_module import Compiled
 
-__all__ = ["Inputs", "as_inputs"]
+__all__ = ["InputRows", "Inputs", "as_inputs"]
 
 Array = NDArray[Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Inputs:
+    """Inputs of a run whose rows are held for several steps each.
+
+    Attributes
+    ----------
+    values : mapping or array_like
+        By name, a number or one for each row; or an array with a column for each input. There are
+        ⌈steps/hold⌉ rows.
+    hold : int
+        Steps that each row is held for.
+
+    Raises
+    ------
+    InputError
+        Unless ``hold`` is a whole number from 1 on.
+    """
+
+    values: Mapping[str, Any] | ArrayLike
+    hold: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hold", as_positive_count("hold", self.hold, least=1))
+
+
+@dataclass(frozen=True)
+class InputRows:
     """Rows of inputs in the stepper's type, those of several runs one behind the other.
 
     Attributes
@@ -59,20 +84,20 @@ class Inputs:
         return {name: x if (rows[:, i] == first[i]).all() else none
                 for i, (name, x) in enumerate(zip(self.names, first.tolist(), strict=True))}
 
-    def of(self, i: int) -> Inputs:
+    def of(self, i: int) -> InputRows:
         """Return those of one run."""
         return replace(self, values=self.values[i : i + 1]) if len(self.values) > 1 else self
 
-    def between(self, part: slice) -> Inputs:
+    def between(self, part: slice) -> InputRows:
         """Return those of some runs, side by side."""
         return replace(self, values=self.values[part]) if len(self.values) > 1 else self
 
-    def taken(self, runs: Array, steps: Array, count: int = 1) -> Inputs:
+    def taken(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
         """Return those of ``count`` steps after ``steps`` of some runs, as of runs of their own."""
         at = steps[:, None] + np.arange(count)
         rows = np.minimum(at // self.hold if self.hold else 0 * at, self.values.shape[1] - 1)
         owner = runs[:, None] if len(self.values) > 1 else 0
-        return Inputs(self.names, np.ascontiguousarray(self.values[owner, rows]), 1)
+        return InputRows(self.names, np.ascontiguousarray(self.values[owner, rows]), 1)
 
     @property
     def first(self) -> dict[str, Any]:
@@ -81,11 +106,11 @@ class Inputs:
         return dict(zip(self.names, rows[0].tolist() if len(rows) else [1.0] * len(self.names),
                         strict=True))
 
-    def of_steps(self, count: int) -> Inputs:
+    def of_steps(self, count: int) -> InputRows:
         """Return those of the first steps of the first run, a row for each; the last row stays."""
         return self.taken(np.zeros(1, int), np.zeros(1, int), count)
 
-    def refined(self, factor: int) -> Inputs:
+    def refined(self, factor: int) -> InputRows:
         """Return those of the same run with steps so many times smaller."""
         return replace(self, hold=self.hold * factor)
 
@@ -97,7 +122,7 @@ class Inputs:
 
 def as_inputs(
     given: Any, binding: Compiled, steps: int, hold: Any = 1, runs: int | None = None
-) -> Inputs | None:
+) -> InputRows | None:
     """Return the inputs of a run of so many steps, or of ``runs`` of them; None for None.
 
     Inputs that are checked already are returned as they are.
@@ -108,8 +133,13 @@ def as_inputs(
         For unknown or missing names, other shapes, what is no finite number.
     """
     held = as_positive_count("hold", hold, least=1)
-    if given is None or isinstance(given, Inputs):
+    if given is None or isinstance(given, InputRows):
         return given
+    if isinstance(given, Inputs):
+        if held != 1:
+            raise InputError(f"hold = {held} is given beside Inputs(..., hold={given.hold}); give "
+                             "it to the Inputs.")
+        given, held = given.values, given.hold
     names = binding.input_names
     if not names:
         raise InputError("inputs are given, and this system has none; declare them by "
@@ -120,7 +150,7 @@ def as_inputs(
         array = np.stack(np.broadcast_arrays(*parts), axis=-1)
     else:
         array = _table(as_numbers("inputs", given), len(names), rows, runs)
-    return Inputs(names, binding.array("inputs", array, array.shape),
+    return InputRows(names, binding.array("inputs", array, array.shape),
                   0 if array.shape[1] == 1 else held)
 
 

@@ -18,7 +18,7 @@ from ...core.arguments import shown
 from ...core.errors import InputError, Stopped
 from ...core.interrupts import catch_ctrl_c
 from ..bindings.array_checks import as_numbers, as_real
-from ..bindings.inputs import Inputs
+from ..bindings.inputs import InputRows
 from ..results.run_arrays import States, flat_multipliers
 from ..results.trajectory import Trajectory
 from .lanes import EnsembleStates, fill_ensemble, threads_of
@@ -140,7 +140,7 @@ def _go(
 
 def run_together(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
-    fill: Callable[[EnsembleStates], None], steps: int, inputs: Inputs | None = None,
+    fill: Callable[[EnsembleStates], None], steps: int, inputs: InputRows | None = None,
 ) -> EnsembleStates:
     """Return runs of so many steps, each stored, from states that are on their constraints.
 
@@ -165,7 +165,7 @@ def run_together(
 
 def partial_steps(
     stepper: Stepper, q: Array, p: Array, t0: Array, dt: Array, parameters: dict[str, Array],
-    fill: Callable[[EnsembleStates], None], inputs: Inputs | None = None,
+    fill: Callable[[EnsembleStates], None], inputs: InputRows | None = None,
 ) -> tuple[Array, Array]:
     """Return the states one step of each dt after rows of q and p; a dt of 0 changes nothing."""
     q, p = q.copy(), p.copy()

@@ -29,7 +29,7 @@ from ...core.exact_numbers import Rounded, as_double, exact
 from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count, as_real, as_step
-from ..bindings.inputs import Inputs
+from ..bindings.inputs import InputRows
 from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names, is_inertia_parameter
 from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 from .consistency import defects_of_starts
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 __all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
            "as_parameters", "checked_runs", "refuse_auto", "refuse_choice", "step_count",
-           "steps_until", "warn_of_late_start", "warn_of_negative"]
+           "steps_until", "warn_of_late_start", "warn_of_negative", "with_rules"]
 
 Array = NDArray[Any]
 
@@ -71,7 +71,7 @@ class RunArguments:
     tolerance: Any
     max_iterations: int
     t0: Any = 0.0
-    inputs: Inputs | None = None
+    inputs: InputRows | None = None
     #: The steps whose states are stored, rising, up to the last; None: as ``every`` says.
     stored_steps: Array | None = None
     #: What looks at every state for events; one for each trajectory.
@@ -96,7 +96,7 @@ class RunArguments:
                        every=self.every * factor,
                        inputs=None if self.inputs is None else self.inputs.refined(factor))
 
-    def with_inputs(self, inputs: Inputs | None) -> RunArguments:
+    def with_inputs(self, inputs: InputRows | None) -> RunArguments:
         """Return the run with inputs; its parameters have those that stay, and nan for others."""
         if inputs is None:
             return self
@@ -155,7 +155,7 @@ class EnsembleArguments:
     dt: Array
     t0: Array
     parameters: dict[str, Array]
-    inputs: Inputs | None = None
+    inputs: InputRows | None = None
 
     @classmethod
     def of(cls, runs: list[RunArguments], number: Any) -> EnsembleArguments:
@@ -195,7 +195,7 @@ class RawArguments:
     t0: Array
     #: A dict for each run; or what is one for all, and columns.
     parameters: list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]
-    #: Steps, every, solver, tolerance and max_iterations: the same for all.
+    #: Steps, every and solver: the same for all.
     common: Mapping[str, Any]
 
     def parameters_of(self, i: int) -> dict[str, Any]:
@@ -350,6 +350,7 @@ def as_parameters(
     """
     if not isinstance(given, Mapping):
         raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")
+    given = with_rules(given, domains)
     plain = _as_plain_parameters(given, domains, number)
     if plain is not None:
         refuse_broken(symmetries, plain)
@@ -373,6 +374,12 @@ def as_parameters(
     made = {name: _as_parameter(name, domain, whole, number) for name, domain in domains.items()}
     refuse_broken(symmetries, made)
     return made
+
+
+def with_rules(given: Mapping[str, Any], domains: Mapping[str, str]) -> Mapping[str, Any]:
+    """Return parameters in which each γ and α that is left out is to be the mean of its moments."""
+    left = [name for name in _names_with_inertia(tuple(domains)) if name not in given]
+    return {**given, **dict.fromkeys(left, "m")} if left else given
 
 
 class ParameterCheck:

@@ -9,6 +9,7 @@
     body_motion         one body of it: attitude, angles, velocities, momenta
     joint_motion        one joint of it: angle, force, torque
     present_motion      bodies and joints of a simulation, at its present state
+    start_of_row        the start that a state of a run is for another run
     rotation_rate       how far the fastest body turns in a step, and how far is sound
     trajectory_display  tables, figures, pages, films and notebook output of a trajectory
     trajectory_tables   CSV, pandas, xarray

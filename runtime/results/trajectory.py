@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import operator
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.file_formats import format_of
 from ...core.records import changed
+from ...core.start import Start
 from ..compilation.body_columns import (
     PlacedAt,
     bodies_of,
@@ -29,6 +31,7 @@ from .crossings import Crossings
 from .diagnostics import Report
 from .joint_motion import JointMotion
 from .run_arrays import OUTPUTS, States, place_of_quantity, value_of
+from .start_of_row import start_of_row
 from .trajectory_display import Shown
 from .trajectory_file import read_npz
 
@@ -157,6 +160,36 @@ class Trajectory(Shown):
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __getitem__(self, row: int) -> Start:
+        """Return a stored state as the start of another run: ``step.integrate(run[-1], ...)``.
+
+        To go on from it gives the states of one longer run to round-off; a ``Simulation`` and a
+        store go on to the bit. Of inputs that change, it has those of the step that ended there.
+        γ and α that are the means of their moments are found anew for other moments.
+
+        Raises
+        ------
+        IndexError
+            Beyond the rows.
+        """
+        try:
+            at = range(len(self))[operator.index(row)]
+        except TypeError:
+            raise InputError(f"run[{shown(row)}] is no row; give a whole number, and ask arrays "
+                             "such as run.q for several rows.") from None
+        inputs: dict[str, Any] = {}
+        if self._inputs is not None and len(self) > 1:
+            # Rows at given times lie between steps; their inputs are not known.
+            steps = round(float(self.elapsed[at] / self.dt))
+            inputs = dict(zip(self._inputs.names,
+                              self._inputs.at(max(steps - 1, 0)).tolist(), strict=True))
+        return start_of_row(self.q[at].copy(), self.p[at].copy(), self.t[at], self.parameters,
+                            inputs)
+
+    def __iter__(self) -> Iterator[Start]:
+        """Iterate over the stored states as starts."""
+        return (self[row] for row in range(len(self)))
 
     @property
     def elapsed(self) -> Array:
@@ -331,13 +364,19 @@ class Trajectory(Shown):
         """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space."""
         return self.body(body).rotation()
 
-    def at(self, times: ArrayLike, *, stepper: Maker | None = None) -> Trajectory:
+    @overload
+    def at(self, times: float, *, stepper: Maker | None = None) -> Start: ...
+
+    @overload
+    def at(self, times: ArrayLike, *, stepper: Maker | None = None) -> Trajectory: ...
+
+    def at(self, times: Any, *, stepper: Maker | None = None) -> Trajectory | Start:
         """Return the states at times between the steps, by short real steps; see ``Stepper.at``.
 
         Parameters
         ----------
-        times : array_like, shape (N,)
-            In seconds, within the run.
+        times : float, or array_like of shape (N,)
+            In seconds, within the run. The state at one time comes as a ``Start``.
         stepper : Stepper, optional
             What made the trajectory; known of what ``integrate`` returned in this process.
 
@@ -346,7 +385,8 @@ class Trajectory(Shown):
         InputError
             Where the stepper is not known, for times outside of the run.
         """
-        return self._maker(stepper, "at(times, stepper=...)").at(self, times)
+        found = self._maker(stepper, "at(times, stepper=...)").at(self, times)
+        return found if np.ndim(times) else found[0]
 
     def _maker(self, stepper: Maker | None, call: str) -> Maker:
         """Return the stepper that made this trajectory, known or given."""

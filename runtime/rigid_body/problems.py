@@ -29,6 +29,7 @@ from ...core.inertia import (
     unit_quaternions,
 )
 from ...core.registry import SYSTEMS
+from ...core.start import Start
 from ..bindings.array_checks import as_real
 from .closed_forms import ExactMotion, RegularPrecession, free_motion
 from .gamma_rules import principal_moments
@@ -94,6 +95,13 @@ class Problem:
                 ("q₀", few(f"{x:.6g}" for x in self.q0)), ("p₀", few(f"{x:.6g}" for x in self.p0)),
                 ("exact motion", "none known" if self.exact is None else "problem.exact")]
         return card(f"Problem {self.name}", table(rows))
+
+    @property
+    def start(self) -> Start:
+        """Where a run of it starts; γ and α are by rule."""
+        spare = {name for name, value in self.parameters.items() if value == 0}
+        return Start(self.q0, self.p0, self.parameters).of_model(
+            dict.fromkeys(("gamma", "alpha"), self.inertia), {}, frozenset(spare))
 
     def __post_init__(self) -> None:
         for name in ("name", "description"):

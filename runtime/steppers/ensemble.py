@@ -23,7 +23,7 @@ from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import log_progress
 from ...core.records import changed
 from ..bindings.array_checks import as_numbers, as_positive_count
-from ..bindings.inputs import Inputs, as_inputs
+from ..bindings.inputs import InputRows, as_inputs
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
 from ..devices.cuda_text import cuda_text
@@ -50,6 +50,7 @@ from ..integration.run_arguments import (
     refuse_choice,
     warn_of_late_start,
     warn_of_negative,
+    with_rules,
 )
 from ..integration.step_loop import failure_of, trajectory_of
 from ..results import ensemble_table
@@ -210,7 +211,7 @@ def integrate_members(
     """Integrate each row of q and p; see ``Stepper.integrate_ensemble``."""
     card = device_for(device, q, p)
     if card is not None:
-        refuse_on_device(stepper, options["solver"], events=events, inputs=inputs,
+        refuse_on_device(stepper, options["solver"].kind, events=events, inputs=inputs,
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, q, p, dt, t0, parameters, options))
@@ -254,7 +255,8 @@ def _checked(
     size = len(starts)
     given = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t0", t0, size), size),
-                  _each_parameters(stepper.parameters_with_inputs(parameters, inputs), size),
+                  _each_parameters(stepper.parameters_with_inputs(parameters, inputs), size,
+                                   stepper.parameter_domains),
                   options)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]), hold,
                     size)
@@ -359,7 +361,7 @@ def _with_tangents(
     return replace(ensemble, tangents=tangents, _make=member)
 
 
-def _with_frames(stepper: Stepper, given: RawArguments, inputs: Inputs | None) -> RawArguments:
+def _with_frames(stepper: Stepper, given: RawArguments, inputs: InputRows | None) -> RawArguments:
     """Return the arguments with the least-squares frame of each start, where one is asked for."""
     def rates(i: int) -> dict[str, float]:
         own = given.parameters_of(i)
@@ -400,9 +402,10 @@ def _rows(stepper: Stepper, name: str, value: Any) -> Array:
 
 
 def _each_parameters(
-    parameters: Any, size: int
+    parameters: Any, size: int, domains: Mapping[str, str]
 ) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
     if isinstance(parameters, Mapping):
+        parameters = with_rules(parameters, domains)
         for name, value in parameters.items():
             if name != "frame":
                 refuse_auto(name, value)
@@ -416,4 +419,4 @@ def _each_parameters(
                          "dicts.")
     if len(parameters) != size:
         raise InputError(f"{len(parameters)} sets of parameters are given for {size} trajectories.")
-    return [dict(run) for run in parameters]
+    return [dict(with_rules(run, domains)) for run in parameters]

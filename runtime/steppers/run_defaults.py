@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...core.event import Event
 from ...core.exact_numbers import Rounded, exact, knowing
 from ...core.shapes import Shape
+from ...core.start import Start
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,6 +90,11 @@ class RunDefaults:
             None if model.dt is None else knowing(model.dt), model.steps, dict(model.rules),
             events=tuple(model.events), visuals=dict(getattr(model, "visuals", {})),
         )
+
+    @property
+    def start(self) -> Start:
+        """Where a run of it starts; γ and α without a value are found by its rules."""
+        return Start(*self.state, self.parameters).of_model(self.bodies, self.rules)
 
     @property
     def state(self) -> tuple[Array, Array]:

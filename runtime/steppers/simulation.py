@@ -25,9 +25,10 @@ from ...core.exact_numbers import Number
 from ...core.frozen_dict import FrozenDict
 from ...core.interrupts import catch_ctrl_c
 from ...core.records import changed
+from ...core.start import Start
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import Binding
-from ..bindings.inputs import Inputs
+from ..bindings.inputs import InputRows
 from ..compilation.body_columns import body_named, joint_named
 from ..integration.consistency import refuse_inconsistent
 from ..integration.failure import diagnose
@@ -44,6 +45,7 @@ from ..integration.step_loop import (
 from ..results.diagnostics import Report
 from ..results.present_motion import PresentBody, PresentJoint, PresentPlaced, body_at_present
 from ..results.run_arrays import place_of_quantity
+from ..results.start_of_row import start_of_row
 from ..results.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -229,7 +231,7 @@ class RecordingRun(AdvancingRun):
         done = self.steps
         rows = Rows(**{name: array[: done + (name in ("q", "p", "work"))].copy()
                        for name, array in vars(self._rows).items()})
-        inputs = Inputs(self.binding.input_names, self._inputs[None, :done].copy(), 1)
+        inputs = InputRows(self.binding.input_names, self._inputs[None, :done].copy(), 1)
         run = replace(self.run, steps=done).with_inputs(inputs if self._fed else None)
         report = self.binding.report()
         self.binding.image(report)[:] = self.binding.image(self._report)
@@ -363,6 +365,14 @@ class Simulation:
     def p(self) -> Array:
         """Momenta, shape (n,): a copy."""
         return self._held.p.copy()
+
+    @property
+    def start(self) -> Start:
+        """The state, the parameters and the inputs of now, from which another run may start."""
+        held = self._held
+        parameters = held.run.parameters
+        inputs = {name: parameters[name] for name in held.binding.input_names}
+        return start_of_row(self.q, self.p, self.t, parameters, inputs)
 
     @property
     def trajectory(self) -> Trajectory:

@@ -22,9 +22,11 @@ from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
 from ...core.progress import Progress, log_progress
 from ...core.records import changed
+from ...core.solver import Solver, SolverName, as_solver
+from ...core.start import HasStart
 from ..bindings.array_checks import as_positive_count, as_real
-from ..bindings.binding import SOLVERS, SolverName
-from ..bindings.inputs import Inputs, as_inputs
+from ..bindings.binding import SOLVERS
+from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..compilation.manifest import manifest_warnings
 from ..compilation.stepper_module import provenance
 from ..derivatives.tangent_run import with_tangents
@@ -51,6 +53,7 @@ from .differentiation import Derive
 from .dynamics import Dynamics
 from .ensemble import Ensemble, integrate_members
 from .simulation import ContinuedStep, Simulation
+from .starts import merged_start, merged_starts, steps_of_all
 
 __all__ = ["SOLVERS", "Stepper"]
 
@@ -145,9 +148,9 @@ class Stepper(Dynamics):
         parameters: Mapping[str, Any] = NO_PARAMETERS,
         t0: Number = 0.0,
         inputs: Mapping[str, Any] | ArrayLike | None = None,
-        solver: SolverName = "auto",
+        solver: SolverName | Solver = "auto",
         tolerance: Number | None = None,
-        max_iterations: int = 50,
+        max_iterations: int | None = None,
     ) -> tuple[Array, Array]:
         """Return (q, p) one step of ``dt`` seconds later; see ``integrate``.
 
@@ -171,7 +174,7 @@ class Stepper(Dynamics):
                 tolerance=tolerance, max_iterations=max_iterations))
             self.warned(run)
             work = None if held is None else held.work  # it needs no initialisation
-            held = ContinuedStep(self.binding, run, given, work) if solver != "python" else None
+            held = ContinuedStep(self.binding, run, given, work) if run.solver != "python" else None
         if held is not None and fed is not None:
             held.feed(fed.at(0))
         if held is None or held.advance(1):
@@ -183,21 +186,21 @@ class Stepper(Dynamics):
 
     def start(
         self,
-        q0: ArrayLike,
-        p0: ArrayLike,
+        q0: HasStart | ArrayLike,
+        p0: ArrayLike | None = None,
         *,
         dt: Number,
-        parameters: Mapping[str, Any] = NO_PARAMETERS,
-        t0: Number = 0.0,
-        solver: SolverName = "auto",
+        parameters: Mapping[str, Any] | None = None,
+        t0: Number | None = None,
+        solver: SolverName | Solver = "auto",
         tolerance: Number | None = None,
-        max_iterations: int = 50,
+        max_iterations: int | None = None,
         record: bool = False,
     ) -> Simulation:
-        """Return a simulation that starts at (q0, p0) and is advanced by its caller.
+        """Return a simulation from a start, or from (q0, p0), that is advanced by its caller.
 
-        The arguments are those of ``integrate``, but for ``solver="python"`` and parameters
-        ``"auto"``. ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
+        The arguments are those of ``integrate``, but for ``solver="python"``.
+        ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
         ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
         as many steps it gives to the bit, in calls of however many. With ``record=True`` it keeps
         every state, and ``sim.trajectory`` is what ``integrate`` returns, with the inputs that
@@ -208,43 +211,49 @@ class Stepper(Dynamics):
         InputError
             As ``integrate`` does.
         """
-        held = [name for name in SOLVERS if name != "python"]
+        method = as_solver(solver, tolerance, max_iterations)
+        choose("solver of a simulation", method.kind,
+               [name for name in SOLVERS if name != "python"])
+        state = merged_start(self, q0, p0, parameters, t0)
         run = self.checked_run(self.run_arguments(
-            q0, p0, dt=dt, steps=0, parameters=parameters, t0=t0,
-            solver=choose("solver of a simulation", solver, held), tolerance=tolerance,
-            max_iterations=max_iterations))
+            state.q, state.p, dt=dt, steps=0, parameters=state.parameters, t0=state.t,
+            solver=method))
         self.warned(run)
         return Simulation(self, run, as_flag("record", record))
 
     def integrate(
         self,
-        q: ArrayLike,
-        p: ArrayLike,
+        q: HasStart | ArrayLike,
+        p: ArrayLike | None = None,
         *,
         dt: Number | Literal["auto"],
         steps: int | None = None,
-        parameters: Mapping[str, Any] = NO_PARAMETERS,
-        t0: Number = 0.0,
+        parameters: Mapping[str, Any] | None = None,
+        t0: Number | None = None,
         t_end: Number | None = None,
         round: bool = False,
         error: Number | None = None,
-        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         hold: int = 1,
         every: int = 1,
-        solver: SolverName = "auto",
+        solver: SolverName | Solver = "auto",
         tolerance: Number | None = None,
-        max_iterations: int = 50,
+        max_iterations: int | None = None,
         progress: Progress = None,
         t_eval: ArrayLike | None = None,
         events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None,
     ) -> Trajectory:
-        """Integrate ``steps`` steps of ``dt`` seconds from (q, p), or up to ``t_end``.
+        """Integrate ``steps`` steps of ``dt`` seconds from a start, or up to ``t_end``.
 
         Parameters
         ----------
-        q, p : array_like, shape (n,)
-            Consistent start: g(q) = 0 and g_q H_p = 0 (for a body |q| = 1 and qᵀp = 0).
+        q : start, or array_like of shape (n,)
+            A model, a problem, a ``Start``, a row of a trajectory, a simulation; or the
+            coordinates, and p behind them. It is consistent: g(q) = 0 and g_q H_p = 0 (for a body
+            |q| = 1 and qᵀp = 0).
+        p : array_like, shape (n,), optional
+            The momenta, where the start is given by arrays.
         dt : float
             Time step; negative integrates backwards. As ``t0`` and the parameters, a real number
             of any type, rounded once to the stepper's own: with ``real="float128"`` mpmath
@@ -253,18 +262,20 @@ class Stepper(Dynamics):
             ``t_end`` by pilot runs to t_end, each with half the step; ``Trajectory.dt`` has it.
         steps : int
             Number of steps, 0 or more.
-        parameters : mapping
-            Those of ``parameter_domains``, rates of ``symmetries`` if wanted. For ``gamma`` or
-            ``alpha``, ``"m"``, ``"h"``, ``"mt"``, ``"ht"`` are the means of the moments beside it,
+        parameters : mapping, optional
+            Values that win over those of the start; together all of ``parameter_domains``, and
+            rates of ``symmetries`` if wanted. Where ``gamma`` or ``alpha`` is left out it is the
+            mean γ_m of the moments beside it, or what the rule of the model says. As text
+            ``"m"``, ``"h"``, ``"mt"``, ``"ht"`` are the means,
             ``"auto"`` what ``choose_gamma`` finds for this start and dt, ``"auto-energy"`` the same
             aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
             ``choose_frame`` finds, or "follow", the least squares of the state every 100 steps
             ("follow 50": every 50), for a motion that changes for good. ``Trajectory.parameters``
             has the numbers, of such a frame those of the start. A warning tells of rates that
             "start" and "follow" leave 0, near an axis of symmetry.
-        t0 : float
-            Time at the start, in seconds: for what depends on time. Step k starts at t0 + k dt,
-            counted, not summed up.
+        t0 : float, optional
+            Time at the start, in seconds, for what depends on time; by default that of the start,
+            0 where arrays are given. Step k starts at t0 + k dt, counted, not summed up.
         t_end : float, optional
             In place of ``steps``: the time of the last state. (t_end − t0)/dt is a whole number
             but for the rounding of these three, and any other t_end is refused.
@@ -276,27 +287,23 @@ class Stepper(Dynamics):
         inputs : mapping or array_like, optional
             The system's inputs, which stay as they are within a step: by name, a number or one
             for each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
-            By default, and throughout, those among the parameters.
+            ``gs.Inputs(rows, hold=4)`` holds each row for several steps. By default, and
+            throughout, those of the start or among the parameters.
         hold : int
             Steps that each row of ``inputs`` is held for: then there are ⌈steps/hold⌉ of them.
         every : int
             Store every so many steps, and the last.
-        solver : {"auto", "newton", "fixed-point", "python"}
-            ``auto`` is the fixed-point iteration with a Schur correction of the multipliers, from
-            values predicted from past steps, with Newton's method for steps where it does not
-            converge; ``fixed-point`` has no fallback; ``newton`` is full Newton in C from a
-            constant guess, ``python`` the same method driven from Python.
-        tolerance : float, optional
-            Bound on the last increment relative to the state; by default down to round-off.
-        max_iterations : int
-            Iterations (of each kind) before a step counts as failed.
+        solver : {"auto", "newton", "fixed-point", "python"} or Solver
+            How the equations of a step are solved: ``gs.Solver`` has the numbers, too.
+        tolerance, max_iterations : float and int, optional
+            Those of ``gs.Solver``, beside a solver's name.
         progress : callable or bool, optional
             A function is called now and then with the number of steps done. True shows the share
             that is done, False does not; by default an interactive Python and a notebook show it
             after a second.
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
-            ``at``. They lie between t0 and t0 + steps dt, in any order.
+            ``at``. They lie between the start and the end of the run, in any order.
         events : Event, or a list of them, optional
             Where a quantity crosses a level: in ``Trajectory.events`` by name. Every step is
             looked at, stored or not; a crossing is solved for by short real steps, to some units
@@ -305,7 +312,7 @@ class Stepper(Dynamics):
         tangents : Tangents, optional
             Directions whose derivatives are computed along the run: ``Trajectory.tangents``, at
             ``t_eval``, at events and in the last row of a terminal one too. A row at a given time
-            moves with dt and t0 by its part of a step alone.
+            moves with dt and the start's time by its part of a step alone.
 
         Raises
         ------
@@ -316,14 +323,15 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        given: dict[str, Any] = {"parameters": parameters, "t0": t0, "solver": solver,
-                                 "tolerance": tolerance, "max_iterations": max_iterations}
-        choice = step_choice(self, q, p, dt=dt, steps=steps, t_end=t_end, error=error,
+        state = merged_start(self, q, p, parameters, t0)
+        given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
+                                 "solver": as_solver(solver, tolerance, max_iterations)}
+        choice = step_choice(self, state.q, state.p, dt=dt, steps=steps, t_end=t_end, error=error,
                              inputs=inputs, **given)
         nearest = as_flag("round", round)
         size: Any = dt if choice is None else choice.dt
-        count = step_count(steps, t_end, t0, dt, nearest) if choice is None else choice.steps
-        run = self.resolved(self.run_arguments(q, p, dt=size, steps=count, every=every,
+        count = step_count(steps, t_end, state.t, dt, nearest) if choice is None else choice.steps
+        run = self.resolved(self.run_arguments(state.q, state.p, dt=size, steps=count, every=every,
                                                inputs=inputs, hold=hold, **given))
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
@@ -342,29 +350,34 @@ class Stepper(Dynamics):
 
     def integrate_ensemble(
         self,
-        q: ArrayLike,
-        p: ArrayLike,
+        q: HasStart | Sequence[HasStart] | ArrayLike,
+        p: ArrayLike | None = None,
         *,
         dt: Number | ArrayLike,
-        steps: int,
-        parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] = NO_PARAMETERS,
-        t0: Number | ArrayLike = 0.0,
-        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        steps: int | None = None,
+        t_end: Number | None = None,
+        parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] | None = None,
+        t0: Number | ArrayLike | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         hold: int = 1,
         every: int = 1,
-        solver: SolverName = "auto",
+        solver: SolverName | Solver = "auto",
         tolerance: Number | None = None,
-        max_iterations: int = 50,
+        max_iterations: int | None = None,
         workers: int | None = None,
         events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None,
         device: DeviceName | None = None,
     ) -> Ensemble:
-        """Integrate many trajectories; the leading axis of q, p is the trajectory.
+        """Integrate many trajectories: from several starts, or from rows of q and p.
 
-        ``dt``, ``t0`` and each parameter are one number for all, or one for each trajectory; a
-        list of dicts does as well. ``inputs`` are those of ``integrate`` for all, or have a leading
-        axis: (trajectories, steps) by name, or an array (trajectories, steps, inputs).
+        ``q`` is a list of starts; one start for all, whose parameters then have a column or its q
+        and p rows; or an array, and p behind it, with a row for each trajectory. ``dt``, ``t0``
+        and each parameter are one number for all, or one for each trajectory; a list of dicts does
+        as well. What ``parameters`` say wins over the starts. ``inputs`` are those of
+        ``integrate`` for all, or have a leading axis: (trajectories, steps) by name, or an array
+        (trajectories, steps, inputs). In place of ``steps`` a ``t_end`` ends all trajectories
+        there; they have one number of steps, or are refused.
 
         A trajectory that fails is NaN from its failed step on and has its reason in
         ``Ensemble.failures``; the others are not touched.
@@ -389,12 +402,11 @@ class Stepper(Dynamics):
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
-        choose("solver", solver, SOLVERS)
+        state = merged_starts(self, q, p, parameters, t0)
         return integrate_members(
-            self, q, p, dt, t0, parameters, workers, events, inputs, hold, tangents,
-            device, steps=steps, every=every, solver=solver, tolerance=tolerance,
-            max_iterations=max_iterations,
-        )
+            self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs, hold,
+            tangents, device, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
+            solver=as_solver(solver, tolerance, max_iterations))
 
     def at(
         self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
@@ -438,7 +450,7 @@ class Stepper(Dynamics):
         """Return parameters with a number for each input, where those of the steps are given."""
         if inputs is None and type(parameters) is dict:
             return dict(parameters)
-        some = inputs.first if isinstance(inputs, Inputs) else dict.fromkeys(
+        some = inputs.first if isinstance(inputs, InputRows) else dict.fromkeys(
             self.binding.input_names if inputs is not None else (), 1.0)
         if isinstance(parameters, Mapping):
             return {**parameters, **some}
@@ -449,8 +461,9 @@ class Stepper(Dynamics):
     def run_arguments(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
         parameters: Mapping[str, Any] = NO_PARAMETERS, t0: Number = 0.0, every: int = 1,
-        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
-        solver: SolverName = "auto", tolerance: Number | None = None, max_iterations: int = 50,
+        inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
+        solver: SolverName | Solver = "auto", tolerance: Number | None = None,
+        max_iterations: int | None = None,
     ) -> RunArguments:
         """Return the arguments of ``integrate`` as a record; its parameters are as given.
 
@@ -459,29 +472,27 @@ class Stepper(Dynamics):
         InputError
             For any that is unusable, but for the parameters.
         """
-        choose("solver", solver, SOLVERS)
-        if not self.binding.solves and solver != "auto":
+        method = as_solver(solver, tolerance, max_iterations)
+        if not self.binding.solves and method.kind != "auto":
             raise InputError(f"{self.name} composes exact flows and solves no equations; leave out "
-                             f"solver = {solver!r}.")
-        if solver == "python" and self.manifest["scheme"].get("exact_energy"):
+                             f"solver = {method.kind!r}.")
+        if method.kind == "python" and self.manifest["scheme"].get("exact_energy"):
             raise InputError("solver = 'python' does not look for the exact energy; choose auto or "
                              "newton.")
-        if solver == "fixed-point" and not self.binding.lanes:
+        if method.kind == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")
         number = self.binding.number
-        bound = None if tolerance is None else as_real("tolerance", tolerance, number)
-        if bound is not None and bound <= 0:
-            raise InputError(f"tolerance = {tolerance} is not positive; give none for round-off.")
+        bound = None if method.tolerance is None else as_real("tolerance", method.tolerance, number)
         count = as_positive_count("steps", steps)
         fed = as_inputs(inputs, self.binding, count, hold)
         q_start, p_start = self._state(q, p)
         return changed(  # the constructor of a frozen dataclass takes longer
             object.__new__(RunArguments), q=q_start, p=p_start, dt=self._step(dt), steps=count,
             every=as_positive_count("every", every, least=1),
-            parameters=self.parameters_with_inputs(parameters, fed), solver=solver, tolerance=bound,
-            max_iterations=as_positive_count("max_iterations", max_iterations, least=1),
-            t0=as_real("t0", t0, number), inputs=fed)
+            parameters=self.parameters_with_inputs(parameters, fed), solver=method.kind,
+            tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t0", t0, number),
+            inputs=fed)
 
     def resolved(self, run: RunArguments, *, quiet: bool = False) -> RunArguments:
         """Return a run with numbers for all parameters that it leaves to be chosen, checked.

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError, StepFailed
+from ...core.start import Start
 from .manifest_symmetries import Symmetry
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ class Velocities:
         try:
             if step.m and not step.manifest["scheme"]["keeps_momentum_constraint"]:
                 q, p = step.project(q, p, parameters=self._parameters, t=self._t)
-            end = step.integrate(q, p, dt=h, steps=1, t0=self._t, parameters=self._parameters)
+            end = step.integrate(Start(q, p, self._parameters, self._t), dt=h, steps=1)
         except (InputError, StepFailed):
             return None
         return np.asarray((self(end.q[-1], end.p[-1]) - self(end.q[0], end.p[0])) / h)

@@ -63,10 +63,10 @@ ENTRANCES = {
 TABLE = [
     ("dt", NUMBERS, r"^(Trajectory 0: )?dt (=|has)"),
     ("dt", ZERO, "dt = 0 .*negative"),
-    ("t0", NUMBERS, r"^(Trajectory 0: )?t0 (=|has)"),
+    ("t0", NUMBERS[1:], r"^(Trajectory 0: )?t0 (=|has)"),
     ("steps", [*NO_COUNTS, None], "steps"),
     ("every", [*NO_COUNTS[:-2], 0], "every = "),
-    ("max_iterations", [*NO_COUNTS[:-2], None, 0], "max_iterations = "),
+    ("max_iterations", [*NO_COUNTS[:-2], 0], "max_iterations = "),
     ("tolerance", [0, -1e-9, np.nan, np.inf, "1e-9", True], "tolerance = "),
     ("solver", ["fast", "", None, 3, "Newton"], "solver.*auto, newton"),
     ("workers", [-1, 0, 1.5, "2"], "workers = "),
@@ -125,7 +125,7 @@ def test_states_of_a_single_trajectory(argument, check):
             check(entrance, argument, bad, f"^{argument} ")
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("name", [name for name in PARAMETERS if name != "gamma"])
 def test_a_missing_parameter_is_named_with_all_others(name, check):
     left = {key: value for key, value in PARAMETERS.items() if key != name}
     for entrance in ("integrate", "integrate_ensemble", "start", "step", "record", "project"):

@@ -1,0 +1,74 @@
+"""How the equations of a step are solved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from .arguments import choose, shown, whole
+from .errors import InputError
+from .exact_numbers import Number, exact
+
+__all__ = ["Solver", "SolverName", "as_solver"]
+
+SolverName = Literal["auto", "newton", "fixed-point", "python"]
+
+
+@dataclass(frozen=True)
+class Solver:
+    """How the equations of a step are solved, where ``solver="auto"`` does not say enough.
+
+    Attributes
+    ----------
+    kind : {"auto", "newton", "fixed-point", "python"}
+        ``auto`` is the fixed-point iteration with a Schur correction of the multipliers, from
+        values predicted from past steps, with Newton's method for steps where it does not
+        converge; ``fixed-point`` has no fallback; ``newton`` is full Newton in C from a constant
+        guess, ``python`` the same method driven from Python.
+    tolerance : number, optional
+        Bound on the last increment relative to the state; by default down to round-off.
+    max_iterations : int
+        Iterations (of each kind) before a step counts as failed.
+
+    Raises
+    ------
+    InputError
+        For another kind, a tolerance that is not above 0, fewer than one iteration.
+    """
+
+    kind: SolverName = "auto"
+    tolerance: Number | None = None
+    max_iterations: int = 50
+
+    def __post_init__(self) -> None:
+        choose("solver", self.kind, get_args(SolverName))
+        bound = 1 if self.tolerance is None else exact(self.tolerance)
+        if bound is None or not 0 < bound < math.inf:
+            raise InputError(f"tolerance = {shown(self.tolerance)} is not positive and finite; "
+                             "give none for round-off.")
+        count = whole(self.max_iterations)
+        if count is None or not 0 < count < 2**63:
+            raise InputError(f"max_iterations = {shown(self.max_iterations)} is no whole number; "
+                             "give at least 1.")
+        object.__setattr__(self, "max_iterations", count)
+
+
+def as_solver(value: Any, tolerance: Any = None, max_iterations: Any = None) -> Solver:
+    """Return a solver by its name and the numbers given beside it, or as it is.
+
+    Raises
+    ------
+    InputError
+        For anything else, with the names; for numbers beside a ``Solver``, which has its own.
+    """
+    numbers = {name: number for name, number in (
+        ("tolerance", tolerance), ("max_iterations", max_iterations)) if number is not None}
+    if not isinstance(value, Solver):
+        kind = choose("solver", value, get_args(SolverName), " or gs.Solver(...)")
+        return Solver(kind, **numbers)
+    if numbers:
+        name, number = next(iter(numbers.items()))
+        raise InputError(f"{name} = {shown(number)} is given beside {shown(value)}; give it to the "
+                         "Solver.")
+    return value

@@ -1,0 +1,124 @@
+"""Where a motion starts: one record for all that integrates, and who has one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from typing import Any, Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arguments import as_mapping, few, shown
+from .errors import InputError
+from .exact_numbers import Number
+from .frozen_dict import FrozenDict
+from .html import card, table
+
+__all__ = ["HasStart", "Start", "as_start"]
+
+
+@runtime_checkable
+class HasStart(Protocol):
+    """A start, and what has one: models, problems, simulations."""
+
+    @property
+    def start(self) -> Start:
+        """Where it starts."""
+
+
+class Start:
+    """A state with its parameters, its time and inputs: where an integration starts.
+
+    ``Model.start``, ``Simulation.start``, the problems' ``start`` and a row of a trajectory,
+    ``run[-1]``, are starts. γ and α that are left out are found by rule, γ_m unless the model
+    says another, from the inertia that the run has in the end.
+
+    Parameters
+    ----------
+    q, p : array_like, shape (n,)
+        Coordinates and momenta, on the constraints.
+    parameters : mapping of str to number, optional
+        Values by name; those that a run is given win over them.
+    t : number
+        Time in seconds, for what depends on it.
+    inputs : mapping of str to number, optional
+        One value of each input, held as long as the run is given no others.
+
+    Raises
+    ------
+    InputError
+        For parameters or inputs that are no dict.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> top = gs.problems.fast_top()
+    >>> gs.Start(top.q0, top.p0, top.parameters)
+    <Start: 4 coordinates, t = 0 s, I1, I2, I3, mgl>
+    """
+
+    def __init__(
+        self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number] | None = None,
+        t: Number = 0.0, inputs: Mapping[str, Number] | None = None,
+    ) -> None:
+        # What the caller changes later changes no start.
+        self.q, self.p, self.t = copy(q), copy(p), t
+        self.parameters: Mapping[str, Number] = FrozenDict(
+            as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))
+        self.inputs: Mapping[str, Number] = FrozenDict(
+            as_mapping("inputs", {} if inputs is None else inputs, "{'u': 0.3}"))
+        #: Inertia of the bodies by the names of γ or α, and the rules by which these are found.
+        self._inertias: Mapping[str, Any] = {}
+        self._rules: Mapping[str, str] = {}
+        #: Parameters that some steppers of the system do not have.
+        self._spare: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        names = few([*self.parameters, *self.inputs])
+        return f"<Start: {np.shape(self.q)[-1]} coordinates, t = {float(self.t):.6g} s, {names}>"
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the numbers."""
+        rows = [(name, few(f"{float(x):.6g}" for x in values))
+                for name, values in (("q", np.ravel(self.q)), ("p", np.ravel(self.p)))]
+        numbers = {**self.parameters, **self.inputs}
+        rows += [("t", f"{float(self.t):.6g} s"),
+                 ("parameters", few(f"{name} = {float(x):.6g}" for name, x in numbers.items()))]
+        return card("Start", table(rows))
+
+    @property
+    def start(self) -> Start:
+        """Itself."""
+        return self
+
+    def replace(self, **changes: Any) -> Start:
+        """Return a start with other ``q``, ``p``, ``parameters``, ``t`` or ``inputs``."""
+        own = {name: getattr(self, name) for name in ("q", "p", "parameters", "t", "inputs")}
+        if other := changes.keys() - own.keys():
+            raise InputError(f"replace has no argument {min(other)!r}; it takes "
+                             f"{', '.join(own)}.")
+        return Start(**own | changes).of_model(self._inertias, self._rules, self._spare)
+
+    def of_model(
+        self, inertias: Mapping[str, Any], rules: Mapping[str, str],
+        spare: frozenset[str] = frozenset(),
+    ) -> Self:
+        """Set what a model knows of γ and α beside numbers; return the start."""
+        self._inertias, self._rules, self._spare = inertias, rules, spare
+        return self
+
+
+def as_start(value: Any) -> Start:
+    """Return the start of what has one.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    start = getattr(value, "start", None)
+    if not isinstance(start, Start):
+        raise InputError(f"start = {shown(value)} is none; give a model, a problem, a row of a "
+                         "trajectory such as run[-1], gs.Start(q, p, parameters), or q and p.")
+    return start

@@ -1,0 +1,29 @@
+"""The start that a state of a run is for another run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ...core.start import Start
+from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia
+
+__all__ = ["start_of_row"]
+
+
+def start_of_row(
+    q: Any, p: Any, t: Any, parameters: Mapping[str, Any], inputs: Mapping[str, Any]
+) -> Start:
+    """Return the start from a state of a run.
+
+    γ and α that are the means γ_m of their moments are left out: a start with other moments has
+    other means.
+    """
+    own = {}
+    for name, value in parameters.items():
+        if name in inputs or value != value:  # an input that changes is no one number
+            continue
+        if has_inertia(name, parameters) and value == gamma_by_rule(name, "m", parameters):
+            continue
+        own[name] = value
+    return Start(q, p, own, t, inputs)

@@ -1,0 +1,126 @@
+"""Starts of integrations: what a caller gave beside a start's own numbers, in one record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.arguments import as_mapping, shown
+from ...core.errors import InputError
+from ...core.start import HasStart, Start, as_start
+from ..integration.run_arguments import step_count
+from ..rigid_body.gamma_rules import MEANS, has_inertia
+
+if TYPE_CHECKING:
+    from .stepper import Stepper
+
+__all__ = ["StartNumbers", "merged_start", "merged_starts", "steps_of_all"]
+
+
+class StartNumbers:
+    """A state, all its parameters, and its time, as they were given; of many, rows of them."""
+
+    def __init__(self, q: Any, p: Any, parameters: Any, t: Any) -> None:
+        self.q, self.p, self.parameters, self.t = q, p, parameters, t
+
+
+def merged_start(
+    stepper: Stepper, start: Any, p: Any, parameters: Any, t: Any = None
+) -> StartNumbers:
+    """Return the numbers that a run starts from; ``parameters`` and t win over those of the start.
+
+    Raises
+    ------
+    InputError
+        For what is no start, and for one of another number of coordinates.
+    """
+    if p is not None:
+        return StartNumbers(start, p, {} if parameters is None else parameters,
+                            0.0 if t is None else t)
+    if not isinstance(start, HasStart) and np.ndim(start) == 1:
+        raise InputError("p is not given beside q; give both, or a start: a model, a problem, "
+                         "run[-1], gs.Start(q, p, parameters).")
+    own = as_start(start)
+    if np.shape(own.q) != (stepper.n,):
+        raise InputError(f"The start has {len(np.atleast_1d(own.q))} coordinates, and "
+                         f"{stepper.name} has {stepper.n}: it is a start of another system.")
+    return StartNumbers(own.q, own.p, _with(stepper, own, parameters), own.t if t is None else t)
+
+
+def _with(stepper: Stepper, start: Start, parameters: Any) -> dict[str, Any]:
+    """Return the parameters of a start and those that win over them, γ and α by their rules."""
+    domains = stepper.parameter_domains
+    own: dict[str, Any] = {name: value for name, value in start.parameters.items()
+           if name in domains or name not in start._spare}
+    values = {**own, **start.inputs, **as_mapping(
+        "parameters", {} if parameters is None else parameters, "{'m': 1.0}")}
+    for name, inertia in start._inertias.items():
+        if name in domains and name not in values:
+            rule = start._rules.get(name, "m")
+            rule = rule if rule in MEANS else "m"
+            values[name] = rule if has_inertia(name, values) else MEANS[rule](inertia)
+    return values
+
+
+def merged_starts(
+    stepper: Stepper, starts: Any, p: Any, parameters: Any, t: Any = None
+) -> StartNumbers:
+    """Return the numbers of many runs: rows of q and p, parameters as an ensemble takes them."""
+    given = {} if parameters is None else parameters
+    if p is not None:
+        return StartNumbers(starts, p, given, 0.0 if t is None else t)
+    if isinstance(starts, HasStart):
+        start = as_start(starts)
+        own = ([_with(stepper, start, one) for one in given]
+               if isinstance(given, Sequence) and all(isinstance(one, Mapping) for one in given)
+               else _with(stepper, start, given))
+        size = len(own) if isinstance(own, list) else max(
+            (len(x) for x in own.values() if np.ndim(x) == 1), default=1)
+        q, p = (x if np.ndim(x) == 2 else np.broadcast_to(np.asarray(x), (size, np.size(x)))
+                for x in (start.q, start.p))
+        return StartNumbers(q, p, own, start.t if t is None else t)
+    if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
+                                          and isinstance(starts[0], (Sequence, np.ndarray))):
+        raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
+                         "of starts.")
+    if not isinstance(starts, Sequence) or not starts or not all(
+            isinstance(one, HasStart) for one in starts):
+        raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
+                         "with columns of parameters, or q and p, a row for each trajectory.")
+    if isinstance(given, Mapping):
+        given = [_row(given, i, len(starts)) for i in range(len(starts))]
+    if len(given) != len(starts):
+        raise InputError(f"{len(given)} sets of parameters are given for {len(starts)} starts.")
+    rows = [merged_start(stepper, one, None, own) for one, own in zip(starts, given, strict=True)]
+    times = np.array([row.t for row in rows]) if t is None else t
+    return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
+                        [row.parameters for row in rows], times)
+
+
+def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
+    """Return the parameters of one trajectory, of numbers and columns."""
+    for name, column in columns.items():
+        if np.ndim(column) and np.shape(column) != (size,):
+            raise InputError(f"Parameter {name} has shape {np.shape(column)}; give one number or "
+                             f"{size} of them.")
+    return {name: column[i] if np.ndim(column) else column for name, column in columns.items()}
+
+
+def steps_of_all(steps: Any, t_end: Any, t: Any, dt: Any) -> int:
+    """Return the number of steps of an ensemble: as given, or that which leads all to t_end.
+
+    Raises
+    ------
+    InputError
+        As ``step_count``; where the trajectories would differ in it.
+    """
+    if t_end is None:
+        return step_count(steps, None, 0.0, dt)
+    pairs = np.broadcast(np.asarray(t, dtype=object), np.asarray(dt, dtype=object))
+    counts = {step_count(steps, t_end, *pair) for pair in pairs}
+    if len(counts) > 1:
+        raise InputError(f"t_end = {shown(t_end)} is after {min(counts):,} steps of one trajectory "
+                         f"and {max(counts):,} of another; give steps, or runs of their own.")
+    return counts.pop()

@@ -1,0 +1,165 @@
+"""Starts: one argument for state, parameters and time, wherever something is integrated."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+import systems
+from calls import TOP
+from systems import case, start, stepper
+
+EPS = np.finfo(float).eps
+STEP = {"dt": 1e-3, "steps": 12}
+
+
+def top():
+    return stepper("heavy_top")
+
+
+def test_a_problem_is_a_start_and_gamma_is_by_rule():
+    run = top().integrate(TOP, **STEP)
+    by_number = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+    for parameters in (by_number, TOP.parameters | {"gamma": "m"}, TOP.parameters):
+        plain = top().integrate(TOP.q0, TOP.p0, parameters=parameters, **STEP)
+        assert np.array_equal(plain.q, run.q)
+        assert plain.parameters == run.parameters == by_number
+
+
+@pytest.mark.parametrize("name", ["double_top", "satellite"])
+def test_a_model_is_a_start(name):
+    step, model = stepper(name), case(name).system
+    run = step.integrate(model, dt=case(name).dt, steps=5)
+    plain = step.integrate(model.q0, model.p0, dt=case(name).dt, steps=5,
+                           parameters=model.parameters)
+    assert np.array_equal(run.q, plain.q)
+
+
+def test_merged_moments_have_the_bits_of_a_model_with_these_moments():
+    moments = (0.0021, 0.0017, 0.0009)
+    other = gs.Start(TOP.q0, TOP.p0, dict(zip(("I1", "I2", "I3"), moments, strict=True))
+                     | {"mgl": TOP.parameters["mgl"]})
+    merged = top().integrate(TOP, parameters={"I1": 0.0021, "I2": 0.0017, "I3": 0.0009}, **STEP)
+    assert np.array_equal(merged.q, top().integrate(other, **STEP).q)
+    assert merged.parameters["gamma"] == gs.gamma_m(moments)
+
+
+def test_a_gamma_that_is_given_stays():
+    begin = TOP.start.replace(parameters=TOP.parameters | {"gamma": 0.0012})
+    run = top().integrate(begin, parameters={"I1": 0.0021}, **STEP)
+    assert run.parameters["gamma"] == 0.0012
+    assert run[-1].parameters["gamma"] == 0.0012
+
+
+def test_a_row_goes_on_to_round_off_and_finds_gamma_anew():
+    whole, half = top().integrate(TOP, dt=1e-3, steps=24), top().integrate(TOP, **STEP)
+    assert "gamma" not in half[-1].parameters
+    rest = top().integrate(half[-1], **STEP)
+    assert float(rest.t[-1]) == pytest.approx(0.024, rel=EPS)
+    assert np.abs(rest.q[-1] - whole.q[-1]).max() <= 64 * EPS
+    assert np.array_equal(half[0].q, half.q[0])
+    assert [begin.t for begin in half] == half.t.tolist()
+    with pytest.raises(IndexError):
+        half[13]
+    with pytest.raises(gs.InputError, match="row"):
+        half["last"]
+
+
+@pytest.mark.parametrize("name", ["driven_oscillator", "driven_pendulum", "sleigh"])
+def test_a_simulation_and_a_row_have_time_and_inputs(name):
+    step, entry = stepper(name), case(name)
+    state = step.consistent(entry.q, entry.p, parameters=entry.parameters, t=0.25)
+    begin = gs.Start(state.q, state.p, entry.parameters, 0.25)
+    run = step.integrate(begin, dt=entry.dt, steps=6)
+    simulation = step.start(begin, dt=entry.dt)
+    simulation.advance(6)
+    assert float(run.t[0]) == 0.25
+    assert np.array_equal(simulation.q, run.q[-1])
+    ends = [step.integrate(one, dt=entry.dt, steps=3).q[-1] for one in (simulation, run[-1])]
+    assert np.array_equal(*ends)
+
+
+def test_a_row_has_the_inputs_of_the_step_that_ended_there():
+    name = "pushed_pendulum"
+    step, entry = stepper(name), case(name)
+    rows = {key: np.linspace(0.1, 0.4, 4) for key in step.binding.input_names}
+    begin = gs.Start(*start(name, step), entry.parameters)
+    run = step.integrate(begin, dt=entry.dt, steps=8, inputs=gs.Inputs(rows, hold=2))
+    old = step.integrate(begin, dt=entry.dt, steps=8, inputs=rows, hold=2)
+    assert np.array_equal(run.q, old.q)
+    assert [set(run[k].inputs.values()) for k in (2, 4)] == [{rows[next(iter(rows))][0]},
+                                                             {rows[next(iter(rows))][1]}]
+    with pytest.raises(gs.InputError, match="hold"):
+        step.integrate(begin, dt=entry.dt, steps=8, inputs=gs.Inputs(rows, hold=2), hold=2)
+
+
+def test_a_state_between_steps_is_a_start():
+    run = top().integrate(TOP, **STEP)
+    between = run.at(0.0045)
+    assert np.array_equal(between.q, run.at([0.0045]).q[0])
+    assert between.t == 0.0045
+
+
+def test_ensembles_take_starts_columns_and_an_end():
+    moments = np.array([0.0020, 0.0021])
+    columns = top().integrate_ensemble(TOP, dt=1e-3, t_end=0.012, parameters={"I1": moments})
+    each = top().integrate_ensemble([TOP, TOP], dt=1e-3, steps=12, parameters={"I1": moments})
+    assert np.array_equal(columns.q, each.q)
+    for member, moment in zip(columns.members, moments, strict=True):
+        assert member.parameters["gamma"] == gs.gamma_m((moment, *TOP.inertia[1:]))
+    later = top().integrate_ensemble([TOP.start.replace(t=t) for t in (0.0, 0.5)], **STEP)
+    assert later.t[:, 0].tolist() == [0.0, 0.5]
+    with pytest.raises(gs.InputError, match="steps"):
+        top().integrate_ensemble([TOP, TOP.start.replace(t=0.006)], dt=1e-3, t_end=0.012)
+    with pytest.raises(gs.InputError, match="2"):
+        top().integrate_ensemble([TOP, TOP], **STEP, parameters={"I1": [0.002] * 3})
+
+
+def test_solvers_are_objects_or_names():
+    tight = gs.Solver("newton", tolerance=1e-12, max_iterations=30)
+    named = top().integrate(TOP, solver="newton", tolerance=1e-12, max_iterations=30, **STEP)
+    assert np.array_equal(top().integrate(TOP, solver=tight, **STEP).q, named.q)
+    assert pickle.loads(pickle.dumps(tight)) == copy.deepcopy(tight) == tight
+
+
+@pytest.mark.parametrize(("call", "says"), [
+    (lambda: top().integrate("rest", **STEP), "start"),
+    (lambda: top().integrate(TOP.q0, **STEP), "^p .*start"),
+    (lambda: top().integrate_ensemble([TOP.q0], **STEP), "^p .*starts"),
+    (lambda: top().integrate(gs.models.double_top(), **STEP), "another system"),
+    (lambda: top().integrate_ensemble([TOP, 3], **STEP), "starts"),
+    (lambda: top().integrate_ensemble([], **STEP), "starts"),
+    (lambda: TOP.start.replace(velocity=1.0), "velocity"),
+    (lambda: gs.Start(TOP.q0, TOP.p0, 3.0), "parameters"),
+    (lambda: gs.Solver("newtn"), "newton"),
+    (lambda: gs.Solver(tolerance=0.0), "tolerance"),
+    (lambda: gs.Solver(tolerance="small"), "tolerance"),
+    (lambda: gs.Solver(max_iterations=0), "max_iterations"),
+    (lambda: gs.Inputs([1.0], hold=0), "hold"),
+    (lambda: top().integrate(TOP, solver=gs.Solver(), tolerance=1e-9, **STEP), "Solver"),
+    (lambda: top().integrate(TOP, parameters={"I4": 1.0}, **STEP), "I4"),
+])
+def test_what_is_no_start_or_solver_is_refused(call, says):
+    with pytest.raises(gs.InputError, match=says):
+        call()
+
+
+def test_a_start_is_copied_and_pickled_and_changes_with_nobody():
+    q = np.array(TOP.q0)
+    begin = gs.Start(q, TOP.p0, TOP.parameters, 0.5)
+    q[:] = 0
+    run = top().integrate(begin, **STEP)
+    for other in (copy.deepcopy(begin), pickle.loads(pickle.dumps(begin)), begin.start):
+        assert np.array_equal(top().integrate(other, **STEP).q, run.q)
+    assert "mgl" in repr(begin)
+    assert "mgl" in begin._repr_html_()
+
+
+def test_wide_starts_keep_their_digits():
+    step = systems.stepper("oscillator", real="long-double")
+    begin = gs.Start([np.longdouble(1) / 3], [0.0], {"k": np.longdouble(1) / 7})
+    assert step.integrate(begin, dt=0.1, steps=1).q[0, 0] == np.longdouble(1) / 3
