@@ -39,13 +39,14 @@ def merged_start(
     if p is not None:
         return StartNumbers(start, p, {} if parameters is None else parameters,
                             0.0 if t is None else t)
-    if not isinstance(start, HasStart) and np.ndim(start) == 1:
+    if isinstance(start, (Sequence, np.ndarray)):
         raise InputError("p is not given beside q; give both, or a start: a model, a problem, "
                          "run[-1], gs.Start(q, p, parameters).")
     own = as_start(start)
-    if np.shape(own.q) != (stepper.n,):
-        raise InputError(f"The start has {len(np.atleast_1d(own.q))} coordinates, and "
-                         f"{stepper.name} has {stepper.n}: it is a start of another system.")
+    shape = stepper.binding.numbers("q", own.q).shape
+    if len(shape) == 1 and shape != (stepper.n,):
+        raise InputError(f"The start has {shape[0]} coordinates, and {stepper.name} has "
+                         f"{stepper.n}: it is a start of another system.")
     return StartNumbers(own.q, own.p, _with(stepper, own, parameters), own.t if t is None else t)
 
 
@@ -78,8 +79,9 @@ def merged_starts(
                else _with(stepper, start, given))
         size = len(own) if isinstance(own, list) else max(
             (len(x) for x in own.values() if np.ndim(x) == 1), default=1)
-        q, p = (x if np.ndim(x) == 2 else np.broadcast_to(np.asarray(x), (size, np.size(x)))
-                for x in (start.q, start.p))
+        q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
+                for x in (stepper.binding.numbers("q", start.q),
+                          stepper.binding.numbers("p", start.p)))
         return StartNumbers(q, p, own, start.t if t is None else t)
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):

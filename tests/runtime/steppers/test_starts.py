@@ -131,6 +131,12 @@ def test_solvers_are_objects_or_names():
     (lambda: top().integrate(TOP.q0, **STEP), "^p .*start"),
     (lambda: top().integrate_ensemble([TOP.q0], **STEP), "^p .*starts"),
     (lambda: top().integrate(gs.models.double_top(), **STEP), "another system"),
+    (lambda: top().integrate([1, [0, 0], 0, 0], **STEP), "^p "),
+    *((lambda q=q: top().integrate(gs.Start(q, TOP.p0, TOP.parameters), **STEP), "^q ")
+      for q in (1.0, [1, [0, 0], 0, 0], [[[1, 0, 0, 0]]], [[1, 0, 0, 0]], "rest", None)),
+    *((lambda q=q: top().integrate_ensemble(gs.Start(q, TOP.p0, TOP.parameters), **STEP), "^q ")
+      for q in (1.0, [1, [0, 0], 0, 0], [[[1, 0, 0, 0]]], "rest", None)),
+    (lambda: top().integrate_ensemble([gs.Start([1, [0, 0], 0, 0], TOP.p0)], **STEP), "^q "),
     (lambda: top().integrate_ensemble([TOP, 3], **STEP), "starts"),
     (lambda: top().integrate_ensemble([], **STEP), "starts"),
     (lambda: TOP.start.replace(velocity=1.0), "velocity"),
