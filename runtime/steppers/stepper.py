@@ -248,7 +248,7 @@ class Stepper(Dynamics):
 
         Parameters
         ----------
-        q : start, or array_like of shape (n,)
+        q : Start, or array_like of shape (n,)
             A model, a problem, a ``Start``, a row of a trajectory, a simulation; or the
             coordinates, and p behind them. It is consistent: g(q) = 0 and g_q H_p = 0 (for a body
             |q| = 1 and qᵀp = 0).
