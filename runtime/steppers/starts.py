@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,11 +20,14 @@ if TYPE_CHECKING:
 __all__ = ["StartNumbers", "merged_start", "merged_starts", "steps_of_all"]
 
 
+@dataclass(frozen=True)
 class StartNumbers:
     """A state, all its parameters, and its time, as they were given; of many, rows of them."""
 
-    def __init__(self, q: Any, p: Any, parameters: Any, t: Any) -> None:
-        self.q, self.p, self.parameters, self.t = q, p, parameters, t
+    q: Any
+    p: Any
+    parameters: Any
+    t: Any
 
 
 def merged_start(
@@ -54,14 +58,14 @@ def _with(stepper: Stepper, start: Start, parameters: Any) -> dict[str, Any]:
     """Return the parameters of a start and those that win over them, γ and α by their rules."""
     domains = stepper.parameter_domains
     own: dict[str, Any] = {name: value for name, value in start.parameters.items()
-           if name in domains or name not in start._spare}
+                           if name in domains or name not in start._spare}
     values = {**own, **start.inputs, **as_mapping(
         "parameters", {} if parameters is None else parameters, "{'m': 1.0}")}
     for name, inertia in start._inertias.items():
         if name in domains and name not in values:
             rule = start._rules.get(name, "m")
-            rule = rule if rule in MEANS else "m"
-            values[name] = rule if has_inertia(name, values) else MEANS[rule](inertia)
+            by_number = rule in MEANS and not has_inertia(name, values)
+            values[name] = MEANS[rule](inertia) if by_number else rule
     return values
 
 

@@ -55,6 +55,16 @@ def test_a_gamma_that_is_given_stays():
     assert run[-1].parameters["gamma"] == 0.0012
 
 
+def test_the_rule_of_a_model_finds_gamma():
+    by = {rule: TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": rule})
+          for rule in ("h", "auto")}
+    assert top().integrate(by["h"], **STEP).parameters["gamma"] == gs.gamma_h(TOP.inertia)
+    searched = top().integrate(TOP, parameters={"gamma": "auto"}, **STEP)
+    assert top().integrate(by["auto"], **STEP).parameters == searched.parameters
+    with pytest.raises(gs.InputError, match="auto"):
+        top().start(by["auto"], dt=1e-3)
+
+
 def test_a_row_goes_on_to_round_off_and_finds_gamma_anew():
     whole, half = top().integrate(TOP, dt=1e-3, steps=24), top().integrate(TOP, **STEP)
     assert "gamma" not in half[-1].parameters
