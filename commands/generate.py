@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import json
-import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +12,7 @@ import click
 
 from ..core.arguments import listed
 from ..core.errors import CompilerError, InputError
+from ..core.file_formats import staged_file
 from ..core.lazy_imports import imported_for_good
 from ..core.progress import log_task
 from ..core.registry import MODELS
@@ -200,17 +199,12 @@ def _text_of(path: Path) -> str:
 
 def write_files(files: dict[str, str], out: Path) -> None:
     """Write files so that each appears complete or not at all."""
-    part = out
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
-            part = out / f".{name}.{os.getpid()}.part"
-            part.write_text(text, encoding="utf-8")
-            part.replace(out / name)
+            with staged_file(out / name) as part:
+                part.write_text(text, encoding="utf-8")
     except OSError as error:
-        if part != out:
-            with contextlib.suppress(OSError):
-                part.unlink()
         raise InputError(
             f"The output folder {str(out)!r} cannot be written: {error.strerror or error}; "
             "choose another with --out."

@@ -119,21 +119,32 @@ def format_of(path: Path, what: str, *kinds: Kind) -> FileFormat:
 
 
 @contextlib.contextmanager
-def result_file(path: Path, what: str) -> Iterator[Path]:
+def staged_file(path: Path) -> Iterator[Path]:
     """Yield the name of a file to write, which then becomes ``path``, complete or not at all.
+
+    An error or an interrupt removes what was written.
+    """
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()
+
+
+@contextlib.contextmanager
+def result_file(path: Path, what: str) -> Iterator[Path]:
+    """Yield a name as ``staged_file`` does.
 
     Raises
     ------
     GyrosparkError
         Saying why ``what`` cannot be written, where the system refuses it.
     """
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        yield part
-        part.replace(path)
+        with staged_file(path) as part:
+            yield part
     except OSError as error:
         raise GyrosparkError(f"{what} cannot be written to {str(path)!r}: "
                              f"{why_unwritable(path, error)}.") from error
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink()

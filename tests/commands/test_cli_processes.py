@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from gyrospark.commands.generate import write_files
 from processes import PATIENCE, ROOT, call, cli, environment, gyrospark_command, wait_for
 
 IMS = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5"]
@@ -196,3 +197,19 @@ def test_interrupt_of_derivation(tmp_path):
     assert (process.returncode, stderr.strip()) == (130, "gyrospark: Interrupted.")
     for path in (tmp_path / "made").iterdir():
         assert path.read_bytes() == (ROOT / "generated" / path.name).read_bytes()
+
+
+@pytest.mark.parametrize("call", ["write_text", "replace"])
+def test_interrupt_of_a_write_leaves_no_part_of_a_file(tmp_path, monkeypatch, call):
+    """Ctrl-C at any instant: between the writing of a file and its renaming, too."""
+    done = getattr(Path, call)
+
+    def interrupted(*arguments, **options):
+        if call == "write_text":
+            done(*arguments, **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, call, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_files({"stepper.h": "int x;"}, tmp_path)
+    assert not list(tmp_path.iterdir())
