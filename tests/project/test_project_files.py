@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 
 import pytest
 
 import gyrospark as gs
-from processes import ROOT
+from processes import HELPERS, ROOT, call
 
 yaml = pytest.importorskip("yaml", reason="YAML is read by PyYAML, which the extra cluster brings")
 
@@ -152,3 +153,14 @@ def test_every_file_is_of_the_project():
     files = [path for folder in folders for path in folder.rglob("*") if path.suffix in endings]
     assert len(files) > 200
     assert [path for path in files if notice.search(path.read_text(encoding="utf-8"))] == []
+
+
+def test_the_folder_of_the_repository_may_have_any_name(tmp_path):
+    root = tmp_path / "not-a-module"
+    (root / "tests").mkdir(parents=True)
+    (root / "__init__.py").write_text("raise AssertionError")
+    (root / "tests" / "test_nothing.py").write_text("def test_nothing():\n    pass\n")
+    command = [sys.executable, "-m", "pytest", "-p", "root_folder", "--rootdir", root,
+               "--import-mode=importlib", "-p", "no:cacheprovider"]
+    done = call(command, cwd=root, PYTHONPATH=str(HELPERS))
+    assert done.returncode == 0, done.stdout
