@@ -6,7 +6,7 @@ LINK := .venv/src/gyrospark
 # Bytecode is written of what is imported, when it is: most of what is installed never is.
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -e
 
-.PHONY: demo test test-long lint generated docs clean
+.PHONY: demo test test-long bench lint generated docs clean
 
 demo: .venv/demo
 	$(BIN)/gyrospark run fast-top --scheme G-L --stages 3 --rep gamma --gamma m \
@@ -21,10 +21,14 @@ test: .venv/ready lint
 test-long: .venv/ready
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow
 
+# Speed and accuracy beside other programs: make bench WHAT="events --rounds 3"
+bench: .venv/ready
+	$(BIN)/python -m benchmarks $(WHAT)
+
 lint: .venv/ready
 	$(BIN)/ruff check .
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
-	    -m gyrospark $(addprefix -p gyrospark.,benchmarks certificates commands core engine generator interop references runtime storage studies sweeps targets) \
+	    -m gyrospark -p benchmarks $(addprefix -p gyrospark.,certificates commands core engine generator interop references runtime storage studies sweeps targets) \
 	    $(addprefix -m gyrospark.,__main__ api exact)
 
 # The site, in build/site, with a line for each page that is read; warnings are errors, outputs of
@@ -45,7 +49,7 @@ generated: .venv/ready
 .venv/ready: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(INSTALL) ".[test]"
-	mkdir -p .venv/src && ln -sfn ../.. $(LINK)
+	mkdir -p .venv/src && ln -sfn ../.. $(LINK) && ln -sfn ../../benchmarks .venv/src/benchmarks
 	touch .venv/demo $@
 
 .venv/docs: pyproject.toml

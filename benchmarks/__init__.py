@@ -4,18 +4,18 @@
     reference_states.py    where the top is at t = 1, 10, 100 and 1000 s, in long double
     peers/          one file a program; each is optional
     timing.py       CPU time, contestants in turn, medians
-    contest.py      entries timed and judged: the table of ``gyrospark bench peers``
-    steps.py        one step by each solver, over dense Newton: ``gyrospark bench step``
-    ensembles.py    many tops at once: ``gyrospark bench ensemble``
-    drift.py        energy and position over a long time: ``gyrospark bench drift``
-    growth.py       chains of bodies: ``gyrospark bench bodies``, with ``joined_bodies.py`` and
+    contest.py      entries timed and judged: the table of ``make bench WHAT="peers"``
+    steps.py        one step by each solver, over dense Newton: ``make bench WHAT="step"``
+    ensembles.py    many tops at once: ``make bench WHAT="ensemble"``
+    drift.py        energy and position over a long time: ``make bench WHAT="drift"``
+    growth.py       chains of bodies: ``make bench WHAT="bodies"``, with ``joined_bodies.py`` and
                     ``batches.py``
-    scaling.py      bodies, stages, trajectories, stored numbers: ``gyrospark bench scale``
-    storing.py      runs in memory and in a store: ``gyrospark bench store``
-    sweeping.py     sweeps beside their kernel: ``gyrospark bench sweeps``
-    events.py       events and states between steps: ``gyrospark bench events``
-    gradients.py    gradients of a loss: ``gyrospark bench gradients``, with ``derivative_cost.py``
-    fits.py         fits to noisy data from many seeds: ``python -m gyrospark.benchmarks.fits``
+    scaling.py      bodies, stages, trajectories, stored numbers: ``make bench WHAT="scale"``
+    storing.py      runs in memory and in a store: ``make bench WHAT="store"``
+    sweeping.py     sweeps beside their kernel: ``make bench WHAT="sweeps"``
+    events.py       events and states between steps: ``make bench WHAT="events"``
+    gradients.py    gradients of a loss: ``make bench WHAT="gradients"``; ``derivative_cost.py``
+    fits.py         fits to noisy data from many seeds: ``python -m benchmarks.fits``
     make_digits.py  digits of reference problems two ways: ``exact_motions_mp.py``, ``loops.py``,
                     ``equations.py``, ``extrapolation.py``
     long_runs.py    mechanisms with closed loops over many steps: ``gyrospark reference robots``

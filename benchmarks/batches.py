@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ..api import stepper
-from ..core.errors import GyrosparkError
-from ..runtime.results.trajectory import Trajectory
-from ..runtime.steppers.ensemble import Ensemble
-from ..runtime.steppers.stepper import Stepper
+from gyrospark.api import stepper
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.runtime.results.trajectory import Trajectory
+from gyrospark.runtime.steppers.ensemble import Ensemble
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .peer_linkages import Array, Linkage
 from .timing import alternate
 

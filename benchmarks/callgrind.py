@@ -19,8 +19,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from ..api import files_of
-from ..generator.spec import Spec
+from gyrospark.api import files_of
+from gyrospark.generator.spec import Spec
 
 __all__ = ["ALLOWED", "FLAGS", "PATH", "STEPPERS", "Counter", "count_step", "find_counter",
            "recorded", "write"]

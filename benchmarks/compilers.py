@@ -1,4 +1,4 @@
-"""What compilers make of the same C: ``python -m gyrospark.benchmarks.compilers``.
+"""What compilers make of the same C: ``python -m benchmarks.compilers``.
 
 Every function of a stepper that evaluates and takes no step (H, g and f, quantities, residual, its
 Jacobian, the starting guess) is compiled by gcc and clang at -O1 and -O3 with vectors of 256 and
@@ -37,34 +37,34 @@ import cffi
 import numpy as np
 from numpy.typing import NDArray
 
-from ..api import ROOT, checked_in_files
-from ..core.errors import GyrosparkError
-from ..core.real_types import REALS
-from ..core.registry import MODELS
-from ..generator.models.robots import load_urdf
-from ..generator.multibody.model import Model
-from ..generator.pipeline import generate
-from ..generator.schemes.named_schemes import SchemeName
-from ..generator.spec import Spec
-from ..references.problem_registry import REFERENCES
-from ..runtime.compilation.compiler import (
+from gyrospark.api import ROOT, checked_in_files
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.core.real_types import REALS
+from gyrospark.core.registry import MODELS
+from gyrospark.generator.models.robots import load_urdf
+from gyrospark.generator.multibody.model import Model
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.schemes.named_schemes import SchemeName
+from gyrospark.generator.spec import Spec
+from gyrospark.references.problem_registry import REFERENCES
+from gyrospark.runtime.compilation.compiler import (
     SPEED_FLAGS,
     Compiler,
     compile_module,
     is_whole,
     read_declarations,
 )
-from ..runtime.compilation.kernel_check import differences
-from ..runtime.compilation.manifest import read_manifest
-from ..runtime.compilation.object_files import (
+from gyrospark.runtime.compilation.kernel_check import differences
+from gyrospark.runtime.compilation.manifest import read_manifest
+from gyrospark.runtime.compilation.object_files import (
     WITHOUT_PERMUTATIONS,
     Part,
     has_newton_apart,
     has_permutation,
     objects_of,
 )
-from ..runtime.compilation.verified_build import import_module
-from ..runtime.rigid_body.problems import fast_top, free_body
+from gyrospark.runtime.compilation.verified_build import import_module
+from gyrospark.runtime.rigid_body.problems import fast_top, free_body
 
 __all__ = ["BUILDS", "Build", "KernelDifference", "StepperSource", "compare", "compare_kernels",
            "main", "sources"]
@@ -339,7 +339,7 @@ def _compiled(
 
 def main(arguments: Sequence[str]) -> int:
     """Compare the steppers named, or all; return 1 where rounding does not explain a difference."""
-    parser = argparse.ArgumentParser(prog="python -m gyrospark.benchmarks.compilers")
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.compilers")
     parser.add_argument("names", nargs="*", help="of generated/, models, references, robots")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="of CPU time")
     parser.add_argument("--points", type=int, default=POINTS)

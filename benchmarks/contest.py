@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import GyrosparkError
+from gyrospark.core.errors import GyrosparkError
+
 from .peers.entry import PeerEntry, Run
 from .peers.optional import Unavailable
 from .reference_states import distance, has

@@ -1,6 +1,6 @@
 """Derivatives of one step of each reference problem and of each model: how exact they are.
 
-    python -m gyrospark.benchmarks.derivative_accuracy [NAME ...] [--real float128] [--json FILE]
+    python -m benchmarks.derivative_accuracy [NAME ...] [--real float128] [--json FILE]
 
 Columns, all of steppers in double except for the differences:
 
@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import references
-from ..api import stepper
-from ..core.errors import InputWarning
-from ..generator.multibody import example_models as models
-from ..generator.multibody.model import Model
-from ..runtime.derivatives.tangent_space import Tangents
-from ..runtime.steppers.stepper import Stepper
+from gyrospark import references
+from gyrospark.api import stepper
+from gyrospark.core.errors import InputWarning
+from gyrospark.generator.multibody import example_models as models
+from gyrospark.generator.multibody.model import Model
+from gyrospark.runtime.derivatives.tangent_space import Tangents
+from gyrospark.runtime.steppers.stepper import Stepper
 
 __all__ = ["Accuracy", "Subject", "measure", "subjects"]
 

@@ -1,4 +1,4 @@
-"""What derivatives cost over the run itself: ``gyrospark bench gradients``, its second table.
+"""What derivatives cost over the run itself: ``make bench WHAT="gradients"``, its second table.
 
     top             in quaternions with γ, 3-G-L at 1 ms: several steps at once in lanes
     top, angles     in Euler's angles by its Lagrangian: one step after another
@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -27,11 +28,12 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..api import stepper
-from ..generator.multibody.example_models import chain
-from ..generator.systems.system import System
-from ..runtime.derivatives.tangent_space import Tangents
-from ..runtime.steppers.stepper import Stepper
+from gyrospark.api import stepper
+from gyrospark.generator.multibody.example_models import chain
+from gyrospark.generator.systems.system import System
+from gyrospark.runtime.derivatives.tangent_space import Tangents
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .timing import Sample, alternate, repeated
 from .tops import INERTIA, MGL, parameters, tops
 
@@ -40,6 +42,7 @@ __all__ = ["COUNTS", "DerivativeCase", "DerivativeCost", "Motion", "build", "cas
 
 Array = NDArray[Any]
 
+ROOT = Path(__file__).resolve().parents[1]
 #: Directions of the start that tangents are taken along.
 COUNTS = (1, 8, 16)
 
@@ -190,8 +193,8 @@ def _build_in_new_process(name: str) -> list[float]:
     """Return the CPU seconds of ``build`` where nothing is derived or compiled yet."""
     with TemporaryDirectory() as folder:
         done = subprocess.run(
-            [sys.executable, "-m", "gyrospark.benchmarks.derivative_cost", name], check=True,
-            capture_output=True, text=True, env={**os.environ, "GYROSPARK_CACHE": folder})
+            [sys.executable, "-m", "benchmarks.derivative_cost", name], check=True,
+            capture_output=True, text=True, cwd=ROOT, env={**os.environ, "GYROSPARK_CACHE": folder})
     seconds: list[float] = json.loads(done.stdout)
     return seconds
 

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from .._version import __version__
-from ..api import stepper
-from ..runtime.rigid_body.quaternion import angular_velocity
-from ..runtime.steppers.stepper import Stepper
+from gyrospark._version import __version__
+from gyrospark.api import stepper
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .contest import ContestRow, Limits, judged
 from .peers.entry import PeerEntry, Run
 from .peers.heyoka_taylor import prepare_batch

@@ -21,13 +21,14 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..api import stepper
-from ..core.errors import GyrosparkError
-from ..core.event import Event
-from ..generator.multibody import body_symbols
-from ..generator.multibody.rigid_body import body_system, gravity_potential, mgl
-from ..generator.systems.system import System
-from ..runtime.results.trajectory import Trajectory
+from gyrospark.api import stepper
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.core.event import Event
+from gyrospark.generator.multibody import body_symbols
+from gyrospark.generator.multibody.rigid_body import body_system, gravity_potential, mgl
+from gyrospark.generator.systems.system import System
+from gyrospark.runtime.results.trajectory import Trajectory
+
 from .peers import heyoka_taylor, scipy_dop853
 from .peers.optional import Unavailable, need, version
 from .timing import Sample, alternate, repeated

@@ -1,6 +1,6 @@
 """How often estimates of ``gs.fit`` are within two standard deviations, from many seeds of noise.
 
-    python -m gyrospark.benchmarks.fits [SEEDS]
+    python -m benchmarks.fits [SEEDS]
 
 damped top      three moments, a damping and the start from 60 noisy attitudes in 1.2 s
 double body     a body of unknown mass, centre of mass and inertia, ten numbers, on a known one:
@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..api import load_model, stepper
-from ..generator.multibody.multibody import Multibody
-from ..runtime.analysis.fit import Fit, fit
-from ..runtime.rigid_body.quaternion import left_matrix
-from ..runtime.steppers.stepper import Stepper
+from gyrospark.api import load_model, stepper
+from gyrospark.generator.multibody.multibody import Multibody
+from gyrospark.runtime.analysis.fit import Fit, fit
+from gyrospark.runtime.rigid_body.quaternion import left_matrix
+from gyrospark.runtime.steppers.stepper import Stepper
 
 __all__ = ["FitCase", "Recovery", "damped_top", "double_body", "recover"]
 

@@ -1,4 +1,4 @@
-"""Gradients beside other programs: error against cost, ``gyrospark bench gradients``.
+"""Gradients beside other programs: error against cost, ``make bench WHAT="gradients"``.
 
     fast top      |q(2 s) − q*|² with q* = (½, ½, ½, ½), by the start, I1, I2, I3 and mgl
     four-bar      |x(1 s)|² of the last body's centre of mass, by the start, gravity and masses
@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._version import __version__
-from ..api import stepper
-from ..core.errors import GyrosparkError
-from ..runtime.derivatives.tangent_space import Tangents, TangentSpace
-from ..runtime.steppers.stepper import Stepper
+from gyrospark._version import __version__
+from gyrospark.api import stepper
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.runtime.derivatives.tangent_space import Tangents, TangentSpace
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .peer_linkages import Linkage, chain_of, closed_loop
 from .peers import casadi_gradients, diffrax_gradients, heyoka_gradients, mujoco_gradients
 from .peers.gradient_job import GradientJob, Job

@@ -19,16 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import GyrosparkError
-from ..generator.multibody.example_models import build_chain
-from ..generator.multibody.model import Model
-from ..generator.pipeline import Generated, generate
-from ..generator.spec import Spec
-from ..generator.symbolic.derivatives import derivative
-from ..generator.systems.repeated_structure import Structure
-from ..runtime.compilation.compiler import compile_module, find_compiler
-from ..runtime.results.trajectory import Trajectory
-from ..runtime.steppers.stepper import Stepper
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.generator.multibody.example_models import build_chain
+from gyrospark.generator.multibody.model import Model
+from gyrospark.generator.pipeline import Generated, generate
+from gyrospark.generator.spec import Spec
+from gyrospark.generator.symbolic.derivatives import derivative
+from gyrospark.generator.systems.repeated_structure import Structure
+from gyrospark.runtime.compilation.compiler import compile_module, find_compiler
+from gyrospark.runtime.results.trajectory import Trajectory
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .timing import Sample, alternate, repeated, stopwatch, with_children
 
 __all__ = ["COUNTS", "QUICK", "Size", "compile_seconds", "forget", "grow", "laws"]

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from .._version import __version__
-from ..api import stepper
-from ..core.errors import GyrosparkError
-from ..runtime.steppers.stepper import Stepper
+from gyrospark._version import __version__
+from gyrospark.api import stepper
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .peer_linkages import Array, Linkage, chain_of, closed_loop
 from .peers import exudyn_bodies, mujoco_bodies, pydy_bodies
 from .peers.optional import Unavailable, version

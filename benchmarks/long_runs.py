@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.errors import StepFailed
-from ..core.registry import MODELS
+from gyrospark.core.errors import StepFailed
+from gyrospark.core.registry import MODELS
+
 from .peers import exudyn_scenes, mujoco_scenes, pinocchio_scenes
 from .peers.mujoco_files import MujocoFile
 from .peers.optional import Unavailable, version
@@ -32,8 +33,8 @@ from .robot_files import conservative_text, model_of
 from .scenes import Array, ReferenceScene, SceneMotion, bodies_of, scene_of
 
 if TYPE_CHECKING:
-    from ..generator.multibody.model import Model
-    from ..runtime.steppers.stepper import Stepper
+    from gyrospark.generator.multibody.model import Model
+    from gyrospark.runtime.steppers.stepper import Stepper
 
 __all__ = ["MECHANISMS", "LongRun", "Mechanism", "long_runs_page", "measure_long_runs"]
 
@@ -100,7 +101,7 @@ class Mechanism:
 
     def stepper(self, stages: int) -> Stepper:
         """Return our G-L of some stages."""
-        from ..api import stepper
+        from gyrospark.api import stepper
 
         if stages not in self._steppers:
             self._steppers[stages] = stepper("G-L", stages, system=self.scene.model)
@@ -312,8 +313,7 @@ The constraints, the energy, the error and the cost of one step, of gyrospark an
 robots are simulated with. This command writes the page:
 
 ```
-gyrospark reference robots --peers --mjcf cassie.xml --mjcf 2f85.xml \\
-    --out docs/reference_robots.md --plot docs/reference_robots.png
+make bench WHAT="robots --mjcf cassie.xml --mjcf 2f85.xml --out docs"
 ```
 
 Each program receives the bodies, joints, springs and gravity of a model, without friction, damping,

@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from .._version import __version__
-from ..runtime.compilation.compiler import find_compiler
+from gyrospark._version import __version__
+from gyrospark.runtime.compilation.compiler import find_compiler
+
 from .peers.optional import version
 from .reference_states import about as reference_about
 

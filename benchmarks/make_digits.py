@@ -1,4 +1,4 @@
-"""Make ``references/digits.json`` again: ``python -m gyrospark.benchmarks.make_digits``.
+"""Make ``references/digits.json`` again: ``python -m benchmarks.make_digits``.
 
 Each problem goes two ways, and each number of both has the same 24 digits:
 
@@ -24,13 +24,14 @@ from typing import Any
 
 import mpmath as mp
 
-from ..api import stepper
-from ..references.problem import Reference
-from ..references.problem_registry import REFERENCES, reference
-from ..references.true_digits import PATH
-from ..references.work_precision import run_once
-from ..runtime.bindings.binary128 import exact
-from ..runtime.bindings.real_numbers import rounding
+from gyrospark.api import stepper
+from gyrospark.references.problem import Reference
+from gyrospark.references.problem_registry import REFERENCES, reference
+from gyrospark.references.true_digits import PATH
+from gyrospark.references.work_precision import run_once
+from gyrospark.runtime.bindings.binary128 import exact
+from gyrospark.runtime.bindings.real_numbers import rounding
+
 from . import equations, loops
 from . import exact_motions_mp as forms
 from .exact_motions_mp import Numbers

@@ -1,4 +1,4 @@
-"""Make ``reference.json`` again: ``python -m gyrospark.benchmarks.make_reference`` (with heyoka).
+"""Make ``reference.json`` again: ``python -m benchmarks.make_reference`` (with heyoka).
 
 Every top starts from its (q, p) in double, taken as exact: q is normalised and Ω computed in long
 double. A Taylor integration in long double goes to t = 1000 s; gyrospark's 6-stage Gauss-Lobatto
@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..api import stepper
+from gyrospark.api import stepper
+
 from .peers.heyoka_taylor import equations
 from .peers.optional import need
 from .reference_states import PATH, TIMES
@@ -31,7 +32,7 @@ def main() -> None:
     checks = [_distance(_own(top), motion[_CHECK]) for top, motion in zip(tops(8), motions,
                                                                         strict=True)]
     about = {
-        "what": "the body's third axis in space of eight tops (gyrospark.benchmarks.tops)",
+        "what": "the body's third axis in space of eight tops (benchmarks.tops)",
         "made with": f"heyoka {importlib.metadata.version('heyoka')}, long double, its default "
                      "tolerance",
         "checked with": f"gyrospark G-L, 6 stages, long double, dt = 2^-10 s, at t = {_CHECK} s",

@@ -16,10 +16,11 @@ import numpy as np
 import sympy as sp
 from sympy.physics import mechanics as me
 
-from .._version import __version__
-from ..api import stepper
-from ..generator.systems.sympy_mechanics import from_mechanics
-from ..runtime.steppers.stepper import Stepper
+from gyrospark._version import __version__
+from gyrospark.api import stepper
+from gyrospark.generator.systems.sympy_mechanics import from_mechanics
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .joined_bodies import T_END, BodyRow, Contest, Run
 from .peer_linkages import Array
 from .peers import pydy_mechanics

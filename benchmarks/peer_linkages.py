@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.inertia import Inertia, as_moments
-from ..generator.multibody.example_models import chain, four_bar
-from ..generator.multibody.model import Model
-from ..runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
+from gyrospark.core.inertia import Inertia, as_moments
+from gyrospark.generator.multibody.example_models import chain, four_bar
+from gyrospark.generator.multibody.model import Model
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
 
 __all__ = ["BodyStart", "Hold", "Linkage", "chain_of", "closed_loop"]
 

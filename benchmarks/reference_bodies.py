@@ -13,8 +13,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
-from ..references.problem import Reference, largest_error
-from ..references.work_precision import WorkPrecisionRun
+from gyrospark.references.problem import Reference, largest_error
+from gyrospark.references.work_precision import WorkPrecisionRun
+
 from .peers import exudyn_scenes, mujoco_scenes
 from .peers.optional import Unavailable
 from .reference_scenes import SceneReference, scene_reference

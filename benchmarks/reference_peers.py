@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..references.problem import Reference, largest_error
-from ..references.work_precision import WorkPrecisionRun
+from gyrospark.references.problem import Reference, largest_error
+from gyrospark.references.work_precision import WorkPrecisionRun
+
 from . import equations
 from .peers.optional import Unavailable, need
 from .reference_bodies import measure_bodies

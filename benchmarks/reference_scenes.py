@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..generator.multibody.model import Model
-from ..generator.multibody.multibody import Multibody
-from ..references.mechanisms import EXAMPLES
-from ..references.problem import Reference
-from ..references.problem_registry import reference
-from ..runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.generator.multibody.model import Model
+from gyrospark.generator.multibody.multibody import Multibody
+from gyrospark.references.mechanisms import EXAMPLES
+from gyrospark.references.problem import Reference
+from gyrospark.references.problem_registry import reference
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
 from .peers.optional import Unavailable
 from .scenes import GROUND, ReferenceScene, SceneBody, SceneJoint, SceneMotion, scene_of
 

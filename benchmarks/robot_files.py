@@ -9,13 +9,13 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ..core.arguments import as_path
-from ..core.errors import InputError
-from ..generator.models.bounded_xml import Element
-from ..generator.models.mjcf import parse_mjcf
-from ..generator.models.mjcf_document import check_document
-from ..generator.multibody.model import Model
-from ..generator.parsing.text_file import model_text
+from gyrospark.core.arguments import as_path
+from gyrospark.core.errors import InputError
+from gyrospark.generator.models.bounded_xml import Element
+from gyrospark.generator.models.mjcf import parse_mjcf
+from gyrospark.generator.models.mjcf_document import check_document
+from gyrospark.generator.multibody.model import Model
+from gyrospark.generator.parsing.text_file import model_text
 
 __all__ = ["conservative_text", "model_of"]
 

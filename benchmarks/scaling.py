@@ -26,11 +26,12 @@ from typing import Any
 
 import numpy as np
 
-from ..api import stepper
-from ..generator.pipeline import generate
-from ..generator.spec import Spec
-from ..runtime.rigid_body.problems import fast_top
-from ..storage.record import record
+from gyrospark.api import stepper
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.rigid_body.problems import fast_top
+from gyrospark.storage.record import record
+
 from .growth import compile_seconds, forget, grow
 from .timing import stopwatch, with_children
 
@@ -125,11 +126,11 @@ def tables(rows: Sequence[Scale]) -> dict[str, list[list[str]]]:
 
 _PAGE = """# How costs grow
 
-`gyrospark bench scale --out DIR` measures the costs below and writes this page as `DIR/scale.md`;
+`make bench WHAT="scale --out DIR"` measures the costs below and writes this page as `DIR/scale.md`;
 without `--largest` it takes up to 1000 bodies, 12 stages, 1e5 trajectories and 1e9 stored numbers.
 These are the results of
 
-    gyrospark bench scale{options} --out DIR
+    make bench WHAT="scale{options} --out DIR"
 
 on {machine}. Times are CPU seconds of all threads
 and of the compiler, medians of at most three rounds. The slope is that of log(cost) against

@@ -16,10 +16,11 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..core.inertia import inertia_matrix, tensor_of_inverse
-from ..generator.multibody.model import Model
-from ..generator.systems.body_layout import BodyLayout, JointLayout
-from ..runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
+from gyrospark.core.inertia import inertia_matrix, tensor_of_inverse
+from gyrospark.generator.multibody.model import Model
+from gyrospark.generator.systems.body_layout import BodyLayout, JointLayout
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
+
 from .peers.optional import Unavailable
 
 __all__ = ["GROUND", "ReferenceScene", "SceneBody", "SceneJoint", "SceneMotion", "SceneSpring",

@@ -12,15 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from ..api import stepper
-from ..core.arguments import choose
-from ..core.errors import GyrosparkError
-from ..core.inertia import RepName
-from ..generator.schemes.named_schemes import SchemeName
-from ..runtime.rigid_body.gamma_rules import gamma_m
-from ..runtime.rigid_body.problems import Problem, fast_top, free_body
-from ..runtime.steppers.stepper import SOLVERS as KNOWN
-from ..runtime.steppers.stepper import Stepper
+from gyrospark.api import stepper
+from gyrospark.core.arguments import choose
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.core.inertia import RepName
+from gyrospark.generator.schemes.named_schemes import SchemeName
+from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
+from gyrospark.runtime.rigid_body.problems import Problem, fast_top, free_body
+from gyrospark.runtime.steppers.stepper import SOLVERS as KNOWN
+from gyrospark.runtime.steppers.stepper import Stepper
+
 from .peers.ours import SOLVERS, available
 from .timing import alternate, stopwatch
 

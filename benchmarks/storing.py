@@ -16,11 +16,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..api import stepper
-from ..runtime.rigid_body.gamma_rules import gamma_m
-from ..runtime.rigid_body.problems import fast_top
-from ..storage.durable_files import write_durably
-from ..storage.record import record
+from gyrospark.api import stepper
+from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
+from gyrospark.runtime.rigid_body.problems import fast_top
+from gyrospark.storage.durable_files import write_durably
+from gyrospark.storage.record import record
 
 __all__ = ["CASES", "QUICK", "StoreRow", "compare_stores"]
 

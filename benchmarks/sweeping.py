@@ -29,12 +29,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import GyrosparkError
-from ..runtime.rigid_body.problems import fast_top
-from ..sweeps.plan import plan
-from ..sweeps.run_sweep import run_study
-from ..sweeps.study import Study
-from ..sweeps.tiles import Tile, cells_of
+from gyrospark.core.errors import GyrosparkError
+from gyrospark.runtime.rigid_body.problems import fast_top
+from gyrospark.sweeps.plan import plan
+from gyrospark.sweeps.run_sweep import run_study
+from gyrospark.sweeps.study import Study
+from gyrospark.sweeps.tiles import Tile, cells_of
+
 from .peers.optional import Unavailable, need
 
 __all__ = ["CASES", "QUICK", "SCHEMES", "WAYS", "SweepCase", "SweepRow", "compare_sweeps",

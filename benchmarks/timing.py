@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from ..runtime.compilation.call_stack import thread_seconds
+from gyrospark.runtime.compilation.call_stack import thread_seconds
 
 __all__ = ["Clock", "Sample", "alternate", "repeated", "stopwatch", "with_children"]
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.rigid_body.gamma_rules import gamma_m
-from ..runtime.rigid_body.problems import fast_top
-from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
+from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
+from gyrospark.runtime.rigid_body.problems import fast_top
+from gyrospark.runtime.rigid_body.quaternion import euler_quaternion, momentum
 
 __all__ = ["FREE_RATE", "INERTIA", "LANES", "LEVER", "MGL", "Top", "TopState", "axis", "energy",
            "euler_equations", "parameters", "spin_of", "state_of", "tops"]

@@ -1,6 +1,6 @@
 """The command line: one command a file, each a thin face of the Python calls.
 
-    generate, include, models, verify, run, sweep, export, reproduce, bench, cache   the commands
+    generate, include, models, verify, run, sweep, export, reproduce, cache   the commands
     build, fit, lyapunov, reference   commands, too; models has ``examples`` in it
     options                   options that several of them share
     run/                      ``run``: command, starts, choices, outputs, report
@@ -36,7 +36,7 @@ _MODULES = {
     "generate": "generate", "include": "include", "models": "models", "examples": "models",
     "verify": "verify", "run": "run.command", "fit": "fit", "lyapunov": "lyapunov",
     "sweep": "sweep", "export": "export", "build": "build", "reproduce": "reproduce",
-    "bench": "bench", "reference": "reference", "cache": "cache",
+    "reference": "reference", "cache": "cache",
 }
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..core.errors import InputError
 from .generate import write_files
 from .options import check_ending, check_picture, check_writable, json_option
 
@@ -21,18 +20,14 @@ __all__ = ["reference"]
 
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("name", metavar="list|NAME|all|robots", default="list")
+@click.argument("name", metavar="list|NAME|all", default="list")
 @click.option("--quick", is_flag=True, help="The first scheme of each problem alone, timed once.")
-@click.option("--peers", is_flag=True, help="SciPy, heyoka, exudyn, MuJoCo too, where they can go.")
 @click.option("--plot", metavar="FILE.png", type=click.Path(path_type=Path),
               help="Draw error against CPU time, a panel for each problem.")
 @click.option("--out", metavar="FILE.md", type=click.Path(path_type=Path),
               help="Write a page with digits and runs, as docs/references.md is.")
-@click.option("--mjcf", metavar="FILE.xml", type=click.Path(path_type=Path), multiple=True,
-              help="With robots: a robot in MJCF too, such as Cassie; may be repeated.")
 @json_option
-def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path | None,
-              mjcf: tuple[Path, ...], as_json: bool) -> int:
+def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_json: bool) -> int:
     """Run problems of the field with known digits: error against CPU seconds for our schemes.
 
     Exits with 1 unless one of the schemes has the digits of each problem to 1e-12.
@@ -41,16 +36,7 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     gyrospark reference list
     gyrospark reference spherical-pendulum
     gyrospark reference all --json
-    gyrospark reference neumann --peers
-    gyrospark reference all --peers --out docs/references.md --plot docs/references.png
-    gyrospark reference robots --quick
-    gyrospark reference robots --peers --mjcf cassie.xml --mjcf 2f85.xml
-
-    \b
-    robots runs mechanisms with closed loops for a million steps (--quick: 1,000): constraints,
-    energy, error and cost. cassie.xml and 2f85.xml are files of MuJoCo Menagerie,
-    github.com/google-deepmind/mujoco_menagerie, in agility_cassie and robotiq_2f85; others with
-    the mass and inertia of each body may be given, too.
+    gyrospark reference all --out references.md --plot references.png
     """
     import json
 
@@ -67,21 +53,10 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
         check_ending("--out", out, (".md",))
     if plot is not None:
         check_picture(plot)
-    if name == "robots":
-        _robots(quick, peers, plot, out, mjcf, as_json)
-        return 0
-    if mjcf:
-        raise InputError(f"--mjcf gives robots, and {name!r} is another problem; write "
-                         "reference robots.")
     problems = [named(known) for known in (names() if name == "all" else [name])]
     rounds = 1 if quick else 3
     measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
                 for problem in problems]
-    if peers:
-        from ..benchmarks.reference_peers import measure_peers
-
-        for problem, runs in measured:
-            runs += measure_peers(problem, rounds=rounds, quick=quick, watch=_note)
     if as_json:
         rows = [run.as_dict() for _, runs in measured for run in runs]
         click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
@@ -89,7 +64,7 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
         for problem, runs in measured:
             _print(problem, runs)
     if plot is not None:
-        from ..benchmarks.pictures import draw_references
+        from ..references.picture import draw_references
 
         draw_references([(problem.name, runs) for problem, runs in measured], plot)
     if out is not None:
@@ -100,39 +75,6 @@ def reference(name: str, quick: bool, peers: bool, plot: Path | None, out: Path 
     if missed:
         click.echo(f"reference: no scheme has the digits of {', '.join(missed)}.", err=True)
     return 1 if missed else 0
-
-
-def _robots(quick: bool, peers: bool, plot: Path | None, out: Path | None,
-            files: Sequence[Path], as_json: bool) -> None:
-    import json
-
-    from ..benchmarks.long_runs import MECHANISMS, Mechanism, long_runs_page, measure_long_runs
-
-    mechanisms = [*MECHANISMS.values(), *map(Mechanism.of_file, files)]
-    measured = {mechanism: list(measure_long_runs(
-        mechanism, steps=1000 if quick else 1_000_000, peers=peers, watch=_note))
-        for mechanism in mechanisms}
-    if as_json:
-        click.echo(json.dumps([run.as_dict() for runs in measured.values() for run in runs],
-                              indent=2))
-    for mechanism, runs in measured.items() if not as_json else ():
-        click.echo(f"{mechanism.title} ({mechanism.name})")
-        for run in runs:
-            click.echo(f"  {run.name:<32} {run.steps:>9,} steps {run.cpu_seconds * 1e6:9.3g} µs"
-                       f" each  constraints {run.constraint:.0e}  energy {run.energy:.0e} J"
-                       f"  error {run.error:.0e} m" + (f"  ({run.note})" if run.note else ""))
-    if plot is not None:
-        from ..benchmarks.pictures import draw_long_runs
-
-        draw_long_runs(measured, plot)
-    if out is not None:
-        picture = "" if plot is None else Path(os.path.relpath(plot, out.parent)).as_posix()
-        write_files({out.name: long_runs_page(measured, picture)}, out.parent)
-
-
-def _note(text: str) -> None:
-    if "left out" in text:
-        click.echo(f"reference: {text}", err=True)
 
 
 def _list(problems: Sequence[Reference], as_json: bool) -> None:

@@ -24,6 +24,7 @@ Modules::
     rigid_bodies      free bodies, and tops that are integrable
     problem_registry  all of them by name
     work_precision    error against cost
+    picture           the same, drawn
     results_page      the page of the documents
 """
 

@@ -12,9 +12,9 @@ __all__ = ["page", "reached"]
 _HEAD = """# Reference problems
 
 Problems of the literature with reference solutions of 24 digits, and the errors of our schemes.
-`gyrospark reference all --peers --out docs/references.md --plot docs/references.png` writes this
-page. `python -m gyrospark.benchmarks.make_digits` computes each reference solution by two
-independent methods.
+`make bench WHAT="references --out docs"` writes this page, `gyrospark reference all --out FILE.md`
+the part without other programs. `python -m benchmarks.make_digits` computes each reference solution
+by two independent methods.
 
 An error is the error of the final values relative to the largest value of their kind (positions,
 velocities). CPU seconds are the time of one run with a compiled stepper on the machine that wrote

@@ -1,4 +1,4 @@
-"""The digits of each problem: ``digits.json``, made by ``gyrospark.benchmarks.make_digits``."""
+"""The digits of each problem: ``digits.json``, made by ``benchmarks.make_digits``."""
 
 from __future__ import annotations
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterable
 
-from ...core.errors import InputError
+from gyrospark.core.errors import InputError
+
 from .entry import PeerEntry
 
 __all__ = ["OF_OTHERS", "PEERS", "chosen", "entries"]

@@ -18,9 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from ...api import tableau
-from ...runtime.compilation.compiler import find_compiler
-from ...runtime.rigid_body.quaternion import angular_velocity
+from gyrospark.api import tableau
+from gyrospark.runtime.compilation.compiler import find_compiler
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity
+
 from ..tops import (
     INERTIA,
     MGL,

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
 from ..peer_linkages import Array, BodyStart, Hold, Linkage
 from .optional import need
 

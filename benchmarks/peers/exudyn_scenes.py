@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ...core.inertia import quaternion_of_matrix
-from ...runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.core.inertia import quaternion_of_matrix
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
 from ..scenes import GROUND, Array, ReferenceScene, SceneBody, SceneJoint, SceneMotion, SceneSpring
 from .optional import Unavailable, need
 

@@ -13,8 +13,9 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.inertia import quaternion_of_matrix
-from ...runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.core.inertia import quaternion_of_matrix
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
 from ..peer_linkages import Array, Hold, Linkage
 from .optional import need
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ...generator.models.robot_builder import plain_name
-from ...runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.generator.models.robot_builder import plain_name
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
 from ..scenes import Array, ReferenceScene, SceneMotion
 from .mujoco_scenes import configure, moved, mujoco_module
 from .optional import Unavailable

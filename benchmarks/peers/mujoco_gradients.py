@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
+
 from ..peer_linkages import Linkage
 from ..tops import Array
 from .gradient_job import GradientJob, Job, of_euler, top_start

@@ -15,8 +15,9 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from ...core.inertia import quaternion_of_matrix
-from ...runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.core.inertia import quaternion_of_matrix
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
 from ..scenes import GROUND, Array, ReferenceScene, SceneJoint, SceneMotion
 from .mujoco_bodies import STIFFEST, text
 from .optional import Unavailable, need

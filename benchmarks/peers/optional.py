@@ -6,7 +6,7 @@ import importlib
 import importlib.metadata
 from typing import Any
 
-from ...core.errors import GyrosparkError
+from gyrospark.core.errors import GyrosparkError
 
 __all__ = ["Unavailable", "need", "version"]
 

@@ -7,14 +7,15 @@ from functools import partial
 
 import numpy as np
 
-from ..._version import __version__
-from ...api import stepper
-from ...core.arguments import choose
-from ...core.errors import InputError
-from ...core.inertia import RepName
-from ...generator.schemes.named_schemes import SchemeName
-from ...runtime.rigid_body.quaternion import angular_velocity
-from ...runtime.steppers.stepper import SOLVERS as KNOWN
+from gyrospark._version import __version__
+from gyrospark.api import stepper
+from gyrospark.core.arguments import choose
+from gyrospark.core.errors import InputError
+from gyrospark.core.inertia import RepName
+from gyrospark.generator.schemes.named_schemes import SchemeName
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity
+from gyrospark.runtime.steppers.stepper import SOLVERS as KNOWN
+
 from ..tops import FREE_RATE, INERTIA, TopState, parameters, tops
 from .entry import PeerEntry, Run
 from .optional import Unavailable

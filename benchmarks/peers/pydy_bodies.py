@@ -14,7 +14,8 @@ import numpy as np
 import sympy as sp
 from sympy.physics import mechanics as me
 
-from ...runtime.rigid_body.quaternion import rotation_matrix
+from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+
 from ..peer_linkages import Array, Hold, Linkage
 from .optional import Unavailable, need
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...runtime.rigid_body.quaternion import angular_velocity
+from gyrospark.runtime.rigid_body.quaternion import angular_velocity
+
 from ..tops import INERTIA, MGL, Array, TopState, tops
 from .entry import PeerEntry, Run
 from .optional import need, version

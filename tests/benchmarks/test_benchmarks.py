@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.benchmarks import (
+from benchmarks import (
     drift,
     ensembles,
     events,
@@ -27,11 +27,10 @@ from gyrospark.benchmarks import (
     timing,
     tops,
 )
-from gyrospark.benchmarks.contest import ContestRow, Limits, compete, judged, with_ratios
-from gyrospark.benchmarks.peers import optional, ours
-from gyrospark.benchmarks.peers.entry import PeerEntry
-from gyrospark.commands import main
-from gyrospark.commands.bench import _print_accuracies
+from benchmarks.__main__ import _print_accuracies, main
+from benchmarks.contest import ContestRow, Limits, compete, judged, with_ratios
+from benchmarks.peers import optional, ours
+from benchmarks.peers.entry import PeerEntry
 from gyrospark.core.extras import install
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from gyrospark.sweeps.run_sweep import run_study
@@ -341,11 +340,11 @@ def test_shares_are_those_of_a_round():
 
 @pytest.fixture
 def bench(monkeypatch, capsys, tmp_path):
-    """Call ``gyrospark bench`` in an empty folder; return exit code, stdout and stderr."""
+    """Call ``make bench`` in an empty folder; return exit code, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
 
     def caller(*arguments):
-        monkeypatch.setattr(sys, "argv", ["gyrospark", "bench", *arguments])
+        monkeypatch.setattr(sys, "argv", ["bench", *arguments])
         capsys.readouterr()
         with pytest.raises(SystemExit) as end:
             main()
@@ -413,7 +412,7 @@ def test_command_does_all(bench, tmp_path):
 @pytest.mark.parametrize(("arguments", "message"), [
     (["nonsense"],
      "'nonsense'; choose peers, step, ensemble, drift, bodies, store, sweeps, events, "
-     "gradients, scale or all"),
+     "gradients, scale, references, robots or all"),
     (["scale", "--largest", "planets=9"], "'planets=9'"),
     (["scale", "--largest", "bodies=few"], "--largest bodies 'few'"),
     (["--peers", "gyrospark,matlab"], "'matlab'; choose gyrospark, "),
@@ -441,7 +440,7 @@ def test_command_says_what_is_missing_before_it_measures(
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.delitem(sys.modules, "gyrospark.storage", raising=False)
     monkeypatch.delattr(gs, "storage", raising=False)
-    monkeypatch.setattr(sys.modules["gyrospark.commands.bench"], "_MEASURE", {})
+    monkeypatch.setattr(sys.modules["benchmarks.__main__"], "_MEASURE", {})
     code, out, err = bench(*arguments)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert install(extra) in err

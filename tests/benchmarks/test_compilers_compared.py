@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compilers import COMPILERS, compiler
-from gyrospark.benchmarks.compilers import (
+from benchmarks.compilers import (
     BUILDS,
     Build,
     KernelDifference,
@@ -14,6 +13,7 @@ from gyrospark.benchmarks.compilers import (
     main,
     sources,
 )
+from compilers import COMPILERS, compiler
 
 POINTS = 100
 

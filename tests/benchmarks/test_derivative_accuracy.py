@@ -7,7 +7,7 @@ import warnings
 import pytest
 
 import gyrospark as gs
-from gyrospark.benchmarks.derivative_accuracy import measure, subjects
+from benchmarks.derivative_accuracy import measure, subjects
 
 #: Of 567 coordinates, which takes minutes, and for scheme splitting alone.
 LARGE = {"four-bars-40", "waters"}

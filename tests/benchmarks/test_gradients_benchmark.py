@@ -9,11 +9,11 @@ import sys
 import numpy as np
 import pytest
 
-from gyrospark.benchmarks import gradients, pictures
-from gyrospark.benchmarks.gradients import FastTopGradient, GradientRow, compare_gradients
-from gyrospark.benchmarks.peers.gradient_job import of_euler, top_start
-from gyrospark.benchmarks.tops import INERTIA, spin_of, tops
-from gyrospark.commands.bench import PRINT
+from benchmarks import gradients, pictures
+from benchmarks.__main__ import PRINT
+from benchmarks.gradients import FastTopGradient, GradientRow, compare_gradients
+from benchmarks.peers.gradient_job import of_euler, top_start
+from benchmarks.tops import INERTIA, spin_of, tops
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pytest
 
-from gyrospark.benchmarks.callgrind import (
+from benchmarks.callgrind import (
     ALLOWED,
     FLAGS,
     STEPPERS,

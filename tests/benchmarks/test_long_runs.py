@@ -7,9 +7,9 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.benchmarks.long_runs import MECHANISMS, long_runs_page, measure_long_runs
-from gyrospark.benchmarks.peers import mujoco_scenes
-from gyrospark.benchmarks.scenes import scene_of
+from benchmarks.long_runs import MECHANISMS, long_runs_page, measure_long_runs
+from benchmarks.peers import mujoco_scenes
+from benchmarks.scenes import scene_of
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import numeric
 from gyrospark.references.problem_registry import REFERENCES

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from gyrospark.benchmarks import mechanics
-from gyrospark.benchmarks.peers import optional, pydy_mechanics
+from benchmarks import mechanics
+from benchmarks.peers import optional, pydy_mechanics
 
 
 @pytest.fixture

@@ -6,12 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from gyrospark.benchmarks.long_runs import Mechanism, long_runs_page, measure_long_runs
-from gyrospark.benchmarks.peers.mujoco_files import MujocoFile
-from gyrospark.benchmarks.robot_files import conservative_text
-from gyrospark.commands.reference import reference
+from benchmarks.long_runs import Mechanism, long_runs_page, measure_long_runs
+from benchmarks.peers.mujoco_files import MujocoFile
+from benchmarks.robot_files import conservative_text
 from gyrospark.core.errors import InputError, InputWarning
 
 FOUR_BAR = """
@@ -105,9 +103,3 @@ def test_files_that_cannot_be_used_are_refused(text, message, tmp_path, monkeypa
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         conservative_text(path)
-
-
-def test_a_file_is_for_robots_alone():
-    found = CliRunner().invoke(reference, ["neumann", "--mjcf", "cassie.xml"])
-    assert isinstance(found.exception, InputError)
-    assert "robots" in str(found.exception)

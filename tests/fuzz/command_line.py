@@ -2,7 +2,7 @@
 
 Arguments are grown from a grammar of the real commands, options and values, then some are changed.
 Work is kept tiny by which values the grammar knows, never by changing the program; what takes
-seconds even then (deriving, benchmarks) gets an option that is refused, but for a rare few.
+seconds even then (deriving) gets an option that is refused, but for a rare few.
 """
 
 from __future__ import annotations
@@ -60,10 +60,7 @@ VALUES: dict[str, Sequence[str]] = {
               "pendulum.toml"),
     "--seed": ("1", "0", "-1", "x", "99999999999999999999", "1.5"),
     "--plot": ("plot.png", "plot.xyz", "none/plot.png", "", ".", "plot"),
-    "--peers": ("scipy", "nobody", "", ",", "gyrospark,gyrospark"),
     "--t-end": ("1", "2", "nan", "-1", "1e999", "x"),
-    "--rounds": ("1", "0", "-1", "x", "1.5"),
-    "--base": ("gyrospark", "", "nothing"),
     "--model": ("fast-top", "free-body", "pendulum.toml", "none.toml", "bad.toml", "bad", ""),
     "--summary": ("summary.md", "none/summary.md", ""),
 }
@@ -80,16 +77,14 @@ RESULTS = ("table-1", "table-99", "figure-1", "finding-", "", "all ", "table_4",
 #: Each is refused before any work: what takes long is not begun.
 FAULTS = (["--nonsense"], ["--scheme", "nobody"], ["--stages", "x"], ["--real", "half"],
           ["--system", "none.toml"], ["--rep", "beta"], ["--tableau", "none.json"])
-BENCH_FAULTS = (["--nonsense"], ["--peers", "nobody"], ["--t-end", "2"], ["--rounds", "0"],
-                ["--rounds", "x"], ["--t-end", "nan"])
 WORDS = ("--", "-", "=", "--json=1", "--steps=2", "-h", "\0", "\n", "é", "\udcff", "%s", "{}", "~",
          "$HOME", "*", "'", '"')
 
 
 def arguments(choices: Choices) -> list[str]:
     """Return the words behind ``gyrospark``."""
-    command = choices.pick(("run", "run", "run", "run", "generate", "verify", "reproduce", "bench",
-                            "cache", "export", "", "unknown"))
+    command = choices.pick(("run", "run", "run", "run", "generate", "verify", "reproduce", "cache",
+                            "export", "", "unknown"))
     words = GROWERS[command](choices) if command in GROWERS else [
         choices.pick((*FLAGS, *WORDS)) for _ in range(choices.below(3))]
     for _ in range(max(0, choices.below(6) - 3)):
@@ -166,12 +161,6 @@ def reproduce(choices: Choices) -> list[str]:
     return [choices.pick(RESULTS), *some(choices, ("--json", "--out", "--summary"), 3)]
 
 
-def bench(choices: Choices) -> list[str]:
-    what = choices.pick(("peers", "step", "ensemble", "drift", "bodies", "all", "nothing", ""))
-    names = ("--peers", "--quick", "--t-end", "--rounds", "--base", "--json", "--out")
-    return [what, *some(choices, names, 4), *choices.pick(BENCH_FAULTS)]
-
-
 def cache_command(choices: Choices) -> list[str]:
     return [choices.pick(("list", "clear", "", "empty", "--help")), *some(choices, FLAGS, 2)]
 
@@ -184,7 +173,7 @@ def export(choices: Choices) -> list[str]:
 
 
 GROWERS = {"run": run, "generate": generate, "verify": verify, "reproduce": reproduce,
-           "bench": bench, "cache": cache_command, "export": export}
+           "cache": cache_command, "export": export}
 
 
 # ---------------------------------------------------------------- running it

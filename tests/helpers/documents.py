@@ -29,7 +29,6 @@ SHORTER = [
     (r"(sweep) examples/studies/gamma_dt.toml", r"\1 few.toml",
      "a million runs; the study of docs/sweeps.md is few.toml, with four of them"),
     (r"^taskset -c 0 ", "", "taskset is a thing of Linux"),
-    (r' --base "heyoka default"', "", "heyoka is one of the programs of the extra bench"),
     (r"^(gyrospark run waters) --set count=1000 (.*) --steps 1000$",
      r"\1 --set count=8 \2 --steps 50", "without optimisation a minute"),
     (r"^(gyrospark verify --model (?:double_pendulum|examples/double_pendulum.toml) .*)",
@@ -41,9 +40,6 @@ SHORTER = [
     (r"^gyrospark verify$", "gyrospark verify --scheme G-L --stages 1",
      "all steppers of the paper, which a slow test of test_cli.py verifies"),
     (r"--t-end 20 (.*--animate)", r"--t-end 0.2 \1", "a film of twenty pictures, not 120"),
-    (r"^gyrospark bench(?! bodies| scale)(?: --rounds \d)?((?: \w+)?)(?: --rounds \d)?",
-     r"gyrospark bench\1 --quick --rounds 1 --peers gyrospark",
-     "minutes, and more with the programs of the extra bench"),
     (r"^gyrospark reference (?!list).*", "gyrospark reference spherical-pendulum --quick",
      "docs/references.md would be written, and systems be compiled for half a minute"),
     (r"^gyrospark reproduce all --summary docs/paper.md", "gyrospark reproduce table-4",
@@ -54,17 +50,12 @@ SHORTER = [
 NOT_RUN = [
     (r"^pip (install|freeze)\b", "test_bare_machine.py installs what pip makes of the project, and "
                        "test_packaging.py compares the extras that are named"),
-    (r"^make (test|generated|docs)", "the first runs these tests, the second writes to the "
-                                      "repository, the third is typed by test_site.py"),
+    (r"^make (test|generated|docs|bench)", "the first runs these tests, the second writes to the "
+     "repository, the third is typed by test_site.py, the fourth takes minutes"),
     (r"^pytest ", "it writes to the repository"),
     (r"^gyrospark run (cassie|robot|ROBOT).xml", "files that are not those of the project"),
     (r"^gyrospark run examples/pumpjack.xml", "without optimisation seven seconds; test_mjcf.py "
                                               "puts the example together and runs another file"),
-    (r"^gyrospark bench (bodies|scale)",
-     "even quick it derives and compiles chains for a quarter of a minute, as test_benchmarks.py "
-     "does"),
-    (r"^gyrospark bench (events|gradients)\b", "even quick each is six seconds; "
-                                              "test_benchmarks.py compares events and gradients"),
     (r"^gyrospark run delta_robot\b", "five seconds to derive and compile; "
                                       "test_run_names.py runs it"),
     (r"^gyrospark run examples/crane.urdf", "twelve seconds to derive; a slow test of test_site.py "

@@ -11,8 +11,8 @@ from processes import ROOT
 
 #: Packages of packages, and packages of modules.
 OUTER = ("generator", "runtime")
-FLAT = ("benchmarks", "certificates", "commands", "core", "interop", "references", "storage",
-        "studies", "sweeps", "targets")
+FLAT = ("certificates", "commands", "core", "interop", "references", "storage", "studies",
+        "sweeps", "targets")
 #: Where generator and runtime meet, imported by those above them.
 API = "api"
 

@@ -10,8 +10,8 @@ from package_graph import API, OUTER, imports, packages, reachable, reduced
 from processes import ROOT
 
 ARCHITECTURE = ROOT / "ARCHITECTURE.md"
-#: Lists of what is printed, and what is computed for one table of the paper: told by their index.
-UNLISTED = {"studies", "benchmarks"}
+#: What is computed for one table of the paper: told by its index.
+UNLISTED = {"studies"}
 
 
 def graph() -> dict[str, set[str]]:

@@ -74,7 +74,7 @@ def test_what_needs_an_extra_says_so_before_it_computes(tmp_path):
 print(json.dumps({text: command(text) for text in (
     RUN + "--out a.nc", RUN + "--plot a.png", "sweep study.toml --plot a.png",
     "sweep study.toml --dask tcp://127.0.0.1:1", "reproduce figure-5 --out report",
-    "reproduce all --out report", "bench peers --out bench")}))
+    "reproduce all --out report")}))
 from gyrospark.commands.reproduce import _report_folder
 assert _report_folder("all", None, as_json=False)[0] is None
 assert 'pip install "matplotlib' in _report_folder("all", None, as_json=False)[1]

@@ -58,7 +58,7 @@ def folders_to_install() -> list[Path]:
     """Return the folders of the package: of modules, and of data that are installed as well."""
     data = [ROOT / name for name in ("engine", "examples", "generated", "templates")]
     modules = [path.parent for depth in ("*", "*/*") for path in ROOT.glob(f"{depth}/__init__.py")
-               if path.parts[len(ROOT.parts)] not in ("build", "tests", ".venv")]
+               if path.parts[len(ROOT.parts)] not in ("benchmarks", "build", "tests", ".venv")]
     inner = [path for path in (ROOT / "examples").iterdir() if path.is_dir()]
     return [path for path in (*data, *modules, *inner) if path.name != "__pycache__"]
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.benchmarks import reference_bodies, scenes
-from gyrospark.benchmarks.peers.mujoco_scenes import tree_of
-from gyrospark.benchmarks.peers.optional import Unavailable
-from gyrospark.benchmarks.reference_bodies import measure_bodies
-from gyrospark.benchmarks.reference_scenes import andrews, at_start, scene_reference
+from benchmarks import reference_bodies, scenes
+from benchmarks.peers.mujoco_scenes import tree_of
+from benchmarks.peers.optional import Unavailable
+from benchmarks.reference_bodies import measure_bodies
+from benchmarks.reference_scenes import andrews, at_start, scene_reference
 from gyrospark.references.problem import largest_error
 from gyrospark.references.problem_registry import REFERENCES
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.benchmarks import loops, make_digits
-from gyrospark.benchmarks.reference_peers import measure_peers
+from benchmarks import loops, make_digits
+from benchmarks.reference_peers import measure_peers
 from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.references.problem import Attempt, largest_error
 from gyrospark.references.problem_registry import REFERENCES
@@ -258,11 +258,9 @@ def test_peers_reach_the_digits_by_themselves():
 
 
 def test_the_picture(gyrospark, tmp_path):
-    answer = gyrospark("reference", "neumann", "--quick", "--peers", "--plot", "error.svg",
+    answer = gyrospark("reference", "neumann", "--quick", "--plot", "error.svg",
                        "--out", "page.md", "--json")
     assert answer.code == 0, answer.stderr
-    peers = {row["peer"] for row in answer.document}
-    assert {"", "SciPy"} <= peers
     assert "4-G-L" in (tmp_path / "error.svg").read_text(encoding="utf-8")
     assert "](error.svg)" in (tmp_path / "page.md").read_text(encoding="utf-8")
 

@@ -11,8 +11,8 @@ import pytest
 
 import gyrospark as gs
 import systems
+from benchmarks import fits
 from calls import refused
-from gyrospark.benchmarks import fits
 from gyrospark.runtime.analysis.fit_coordinates import Coordinates
 from gyrospark.runtime.analysis.least_squares import Linear, determined
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix

@@ -1,4 +1,4 @@
-"""``gyrospark bench``: speed and precision of gyrospark and other programs, in tables."""
+"""``make bench``: speed and precision of gyrospark and other programs, in tables."""
 
 from __future__ import annotations
 
@@ -6,32 +6,36 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from ..core.arguments import unknown
-from ..core.errors import InputError
-from ..core.progress import hide_tasks
-from .generate import write_files
-from .options import check_folder, json_option, real_number, whole_number
+from gyrospark.commands import _call
+from gyrospark.commands.generate import write_files
+from gyrospark.commands.options import check_folder, json_option, real_number, whole_number
+from gyrospark.core.arguments import unknown
+from gyrospark.core.errors import InputError
+from gyrospark.core.progress import hide_tasks
 
 if TYPE_CHECKING:
-    from ..benchmarks.batches import BatchRow
-    from ..benchmarks.contest import ContestRow, Limits
-    from ..benchmarks.derivative_cost import DerivativeCost
-    from ..benchmarks.drift import DriftRun
-    from ..benchmarks.ensembles import EnsembleRow
-    from ..benchmarks.events import EventRow
-    from ..benchmarks.gradients import GradientRow
-    from ..benchmarks.growth import Size
-    from ..benchmarks.joined_bodies import BodyRow
-    from ..benchmarks.scaling import Scale
-    from ..benchmarks.steps import StepTiming
-    from ..benchmarks.storing import StoreRow
-    from ..benchmarks.sweeping import SweepRow
+    from gyrospark.references.work_precision import WorkPrecisionRun
+
+    from .batches import BatchRow
+    from .contest import ContestRow, Limits
+    from .derivative_cost import DerivativeCost
+    from .drift import DriftRun
+    from .ensembles import EnsembleRow
+    from .events import EventRow
+    from .gradients import GradientRow
+    from .growth import Size
+    from .joined_bodies import BodyRow
+    from .long_runs import LongRun
+    from .scaling import Scale
+    from .steps import StepTiming
+    from .storing import StoreRow
+    from .sweeping import SweepRow
 
 __all__ = ["PRINT", "bench"]
 
@@ -65,7 +69,7 @@ def _print_rows(title: str, lines: Sequence[tuple[ContestRow, list[str]]], more:
 
 
 def _print_step(cells: Sequence[StepTiming]) -> None:
-    from ..benchmarks.steps import BASE
+    from .steps import BASE
 
     solvers = list(dict.fromkeys(s for cell in cells for s in (*cell.ns, *cell.notes)))
     others = [solver for solver in solvers if solver != BASE]
@@ -87,7 +91,7 @@ def _iterations(cell: StepTiming, solver: str) -> str:
 
 
 def _print_drift(courses: Sequence[DriftRun]) -> None:
-    from ..benchmarks.reference_states import TIMES
+    from .reference_states import TIMES
 
     times = [t for t in TIMES if any(p.t == t for c in courses for p in c.points)]
     columns = [text for t in times for text in (f"ΔH/H\n{t} s", f"dx (m)\n{t} s")]
@@ -101,7 +105,7 @@ def _print_drift(courses: Sequence[DriftRun]) -> None:
 
 
 def _print_growth(sizes: Sequence[Size]) -> None:
-    from ..benchmarks.growth import DT, STAGES, laws
+    from .growth import DT, STAGES, laws
 
     if not sizes:
         return
@@ -126,7 +130,7 @@ def _print_growth(sizes: Sequence[Size]) -> None:
 
 
 def _print_bodies(rows: Sequence[BodyRow]) -> None:
-    from ..benchmarks.joined_bodies import PEERS, T_END
+    from .joined_bodies import PEERS, T_END
 
     if not rows:
         click.echo(f"Only {', '.join(PEERS)} have bodies on joints.")
@@ -146,7 +150,7 @@ def _print_bodies(rows: Sequence[BodyRow]) -> None:
 
 def _print_accuracies(rows: Sequence[BodyRow]) -> None:
     """Print the cheapest measured run of each program for each accuracy."""
-    from ..benchmarks.joined_bodies import ACCURACIES, PEERS, cheapest
+    from .joined_bodies import ACCURACIES, PEERS, cheapest
 
     entered = [peer for peer in PEERS if any(row.peer == peer for row in rows)]
     grid = _grid("CPU ms of the cheapest run with at most this error, and over the first program's",
@@ -205,7 +209,7 @@ def _print_store(rows: Sequence[StoreRow]) -> None:
 
 
 def _print_sweeps(rows: Sequence[SweepRow]) -> None:
-    from ..benchmarks.sweeping import WAYS
+    from .sweeping import WAYS
 
     if not rows:
         return
@@ -246,7 +250,7 @@ def _print_events(rows: Sequence[EventRow]) -> None:
 
 
 def _print_gradients(rows: Sequence[GradientRow]) -> None:
-    from ..benchmarks.gradients import PEERS
+    from .gradients import PEERS
 
     if not rows:
         click.echo(f"Only {', '.join(PEERS)} have gradients.")
@@ -267,7 +271,7 @@ def _print_gradients(rows: Sequence[GradientRow]) -> None:
 
 
 def _print_derivatives(rows: Sequence[DerivativeCost]) -> None:
-    from ..benchmarks.derivative_cost import COUNTS
+    from .derivative_cost import COUNTS
 
     if not rows:
         return
@@ -284,7 +288,7 @@ def _print_derivatives(rows: Sequence[DerivativeCost]) -> None:
 
 
 def _print_scales(rows: Sequence[Scale]) -> None:
-    from ..benchmarks.scaling import tables
+    from .scaling import tables
 
     for axis, (head, *lines) in tables(rows).items():
         grid = _grid(f"Costs by {axis}", head[:1], head[1:])
@@ -293,13 +297,31 @@ def _print_scales(rows: Sequence[Scale]) -> None:
         _show(grid)
 
 
+def _print_references(runs: Sequence[WorkPrecisionRun]) -> None:
+    grid = _grid("Reference problems", ["problem", "scheme"], ["steps", "error", "CPU ms"])
+    for run in runs:
+        grid.add_row(run.name, run.label, f"{run.steps:,}", f"{run.error:.1e}",
+                     f"{run.cpu_seconds * 1e3:.2f}")
+    _show(grid)
+
+
+def _print_robots(runs: Sequence[LongRun]) -> None:
+    grid = _grid("Mechanisms with closed loops", ["mechanism", "program"],
+                 ["steps", "µs/step", "constraints", "energy (J)", "error (m)"])
+    for run in runs:
+        grid.add_row(run.mechanism, run.name + (f"\n{run.note}" if run.note else ""),
+                     f"{run.steps:,}", f"{run.cpu_seconds * 1e6:.3g}",
+                     *(f"{x:.0e}" for x in (run.constraint, run.energy, run.error)))
+    _show(grid)
+
+
 #: Name of a result → what prints it.
 PRINT: dict[str, Callable[[Any], None]] = {
     "peers": _print_peers, "step": _print_step, "ensemble": _print_ensemble,
     "drift": _print_drift, "growth": _print_growth, "bodies": _print_bodies,
     "batches": _print_batches, "store": _print_store, "sweeps": _print_sweeps,
     "events": _print_events, "gradients": _print_gradients, "derivatives": _print_derivatives,
-    "scale": _print_scales,
+    "scale": _print_scales, "references": _print_references, "robots": _print_robots,
 }
 
 
@@ -328,7 +350,7 @@ def _number(value: float | None, form: str) -> str:
 
 
 _WHAT = ("peers", "step", "ensemble", "drift", "bodies", "store", "sweeps", "events",
-         "gradients", "scale")
+         "gradients", "scale", "references", "robots")
 #: Axes of scale.
 _AXES = ("bodies", "stages", "trajectories", "numbers")
 #: What has more than one result.
@@ -346,9 +368,11 @@ class _Choice:
     base: str | None
     #: Axis of scale → its largest size.
     largest: dict[str, int] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()
+    mjcf: tuple[Path, ...] = ()
 
     def limits(self, t_end: float) -> Limits:
-        from ..benchmarks.contest import Limits
+        from .contest import Limits
 
         return Limits(self.t_end or (1.0 if self.quick else t_end), self.rounds,
                       least=0.005 if self.quick else 0.05, most=2.0 if self.quick else 60.0)
@@ -365,15 +389,20 @@ class _Choice:
               "name (default: the first).")
 @click.option("--largest", multiple=True, metavar="AXIS=N", help="Of scale: leave out sizes of "
               "AXIS (bodies, stages, trajectories, numbers) above N.")
+@click.option("--problem", "problems", multiple=True, metavar="NAME",
+              help="Of references: this problem; may be repeated (default: all).")
+@click.option("--mjcf", multiple=True, type=click.Path(path_type=Path), metavar="FILE.xml",
+              help="With robots: a robot in MJCF too, such as Cassie; may be repeated.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
               help="Write DIR/bench.json and the pictures.")
 @json_option
 def bench(
     what: str, peers: str | None, quick: bool, t_end: str | None, rounds: str | None,
-    base: str | None, largest: tuple[str, ...], out: Path | None, as_json: bool,
+    base: str | None, largest: tuple[str, ...], problems: tuple[str, ...], mjcf: tuple[Path, ...],
+    out: Path | None, as_json: bool,
 ) -> int:
     """Measure WHAT: peers (default), step, ensemble, drift, store, sweeps (fast top), bodies,
-    events, gradients, scale, all.
+    events, gradients, scale, references, robots, all.
 
     peers: cost and error beside other programs. step: each solver over dense Newton. ensemble:
     many tops at once. drift: energy and position up to 1000 s. bodies: how chains grow up to 100
@@ -388,30 +417,39 @@ def bench(
     heyoka, diffrax, CasADi and MuJoCo; what gradients and tangents cost over the run itself.
     scale: how costs grow with bodies (to 1000), stages, trajectories (to 1e5) and stored numbers
     (to 1e9); with --out a page, scale.md.
+    references: problems with known digits, error against cost, with SciPy, heyoka, exudyn and
+    MuJoCo where they can go; with --out a page, references.md.
+    robots: mechanisms with closed loops for a million steps (--quick: 1,000): constraints, energy,
+    error and cost, with MuJoCo, exudyn and Pinocchio. cassie.xml and 2f85.xml for --mjcf are files
+    of MuJoCo Menagerie, github.com/google-deepmind/mujoco_menagerie, in agility_cassie and
+    robotiq_2f85; others with the mass and inertia of each body may be given, too.
 
     CPU time, contestants in turn, medians; errors against a long-double reference. Peers are
     optional: pip install ".[bench]" in a checkout brings those that are on PyPI. For steady
-    numbers pin the run to one core (taskset -c 0 gyrospark bench), all but ensemble and sweeps,
+    numbers pin the run to one core (taskset -c 0 make bench), all but ensemble and sweeps,
     which have several workers.
     Exit code 1 if one of gyrospark's own runs fails.
 
     \b
-    gyrospark bench
-    gyrospark bench --peers gyrospark,heyoka --base "heyoka default" --out bench
-    gyrospark bench step --quick
-    gyrospark bench drift --t-end 100 --out bench
-    gyrospark bench bodies --rounds 3 --out bench
-    gyrospark bench store --rounds 5
-    gyrospark bench sweeps --out bench
-    gyrospark bench events --peers gyrospark,heyoka
-    gyrospark bench gradients --out bench
-    gyrospark bench scale --largest bodies=100 --out bench
+    make bench
+    make bench WHAT="--peers gyrospark,heyoka --base 'heyoka default' --out bench"
+    make bench WHAT="step --quick"
+    make bench WHAT="drift --t-end 100 --out bench"
+    make bench WHAT="bodies --rounds 3 --out bench"
+    make bench WHAT="store --rounds 5"
+    make bench WHAT="sweeps --out bench"
+    make bench WHAT="events --peers gyrospark,heyoka"
+    make bench WHAT="gradients --out bench"
+    make bench WHAT="scale --largest bodies=100 --out bench"
+    make bench WHAT="references --problem neumann"
+    make bench WHAT="robots --mjcf cassie.xml --out bench"
     """
     if what not in (*_WHAT, "all"):
         raise unknown("benchmark", what, [*_WHAT, "all"])
-    choice = _checked(peers, quick, t_end, rounds, base, largest)
+    choice = replace(_checked(peers, quick, t_end, rounds, base, largest), problems=problems,
+                     mjcf=mjcf)
     if out is not None:  # before hours of work
-        from ..runtime.plotting.trajectory_plots import figure_class
+        from gyrospark.runtime.plotting.trajectory_plots import figure_class
 
         check_folder("--out", out)
         figure_class()
@@ -437,9 +475,9 @@ def bench(
 def _refuse_without_extras(names: Sequence[str], out: Path | None) -> None:
     """Say which extra is missing before anything is measured, not after."""
     if {"store", "sweeps", "scale"} & set(names):
-        from .. import storage  # noqa: F401
+        from gyrospark import storage  # noqa: F401
     if out is not None:
-        from ..runtime.plotting.trajectory_plots import figure_class
+        from gyrospark.runtime.plotting.trajectory_plots import figure_class
 
         figure_class()
 
@@ -448,8 +486,8 @@ def _checked(
     peers: str | None, quick: bool, t_end: str | None, rounds: str | None, base: str | None,
     largest: Sequence[str],
 ) -> _Choice:
-    from ..benchmarks import reference_states
-    from ..benchmarks.peers import chosen
+    from . import reference_states
+    from .peers import chosen
 
     seconds = None if t_end is None else real_number("--t-end", t_end)
     if seconds is not None and not reference_states.has(seconds):
@@ -473,8 +511,8 @@ def _checked(
 
 
 def _measure_peers(choice: _Choice, watch: Callable[[str], None]) -> Sequence[ContestRow]:
-    from ..benchmarks.contest import compete, with_ratios
-    from ..benchmarks.peers import entries
+    from .contest import compete, with_ratios
+    from .peers import entries
 
     found = compete(entries(choice.peers, quick=choice.quick), choice.limits(10.0), watch)
     return with_ratios(found, _base(choice, found))
@@ -488,7 +526,7 @@ def _base(choice: _Choice, rows: Sequence[ContestRow]) -> str | None:
 
 
 def _measure_step(choice: _Choice, watch: Callable[[str], None]) -> Sequence[StepTiming]:
-    from ..benchmarks.steps import compare_steps, variants
+    from .steps import compare_steps, variants
 
     dts = (1e-3,) if choice.quick else (1e-3, 1e-2)
     least = choice.limits(10.0).least
@@ -496,7 +534,7 @@ def _measure_step(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Ste
 
 
 def _measure_ensemble(choice: _Choice, watch: Callable[[str], None]) -> Sequence[EnsembleRow]:
-    from ..benchmarks.ensembles import compare_ensembles, ensemble_entries
+    from .ensembles import compare_ensembles, ensemble_entries
 
     count = 8 if choice.quick else 64
     found = [entry for entry in ensemble_entries(count, quick=choice.quick)
@@ -505,14 +543,14 @@ def _measure_ensemble(choice: _Choice, watch: Callable[[str], None]) -> Sequence
 
 
 def _measure_drift(choice: _Choice, watch: Callable[[str], None]) -> Sequence[DriftRun]:
-    from ..benchmarks.drift import follow
-    from ..benchmarks.peers import entries
+    from .drift import follow
+    from .peers import entries
 
     return follow(entries(choice.peers, quick=choice.quick), choice.limits(1000.0), watch)
 
 
 def _measure_growth(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Size]:
-    from ..benchmarks.growth import COUNTS, QUICK, grow
+    from .growth import COUNTS, QUICK, grow
 
     if "gyrospark" not in choice.peers:
         return []
@@ -521,8 +559,8 @@ def _measure_growth(choice: _Choice, watch: Callable[[str], None]) -> Sequence[S
 
 
 def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BodyRow]:
-    from ..benchmarks.joined_bodies import PEERS, compare_bodies, linkages
-    from ..benchmarks.mechanics import compare_mechanics, links
+    from .joined_bodies import PEERS, compare_bodies, linkages
+    from .mechanics import compare_mechanics, links
 
     peers = [peer for peer in PEERS if peer in choice.peers]
     if not peers:
@@ -537,8 +575,8 @@ def _measure_bodies(choice: _Choice, watch: Callable[[str], None]) -> Sequence[B
 
 
 def _measure_batches(choice: _Choice, watch: Callable[[str], None]) -> Sequence[BatchRow]:
-    from ..benchmarks.batches import compare_batches
-    from ..benchmarks.joined_bodies import linkages
+    from .batches import compare_batches
+    from .joined_bodies import linkages
 
     if "gyrospark" not in choice.peers:
         return []
@@ -547,7 +585,7 @@ def _measure_batches(choice: _Choice, watch: Callable[[str], None]) -> Sequence[
 
 
 def _measure_store(choice: _Choice, watch: Callable[[str], None]) -> Sequence[StoreRow]:
-    from ..benchmarks.storing import CASES, QUICK, compare_stores
+    from .storing import CASES, QUICK, compare_stores
 
     if "gyrospark" not in choice.peers:
         return []
@@ -555,7 +593,7 @@ def _measure_store(choice: _Choice, watch: Callable[[str], None]) -> Sequence[St
 
 
 def _measure_sweeps(choice: _Choice, watch: Callable[[str], None]) -> Sequence[SweepRow]:
-    from ..benchmarks.sweeping import CASES, QUICK, SCHEMES, compare_sweeps
+    from .sweeping import CASES, QUICK, SCHEMES, compare_sweeps
 
     if "gyrospark" not in choice.peers:
         return []
@@ -564,7 +602,7 @@ def _measure_sweeps(choice: _Choice, watch: Callable[[str], None]) -> Sequence[S
 
 
 def _measure_events(choice: _Choice, watch: Callable[[str], None]) -> Sequence[EventRow]:
-    from ..benchmarks.events import FastTop, Pendulum, compare_events
+    from .events import FastTop, Pendulum, compare_events
 
     cases = Pendulum(20 if choice.quick else 1000), FastTop(choice.t_end or (
         1.0 if choice.quick else 10.0))
@@ -572,7 +610,7 @@ def _measure_events(choice: _Choice, watch: Callable[[str], None]) -> Sequence[E
 
 
 def _measure_gradients(choice: _Choice, watch: Callable[[str], None]) -> Sequence[GradientRow]:
-    from ..benchmarks.gradients import PEERS, compare_gradients, gradient_cases
+    from .gradients import PEERS, compare_gradients, gradient_cases
 
     return compare_gradients(
         gradient_cases(quick=choice.quick), [name for name in PEERS if name in choice.peers],
@@ -582,7 +620,7 @@ def _measure_gradients(choice: _Choice, watch: Callable[[str], None]) -> Sequenc
 def _measure_derivatives(
     choice: _Choice, watch: Callable[[str], None]
 ) -> Sequence[DerivativeCost]:
-    from ..benchmarks.derivative_cost import cases, compare_derivatives
+    from .derivative_cost import cases, compare_derivatives
 
     if "gyrospark" not in choice.peers:
         return []
@@ -591,7 +629,7 @@ def _measure_derivatives(
 
 
 def _measure_scales(choice: _Choice, watch: Callable[[str], None]) -> Sequence[Scale]:
-    from ..benchmarks.scaling import QUICK, SIZES, compare_scales
+    from .scaling import QUICK, SIZES, compare_scales
 
     if "gyrospark" not in choice.peers:
         return []
@@ -600,19 +638,46 @@ def _measure_scales(choice: _Choice, watch: Callable[[str], None]) -> Sequence[S
     return compare_scales(sizes, choice.rounds, choice.limits(1.0).least, watch)
 
 
+def _measure_references(
+    choice: _Choice, watch: Callable[[str], None]
+) -> Sequence[WorkPrecisionRun]:
+    from gyrospark import references
+
+    from .reference_peers import measure_peers
+
+    rounds = 1 if choice.quick else 3
+    found: list[WorkPrecisionRun] = []
+    for name in choice.problems or references.names():
+        problem = references.reference(name)
+        found += references.measure(problem, rounds=rounds, quick=choice.quick)
+        if len(choice.peers) > 1:
+            found += measure_peers(problem, rounds=rounds, quick=choice.quick, watch=watch)
+    return found
+
+
+def _measure_robots(choice: _Choice, watch: Callable[[str], None]) -> Sequence[LongRun]:
+    from .long_runs import MECHANISMS, Mechanism, measure_long_runs
+
+    mechanisms = [*MECHANISMS.values(), *map(Mechanism.of_file, choice.mjcf)]
+    return [run for mechanism in mechanisms for run in measure_long_runs(
+        mechanism, steps=1000 if choice.quick else 1_000_000, peers=len(choice.peers) > 1,
+        watch=watch)]
+
+
 _MEASURE: dict[str, Callable[[_Choice, Callable[[str], None]], Sequence[Any]]] = {
     "peers": _measure_peers, "step": _measure_step, "ensemble": _measure_ensemble,
     "drift": _measure_drift, "growth": _measure_growth, "bodies": _measure_bodies,
     "batches": _measure_batches, "store": _measure_store, "sweeps": _measure_sweeps,
     "events": _measure_events, "gradients": _measure_gradients,
     "derivatives": _measure_derivatives, "scale": _measure_scales,
+    "references": _measure_references, "robots": _measure_robots,
 }
 
 
 def _failed(part: Any) -> bool:
     """Return whether a run of ours that should work did not."""
     row = getattr(part, "row", part)
-    return bool(row.failed) and getattr(row, "peer", "gyrospark") == "gyrospark"
+    return bool(getattr(row, "failed", False)) and getattr(row, "peer", "gyrospark") == "gyrospark"
 
 
 @contextmanager
@@ -631,19 +696,19 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
 
 
 def _json(results: dict[str, Sequence[Any]], choice: _Choice) -> str:
-    from ..benchmarks.machine import about
+    from .machine import about
 
     document = {"about": about(choice.peers)} | {
         name: [part.as_dict() for part in result] for name, result in results.items()}
     if "growth" in results:
-        from ..benchmarks.growth import laws
+        from .growth import laws
 
         document["growth_laws"] = laws(results["growth"])
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
 
 
 def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> None:
-    from ..benchmarks.pictures import (
+    from .pictures import (
         draw_bodies,
         draw_drift,
         draw_gradients,
@@ -654,8 +719,8 @@ def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> Non
 
     write_files({"bench.json": _json(results, choice)}, out)
     if results.get("scale"):
-        from ..benchmarks.machine import about
-        from ..benchmarks.scaling import page
+        from .machine import about
+        from .scaling import page
 
         machine = "{processor}, {cores} cores, {compiler}".format(**about(()))
         options = "".join(f" --largest {axis}={size}" for axis, size in choice.largest.items())
@@ -673,3 +738,32 @@ def _write(results: dict[str, Sequence[Any]], choice: _Choice, out: Path) -> Non
         draw_bodies(results["bodies"], out / "bodies.png")
     if results.get("sweeps"):
         draw_sweeps(results["sweeps"], out / "sweeps.png")
+    if results.get("references"):
+        from gyrospark import references
+        from gyrospark.references.picture import draw_references
+        from gyrospark.references.results_page import page as references_page
+
+        problems = {name: [run for run in results["references"] if run.name == name]
+                    for name in dict.fromkeys(run.name for run in results["references"])}
+        draw_references(list(problems.items()), out / "references.png")
+        write_files({"references.md": references_page([
+            (references.reference(name), runs) for name, runs in problems.items()],
+            "references.png")}, out)
+    if results.get("robots"):
+        from .long_runs import MECHANISMS, Mechanism, long_runs_page
+        from .pictures import draw_long_runs
+
+        measured = {mechanism: [run for run in results["robots"]
+                                if run.mechanism == mechanism.name]
+                    for mechanism in (*MECHANISMS.values(), *map(Mechanism.of_file, choice.mjcf))}
+        draw_long_runs(measured, out / "reference_robots.png")
+        write_files({"reference_robots.md": long_runs_page(measured, "reference_robots.png")}, out)
+
+
+def main() -> NoReturn:
+    """Entry point of ``make bench``."""
+    _call(bench, "bench")
+
+
+if __name__ == "__main__":
+    main()
