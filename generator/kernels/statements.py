@@ -198,23 +198,37 @@ def _needed(
 def _name_bases(
     shared: list[tuple[sp.Symbol, sp.Expr]], reduced: list[sp.Expr]
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
-    """Give every base of an integer power a name of its own: C writes x² as x*x."""
+    """Give every base of an integer power a name of its own: C writes x² as x*x.
+
+    Where x^¼ or x^¾ occurs, all half powers become powers of √x: pow costs ten square roots.
+    """
     fresh = sp.numbered_symbols("_u", real=True)
     named: list[tuple[sp.Symbol, sp.Expr]] = []
     known: dict[sp.Expr, sp.Symbol] = {}
+    fourth_roots = {part.base for e in (*(e for _, e in shared), *reduced)
+                    for part in parts_of([e]) if part.is_Pow and _has_denominator(part, 4)}
+
+    def symbol_of(e: sp.Expr) -> sp.Symbol:
+        if e not in known:
+            known[e] = next(fresh)
+            named.append((known[e], e))
+        return known[e]
 
     def name(e: sp.Expr) -> sp.Expr:
         if e.is_Atom:
             return e
+        by_root = e.is_Pow and e.base in fourth_roots and (
+            _has_denominator(e, 2) or _has_denominator(e, 4))
         e = e.func(*(name(a) for a in e.args))
-        if not _multiplies(e) or e.base.is_Atom:
-            return e
-        if e.base not in known:
-            known[e.base] = next(fresh)
-            named.append((known[e.base], e.base))
-        return known[e.base] ** e.exp
+        if by_root:
+            return symbol_of(sp.sqrt(e.base)) ** (2 * e.exp)
+        return symbol_of(e.base) ** e.exp if _multiplies(e) and not e.base.is_Atom else e
 
     for symbol, e in shared:
         value = name(e)
         named.append((symbol, value))
     return named, [name(e) for e in reduced]
+
+
+def _has_denominator(e: sp.Pow, q: int) -> bool:
+    return bool(e.exp.is_Rational and e.exp.q == q)

@@ -43,7 +43,7 @@ from gyrospark.generator.systems.system import System
 from gyrospark.generator.tableaux.families import gauss_lobatto
 
 DOUBLE = REALS["double"]
-THIRD, HALF = sp.Rational(1, 3), sp.Rational(1, 2)
+QUARTER, THIRD, HALF = sp.Rational(1, 4), sp.Rational(1, 3), sp.Rational(1, 2)
 x, y, z = sp.symbols("x y z", positive=True)
 q, p = sp.symbols("q0:4", real=True), sp.symbols("p0:4", real=True)
 
@@ -349,6 +349,8 @@ IRRATIONAL = {
     "power -1/2": 1 / sp.sqrt(x),
     "power -3/2": y * (x**2 + y) ** sp.Rational(-3, 2),
     "power 11/2": x ** sp.Rational(11, 2),
+    "fourth roots": (x + y) ** QUARTER + y * (x + y) ** -(3 * QUARTER) - sp.sqrt(x + y),
+    "power 3/4": x ** (3 * QUARTER),
     "cube root": x**THIRD,
     "power -1/3": z * (x + y) ** -THIRD,
     "symbol as exponent": x**y + 2**-x,
@@ -423,6 +425,14 @@ def test_text_and_operations_of_small_expressions(e, text, operations):
 def test_names_suffixes_and_literals_of_each_type(real, text):
     e = sp.Mul(HALF, x, sp.sqrt(y), sp.Pow(3, -1, evaluate=False), evaluate=False)
     assert CPrinter(REALS[real], {x: "a->x"})(e) == text
+
+
+@pytest.mark.parametrize("name", ["fourth roots", "power 3/4"])
+def test_fourth_roots_are_square_roots_of_square_roots(name):
+    kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": IRRATIONAL[name]})
+    emitted = emit_kernel(kernel, Constants(()), REALS["double"])
+    assert "sqrt" in emitted.operations
+    assert "pow" not in emitted.operations
 
 
 def test_two_signs_never_meet():
