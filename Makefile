@@ -29,7 +29,7 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	cd .venv/src && MYPYPATH=. ../bin/mypy --config-file ../../pyproject.toml \
 	    -m gyrospark -p benchmarks $(addprefix -p gyrospark.,certificates commands core engine generator interop references runtime storage studies sweeps targets) \
-	    $(addprefix -m gyrospark.,__main__ api exact)
+	    $(addprefix -m gyrospark.,__main__ api errors)
 
 # The site, in build/site, with a line for each page that is read; warnings are errors, outputs of
 # cells are kept in build/cells.

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from gyrospark import references
 from gyrospark.api import stepper
 from gyrospark.core.errors import InputWarning
-from gyrospark.generator.multibody import example_models as models
+from gyrospark.generator.multibody import models
 from gyrospark.generator.multibody.model import Model
 from gyrospark.runtime.derivatives.tangent_space import Tangents
 from gyrospark.runtime.steppers.stepper import Stepper

@@ -29,7 +29,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from gyrospark.api import stepper
-from gyrospark.generator.multibody.example_models import chain
+from gyrospark.generator.multibody.models import chain
 from gyrospark.generator.systems.system import System
 from gyrospark.runtime.derivatives.tangent_space import Tangents
 from gyrospark.runtime.steppers.stepper import Stepper

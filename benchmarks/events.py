@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from gyrospark.api import stepper
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.core.event import Event
-from gyrospark.generator.multibody import body_symbols
+from gyrospark.generator.multibody import symbols
 from gyrospark.generator.multibody.rigid_body import body_system, gravity_potential, mgl
 from gyrospark.generator.systems.system import System
 from gyrospark.runtime.results.trajectory import Trajectory
@@ -177,7 +177,7 @@ class FastTop:
 
     @staticmethod
     def _stepper(stages: int, real: Any = "double") -> Any:
-        height = LEVER * body_symbols.R[2, 2]
+        height = LEVER * symbols.R[2, 2]
         return stepper("G-L", stages, real=real, system=body_system(
             "watched_top", "gamma", gravity_potential(), (mgl,),
             quantities={"height": height}))

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from gyrospark.core.errors import GyrosparkError
-from gyrospark.generator.multibody.example_models import build_chain
 from gyrospark.generator.multibody.model import Model
+from gyrospark.generator.multibody.models import build_chain
 from gyrospark.generator.pipeline import Generated, generate
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.symbolic.derivatives import derivative

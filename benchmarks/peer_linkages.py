@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrospark.core.inertia import Inertia, as_moments
-from gyrospark.generator.multibody.example_models import chain, four_bar
 from gyrospark.generator.multibody.model import Model
+from gyrospark.generator.multibody.models import chain, four_bar
 from gyrospark.runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
 
 __all__ = ["BodyStart", "Hold", "Linkage", "chain_of", "closed_loop"]

@@ -13,6 +13,7 @@ from typing import Any
 
 from .._version import __version__
 from ..core.arguments import shown
+from ..core.calls import explain_arguments
 from ..core.errors import InputError
 from ..generator.schemes.named_schemes import SCHEMES
 from ..runtime.compilation.body_columns import bodies_of
@@ -129,6 +130,7 @@ WORKS = {work.key: work for work in (
 )}
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Citations:
     """The works that a stepper rests on, each with what it is cited for.

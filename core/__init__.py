@@ -3,6 +3,7 @@
     errors         every error that is raised on purpose
     arguments      checks of names, paths, flags and lists, with the closest match for a wrong name
     calls          arguments that do not fit a function, told by a sentence
+    former_names   names of earlier versions, and the present ones
     exact_numbers  real numbers of any kind, exactly, and their one rounding
     real_types     floating-point types: float, double, long double, float128
     units          SI units by name

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import sys
 from collections.abc import Callable, Iterable
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
@@ -48,8 +49,10 @@ def explain_names(module: ModuleType, names: Iterable[str]) -> None:
     """Let functions and classes of a module refuse wrong arguments by a sentence."""
     for name in names:
         thing = vars(module).get(name)
-        if isinstance(thing, FunctionType):  # in its place, so that pickle finds it there
-            setattr(module, name, _explained(thing, name, bound=False))
+        if isinstance(thing, FunctionType):
+            explained = _explained(thing, name, bound=False)
+            setattr(module, name, explained)
+            setattr(sys.modules[thing.__module__], name, explained)  # where pickle looks for it
         elif isinstance(thing, type) and not issubclass(thing, BaseException):
             explain_arguments(thing)
 

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .calls import explain_arguments
 from .errors import InputError
 from .sparse_matrix import BandCholesky, SparseMatrix, as_dense
 
@@ -77,6 +78,7 @@ class Constrained(Protocol):
         ...
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Projection:
     """A consistent state, and the report of its projection.

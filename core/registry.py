@@ -84,7 +84,7 @@ def _entries(kind: Literal["system", "problem", "model"], home: str, *names: str
 SYSTEMS = _entries("system", "generator.multibody.rigid_body", "heavy_top", "free_body")
 PROBLEMS = _entries("problem", "runtime.rigid_body.problems", "fast-top", "regular-precession",
                     "free-body")
-MODELS = _entries("model", "generator.multibody.example_models", "lagrange_top", "satellite",
+MODELS = _entries("model", "generator.multibody.models", "lagrange_top", "satellite",
                   "double_pendulum", "double_top", "gimbal", "four_bar", "delta_robot",
                   "stewart_platform", "chain", "waters")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,11 @@ from .errors import InputError
 from .exact_numbers import Number
 from .frozen_dict import FrozenDict
 from .html import card, table
+from .inertia import InertiaLike
+from .registry import function_of
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 __all__ = ["HasStart", "Start", "as_start"]
 
@@ -91,6 +96,46 @@ class Start:
     def start(self) -> Start:
         """Itself."""
         return self
+
+    @classmethod
+    def of_body(
+        cls, attitude: ArrayLike | Rotation, omega: ArrayLike, inertia: InertiaLike,
+        parameters: Mapping[str, Number] | None = None,
+    ) -> Start:
+        """Return the start of one body with an attitude and an angular velocity.
+
+        Parameters
+        ----------
+        attitude : array_like or scipy.spatial.transform.Rotation
+            Unit quaternion, scalar first, shape (4,) or (N, 4); or the rotation from body to space
+            axes, a 3 × 3 matrix or SciPy's, one or N.
+        omega : array_like, shape (3,) or (N, 3)
+            Angular velocity Ω in body axes, in rad/s.
+        inertia : array_like
+            About the fixed point, in kg m²: principal moments I₁, I₂, I₃, or the tensor in body
+            axes, 3 × 3, for a system that has such (``Multibody``, a model file).
+        parameters : mapping of str to number, optional
+            As of any start.
+
+        Returns
+        -------
+        Start
+            With q and p = 2 L(q)ᵀ J Ω (82), in kg m²/s, each of shape (4,) or (N, 4).
+
+        Raises
+        ------
+        InputError
+            If an argument is not of that kind.
+
+        Examples
+        --------
+        >>> import gyrospark as gs
+        >>> gs.Start.of_body([1, 0, 0, 0], [0, 5, 100], (0.001, 0.001, 0.002)).p
+        array([0.   , 0.   , 0.01 , 0.4  ])
+        """
+        state_of_body = function_of("runtime.rigid_body.quaternion", "state_of_body")
+        q, p = state_of_body(attitude, omega, inertia)
+        return cls(q, p, parameters)
 
     def replace(self, **changes: Any) -> Start:
         """Return a start with other ``q``, ``p``, ``parameters``, ``t`` or ``inputs``."""

@@ -20,30 +20,33 @@ __all__ = ["API", "TABLES"]
 
 ROOT = Path(__file__).resolve().parent.parent
 
-#: Page of the reference → its names, in order. Every public name is on one page.
+#: Page of the reference → its names, in order; result classes by their modules. Every public name
+#: is on one page.
 API = {
     "runs": [
         "stepper", "Stepper", "Start", "Solver", "Inputs", "Trajectory",
-        "gyrospark.runtime.results.body_motion.BodyMotion",
-        "gyrospark.runtime.results.joint_motion.JointMotion",
-        "gyrospark.runtime.results.diagnostics.Report", "Simulation", "Ensemble", "DeviceEnsemble",
-        "Event", "Crossings", "section", "Section", "GyrosparkError", "InputError", "InputWarning",
-        "StepFailed", "Stopped", "CompilerError", "TableauError", "StorageError",
-        "MissingDependencyError"],
+        "runtime.results.body_motion.BodyMotion", "runtime.results.joint_motion.JointMotion",
+        "runtime.results.diagnostics.Report", "Simulation", "Ensemble",
+        "runtime.devices.ensemble.DeviceEnsemble", "Event", "runtime.results.crossings.Crossings",
+        "section", "runtime.events.poincare_section.Section", "GyrosparkError", "InputError",
+        "StepFailed", "errors"],
     "systems": [
         "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system", "molecules",
         "symbols", "load_model", "load_urdf", "read_urdf", "load_mjcf", "read_mjcf", "load_sdf",
         "read_sdf", "models", "problems", "references", "exact", "tableau", "consistent",
-        "Projection"],
+        "core.projection.Projection"],
     "tuning": [
-        "state_from_rotation", "momentum", "rotation_matrix", "gamma_m", "gamma_h",
-        "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma", "GammaChoice",
-        "choose_frame", "FrameChoice", "certify", "Certificate", "cite", "Citations"],
+        "gamma_m", "gamma_h", "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma",
+        "GammaChoice", "choose_frame", "FrameChoice", "certify",
+        "certificates.certificate.Certificate", "cite", "certificates.citations.Citations"],
     "differentiation": [
-        "Tangents", "gyrospark.runtime.results.tangent_rows.TangentRows", "Gradient", "lyapunov",
-        "Lyapunov", "periodic_orbit", "PeriodicOrbit", "fit", "Fit"],
-    "stores": ["record", "Recording", "open_recording", "sweep", "open_sweep"],
-    "artefacts": ["build", "Built", "playground"],
+        "Tangents", "runtime.results.tangent_rows.TangentRows",
+        "runtime.derivatives.gradient.Gradient", "lyapunov", "runtime.analysis.lyapunov.Lyapunov",
+        "periodic_orbit", "runtime.analysis.periodic_orbit.PeriodicOrbit", "fit",
+        "runtime.analysis.fit.Fit", "interop"],
+    "stores": [
+        "record", "storage.recording.Recording", "open_recording", "sweep", "open_sweep"],
+    "artefacts": ["build", "targets.artefact.Built", "playground"],
 }
 
 
@@ -56,11 +59,12 @@ def api(page: str) -> str:
 
 
 def _directive(name: str) -> str:
-    whole = name if "." in name else f"gyrospark.{name}"
+    whole = f"gyrospark.{name}"
     module, _, inner = whole.rpartition(".")
     thing = getattr(__import__(module, fromlist=[inner]), inner)
     if inspect.ismodule(thing):
-        members = "" if name == "symbols" else "   :members:\n   :imported-members: false\n"
+        inside = [each for each in thing.__all__ if each not in gs.__all__]
+        members = "" if name == "symbols" else f"   :members: {', '.join(inside)}\n"
         return f".. automodule:: {thing.__name__}\n{members}\n"
     if isinstance(thing, type):
         members = "" if issubclass(thing, Exception) else (

@@ -67,8 +67,8 @@ def _free_omega() -> tuple[Fraction, ...]:
 def _free(moments: Sequence[Fraction], omega: Sequence[Fraction | str]) -> Model:
     import sympy as sp
 
-    from ..generator.multibody.body_symbols import R, inertia
-    from ..generator.multibody.body_symbols import omega as turning
+    from ..generator.multibody.symbols import R, inertia
+    from ..generator.multibody.symbols import omega as turning
 
     space = R * sp.Matrix([Ii * x for Ii, x in zip(inertia, turning, strict=True)])
     kept = {"Lx": space[0], "Ly": space[1], "Lz": space[2]}
@@ -76,7 +76,7 @@ def _free(moments: Sequence[Fraction], omega: Sequence[Fraction | str]) -> Model
 
 
 def _kovalevskaya() -> Model:
-    from ..generator.multibody.body_symbols import R, omega
+    from ..generator.multibody.symbols import R, omega
 
     O1, O2, _ = omega
     K = (O1**2 - O2**2 - R[2, 0]) ** 2 + (2 * O1 * O2 - R[2, 1]) ** 2
@@ -84,7 +84,7 @@ def _kovalevskaya() -> Model:
 
 
 def _goryachev_chaplygin() -> Model:
-    from ..generator.multibody.body_symbols import R, omega
+    from ..generator.multibody.symbols import R, omega
 
     O1, O2, O3 = omega  # M = (4 Ω₁, 4 Ω₂, Ω₃)
     kept = {"G": O3 * (O1**2 + O2**2) - O1 * R[2, 2], "Lz": 4 * O1 * R[2, 0]
@@ -95,7 +95,7 @@ def _goryachev_chaplygin() -> Model:
 def _heavy_top() -> Model:
     import sympy as sp
 
-    from ..generator.multibody.body_symbols import R, inertia, omega
+    from ..generator.multibody.symbols import R, inertia, omega
 
     space = R * sp.Matrix([Ii * x for Ii, x in zip(inertia, omega, strict=True)])
     return _model("bruels_top", sp.Rational("147.15") * R[2, 1],

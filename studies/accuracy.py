@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 from ..core.arguments import choose
 from ..core.inertia import REPS
-from ..runtime.rigid_body.closed_forms import RegularPrecession
+from ..runtime.rigid_body.exact import RegularPrecession
 from .case_runner import Case, Engine, Quantity, scheme_of
 from .labels import NORMS, row_name
 from .printed import COLUMNS, MISPRINTS, TABLE_4, TABLE_6, TABLE_7

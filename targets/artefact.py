@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._version import __version__
+from ..core.calls import explain_arguments
 from ..core.errors import GyrosparkError, InputError
 from ..core.frozen_dict import FrozenDict
 
@@ -113,6 +114,7 @@ class Options:
     steppers: tuple[Written, ...] = ()
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Built:
     """An artefact that was written.

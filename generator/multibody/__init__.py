@@ -1,7 +1,7 @@
 """Multibody models: rigid bodies with quaternions, joints and forces.
 
     rigid_body      L(q), R(q), the α- and γ-type kinetic energies, the paper's systems
-    body_symbols    symbols for formulas of one body, as ``gyrospark.symbols``
+    symbols         symbols for formulas of one body, as ``gyrospark.symbols``
     body            symbols, points and velocities of one body
     joints          joints, springs and motors: their constraints, energies and forces
     rolling         discs, spheres and ellipsoids that roll on a plane
@@ -13,5 +13,5 @@
     multibody       the builder of models, ``gyrospark.Multibody``
     molecules       many equal bodies with pair potentials, ``gyrospark.molecules``
     model           a system with parameters and an initial state
-    example_models  example models, as ``gyrospark.models``
+    models          example models, as ``gyrospark.models``
 """

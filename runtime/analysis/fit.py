@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_items, as_mapping, shown, unknown
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
 from ...core.frozen_dict import NO_PARAMETERS
@@ -51,6 +52,7 @@ _TOLERANCE = 1e-8
 _OFF_GRID = 1e-3
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Fit:
     """Parameters and a start that fit data.

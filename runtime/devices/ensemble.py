@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import choose
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ..bindings.binding import REASONS
 from .device import Device, View, is_on_card
@@ -32,6 +33,7 @@ DEVICES: tuple[DeviceName, ...] = ("cpu", "cuda")
 _LARGEST = 28
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class DeviceEnsemble:
     """Trajectories that stay on a card: ``integrate_ensemble`` of arrays that lie there.

@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.calls import explain_arguments
+
 __all__ = ["Crossings", "CrossingsOfMany"]
 
 Array = NDArray[Any]
 
 
+@explain_arguments
 @dataclass(frozen=True, eq=False)
 class Crossings:
     """Where a run crossed a level, in the order of the run.

@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ...core.calls import explain_arguments
 from ...core.records import changed
 
 __all__ = ["Report", "known_fields"]
@@ -15,6 +16,7 @@ __all__ = ["Report", "known_fields"]
 Array = NDArray[Any]
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class Report:
     """Diagnostics over *every* step of an integration, stored or not.

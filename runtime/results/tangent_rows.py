@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arguments import choose, few
+from ...core.calls import explain_arguments
 from ...core.errors import InputError
 
 __all__ = ["EventTangents", "TangentRows"]
@@ -31,6 +32,7 @@ class EventTangents(dict[str, "TangentRows"]):
         return EventTangents, (dict(self), self.refused)
 
 
+@explain_arguments
 @dataclass(frozen=True)
 class TangentRows:
     """Directions at each stored state of a run.

@@ -3,6 +3,6 @@
     quaternion     unit quaternions and the state (q, p)
     euler_angles   Euler angles in any sequence of axes
     gamma_rules    γ_m, γ_h and the others (47), (48), (50)
-    closed_forms   regular precession and the free body, exactly
+    exact          regular precession and the free body, exactly
     problems       the problems of section 5, as ``gyrospark.problems``
 """

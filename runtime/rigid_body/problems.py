@@ -31,7 +31,7 @@ from ...core.inertia import (
 from ...core.registry import SYSTEMS
 from ...core.start import Start
 from ..bindings.array_checks import as_real
-from .closed_forms import ExactMotion, RegularPrecession, free_motion
+from .exact import ExactMotion, RegularPrecession, free_motion
 from .gamma_rules import principal_moments
 from .quaternion import Array, euler_quaternion, momentum
 

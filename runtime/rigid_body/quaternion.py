@@ -16,12 +16,12 @@ from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
 from ...core.inertia import (
     InertiaLike,
-    as_inertia,
     as_moments_or_tensor,
     inertia_matrix,
     is_tensor,
     quaternion_of_matrix,
     real_array,
+    unit_quaternions,
 )
 
 if TYPE_CHECKING:
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 __all__ = [
     "Array",
     "angular_velocity",
+    "attitude_quaternion",
     "axis",
     "euler_quaternion",
-    "from_rotation",
     "left_matrix",
     "momentum",
     "rotation_matrix",
-    "state_from_rotation",
+    "state_of_body",
     "to_rotation",
 ]
 
@@ -160,55 +160,42 @@ def to_rotation(q: ArrayLike) -> Rotation:
     return Rotation.from_quat(np.stack([q1, q2, q3, q0], axis=-1))
 
 
-def from_rotation(rotation: Rotation | ArrayLike) -> Array:
-    """Return q, scalar first, shape (4,) or (N, 4), of rotations from body to space axes.
+def attitude_quaternion(attitude: Rotation | ArrayLike) -> Array:
+    """Return q, scalar first, shape (4,) or (N, 4), of attitudes.
 
-    Of q and −q, which are the same attitude, it returns the one that SciPy stores; of a matrix the
-    one whose scalar is not negative.
+    Of q and −q, which are the same attitude, it returns for a quaternion itself, for SciPy's
+    Rotation the one that SciPy stores, for a matrix the one whose scalar is not negative.
 
     Raises
     ------
     InputError
-        If it is neither a SciPy Rotation nor a rotation matrix, shape (3, 3) or (N, 3, 3).
+        If it is neither a quaternion, shape (4,) or (N, 4), nor a rotation from body to space
+        axes: SciPy's, or a matrix of shape (3, 3) or (N, 3, 3).
     """
-    if hasattr(rotation, "as_quat"):  # SciPy is not needed to know its Rotation
-        scalar_last: Array = np.asarray(rotation.as_quat(), dtype=np.float64)
+    if hasattr(attitude, "as_quat"):  # SciPy is not needed to know its Rotation
+        scalar_last: Array = np.asarray(attitude.as_quat(), dtype=np.float64)
         return scalar_last[..., [3, 0, 1, 2]]
-    matrices = real_array(rotation)
-    if matrices is None or matrices.shape[-2:] != (3, 3) or matrices.ndim not in (2, 3):
+    numbers = real_array(attitude)
+    if numbers is not None and numbers.shape[-1:] == (4,) and numbers.ndim <= 2:
+        return unit_quaternions(attitude, "attitude")
+    if numbers is None or numbers.shape[-2:] != (3, 3) or numbers.ndim not in (2, 3):
         raise InputError(
-            f"The rotation {shown(rotation)} is neither a scipy.spatial.transform.Rotation nor a "
-            "3 × 3 matrix; make one with Rotation.from_euler or from_quat."
+            f"The attitude {shown(attitude)} is neither a quaternion of 4 numbers, scalar first, "
+            "nor a scipy.spatial.transform.Rotation nor a 3 × 3 matrix of a rotation; make one "
+            "with Rotation.from_euler or from_quat."
         )
-    if matrices.ndim == 2:
-        return quaternion_of_matrix(matrices)
-    return np.array([quaternion_of_matrix(R) for R in matrices]).reshape(-1, 4)
+    if numbers.ndim == 2:
+        return quaternion_of_matrix(numbers)
+    return np.array([quaternion_of_matrix(R) for R in numbers]).reshape(-1, 4)
 
 
-def state_from_rotation(
-    rotation: Rotation | ArrayLike, angular_velocity: ArrayLike, inertia: InertiaLike
+def state_of_body(
+    attitude: Rotation | ArrayLike, omega: ArrayLike, inertia: InertiaLike
 ) -> tuple[Array, Array]:
-    """Return the state (q, p) of a body, each (4,) or (N, 4), to start a stepper from.
-
-    Parameters
-    ----------
-    rotation
-        SciPy Rotation (one or a stack) that maps body to space axes, or such a matrix, 3 × 3.
-    angular_velocity
-        Ω in body axes, shape (3,) or (N, 3), in rad/s.
-    inertia
-        About the fixed point, in kg m²: principal moments I₁, I₂, I₃, or the tensor in body axes,
-        3 × 3, for a system that has such (``Multibody``, a model file).
-
-    Raises
-    ------
-    InputError
-        If an argument is not of that kind, or no body has that inertia.
-    """
-    q = from_rotation(rotation)
-    p = momentum(q, angular_velocity, as_inertia(inertia))
-    q = np.broadcast_to(q, p.shape).copy()
-    return q, p
+    """Return the state (q, p) of a body, each (4,) or (N, 4); arguments of ``Start.of_body``."""
+    q = attitude_quaternion(attitude)
+    p = momentum(q, omega, inertia)
+    return np.broadcast_to(q, p.shape).copy(), p
 
 
 def _vectors(values: ArrayLike, length: int, what: str) -> Array:

@@ -20,7 +20,7 @@ def members(count=6):
     q /= np.linalg.norm(q, axis=1)[:, None]
     q /= np.linalg.norm(q, axis=1)[:, None]
     omega = rng.standard_normal((count, 3)) * 20
-    p = np.array([gs.momentum(*state, TOP.inertia) for state in zip(q, omega, strict=True)])
+    p = np.array([gs.Start.of_body(*state, TOP.inertia).p for state in zip(q, omega, strict=True)])
     step = systems.stepper("heavy_top")
     states = [step.project(*state, parameters=PARAMETERS) for state in zip(q, p, strict=True)]
     q, p = (np.array(part) for part in zip(*states, strict=True))
@@ -145,7 +145,7 @@ def test_plain_numbers_are_checked_all_at_once(gl3, monkeypatch):
 def test_remarks_on_members_are_made(gl3):
     q, p, dts, gammas = members()
     gammas[4] *= -1
-    with pytest.warns(gs.InputWarning, match="gamma = -"):
+    with pytest.warns(gs.errors.InputWarning, match="gamma = -"):
         gl3.integrate_ensemble(q, p, dt=dts, steps=1, parameters=PARAMETERS | {"gamma": gammas})
 
 

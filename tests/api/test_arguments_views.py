@@ -20,7 +20,8 @@ def test_rotation_there_and_back(gl3):
     rotation = made.rotation()
     assert isinstance(rotation, rotation_class)
     assert np.allclose(rotation.as_matrix()[:, :, 2], made.axis(), rtol=0, atol=4e-16)
-    q, p = gs.state_from_rotation(rotation, made.angular_velocity(), TOP.inertia)
+    start = gs.Start.of_body(rotation, made.angular_velocity(), TOP.inertia)
+    q, p = start.q, start.p
     sign = np.sign((q * made.q).sum(axis=1))[:, None]
     assert np.allclose(sign * q, made.q, rtol=0, atol=4e-16)
     assert np.allclose(sign * p, made.p, rtol=0, atol=1e-15)
@@ -72,7 +73,7 @@ def test_missing_extra_is_refused_with_the_cure():
         "made = gs.stepper('IMS').integrate(top.q0, top.p0, dt=1e-3, steps=2, "
         "parameters=parameters)\n"
         "for call in (lambda: made.plot('top.png'), made.rotation):\n"
-        "    try:\n        call()\n    except gs.MissingDependencyError as error:\n"
+        "    try:\n        call()\n    except gs.errors.MissingDependencyError as error:\n"
         "        print(error)\n        assert isinstance(error, ImportError)\n"))
     plot, rotation = said.splitlines()
     assert install("plot") in plot

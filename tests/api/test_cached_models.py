@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.multibody import example_models
+from gyrospark.generator.multibody import models
 from gyrospark.runtime.compilation.build_cache import entries
 
 
@@ -16,7 +16,7 @@ from gyrospark.runtime.compilation.build_cache import entries
 def pair(tmp_path, monkeypatch):
     """A chain as it is made, and from the cache."""
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
-    monkeypatch.setattr(example_models, "_MANY_RODS", 2)
+    monkeypatch.setattr(models, "_MANY_RODS", 2)
     return gs.models.chain(2), gs.models.chain(2)
 
 

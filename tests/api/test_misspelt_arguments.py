@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import inspect
 import pickle
+import pkgutil
+import re
 
 import numpy as np
 import pytest
@@ -13,13 +15,14 @@ import sympy as sp
 import gyrospark as gs
 from calls import RUN, TOP
 from gyrospark.core.errors import ArgumentError
+from gyrospark.core.former_names import FORMER_NAMES
 from gyrospark.generator.tableaux.tableau import Tableau
-from gyrospark.runtime.results.body_motion import BodyMotion
-from gyrospark.runtime.results.joint_motion import JointMotion
+from result_classes import RESULT_CLASSES, result_class
 
 MODULES = [name for name in gs.__all__ if inspect.ismodule(getattr(gs, name))]
 CLASSES = [thing for thing in (getattr(gs, name) for name in gs.__all__)
            if inspect.isclass(thing) and not issubclass(thing, BaseException)]
+CLASSES += map(result_class, RESULT_CLASSES)
 
 
 def functions():
@@ -31,7 +34,7 @@ def functions():
         if inspect.ismodule(thing):
             yield from ((getattr(thing, each), ()) for each in thing.__all__
                         if inspect.isfunction(getattr(thing, each)))
-    for cls in (*CLASSES, BodyMotion, JointMotion, Tableau, gs.problems.Problem):
+    for cls in (*CLASSES, Tableau, gs.problems.Problem):
         for name in dir(cls):
             member = inspect.getattr_static(cls, name)
             if not name.startswith("_") or name == "__init__":
@@ -76,7 +79,7 @@ def test_missing_and_surplus_arguments_are_named(gl3):
 
 def test_errors_from_within_stay_what_they_are():
     with pytest.raises(TypeError) as failure:
-        gs.momentum(TOP.inertia, TOP.q0)
+        gs.Start.of_body(TOP.inertia, TOP.q0)
     assert isinstance(failure.value, ArgumentError)
     with pytest.raises(ZeroDivisionError):
         gs.fit(*([None] * 3), q=1 / 0, p=None, parameters=None)
@@ -95,6 +98,15 @@ def test_an_absent_name_has_the_nearest(module, name, meant):
     with pytest.raises(AttributeError, match=meant):
         getattr(module, name)
     assert not hasattr(module, name)
+
+
+@pytest.mark.parametrize("name", FORMER_NAMES)
+def test_a_former_name_is_refused_with_its_replacement(name):
+    with pytest.raises(AttributeError, match=rf"\b{name}\b.*gyrospark") as failure:
+        getattr(gs, name)
+    present = re.findall(r"gyrospark[.\w]*\w", str(failure.value))[-1]
+    assert callable(pkgutil.resolve_name(present))
+    assert not hasattr(gs, name)
 
 
 def test_a_system_without_parameters_needs_none():

@@ -17,8 +17,10 @@ from calls import PARAMETERS, RUN, TOP
 from gyrospark.certificates.verification import verify_stepper
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system_digest import system_digest
+from gyrospark.runtime.devices.ensemble import DeviceEnsemble
 from gyrospark.runtime.steppers.run_defaults import RunDefaults
 from processes import python
+from result_classes import RESULT_CLASSES, result_class
 
 
 def built():
@@ -49,6 +51,7 @@ def shown(gl3, tmp_path_factory):
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
     dip = gs.Event("q1", level=0.2)
     section = gs.section(gl3, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
+    tops = systems.run("double_top", systems.stepper("double_top"), 3)
     swung = gl3.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
     many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
     moved = gl3.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(), **RUN)
@@ -56,7 +59,7 @@ def shown(gl3, tmp_path_factory):
     return [
         framed, frame, *framed.symmetries,
         gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, RunDefaults.of_problem(TOP), run, run.report,
-        many, gs.DeviceEnsemble(many.t, many.q, many.p, many.iterations, many.t, {}, "top"),
+        many, DeviceEnsemble(many.t, many.q, many.p, many.iterations, many.t, {}, "top"),
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
         choice, *choice.pilots,
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
@@ -67,7 +70,8 @@ def shown(gl3, tmp_path_factory):
         gs.fit(gl3, run.t[::100], run.q[::100], q=TOP.q0, p=TOP.p0, free=["I1"], **RUN),
         gs.periodic_orbit(systems.stepper("oscillator"), [0.3], [0.0], dt=3.1 / 40, steps=40,
                           parameters={"k": 4.0}, fix="x"),
-        TOP.start, run[-1], gs.Solver("newton", tolerance=1e-9), gs.Inputs([0.1, 0.2], hold=3),
+        TOP.start, run[-1], tops.body("a"), tops.joint(),
+        gs.Solver("newton", tolerance=1e-9), gs.Inputs([0.1, 0.2], hold=3),
         gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, swung.events["q1"], gs.cite(gl3),
         gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
         gs.build("cpp", "fast-top", scheme="EMS", dt=1e-3, out=out.parent / "cpp"),
@@ -77,6 +81,7 @@ def shown(gl3, tmp_path_factory):
 def test_every_public_class_is_looked_at(shown):
     classes = {thing for thing in (getattr(gs, name) for name in gs.__all__)
                if inspect.isclass(thing) and not issubclass(thing, BaseException)}
+    classes |= set(map(result_class, RESULT_CLASSES))
     assert classes <= {type(thing) for thing in shown}
 
 
@@ -128,8 +133,8 @@ def test_a_model_and_its_system_are_the_same_in_another_process(shown):
 
 
 def test_errors_are_pickled_with_what_they_carry():
-    for error in (gs.Stopped("Stopped at step 3 of 5.", 2, dataset="the cells"),
-                  gs.CompilerError("failed", command=["cc"], stderr="why")):
+    for error in (gs.errors.Stopped("Stopped at step 3 of 5.", 2, dataset="the cells"),
+                  gs.errors.CompilerError("failed", command=["cc"], stderr="why")):
         other = pickle.loads(pickle.dumps(error))
         assert (str(other), vars(other)) == (str(error), vars(error))
 
@@ -153,7 +158,7 @@ def test_errors_say_their_sentence(gl3):
     """And not the trajectory that they carry."""
     with pytest.raises(gs.StepFailed) as failure:
         gl3.integrate(TOP.q0, TOP.p0, dt=1.0, steps=3, parameters=PARAMETERS)
-    stopped = gs.Stopped("Stopped at step 3 of 5.", 2, trajectory=failure.value.trajectory)
+    stopped = gs.errors.Stopped("Stopped at step 3 of 5.", 2, trajectory=failure.value.trajectory)
     for error in (failure.value, stopped):
         assert len(repr(error)) < 300
         assert str(error) in repr(error)

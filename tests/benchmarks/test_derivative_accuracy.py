@@ -20,7 +20,7 @@ def test_one_step(name):
     (subject,) = subjects([name])
     small = subject.model.system.n <= 7
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", gs.InputWarning)  # of rotations a step
+        warnings.simplefilter("ignore", gs.errors.InputWarning)  # of rotations a step
         found = measure(subject, "float128" if small else "double")
     assert found.differences < (1e-18 if small else 1e-4)
     assert found.transposed < 1e-14

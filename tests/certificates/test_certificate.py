@@ -202,7 +202,7 @@ def test_a_start_within_round_off_is_not_held_against_the_scheme():
 def test_a_tableau_that_is_not_symplectic_fails(tmp_path):
     """The certificate can fail: a tableau off by 1e-4 in one condition."""
     path = bent_tableau(tmp_path, **BENT)
-    with pytest.raises(gs.TableauError):
+    with pytest.raises(gs.errors.TableauError):
         gs.certify(TOP, tableau=path)
     found = gs.certify(TOP, tableau=path, allow_invalid=True, steps=200)
     assert not found.holds

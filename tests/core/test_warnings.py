@@ -62,7 +62,7 @@ def changed(old, new):
 @pytest.mark.parametrize(("old", "new", "words"), REMARKS.values(), ids=REMARKS.keys())
 def test_a_model_file_is_remarked_on(old, new, words):
     """Once, with the file's name, at the line that called."""
-    with pytest.warns(gs.InputWarning) as said:
+    with pytest.warns(gs.errors.InputWarning) as said:
         parse_model(changed(old, new), "said.toml")
     assert len(said) == 1
     text = str(said[0].message)
@@ -111,7 +111,7 @@ m = 2
 c = 3
 """
     for text in (system, bodies):
-        with pytest.warns(gs.InputWarning, match=r"\[parameters\] c\b") as said:
+        with pytest.warns(gs.errors.InputWarning, match=r"\[parameters\] c\b") as said:
             parse_model(text, "u.toml")
         assert len(said) == 1
 
@@ -120,20 +120,20 @@ c = 3
 
 
 def test_angles_of_the_double_pendulum_in_degrees():
-    with pytest.warns(gs.InputWarning, match=r"\[30, 45\].*radians\("):
+    with pytest.warns(gs.errors.InputWarning, match=r"\[30, 45\].*radians\("):
         gs.models.double_pendulum(angles=(30, 45))
 
 
 def test_a_builder_remarks_on_quaternions():
     build = gs.Multibody("m")
-    with pytest.warns(gs.InputWarning, match="'a'.*scalar") as w:
+    with pytest.warns(gs.errors.InputWarning, match="'a'.*scalar") as w:
         build.body("a", mass=1, inertia=(1, 1, 1), quaternion=(0, 0, 0, 1))
     assert w[0].filename == __file__
-    with pytest.warns(gs.InputWarning, match="'b'.*length 2"):
+    with pytest.warns(gs.errors.InputWarning, match="'b'.*length 2"):
         build.body("b", mass=1, inertia=(1, 1, 1), quaternion=(2, 0, 0, 0))
-    with pytest.warns(gs.InputWarning, match="length 3"):
+    with pytest.warns(gs.errors.InputWarning, match="length 3"):
         gs.problems.free_body(attitude=(3, 0, 0, 0))
-    with pytest.warns(gs.InputWarning, match="quaternion.*scalar"):
+    with pytest.warns(gs.errors.InputWarning, match="quaternion.*scalar"):
         gs.sweep(TOP, {"start": {"angular_velocity": [[0, 0, 1]] * 2, "quaternion": [0, 0, 0, 1]}},
                  scheme="IMS", dt=1e-3, steps=1)
 
@@ -143,7 +143,7 @@ def test_negative_gamma_is_legal_and_said():
     run = {"dt": 1e-3, "steps": 300}
     m = gs.gamma_m(TOP.inertia)
     step = gs.stepper("G-L", 2)
-    with pytest.warns(gs.InputWarning, match=r"gamma = -0\.0016.*\bm\b") as said:
+    with pytest.warns(gs.errors.InputWarning, match=r"gamma = -0\.0016.*\bm\b") as said:
         negative = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": -m})
     assert len(said) == 1
     positive = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": m})
@@ -177,7 +177,7 @@ def test_remarks_are_heard_by_the_thread_that_listens():
     for thread in threads:
         thread.join()
     assert heard == {str(i): [str(i)] for i in range(8)}
-    with pytest.warns(gs.InputWarning, match="now"):
+    with pytest.warns(gs.errors.InputWarning, match="now"):
         warn("now")
 
 

@@ -19,6 +19,7 @@ import pytest
 import documents
 import gyrospark as gs
 from processes import PATIENCE, ROOT, call, environment, warm_call
+from result_classes import RESULT_CLASSES
 
 DOCS = ROOT / "docs"
 CELL = re.compile(r"^```\{code-cell\} python\n(?:---\n.*?^---\n|(?::.*\n)*)(.*?)^```$",
@@ -102,6 +103,8 @@ def tables(uses):
 def test_the_reference_has_every_public_name_once(tables):
     told = [name for page in tables.API.values() for name in page if "." not in name]
     assert sorted([*told, "__version__"]) == sorted(gs.__all__)
+    results = {f"gyrospark.{name}" for page in tables.API.values() for name in page if "." in name}
+    assert results == set(RESULT_CLASSES)
     for page in tables.API:
         text = tables.api(page)
         assert text.count("```") == 2

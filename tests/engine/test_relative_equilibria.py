@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.multibody.example_models import turn
+from gyrospark.generator.multibody.models import turn
 from steady_motions import ACROSS, E1, E3, STEADY, WEIGHT, Steady, of_model, with_wheel
 
 EPS = np.finfo(float).eps

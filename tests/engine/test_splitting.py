@@ -277,7 +277,7 @@ def test_means_of_the_report_are_below_maxima():
 
 def test_a_rotation_near_pi_between_kicks_is_warned_of():
     step = gs.stepper("splitting", order=2)
-    with pytest.warns(gs.InputWarning, match="rad a step"):
+    with pytest.warns(gs.errors.InputWarning, match="rad a step"):
         step.integrate(TOP.q0, TOP.p0, dt=3e-2, steps=3, parameters=SYMMETRIC)
 
 

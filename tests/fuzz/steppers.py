@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.multibody.example_models import chain
+from gyrospark.generator.multibody.models import chain
 
 __all__ = ["NAMES", "Case", "beads", "case"]
 

@@ -43,7 +43,7 @@ def late_failures():
             options = {"dt": dt, "parameters": PARAMETERS, "max_iterations": 6}
             try:
                 with warnings.catch_warnings():  # runs that get to their end turn too far in a step
-                    warnings.simplefilter("ignore", gs.InputWarning)
+                    warnings.simplefilter("ignore", gs.errors.InputWarning)
                     step.integrate(*LATE, steps=200, **options)
             except gs.StepFailed as failure:
                 if 4 < failure.step < 40:

@@ -133,10 +133,9 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("gamma_m_tilde", gs.gamma_m_tilde, inertia=TOP.inertia),
         plain("gamma_h_tilde", gs.gamma_h_tilde, inertia=TOP.inertia),
         plain("gamma_fast", gs.gamma_fast, inertia=TOP.inertia, omega=(0, 0, 1)),
-        plain("momentum", gs.momentum, q=q, omega=(1, 2, 3), inertia=TOP.inertia),
-        plain("rotation_matrix", gs.rotation_matrix, x=sp.symbols("q0:4")),
-        plain("state_from_rotation", gs.state_from_rotation, rotation=np.eye(3),
-              angular_velocity=(1, 2, 3), inertia=TOP.inertia),
+        plain("rotation_matrix", gs.symbols.rotation_matrix, x=sp.symbols("q0:4")),
+        plain("of_body", gs.Start.of_body, attitude=np.eye(3), omega=(1, 2, 3),
+              inertia=TOP.inertia, parameters=None),
         plain("consistent", gs.consistent, system=step, **state, parameters=PARAMETERS, t=0.0),
         plain("consistent", gs.consistent, system=gs.System((x,), (y,), (m,), y**2 / (2 * m)),
               q=[1.0], p=[1.0], parameters={"m": 1.0}, t=0.0),
@@ -326,7 +325,7 @@ def calls(tmp_path: Path) -> list[Call]:
 def recording_calls(tmp_path: Path) -> Iterator[Call]:
     """Yield calls of what a stored run offers."""
     @cache
-    def stored() -> gs.Recording:
+    def stored():
         return gs.record(systems.stepper("heavy_top"), TOP.q0, TOP.p0, dt=1e-3, steps=3,
                          parameters=PARAMETERS, out=tmp_path / "kept.zarr")
 

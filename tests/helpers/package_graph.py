@@ -25,7 +25,7 @@ def files_of(folder: Path) -> list[Path]:
 @cache
 def packages() -> dict[str, list[Path]]:
     """Return the modules of each package; those beside inner packages have the outer one's name."""
-    found = {API: [ROOT / "api.py", ROOT / "exact.py"]}
+    found = {API: [ROOT / "api.py", ROOT / "errors.py"]}
     for outer in OUTER:
         inner = sorted(path.parent for path in (ROOT / outer).glob("*/__init__.py"))
         found |= {f"{outer}/{folder.name}": files_of(folder) for folder in inner}

@@ -12,7 +12,7 @@ import numpy as np
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.multibody.example_models import multiply, turn
+from gyrospark.generator.multibody.models import multiply, turn
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 E1, E2, E3 = np.eye(3)
@@ -65,8 +65,8 @@ def sleeping_top() -> Steady:
     top, spin = gs.problems.fast_top(), 125.0
     q = np.array([1.0, 0, 0, 0])
     numbers = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
-    return Steady("heavy_top", q, gs.momentum(q, spin * E3, top.inertia), numbers, 1e-2, (spin,),
-                  rep={"rep": "gamma"})
+    p = gs.Start.of_body(q, spin * E3, top.inertia).p
+    return Steady("heavy_top", q, p, numbers, 1e-2, (spin,), rep={"rep": "gamma"})
 
 
 def free_body() -> Steady:
@@ -76,7 +76,7 @@ def free_body() -> Steady:
     l_of_body = np.array([I1, I1, I3]) * omega
     rotation = rotation_matrix(q)
     numbers = {"I1": I1, "I2": I1, "I3": I3, "gamma": gs.gamma_m((I1, I1, I3))}
-    return Steady("free_body", q, gs.momentum(q, omega, (I1, I1, I3)), numbers, 1e-2,
+    return Steady("free_body", q, gs.Start.of_body(q, omega, (I1, I1, I3)).p, numbers, 1e-2,
                   ((1 / I3 - 1 / I1) * l_of_body[2],), rotation @ l_of_body / I1,
                   rep={"rep": "gamma"})
 
@@ -92,7 +92,7 @@ def satellite() -> Steady:
     q, s = turn(E1, -pi / 2), 10 * model.parameters["n"]  # e3 of the body → e2
     made = of_model(model, 0.1 / n, spins=(s - n,))
     moments = {"a_I1": I1, "a_I2": I1, "a_I3": I3, "a_gamma": gs.gamma_m((I1, I1, I3))}
-    return Steady(made.system, q, gs.momentum(q, s * E3, (I1, I1, I3)),
+    return Steady(made.system, q, gs.Start.of_body(q, s * E3, (I1, I1, I3)).p,
                   {**made.parameters, **moments}, made.dt, made.spins)
 
 
@@ -138,7 +138,7 @@ def turning_chain() -> Steady:
         attitude, moments = turn(E2, angle), (I1, I1, I3)
         omega = np.array([-rate * sin(angle), 0, rate * cos(angle) + s])
         q += [attitude, [x, 0, z]]
-        p += [gs.momentum(attitude, omega, moments), [0, m * rate * x, 0]]
+        p += [gs.Start.of_body(attitude, omega, moments).p, [0, m * rate * x, 0]]
     made = of_model(gs.models.chain(rods), 0.02, spins=spins, about=rate * E3, blocks=(4, 3) * rods)
     numbers = {**made.parameters} | {f"b{i}_I2": I1 for i in range(rods)}
     assert max(abs(np.array(angles))) > 0.5
@@ -163,7 +163,8 @@ ACROSS, WEIGHT = 0.01 + 0.5 * 0.2**2, 9.81 * (1.0 * 0.1 + 0.5 * 0.2)
 def with_wheel(q, omega, rate, body, wheel, dt, **more) -> Steady:
     """Return the rotor with attitude q and Ω of the body, the wheel at ``rate`` against it."""
     velocity = rotation_matrix(q) @ np.cross(omega, 0.2 * E3)
-    p = [gs.momentum(q, omega, body), gs.momentum(q, omega + rate * E3, wheel), 0.5 * velocity]
+    p = [gs.Start.of_body(q, omega, body).p, gs.Start.of_body(q, omega + rate * E3, wheel).p,
+         0.5 * velocity]
     made = of_model(rotor(), dt)
     moments = {f"{name}_I{k}": x for name, J in (("a", body), ("w", wheel))
                for k, x in enumerate(J, 1)}

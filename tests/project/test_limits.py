@@ -11,7 +11,7 @@ from toy import HEADERS
 
 #: Files of the root that tools ask for by name.
 TOOLING = {"CITATION.cff", "LICENSE", "MANIFEST.in", "Makefile", "__main__.py", "_version.py",
-           "py.typed", "pyproject.toml", "setup.py"}
+           "__init__.pyi", "py.typed", "pyproject.toml", "setup.py"}
 
 
 def lines(path):

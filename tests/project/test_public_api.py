@@ -7,7 +7,6 @@ diff shows what was added or removed (docs/stability.md says what each means).
 from __future__ import annotations
 
 import difflib
-import importlib
 import inspect
 from collections.abc import Iterator
 
@@ -18,13 +17,9 @@ import gyrospark as gs
 from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from processes import ROOT
+from result_classes import RESULT_CLASSES, result_class
 
 STORED = ROOT / "tests" / "data" / "public_api.txt"
-#: Classes that methods of public ones return; the reference has them, too.
-RETURNED = ("gyrospark.runtime.results.body_motion.BodyMotion",
-            "gyrospark.runtime.results.joint_motion.JointMotion",
-            "gyrospark.runtime.results.diagnostics.Report",
-            "gyrospark.runtime.results.tangent_rows.TangentRows")
 
 
 def signature(thing: object) -> str:
@@ -80,13 +75,9 @@ def options(words: str, command: click.Command) -> Iterator[str]:
 
 def public() -> list[str]:
     """Return one line for each public name, sorted by Python and command line."""
-    def found(whole: str) -> object:
-        module, _, name = whole.rpartition(".")
-        return getattr(importlib.import_module(module), name)
-
     python = [line for name in sorted(gs.__all__) for line in listed(name, getattr(gs, name))]
-    python += [line for whole in RETURNED
-               for line in listed(whole.rpartition(".")[2], found(whole))]
+    python += [line for path in RESULT_CLASSES
+               for line in listed(path.removeprefix("gyrospark."), result_class(path))]
     return [*python, *options("generate", generate), *options("gyrospark", command_line)]
 
 

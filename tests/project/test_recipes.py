@@ -122,7 +122,7 @@ def applied(title: str, folder: Path) -> Path:
     for path in ROOT.iterdir():
         if path.name in WANTED:
             shutil.copytree(path, copy / path.name, ignore=shutil.ignore_patterns("__pycache__"))
-        elif path.suffix == ".py" or path.name in ("py.typed", "pyproject.toml"):
+        elif path.suffix in (".py", ".pyi") or path.name in ("py.typed", "pyproject.toml"):
             shutil.copy(path, copy)
     for change in RECIPES[title].changes:
         change.apply(copy)

@@ -57,6 +57,6 @@ def test_a_store_in_another_encoding_is_refused(tmp_path):
     """Of an array that somebody packed: what was written to it could not be read."""
     group = zarr.create_group(tmp_path)
     array = group.create_array("a", shape=(4,), chunks=(4,), dtype="f8")
-    with pytest.raises(gs.StorageError, match="encoded"):
+    with pytest.raises(gs.errors.StorageError, match="encoded"):
         write_chunks(tmp_path, [Chunk(array, (0,), np.zeros(4))])
     assert not (tmp_path / "a" / "c").exists()

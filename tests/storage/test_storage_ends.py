@@ -96,7 +96,7 @@ def test_signal_after_the_last_step_loses_nothing(gl3, tmp_path):
         if done == 5000:
             os.kill(os.getpid(), signal.SIGINT)
 
-    with pytest.raises(gs.Stopped, match=r"5,000.*complete") as end:
+    with pytest.raises(gs.errors.Stopped, match=r"5,000.*complete") as end:
         gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=5000, progress=progress)
     assert "--resume" not in str(end.value)
     assert gs.open_recording(tmp_path / "run.zarr").status == "complete"
@@ -109,7 +109,7 @@ def test_stopped_says_where(gl3, tmp_path):
         os.kill(os.getpid(), signal.SIGTERM)
 
     before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(gs.Stopped, match="16 of 20,000") as stopped:
+    with pytest.raises(gs.errors.Stopped, match="16 of 20,000") as stopped:
         gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, progress=progress)
     assert isinstance(stopped.value, KeyboardInterrupt)
     assert stopped.value.signal == signal.SIGTERM

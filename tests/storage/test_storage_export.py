@@ -236,7 +236,7 @@ def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "h5netcdf", None)
     refused(gyrospark(*RUN, "--out", "x.nc"), "h5netcdf>=")
     refused(gyrospark("export", "run.zarr", "x.nc"), "h5netcdf>=")
-    with pytest.raises(gs.MissingDependencyError):
+    with pytest.raises(gs.errors.MissingDependencyError):
         gs.open_recording("run.zarr").export("x.nc")
     assert sorted(p.name for p in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
 

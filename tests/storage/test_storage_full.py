@@ -55,7 +55,7 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
         disk.good_until, disk.done = good, 0
         try:
             gs.record(step, out=out, **arguments)
-        except gs.StorageError as error:
+        except gs.errors.StorageError as error:
             text = str(error)
             assert repr(str(out)) in text
             assert os.strerror(number) in text
@@ -79,7 +79,7 @@ def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
     found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
     disk = Disk(monkeypatch, errno.ENOSPC)
     disk.good_until = 0
-    with pytest.raises(gs.StorageError, match=f"run{end}'.*space"):
+    with pytest.raises(gs.errors.StorageError, match=f"run{end}'.*space"):
         found.export(tmp_path / f"run{end}")
     disk.good_until = None
     assert sorted(path.name for path in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
@@ -99,7 +99,7 @@ def test_what_a_command_leaves_on_a_full_disk_is_named(every, gl3, tmp_path, mon
         disk.good_until, disk.done = good, 0
         try:
             trouble = integrate_to(gl3, out, dict(arguments), **options).trouble
-        except gs.StorageError as error:
+        except gs.errors.StorageError as error:
             trouble = error
         disk.good_until = None
         files = [path.name for path in tmp_path.iterdir()]

@@ -199,7 +199,7 @@ def test_what_is_no_store(what, gl3, gyrospark, tmp_path):
         if what == "array":
             (place / "zarr.json").write_text('{"zarr_format": 3, "node_type": "array"}')
     for resume in (False, True):
-        with pytest.raises((gs.InputError, gs.StorageError)) as error:
+        with pytest.raises((gs.InputError, gs.errors.StorageError)) as error:
             gs.record(gl3, **ARGUMENTS, out=place, resume=resume)
         sentence(error.value)
     with pytest.raises(gs.InputError, match="gyrospark stored"):
@@ -215,7 +215,7 @@ def test_what_is_no_store(what, gl3, gyrospark, tmp_path):
 @pytest.mark.parametrize("name", ["", ".", "/", "..", "a\0b", None, 3, b"run.zarr"])
 def test_what_is_no_path(name, gl3):
     for call in (lambda: gs.open_recording(name), lambda: gs.record(gl3, **ARGUMENTS, out=name)):
-        with pytest.raises((gs.InputError, gs.StorageError)) as error:
+        with pytest.raises((gs.InputError, gs.errors.StorageError)) as error:
             call()
         assert repr(name) in sentence(error.value)
 
@@ -239,7 +239,7 @@ def test_names(name, gl3, tmp_path, monkeypatch):
 
 
 def test_too_long_a_name(gl3, tmp_path):
-    with pytest.raises(gs.StorageError, match="name"):
+    with pytest.raises(gs.errors.StorageError, match="name"):
         gs.record(gl3, **ARGUMENTS, out=tmp_path / ("a" * 250 + ".zarr"))
 
 
@@ -251,7 +251,7 @@ def test_links(gl3, begun, tmp_path):
     nowhere.symlink_to(tmp_path / "disk" / "new.zarr")
     (tmp_path / "folder").symlink_to(tmp_path / "disk")
     for way in (link, tmp_path / "folder" / "run.zarr"):
-        with writer_lock(place), pytest.raises(gs.StorageError, match="Another process"):
+        with writer_lock(place), pytest.raises(gs.errors.StorageError, match="Another process"):
             gs.record(gl3, **ARGUMENTS, out=way, resume=True)
     gs.record(gl3, **ARGUMENTS, out=link, resume=True)
     gs.record(gl3, **ARGUMENTS, out=nowhere)
@@ -268,7 +268,7 @@ def test_folder_that_cannot_be_written(gl3, begun, tmp_path):
     place.parent.chmod(0o555)
     try:
         for resume in (False, True):
-            with pytest.raises(gs.StorageError, match="written"):
+            with pytest.raises(gs.errors.StorageError, match="written"):
                 gs.record(gl3, **ARGUMENTS, out=place, resume=resume)
         assert gs.open_recording(place).trajectory().q.shape == (42, 4)
     finally:

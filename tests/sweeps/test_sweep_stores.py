@@ -128,7 +128,7 @@ def test_sweep_of_another_version(tmp_path, monkeypatch):
 
 def test_what_is_no_sweep_is_refused(tmp_path):
     (tmp_path / "s.zarr").mkdir()
-    with pytest.raises(gs.StorageError, match="no sweep"):
+    with pytest.raises(gs.errors.StorageError, match="no sweep"):
         gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr", resume=True)
     with pytest.raises(gs.InputError, match="no sweep"):
         gs.open_sweep(tmp_path / "s.zarr")
@@ -154,7 +154,7 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
         try:
             gs.sweep(TOP, over, **choice, out=path, resume=True)
             break
-        except gs.StorageError as error:
+        except gs.errors.StorageError as error:
             assert "space" in str(error)  # noqa: PT017 (the last one finds room)
     assert full.left > 20
     assert differences(path, tmp_path / "whole.zarr") == []
@@ -183,5 +183,6 @@ def test_keep_keeps_what_it_names(tmp_path):
 
 
 def test_two_sweeps_on_one_store_do_not_meet(tmp_path):
-    with writer_lock(tmp_path / "s.zarr"), pytest.raises(gs.StorageError, match="Another process"):
+    busy = pytest.raises(gs.errors.StorageError, match="Another process")
+    with writer_lock(tmp_path / "s.zarr"), busy:
         gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr")

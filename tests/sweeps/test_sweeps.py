@@ -85,7 +85,7 @@ def test_schemes_starts_lists_and_draws():
     assert result.identical(again)
     for k, (scheme, stages) in enumerate([("EMS", None), ("G-L", 2), ("LIIIA-B", 3)]):
         parameters = TOP.parameters | {"gamma": 2e-3, "mgl": result.mgl.values[2]}
-        q, p = TOP.q0, gs.momentum(TOP.q0, spins[1], TOP.inertia)
+        q, p = TOP.q0, gs.Start.of_body(TOP.q0, spins[1], TOP.inertia).p
         run = alone(gs.stepper(scheme, stages), parameters, 5e-4, 7, q, p)
         assert np.array_equal(result.q[k, 1, 1, 2], run.q[-1])
 
@@ -168,7 +168,7 @@ def test_a_start_off_the_constraints_is_reported(scheme):
 def test_a_model_that_starts_off_its_constraints_is_moved_with_a_warning():
     model = model_of("pendulum")
     off = replace(model, q0=1.01 * np.array(model.q0, dtype=float))
-    with pytest.warns(gs.InputWarning, match=r"constraints.*moved"):
+    with pytest.warns(gs.errors.InputWarning, match=r"constraints.*moved"):
         result = gs.sweep(off, {"g": [1.0, 2.0]}, scheme="G-L", stages=2, steps=2)
     assert result.status.values.tolist() == [0, 0]
 

@@ -27,6 +27,7 @@ from gyrospark.runtime.devices import ensemble as devices
 from gyrospark.runtime.devices import trajectories
 from gyrospark.runtime.devices.cuda_text import KERNELS, THREADS, cuda_text
 from gyrospark.runtime.devices.device import Memory
+from gyrospark.runtime.devices.ensemble import DeviceEnsemble
 from gyrospark.runtime.devices.host_device import HostDevice
 from gyrospark.targets.artefact import Options, Written
 from gyrospark.targets.native import native_bits
@@ -203,7 +204,7 @@ def test_arrays_on_a_card_stay_there(card, step, monkeypatch):
     state = np.concatenate(MANY, axis=1).T.copy()  # (2 n, trajectories)
     q, p = OnCard(state[:4].T), OnCard(np.repeat(state[4:].T, 2, axis=0)[::2])
     found = step.integrate_ensemble(q, p, **RUN)
-    assert isinstance(found, gs.DeviceEnsemble)
+    assert isinstance(found, DeviceEnsemble)
     for name in ("t", "q", "p"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
     np.testing.assert_array_equal(found.iterations[:, 1:], wanted.iterations)

@@ -302,7 +302,7 @@ def test_settings_of_a_page_are_those_of_its_address(text_alone):
     top = gs.problems.fast_top()
     q = [np.cos(np.pi/6), np.sin(np.pi/6), 0, 0]
     np.testing.assert_allclose(said["q"], q, rtol=0, atol=1e-15)
-    p = gs.momentum(q, (0, 0, 90), (0.003, *top.inertia[1:]))
+    p = gs.Start.of_body(q, (0, 0, 90), (0.003, *top.inertia[1:])).p
     np.testing.assert_allclose(said["p"], p, rtol=1e-14, atol=1e-16)
 
 

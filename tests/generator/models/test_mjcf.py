@@ -201,7 +201,7 @@ ANGLES = {"crank": 1.2, "elbow": -0.9, "wrist": -1.9}
 
 def test_classes_and_loops_are_those_put_together_by_hand(tmp_path):
     """A four-bar of sites, with classes of joints, is the one of a builder."""
-    with (pytest.warns(gs.InputWarning, match=r"'crank' 1\.19.*1\.2"),
+    with (pytest.warns(gs.errors.InputWarning, match=r"'crank' 1\.19.*1\.2"),
           pytest.warns(match="left out")):
         found = Motion(gs.load_mjcf(written(tmp_path, FOUR_BAR), angles=ANGLES))
     build = gs.Multibody("hand")
@@ -219,7 +219,7 @@ def test_classes_and_loops_are_those_put_together_by_hand(tmp_path):
             build.joint_spring(f"{name}_damper", name, damping=0.1)
         x, above = x + length * along, body
     build.ball("loop", above, "ground", on_a=(0.35, 0, 0), on_b=(1.1, 0, 0.5))
-    with pytest.warns(gs.InputWarning, match="constraints move"):
+    with pytest.warns(gs.errors.InputWarning, match="constraints move"):
         wanted = Motion(build.model(redundant="leave out"))
     for name in ("crank", "elbow", "wrist"):
         assert found.acceleration(f"{name}_rate") == pytest.approx(

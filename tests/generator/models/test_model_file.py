@@ -97,7 +97,7 @@ def test_start_of_a_body_is_the_runtimes():
     assert abs(model.q0 @ model.p0) <= 8 * EPS * abs(p0).max()
 
 
-@pytest.mark.filterwarnings("ignore::gyrospark.InputWarning")
+@pytest.mark.filterwarnings("ignore::gyrospark.errors.InputWarning")
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
     lambda x: np.linalg.norm(x) > 0.1))
 @settings(max_examples=10, deadline=None)

@@ -55,7 +55,7 @@ def test_bars_are_those_put_together_by_hand(tmp_path, closing):
     """A triple pendulum, and with a joint more a four-bar, by accelerations of all pins."""
     path = written(tmp_path, LINKS + JOINTS + (CLOSE.format(closing) if closing else ""))
     if closing:
-        with pytest.warns(gs.InputWarning, match="loop"):
+        with pytest.warns(gs.errors.InputWarning, match="loop"):
             found = Motion(gs.load_sdf(path))
     else:
         found = Motion(gs.load_sdf(path))
@@ -238,6 +238,6 @@ def test_a_link_without_inertia_has_that_of_the_standard(tmp_path):
     """1 kg and 1 kg m², told in a warning: a wheel on the tip of the arm."""
     bare = """<link name="tip"><pose>1 0 0 0 0 0</pose></link><joint name="bolt" type="fixed">
     <parent>arm</parent><child>tip</child></joint>"""
-    with pytest.warns(gs.InputWarning, match="tip"):
+    with pytest.warns(gs.errors.InputWarning, match="tip"):
         found = turning(tmp_path, model(ARM.format(link="") + bare + HELD))
     assert found == pytest.approx(9.81 * 2 / (0.6 + 1 + 1), rel=1e-13)

@@ -238,7 +238,7 @@ def test_angles_and_rates_have_units(arm):
 
 def test_angles_beyond_a_turn_warn(arm):
     """Of hinges; a travel of 45 m is one, and a rate of 45 rad/s."""
-    with pytest.warns(gs.InputWarning, match="shoulder.*45 deg"):
+    with pytest.warns(gs.errors.InputWarning, match="shoulder.*45 deg"):
         gs.load_urdf(arm, ignore="limits", angles={"shoulder": 45, "slide-1": 45},
                      rates={"wheel": 45})
     with pytest.raises(gs.InputError, match="unit deg"):
@@ -377,7 +377,7 @@ def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(CLOSING)
-    with pytest.warns(gs.InputWarning, match=MOVED), pytest.warns(match="left out"):
+    with pytest.warns(gs.errors.InputWarning, match=MOVED), pytest.warns(match="left out"):
         model = gs.load_urdf(robot, loops=loops, angles=ANGLES)
     assert model.system.n - model.system.m == 1
     done = gs.stepper("G-L", 3, system=model.system).integrate(
@@ -403,10 +403,10 @@ def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
     told = f"""<constraint name="closing" type="{kind}"><parent link="rocker"/>
       <parent_origin xyz=".7 0 0" rpy=".2 0 0"/><parent_axis xyz="0 .980066577841242
       -.198669330795061"/><child link="frame"/><child_origin xyz="1.1 0 0"/></constraint></robot>"""
-    with pytest.warns(gs.InputWarning, match=MOVED), pytest.warns(match="closing"):
+    with pytest.warns(gs.errors.InputWarning, match=MOVED), pytest.warns(match="closing"):
         wanted = Motion(gs.load_urdf(robot, loops=loops, angles=ANGLES))
     robot.write_text(FOUR_BAR.replace("</robot>", told))
-    with pytest.warns(gs.InputWarning, match=MOVED), pytest.warns(match="closing"):
+    with pytest.warns(gs.errors.InputWarning, match=MOVED), pytest.warns(match="closing"):
         found = Motion(gs.load_urdf(robot, angles=ANGLES))
     for name in ("crank", "coupler", "rocker"):
         assert found.acceleration(f"{name}_pin_rate") == pytest.approx(

@@ -29,7 +29,7 @@ def satellite(**where):
 
 
 def rotation():
-    return np.array(gs.rotation_matrix(TILT).tolist(), dtype=float)
+    return np.array(gs.symbols.rotation_matrix(TILT).tolist(), dtype=float)
 
 
 def spin(model):

@@ -69,7 +69,7 @@ def test_body_with_drag():
     I1, I3, drag, Omega = 2.0, 0.8, 0.15, np.array([0.4, -0.2, 3.0])
     parameters = {"I1": I1, "I2": I1, "I3": I3, "c": drag, "gamma": 1.2}
     q = np.array([0.5, 0.5, -0.1, 0.7]) / np.linalg.norm([0.5, 0.5, -0.1, 0.7])
-    p = gs.momentum(q, Omega, (I1, I1, I3))
+    p = gs.Start.of_body(q, Omega, (I1, I1, I3)).p
     run = step.integrate(q, p, dt=0.01, steps=300, parameters=parameters)
     t = run.t
     turned = (I3 / I1 - 1) * Omega[2] * I3 / drag * (1 - np.exp(-drag * t / I3))

@@ -145,7 +145,7 @@ def test_constraints_that_are_not_linear_in_the_velocities_are_refused():
         gs.from_mechanics(bent)
 
 
-@pytest.mark.filterwarnings("ignore::gyrospark.InputWarning")
+@pytest.mark.filterwarnings("ignore::gyrospark.errors.InputWarning")
 @pytest.mark.parametrize("placed", [True, False])
 def test_rolling_that_was_put_into_a_velocity_is_refused(placed):
     """The disc of SymPy's documentation: three angles, and a contact at rest. T lacks its place."""

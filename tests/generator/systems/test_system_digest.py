@@ -102,5 +102,5 @@ def test_warnings_of_a_kept_derivation_are_issued_again(tmp_path, monkeypatch):
     system = System(Q, P, (), P[0] ** 2 / 2 + P[1] ** 2 / 2, velocities=sp.symbols("v0:2"),
                     velocity_constraints=(sp.Symbol("v0") - sp.Symbol("v1"),))
     for _ in range(2):
-        with pytest.warns(gs.InputWarning):
+        with pytest.warns(gs.errors.InputWarning):
             gs.stepper("G-L", 1, system=system)

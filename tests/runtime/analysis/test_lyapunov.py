@@ -127,7 +127,7 @@ def test_progress_and_display():
 
 def test_too_few_decompositions():
     """Half of the digits are lost where directions grow 1e8 times more than others."""
-    with pytest.warns(gs.InputWarning, match="every"):
+    with pytest.warns(gs.errors.InputWarning, match="every"):
         gs.lyapunov(systems.differentiable("henon_heiles"), *SADDLE, dt=0.1, steps=400,
                     every=200, parameters={})
 

@@ -83,7 +83,7 @@ def build(folder, cc=None):
 def test_without_a_compiler_the_cure_is_named(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(sys.modules, "ziglang", None)
-    with pytest.raises(gs.CompilerError) as caught:
+    with pytest.raises(gs.errors.CompilerError) as caught:
         compiler.find_compiler()
     for word in ("gcc", "clang", "CC", "ziglang"):
         assert word in str(caught.value)
@@ -114,7 +114,7 @@ def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
 ])
 def test_unusable_cc_is_reported(chosen, words, monkeypatch, own_cache):
     monkeypatch.setenv("CC", chosen)
-    with pytest.raises(gs.CompilerError) as caught:
+    with pytest.raises(gs.errors.CompilerError) as caught:
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
     for word in [*words, "set CC"]:
         assert word in str(caught.value)
@@ -138,7 +138,7 @@ def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache)
     """Command and stderr are in the error; nothing stays in the cache that would be loaded."""
     path = script(f'[ "$1" = --version ] && {{ echo mine; exit 0; }}\n{body}')
     monkeypatch.setenv("CC", str(path))
-    with pytest.raises(gs.CompilerError) as caught:
+    with pytest.raises(gs.errors.CompilerError) as caught:
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
     for word in words:
         assert word in str(caught.value)
@@ -147,7 +147,7 @@ def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache)
         assert caught.value.stderr == "bad day\n"
         assert str(path) in str(caught.value)
     assert not list(own_cache.glob("build-*"))
-    with pytest.raises(gs.CompilerError):
+    with pytest.raises(gs.errors.CompilerError):
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
 
 
@@ -155,7 +155,7 @@ def test_compiler_gets_no_input(monkeypatch, script):
     """A compiler that reads stdin ends instead of waiting for the terminal."""
     path = script("cat; exit 1")
     monkeypatch.setenv("CC", str(path))
-    with pytest.raises(gs.CompilerError, match="exit code 1"):
+    with pytest.raises(gs.errors.CompilerError, match="exit code 1"):
         compiler.find_compiler()
 
 
@@ -165,7 +165,7 @@ def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
     files = dict(files_of())
     name = "heavy_top_ims_gamma"
     files[f"{name}.c"] += "\nstatic inline int two(void) { int unused = 1; return 2; }\n"
-    with pytest.raises(gs.CompilerError, match="unused") as caught:
+    with pytest.raises(gs.errors.CompilerError, match="unused") as caught:
         stepper_module.load_module(name, files)
     assert "-Wall" in caught.value.command
 
@@ -226,7 +226,7 @@ def test_a_temporary_folder_replaces_one_that_cannot_be_used(
     monkeypatch.setattr(build_cache, "_IN_PLACE", {})
     ended = []
     monkeypatch.setattr("atexit.register", lambda *call, **options: ended.append((call, options)))
-    with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE") as said:
+    with pytest.warns(gs.errors.InputWarning, match="GYROSPARK_CACHE") as said:
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
     assert folder in str(said[0].message)
     assert len(build_cache.entries()) == 2
@@ -261,7 +261,7 @@ def test_full_cache_is_reported(size, small_disk, quick, monkeypatch):
     disk = small_disk(size)
     monkeypatch.setenv("GYROSPARK_CACHE", str(disk))
     monkeypatch.setenv("CC", quick)
-    with pytest.raises((build_cache.CacheError, gs.CompilerError), match="space"):
+    with pytest.raises((build_cache.CacheError, gs.errors.CompilerError), match="space"):
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
     assert not list(disk.glob("*build-*"))
     call(["mount", "-o", "remount,size=2m", disk])
@@ -658,7 +658,7 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
         with build_cache.build_folder():
             return
     monkeypatch.setattr(build_cache, "_IN_PLACE", {})
-    with pytest.warns(gs.InputWarning, match="GYROSPARK_CACHE"):
+    with pytest.warns(gs.errors.InputWarning, match="GYROSPARK_CACHE"):
         folder = build_cache._usable(own_cache)
     assert folder == build_cache.cache_folder() != own_cache
     assert not build_cache.distrusted(folder)

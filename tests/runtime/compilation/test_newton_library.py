@@ -57,7 +57,7 @@ def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cac
     assert len(list(own_cache.glob(libraries))) == 1
     monkeypatch.setenv("CC", "no-such-compiler")
     for call in (by_newton, guess):
-        with pytest.raises(gs.CompilerError, match="no-such-compiler"):
+        with pytest.raises(gs.errors.CompilerError, match="no-such-compiler"):
             call(step)
     assert np.array_equal(run(step), fixed)
     monkeypatch.delenv("CC")

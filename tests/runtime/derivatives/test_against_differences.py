@@ -48,7 +48,7 @@ def test_tangents_are_the_limits_of_differences(name, scheme):
                       for direction in every]).T
     rows = np.concatenate([rows[:, :start], rows[:, start:] @ along], axis=1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", gs.InputWarning)  # some steps are long for their order
+        warnings.simplefilter("ignore", gs.errors.InputWarning)  # of steps long for their order
         columns = [difference(lambda e, dz=dz: moved_step(name, step, {}, e, dz))
                    for dz in found.start[:, :start].T]
         columns += [difference(lambda e, d=direction: moved_step(name, step, d, e))

@@ -97,7 +97,7 @@ def expected(name, scheme):
         return D.T @ np.array([*made.q, *made.p, *(made[x] * one for x in [*names, "dt", "t0"])])
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", gs.InputWarning)  # some steps are long for their order
+        warnings.simplefilter("ignore", gs.errors.InputWarning)  # of steps long for their order
         columns = [difference(lambda e, dz=dz: gradient(dz, e), 2.0**-28) for dz in D.T]
     return np.array(columns).T, basis
 

@@ -29,12 +29,12 @@ def changes(values):
 
 
 def test_forces_that_jump_are_warned_of(step):
-    with pytest.warns(gs.InputWarning, match="steps"):
+    with pytest.warns(gs.errors.InputWarning, match="steps"):
         run = step.integrate([1.0], [0.02], t0=2.0, **RUN, tangents=gs.Tangents(None, ["c"]))
     crossed = changes(run.q[:, 0])
     assert run.tangents.switched_steps == crossed > 0
     for memory in ("256 MB", "80 kB"):
-        with pytest.warns(gs.InputWarning, match=f"^{crossed} steps"):
+        with pytest.warns(gs.errors.InputWarning, match=f"^{crossed} steps"):
             assert run.gradient({"q": [1.0]}, memory=memory).switched_steps == crossed
 
 

@@ -167,7 +167,7 @@ def test_ctrl_c_where_events_are_solved_for(monkeypatch) -> None:
         return real(*arguments)
 
     monkeypatch.setattr(location, "crossings_of", interrupted)
-    with pytest.raises(gs.Stopped, match="without events") as stopped:
+    with pytest.raises(gs.errors.Stopped, match="without events") as stopped:
         pendulum().integrate(*start(), dt=0.05, steps=60, parameters={"g": 1.0},
                              events=gs.Event("side"))
     assert len(stopped.value.trajectory) == 61

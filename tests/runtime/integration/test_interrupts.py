@@ -44,7 +44,7 @@ def test_run_comes_with_what_it_has(solver, every, gl3):
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match=r"step [0-9]+ of 400\.") as error:
         gl3.integrate(**START, steps=400, every=every, solver=solver, progress=at(50))
-    assert isinstance(error.value, gs.Stopped)
+    assert isinstance(error.value, gs.errors.Stopped)
     assert error.value.signal == signal.SIGINT
     part = error.value.trajectory
     assert 50 <= part.report.steps < 400
@@ -56,7 +56,7 @@ def test_run_comes_with_what_it_has(solver, every, gl3):
 
 def test_run_that_is_over_is_reported_too(gl3):
     """A loop over short runs can be ended, and the last one is whole."""
-    with pytest.raises(gs.Stopped, match=r"last .*20 .*complete") as error:
+    with pytest.raises(gs.errors.Stopped, match=r"last .*20 .*complete") as error:
         gl3.integrate(**START, steps=20, progress=at(20))
     assert_same(error.value.trajectory, gl3.integrate(**START, steps=20))
 
@@ -64,7 +64,7 @@ def test_run_that_is_over_is_reported_too(gl3):
 def test_choice_of_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
     monkeypatch.setattr(step_loop, "advance",
                         lambda *arguments: (interrupt(), 0)[1])  # of the first pilot
-    with pytest.raises(gs.Stopped, match=r"first step.*γ") as error:
+    with pytest.raises(gs.errors.Stopped, match=r"first step.*γ") as error:
         gl3.integrate(**START | {"parameters": TOP.parameters | {"gamma": "auto"}}, steps=20)
     assert error.value.trajectory is None
 
@@ -114,7 +114,7 @@ def test_ensemble_comes_with_what_it_has(solver, count, gl3):
     assert gl3.binding_of_many.lanes  # compiled before, not meanwhile
     timer = threading.Timer(0.3, interrupt)
     timer.start()
-    with pytest.raises(gs.Stopped, match=r"\.ensemble") as error:
+    with pytest.raises(gs.errors.Stopped, match=r"\.ensemble") as error:
         gl3.integrate_ensemble(q, p, **RUN, steps=10**8, every=10**6, solver=solver, workers=2)
     timer.join()
     found = error.value.ensemble
@@ -135,7 +135,7 @@ def test_sweep_in_memory_comes_with_its_cells():
     """The tiles that were done; the others are not computed."""
     over = {"scheme": ["EMS", "IMS", "G-L 2"], "gamma": GAMMAS}  # three tiles
     whole = gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1)
-    with pytest.raises(gs.Stopped, match=r"of 9 .*\.dataset") as error:
+    with pytest.raises(gs.errors.Stopped, match=r"of 9 .*\.dataset") as error:
         gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1,
                  progress=lambda done, everything: interrupt() if 0 < done < 4 else None)
     found = error.value.dataset

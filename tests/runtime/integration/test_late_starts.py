@@ -62,7 +62,7 @@ def test_a_late_store_is_resumed_to_the_bit(name, t0, tmp_path, monkeypatch) -> 
     small_blocks(monkeypatch, 8)
     q, p = systems.start(name, step)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", gs.InputWarning)  # t0 is late
+        warnings.simplefilter("ignore", gs.errors.InputWarning)  # t0 is late
         ends = check(step, tmp_path, (2, 1, 3), q=q, p=p, dt=case.dt, steps=40, t0=t0,
                      parameters=case.parameters)
     assert ends >= 2

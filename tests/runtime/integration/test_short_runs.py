@@ -158,7 +158,7 @@ def test_a_trajectory_that_fails_is_found_within_many_batches(gl3) -> None:
     """One of them turns too far in its one step."""
     dt = np.full(60, 1e-3)
     dt[45] = 0.5
-    with pytest.warns(gs.InputWarning, match="rotation"):
+    with pytest.warns(gs.errors.InputWarning, match="rotation"):
         found = gl3.integrate_ensemble([TOP.q0] * 60, [TOP.p0] * 60, dt=dt, steps=1,
                                        parameters=PARAMETERS, max_iterations=10)
     assert list(found.failures) == [45]

@@ -127,7 +127,7 @@ def test_the_weight_of_a_body_is_found_on_each_axis():
     def integrated(weight, moments, q=(0.8, 0.6, 0, 0), omega=(1, 2, 3)):
         names = ("c1", "c2", "c3", "I1", "I2", "I3")
         parameters = dict(zip(names, (*weight, *moments), strict=True))
-        return step.integrate(q, gs.momentum(q, omega, moments), dt=0.01, steps=80,
+        return step.integrate(q, gs.Start.of_body(q, omega, moments).p, dt=0.01, steps=80,
                               parameters=parameters | {"gamma": "m"})
 
     for axis, sign in ((0, 1), (2, -1)):

@@ -113,8 +113,8 @@ def test_what_is_no_film(tops, tmp_path, monkeypatch):
     with pytest.raises(gs.GyrosparkError, match="written"):
         tops.animate(tmp_path / "not" / "a.gif", seconds=0.2, fps=10)
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(gs.MissingDependencyError, match="ffmpeg"):
+    with pytest.raises(gs.errors.MissingDependencyError, match="ffmpeg"):
         tops.animate(tmp_path / "a.mp4")
     monkeypatch.setitem(sys.modules, "gyrospark.runtime.plotting.figure", None)
-    with pytest.raises(gs.MissingDependencyError, match="matplotlib"):
+    with pytest.raises(gs.errors.MissingDependencyError, match="matplotlib"):
         tops.body("a").plot()

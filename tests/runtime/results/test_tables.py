@@ -104,9 +104,9 @@ def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "pandas", None)
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(gs.MissingDependencyError, match=r"pip install .pandas"):
+    with pytest.raises(gs.errors.MissingDependencyError, match=r"pip install .pandas"):
         tops.to_dataframe()
-    with pytest.raises(gs.MissingDependencyError, match="xarray"):
+    with pytest.raises(gs.errors.MissingDependencyError, match="xarray"):
         tops.to_xarray()
 
 

@@ -86,7 +86,7 @@ def test_a_warning_has_the_error_to_expect(gl3):
     """Order 6 bears 3.5 rad; just beyond it is 2 % off, and the motion is lost from 4.2 on."""
     top = gs.problems.fast_top()
     for radians, words in ((3.6, "2e-02"), (4.5, "lost")):
-        with pytest.warns(gs.InputWarning, match=words):
+        with pytest.warns(gs.errors.InputWarning, match=words):
             gl3.step(top.q0, top.p0, dt=radians / (40 * pi),
                      parameters=top.parameters | {"gamma": "m"})
 
@@ -116,7 +116,7 @@ def said_of(call):
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         call()
-    return [str(one.message) for one in said if one.category is gs.InputWarning
+    return [str(one.message) for one in said if one.category is gs.errors.InputWarning
             and one.filename == __file__]
 
 

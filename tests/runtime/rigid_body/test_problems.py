@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 import gyrospark as gs
 from gyrospark.core.errors import InputError, InputWarning
 from gyrospark.core.registry import PROBLEMS
-from gyrospark.runtime.rigid_body.closed_forms import FreeRotation, SteadyRotation
+from gyrospark.runtime.rigid_body.exact import FreeRotation, SteadyRotation
 from gyrospark.runtime.rigid_body.problems import (
     Problem,
     cone_mass,

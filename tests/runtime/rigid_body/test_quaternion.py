@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 from gyrospark.core.errors import InputError, MissingDependencyError
 from gyrospark.runtime.rigid_body.quaternion import (
     angular_velocity,
+    attitude_quaternion,
     axis,
     euler_quaternion,
-    from_rotation,
     left_matrix,
     momentum,
     rotation_matrix,
-    state_from_rotation,
+    state_of_body,
     to_rotation,
 )
 
@@ -111,16 +111,16 @@ def test_to_rotation_agrees_with_scipy():
 @given(angles, angles, angles)
 def test_rotation_round_trip(phi, theta, psi):
     q = euler_quaternion(phi, theta, psi)
-    back = from_rotation(to_rotation(q))
+    back = attitude_quaternion(to_rotation(q))
     assert abs(back @ q) == pytest.approx(1, abs=1e-15)
-    same = from_rotation(Rotation.from_euler("ZXZ", [phi, theta, psi]))
+    same = attitude_quaternion(Rotation.from_euler("ZXZ", [phi, theta, psi]))
     assert abs(same @ q) == pytest.approx(1, abs=1e-14)
 
 
 def test_state_from_rotation():
     omega = [1.0, -2.0, 3.0]
     rotation = Rotation.from_euler("ZXZ", [0.1, 0.2, 0.3])
-    q, p = state_from_rotation(rotation, omega, INERTIA)
+    q, p = state_of_body(rotation, omega, INERTIA)
     np.testing.assert_allclose(rotation_matrix(q), rotation.as_matrix(), atol=1e-15)
     np.testing.assert_allclose(angular_velocity(q, p, INERTIA), omega)
     space = rotation.as_matrix() @ (np.array(INERTIA) * omega)
@@ -129,9 +129,9 @@ def test_state_from_rotation():
 
 def test_state_from_a_stack_of_rotations():
     rotations = Rotation.from_rotvec(RANDOM.normal(size=(5, 3)))
-    q, p = state_from_rotation(rotations, [1.0, 2.0, 3.0], INERTIA)
+    q, p = state_of_body(rotations, [1.0, 2.0, 3.0], INERTIA)
     assert q.shape == p.shape == (5, 4)
-    q, p = state_from_rotation(rotations[0], np.ones((5, 3)), INERTIA)
+    q, p = state_of_body(rotations[0], np.ones((5, 3)), INERTIA)
     assert q.shape == p.shape == (5, 4)
     assert q.flags.writeable
 
@@ -140,7 +140,7 @@ def test_without_scipy(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.spatial.transform", None)
     with pytest.raises(MissingDependencyError, match=r"pip install .scipy"):
         to_rotation([1, 0, 0, 0])
-    assert np.array_equal(from_rotation(np.eye(3)), [1, 0, 0, 0])  # which needs none
+    assert np.array_equal(attitude_quaternion(np.eye(3)), [1, 0, 0, 0])  # which needs none
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_without_scipy(monkeypatch):
         (lambda: angular_velocity([1, 0, 0, 0], [1, 2, 3], INERTIA), "momentum p"),
         (lambda: to_rotation([0, 0, 0, 0]), "no attitude"),
         (lambda: to_rotation([np.nan, 0, 0, 0]), "no attitude"),
-        (lambda: from_rotation([1, 0, 0, 0]), r"scipy\.spatial\.transform\.Rotation"),
+        (lambda: attitude_quaternion([1, 0, 0]), r"scipy\.spatial\.transform\.Rotation"),
     ],
 )
 def test_refusals(call, words):

@@ -272,7 +272,7 @@ def test_ctrl_c_ends_a_long_call_at_a_step(gl3):
     sim = begun(gl3)
     timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
-    with pytest.raises(gs.Stopped, match=r"step [\d,]+ of 100,000,000") as stopped:
+    with pytest.raises(gs.errors.Stopped, match=r"step [\d,]+ of 100,000,000") as stopped:
         sim.advance(100_000_000)
     timer.join()
     assert stopped.value.signal == signal.SIGINT

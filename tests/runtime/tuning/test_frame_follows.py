@@ -143,4 +143,4 @@ def test_run_takes_frames_that_follow(gyrospark, tmp_path):
     top = systems.stepper("heavy_top_in_frame")
     whole = top.integrate(TOP.q0, TOP.p0, dt=5e-3, steps=90, parameters=TOP.parameters | {
         "gamma": "m", "frame": "follow 20"})
-    assert_array_equal(gs.Recording(out).trajectory().q, whole.q)
+    assert_array_equal(gs.open_recording(out).trajectory().q, whole.q)

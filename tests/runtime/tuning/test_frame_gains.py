@@ -46,7 +46,7 @@ def systems() -> Iterator[tuple]:
 
     def heavy(q, omega, **more):
         inertia = [(numbers | more)[f"I{k}"] for k in (1, 2, 3)]
-        return "heavy_top", q, gs.momentum(q, omega, inertia), numbers | more, 5e-3
+        return "heavy_top", q, gs.Start.of_body(q, omega, inertia).p, numbers | more, 5e-3
 
     upright, nearly = np.array([1.0, 0, 0, 0]), np.array([np.cos(0.01), np.sin(0.01), 0, 0])
     yield "fast top", "heavy_top", top.q0, top.p0, numbers, 5e-3
@@ -56,8 +56,8 @@ def systems() -> Iterator[tuple]:
            cone.parameters | {"gamma": gs.gamma_m(cone.inertia)}, 5e-3)
     yield "free symmetric body", "free_body", free.q, free.p, free.parameters, 5e-3
     yield "slow top", *heavy(turned, (5.0, 3.0, 30.0))
-    yield "asymmetric free body", "free_body", body.q0, gs.momentum(
-        body.q0, (3.0, -4.0, 10.0), three), moments, 2e-2
+    yield "asymmetric free body", "free_body", body.q0, gs.Start.of_body(
+        body.q0, (3.0, -4.0, 10.0), three).p, moments, 2e-2
     yield "asymmetric heavy top", *heavy(turned, (5.0, 3.0, 40.0), I2=1.4e-3)
     yield "Kepler, circle", points()["kepler"], [0.9, 0.0], [0.0, 1.1], {}, 0.1
     yield "Kepler, ellipse", points()["kepler"], [0.4, 0.0], [0.0, 2.0], {}, 0.05

@@ -24,8 +24,12 @@ from ..bindings.array_checks import as_real
 from . import problems
 from .quaternion import Array, axis, euler_quaternion
 
-__all__ = ["ExactMotion", "FreeRotation", "RegularPrecession", "SteadyRotation", "free_body",
-           "free_motion", "regular_precession"]
+__all__ = ["free_body", "regular_precession"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 DIGITS = 40
 
