@@ -24,7 +24,6 @@ from .generator.models.robots import read_urdf as read_urdf
 from .generator.multibody import models as models
 from .generator.multibody import symbols as symbols
 from .generator.multibody.model import Model as Model
-from .generator.multibody.molecules import molecules as molecules
 from .generator.multibody.multibody import Multibody as Multibody
 from .generator.multibody.rigid_body import body_system as body_system
 from .generator.systems.sympy_mechanics import from_mechanics as from_mechanics

@@ -242,9 +242,6 @@ def consistent(
 
     if not isinstance(system, AnySystem):
         raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
-    if system.copies > 1:
-        raise InputError(f"System {system.name!r} is that of one of {system.copies} molecules; "
-                         "give its stepper.")
     state = (as_array("q", q, (system.n,), np.float64), as_array("p", p, (system.n,), np.float64))
     return project(numeric(system, parameters, float(as_real("t", t))), *state)
 

@@ -166,8 +166,7 @@ def sources() -> Iterator[tuple[str, Callable[[], StepperSource]]]:
     for path in sorted((ROOT / "generated").glob("*.json")):
         yield path.stem, partial(_checked_in, path.stem)
     models: dict[str, Callable[[], Model]] = {
-        **{name: entry.make for name, entry in MODELS.items()
-           if name != "waters"},  # splittings alone run it
+        **{name: entry.make for name, entry in MODELS.items()},
         **{name: found.make for name, found in REFERENCES.items()},
         **{path.stem: partial(load_urdf, path, ignore="all") for path in robots()}}
     for name, make in models.items():

@@ -197,10 +197,6 @@ def compiled(
                          "gyrospark.Model(system, parameters, q0, p0).")
     if rep is not None:
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
-    if model.system.copies > 1:
-        raise InputError(f"System {model.name!r} stands for {model.system.copies} molecules, and "
-                         "certificates are of systems that are written out; certify a pair, made "
-                         "with gyrospark.Multibody.")
     return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
                                frame=frame or model.frame or None, energy=energy, real=real,
                                order=order, composition=composition, allow_invalid=allow_invalid)

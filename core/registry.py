@@ -86,7 +86,7 @@ PROBLEMS = _entries("problem", "runtime.rigid_body.problems", "fast-top", "regul
                     "free-body")
 MODELS = _entries("model", "generator.multibody.models", "lagrange_top", "satellite",
                   "double_pendulum", "double_top", "gimbal", "four_bar", "delta_robot",
-                  "stewart_platform", "chain", "waters")
+                  "stewart_platform", "chain")
 
 
 @dataclass(frozen=True)

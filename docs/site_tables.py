@@ -31,7 +31,7 @@ API = {
         "section", "runtime.events.poincare_section.Section", "GyrosparkError", "InputError",
         "StepFailed", "errors"],
     "systems": [
-        "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system", "molecules",
+        "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system",
         "symbols", "load_model", "load_urdf", "read_urdf", "load_mjcf", "read_mjcf", "load_sdf",
         "read_sdf", "models", "problems", "references", "exact", "tableau", "consistent",
         "core.projection.Projection"],

@@ -100,8 +100,6 @@ def generate(
     if system is None and spec.model is None and spec.system not in SYSTEMS:
         model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
     system, rep = _system(spec, system, model)
-    if system.copies > 1:
-        _refuse_beyond_molecules(spec, system, derivatives=derivatives or second)
     _refuse_velocity_constraints(spec, system, own_tableau=tableau is not None)
     if system.velocity_count:
         _refuse_without_velocity_constraints(spec, system, derivatives, structured)
@@ -140,17 +138,6 @@ def _refuse_beyond_splitting(spec: Spec, model: Model | None) -> None:
     if spec.frame or (model is not None and model.frame):
         raise InputError("Scheme splitting has no co-moving frame: each of its flows commutes with "
                          "the symmetries, so that the motion would be the same; leave out frame.")
-
-
-def _refuse_beyond_molecules(spec: Spec, system: System, *, derivatives: bool) -> None:
-    """Refuse what loops over many molecules do not have."""
-    for asked, what, cure in (
-            (spec.order is None, f"no scheme {spec.title}", "take scheme splitting, with an order"),
-            (spec.profile != "full", f"no profile {spec.profile!r}", "take profile 'full'"),
-            (derivatives, "no tangents and adjoints", "take differences of runs")):
-        if asked:
-            raise InputError(f"System {system.name!r} of {system.copies} molecules has {what}; "
-                             f"{cure}.")
 
 
 def _refuse_velocity_constraints(spec: Spec, system: System, *, own_tableau: bool) -> None:

@@ -89,9 +89,6 @@
 #ifndef GS_ROTATING_AXES /* H has -omega.J: axes of space that turn */
 #define GS_ROTATING_AXES 0
 #endif
-#ifndef GS_MOLECULES /* many equal molecules, with loops over pairs */
-#define GS_MOLECULES 0
-#endif
 #ifndef GS_DRAG /* isotropic drag, a part of free motions */
 #define GS_DRAG 0
 #endif

@@ -30,7 +30,6 @@ from ..symbolic.cardinal_functions import c_names_with_needs
 from ..symbolic.phases import START
 from ..symbolic.shared_subexpressions import text_of
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.molecular_system import MolecularSystem
 from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.repeated_structure import Structure
 from ..tableaux.energy_parameter import energy_values
@@ -150,8 +149,6 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
     if isinstance(scheme, SplittingScheme):
         states = [k for k in scheme.state_kernels() if derived.profile != "control" or (
             derived.derivatives and k.name in LINEARISATION)]
-        if scheme.molecules is not None:  # H of all is evaluated on lanes alone
-            states = [k for k in states if k.name != "molecule_hamiltonian"]
         kernels = [*(emit_kernel(k, constants, real) for k in states),
                    *(flows.kernels if flows else [])]
     elif (derived.profile != "control" or derived.derivatives) and not parts:
@@ -197,7 +194,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         features=_features(derived, parts, lanes or plain, frame, of_state),
         title=f"{derived.method} for {system.name.replace('_', ' ')}",
         R=real.c_type, suffix=real.suffix.lower(), limits=real.limits,
-        N=system.n * system.copies, M=system.m * system.copies, U=scheme.size,
+        N=system.n, M=system.m, U=scheme.size,
         S=tableau.s if tableau else 0, P=tableau.p if tableau else 0,
         multipliers=scheme.multipliers * system.m + scheme.reactions * system.velocity_count,
         rows=system.velocity_count,
@@ -206,8 +203,7 @@ def describe(derived: Derived, elements: bool | None = None) -> Program:
         if tableau and system.velocity_count else [],
         order=scheme.order,
         hamiltonian="" if parts else comment(
-            legendre.texts()[0] if legendre else system.energy_text
-            if isinstance(system, MolecularSystem) else energy_of(system)),
+            legendre.texts()[0] if legendre else energy_of(system)),
         lagrangian=comment(legendre.texts()[1]) if legendre else "",
         forces=[comment(f) for f in system.forces],
         constraints=[] if parts else [comment(g) for g in system.constraints],
@@ -276,7 +272,7 @@ def _features(
     lanes = iteration if isinstance(iteration, LaneIteration) else None
     return Features(
         constrained=system.m > 0,
-        several_constraints=system.m * system.copies > 1,
+        several_constraints=system.m > 1,
         velocity_constraints=system.velocity_count > 0,
         spark=derived.is_spark,
         elements=elements is not None,
@@ -294,7 +290,6 @@ def _features(
         fixed_point=lanes is not None and not isinstance(scheme, SplittingScheme),
         splitting=isinstance(scheme, SplittingScheme),
         drag=isinstance(scheme, SplittingScheme) and scheme.has_drag,
-        molecules=system.copies > 1,
         rotating_axes=isinstance(scheme, SplittingScheme) and bool(scheme.splitting.space),
         momentum_forces=isinstance(scheme, SplittingScheme) and scheme.splitting.other_forces,
         constant_schur=iteration is not None and iteration.constant_schur,

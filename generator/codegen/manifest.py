@@ -16,7 +16,6 @@ from ..symbolic.shared_subexpressions import text_of
 from ..symmetry.frame_symmetries import CoMovingFrame
 from ..systems.body_layout import BodyLayout, ConstraintForce, Entry, JointLayout
 from ..systems.lagrangian import LagrangianSystem
-from ..systems.molecular_system import MolecularSystem
 from ..systems.moving_frame import energy_of
 from ..systems.smoothness import Switching
 from ..systems.system import System
@@ -54,13 +53,13 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
         **({} if derived.profile == "full" else {"hash": identity}),
         "system": {
             "name": system.name,
-            "coordinates": _of_all(system, map(str, system.q)),
-            "momenta": _of_all(system, map(str, system.p)),
+            "coordinates": [str(x) for x in system.q],
+            "momenta": [str(x) for x in system.p],
             "parameters": {str(x): domain_of(x) for x in system.parameters},
             "hamiltonian": _hamiltonian(system, elements),
             **_lagrangian(system),
-            "constraints": _of_all(system, map(text_of, system.constraints)),
-            "hidden": _of_all(system, hidden_constraints(derived, elements)),
+            "constraints": [text_of(g) for g in system.constraints],
+            "hidden": list(hidden_constraints(derived, elements)),
             "start_parameters": _start_parameters(derived, elements),
             **_given_names(system),
             **_velocity_constraints(system),
@@ -178,8 +177,6 @@ def _hamiltonian(system: System, elements: Elements | None) -> str:
     """Return H as text: in full, or as so many terms of each form."""
     if isinstance(system, LagrangianSystem):
         return system.texts()[0]
-    if isinstance(system, MolecularSystem):
-        return system.energy_text
     if elements is None:
         return text_of(energy_of(system))
     return " + ".join(f"{part['count']} x [{part['text'][0]}]" for part in elements.energies)
@@ -220,14 +217,6 @@ def _bodies(system: System) -> dict[str, Any]:
     if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
         return {}
     joints = {"joints": {joint.name: _joint(joint) for joint in system.joints}}
-    if isinstance(system, MolecularSystem):
-        one = _body(system.layout)
-        names = system.of_all([system.layout.name])
-        q, x = (system.of_all(one[key]) for key in ("q", "x"))
-        points = [[float(e) for e in v.r] for v in system.pair.vectors
-                  if v.is_point and all(e.is_number for e in v.r)]
-        return {"bodies": {name: one | {"q": q[4 * i : 4 * i + 4], "x": x[3 * i : 3 * i + 3]}
-                           for i, name in enumerate(names)}, "points": points}
     return {"bodies": {body.name: _body(body) for body in system.bodies},
             **(joints if system.joints else {})}
 
@@ -262,12 +251,7 @@ def _given_names(system: System) -> dict[str, list[str]]:
     """Return the constraints' names where somebody gave them; g0, g1, … go without saying."""
     names = list(system.constraint_names)
     default = [f"g{i}" for i in range(system.m)]
-    return {} if names == default else {"constraint_names": _of_all(system, names)}
-
-
-def _of_all(system: System, texts: Iterable[str]) -> list[str]:
-    """Return texts of a system; where it is one of many molecules, those of all."""
-    return system.of_all(texts) if isinstance(system, MolecularSystem) else list(texts)
+    return {} if names == default else {"constraint_names": names}
 
 
 def _velocity_constraints(system: System) -> dict[str, Any]:

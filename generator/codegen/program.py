@@ -87,7 +87,6 @@ class Features:
     fixed_point: bool
     splitting: bool
     drag: bool
-    molecules: bool
     rotating_axes: bool
     momentum_forces: bool
     constant_schur: bool
@@ -270,16 +269,12 @@ class Flows:
     #: Coordinates of points, and entries of y that kicks change.
     free: list[int]
     kicked: list[int]
-    coordinates: int
     momenta: int
     #: Rotations of space: how many, that of each body or -1; of each point that turns, its rotation
     #: and its places in q and in y.
     space_axes: int
     body_space: list[int]
     space_points: list[tuple[int, list[int], list[int]]]
-    #: Equal molecules, and the numbers of the vectors of each that pairs interact by.
-    copies: int
-    vectors: int
     stages: int
     compositions: list[CompositionText]
     half_pi: list[str]

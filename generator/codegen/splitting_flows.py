@@ -30,7 +30,7 @@ def flows_of(derived: Derived) -> Flows:
     """Return the flows of a splitting as the templates print them."""
     scheme, real = derived.scheme, derived.real
     assert isinstance(scheme, SplittingScheme)
-    bodies, molecules = scheme.splitting.bodies, scheme.molecules
+    bodies = scheme.splitting.bodies
     stages = max(one.stages for one in scheme.compositions)
     axis_of = {body: k for k, (body, _) in enumerate(scheme.axes)}
     size = {"n": scheme.system.n, "y": len(scheme.momenta), "bodies": max(len(bodies), 1),
@@ -47,28 +47,25 @@ def flows_of(derived: Derived) -> Flows:
         bodies=[list(body.q) for body in bodies],
         body_axis=[axis_of.get(i, -1) for i in range(len(bodies))],
         axis_which=[_which(axis) for _, axis in scheme.axes],
-        axis_steady=[int(axis.steady and molecules is None)
+        axis_steady=[int(axis.steady)
                      for body in scheme.symmetric.bodies for axis in body.axes],
         further_body=[body for body, _ in scheme.further],
         further_which=[_which(axis) for _, axis in scheme.further],
         free=list(scheme.free),
         kicked=scheme.kicked,
-        coordinates=scheme.system.n,
         momenta=len(scheme.momenta),
         space_axes=len(spaces),
         body_space=[next((k for k, space in enumerate(spaces) if b in space.bodies), -1)
                     for b in range(len(bodies))],
         space_points=[(k, list(point), [_in_y(scheme, i) for i in point])
                       for k, space in enumerate(spaces) for point in space.points],
-        copies=scheme.system.copies,
-        vectors=len(molecules.pair.first) if molecules else 0,
         stages=stages,
         compositions=[_composition(one, stages, real) for one in scheme.compositions],
         half_pi=_half_pi(real),
         state=_now(size),
         members=shapes,
         numbers=numbers,
-        memory=_memory(derived, scheme, numbers, sum(_length(shape) for _, shape in _now(size))),
+        memory=numbers * real.bytes + 256,  # enough at any number of lanes
         description=scheme.name,
     )
 
@@ -77,36 +74,18 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     """Return what runs of many need on lanes."""
     scheme, real = derived.scheme, derived.real
     assert isinstance(scheme, SplittingScheme)
-    recorded = _RECORDED if scheme.molecules is None else ("molecule_hamiltonian",)
-    own = [*(k for k in scheme.state_kernels() if k.name in recorded), *scheme.flow_kernels(),
-           *scheme.molecule_kernels()]
+    own = [*(k for k in scheme.state_kernels() if k.name in _RECORDED), *scheme.flow_kernels()]
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes({})) for k in own]
     constants = len(derived.constants.definitions) + 3
     # Two kinds of flows with their constants in each register, what is recorded, and kinds.
     moving = sum(_length(shape) for _, shape in flows.state)
     vectors = _REGISTERS * (2 * (flows.numbers + constants + 2 + 2 * moving) + 16)
     wide = real.bytes if real.wide else _LANE_BYTES
-    batch = vectors * wide + 4096
-    if scheme.molecules is not None:  # a whole work memory
-        batch = flows.memory + real.bytes * (2 * scheme.molecules.n * scheme.molecules.copies
-                                             + constants + 64) + 4096
     return LaneIteration(
         kernels=kernels, folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
         compensated=any(sums_products(k, "lanes_") for k in kernels), factors=False,
         constant_schur=False, scalar_schur=False, separable=False, shared=0, affine=True,
-        history=0, memory=flows.memory, batch_memory=batch)
-
-
-def _memory(derived: Derived, scheme: SplittingScheme, numbers: int, moving: int) -> int:
-    """Return bytes enough for the state of the composition, at any number of lanes."""
-    real, molecules = derived.real, scheme.molecules
-    if molecules is None:
-        return numbers * real.bytes + 256
-    wide = real.bytes if real.wide else _LANE_BYTES
-    lanes = wide // real.bytes
-    each = 2 * moving + 2 * len(molecules.pair.first)
-    common = 2 * (numbers + 16) + len(derived.constants.definitions) + 8
-    return (molecules.copies + lanes) * each * real.bytes + common * wide + 4096
+        history=0, memory=flows.memory, batch_memory=vectors * wide + 4096)
 
 
 def _in_y(scheme: SplittingScheme, i: int) -> int:

@@ -11,7 +11,6 @@
     initial_motion  coordinates and velocities at the start: those given are kept, others follow
     assembly        constraints, H and forces from the components
     multibody       the builder of models, ``gyrospark.Multibody``
-    molecules       many equal bodies with pair potentials, ``gyrospark.molecules``
     model           a system with parameters and an initial state
     models          example models, as ``gyrospark.models``
 """

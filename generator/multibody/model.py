@@ -179,7 +179,7 @@ class Model:
                              "give one.")
 
     def __repr__(self) -> str:
-        n, m = (k * self.system.copies for k in (self.system.n, self.system.m))
+        n, m = self.system.n, self.system.m
         steps = "" if self.steps is None else f", {self.steps:,} steps"
         run = "" if self.dt is None else f"; dt = {self.dt:g} s{steps}"
         return (f"<Model {self.name}: {n} coordinates, {m} constraints, {len(self.parameters)} "
@@ -222,7 +222,7 @@ class Model:
             bodies={name: rounded(inertia) for name, inertia in self.bodies.items()})
 
     def _state(self, name: str, values: ArrayLike) -> Array:
-        state, count = real_array(values), self.system.n * self.system.copies
+        state, count = real_array(values), self.system.n
         if state is None or state.shape != (count,) or not np.isfinite(state).all():
             raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "
                              f"{count} finite numbers.")

@@ -9,7 +9,6 @@
     delta_robot             three arms, six rods, a platform: five loops  n = 70, m = 61
     stewart_platform        a platform on six legs that slide             n = 91, m = 79
     chain(N)                N rods on ball joints                         n = 7N, m = 4N
-    waters(N)               a drop of N rigid waters                      n = 7N, m =  N
 
 Lengths in m, masses in kg, angles in rad, unless stated otherwise.
 """
@@ -31,12 +30,11 @@ from ...core.registry import function_of
 from .body import Body, Frame
 from .initial_poses import finite, rotation
 from .model import Model
-from .molecules import MOST_MOLECULES, Molecule, molecules
 from .multibody import Multibody
 
 __all__ = [
     "chain", "delta_robot", "double_pendulum", "double_top", "four_bar", "gimbal", "lagrange_top",
-    "satellite", "stewart_platform", "waters",
+    "satellite", "stewart_platform",
 ]
 
 Array = NDArray[Any]
@@ -45,12 +43,6 @@ Array = NDArray[Any]
 MOST_RODS = 1000
 #: Chains from this length on take so long that their numbers are cached.
 _MANY_RODS = 50
-#: Masses of O and H in u, and the bond in nm and the angle of H, O, H.
-_O, _H, _BOND, _ANGLE = 15.9994, 1.008, 0.09572, math.radians(104.52)
-#: 1/(4 π ε₀) in kJ nm/(mol e²), and R in kJ/(mol K).
-_COULOMB, _GAS = 138.935458, 0.00831446
-#: TIP3P: charge of O in e, Lennard-Jones parameters of O in nm and kJ/mol.
-_CHARGE, _SIGMA, _EPSILON = -0.834, 0.315061, 0.636386
 
 
 def __dir__() -> list[str]:
@@ -266,51 +258,6 @@ def build_chain(rods: int, rep: RepName = "gamma") -> Model:
         build.ball(f"j{i}", above, rod, on_a=held or (0, 0, -0.15), on_b=(0, 0, 0.15))
         above = rod
     return build.model()
-
-
-def waters(count: int = 64, *, rep: RepName = "gamma", spacing: float = 0.31,
-           temperature: float = 300.0, seed: int = 0) -> Model:
-    """Return a drop of rigid water molecules of model TIP3P, in vacuum: for scheme splitting.
-
-    Units: nm, u, ps and kJ/mol. Three charges on each molecule, a Lennard-Jones potential between
-    oxygens, all pairs. The molecules start on a cubic grid, ``spacing`` apart, with attitudes and
-    velocities drawn at random for a temperature in K, and without total momentum.
-
-    Source: W. L. Jorgensen et al., J. Chem. Phys. 79 (1983) 926.
-    """
-    copies = whole(count)
-    if copies is None or not 2 <= copies <= MOST_MOLECULES:
-        raise InputError(f"A drop of {shown(count)} molecules cannot be built; give a whole number "
-                         f"from 2 to {MOST_MOLECULES}.")
-    if whole(seed) is None or int(seed) < 0:
-        raise InputError(f"seed = {shown(seed)} is no whole number from 0 on.")
-    x, mass = _BOND * math.sin(_ANGLE / 2), _O + 2 * _H
-    height = _BOND * math.cos(_ANGLE / 2)  # of O above the hydrogens
-    above, below = 2 * _H / mass * height, -_O / mass * height
-    sites = [(_CHARGE, (0, 0, above)), (-_CHARGE / 2, (x, 0, below)),
-             (-_CHARGE / 2, (-x, 0, below))]
-    inertia = np.array([_O * above**2 + 2 * _H * below**2, 0, 2 * _H * x**2])
-    inertia[1] = inertia[0] + inertia[2]
-
-    def tip3p(a: Molecule, b: Molecule, k: sp.Symbol, A: sp.Symbol, B: sp.Symbol) -> sp.Expr:
-        def square(r: Any, s: Any) -> sp.Expr:
-            return sum((u - v)**2 for u, v in zip(a.point(r), b.point(s), strict=True))
-
-        oxygens = square(sites[0][1], sites[0][1])
-        return A / oxygens**6 - B / oxygens**3 + k * sum(
-            c * d / sp.sqrt(square(r, s)) for c, r in sites for d, s in sites)
-
-    rng, size = np.random.default_rng(int(seed)), math.ceil(copies ** (1 / 3))
-    heat = _GAS * float(finite("temperature", temperature, ()))
-    grid = float(finite("spacing", spacing, ())) * np.indices((size,) * 3).reshape(3, -1).T[:copies]
-    v = math.sqrt(heat / mass) * rng.standard_normal((copies, 3))
-    return molecules(
-        f"waters_{copies}", copies, mass=mass, inertia=inertia, rep=rep, pair_potential=tip3p,
-        parameters={"k": _COULOMB, "A": 4 * _EPSILON * _SIGMA**12, "B": 4 * _EPSILON * _SIGMA**6},
-        positions=grid - grid.mean(axis=0), quaternions=rng.standard_normal((copies, 4)),
-        velocities=v - v.mean(axis=0),
-        angular_velocities=np.sqrt(heat / inertia) * rng.standard_normal((copies, 3)),
-        dt=0.001, steps=1000, description=f"A drop of {copies} rigid waters of model TIP3P.")
 
 
 def turn(axis: tuple[float, float, float], angle: float) -> Array:

@@ -8,7 +8,6 @@
     lagrangian_kernels   kernels of a system from its Lagrangian
     lagrangian_midpoint  IMS and EMS of such a system
     splitting_scheme     flows and compositions of a step, for bodies without joints
-    molecule_kernels     vectors and forces of a pair of molecules
     derivative_kernels   kernels that derivatives of a step need beside its own
     start_kernels        momenta of velocities, and what constraints say of both
     midpoint_conditions  conditions that IMS and EMS satisfy

@@ -12,7 +12,7 @@ gradients. Source: docs/theory/splitting.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
@@ -23,10 +23,8 @@ from ..kernels.statements import Kernel
 from ..splitting.find import split
 from ..splitting.parts import AxisRotation, Kick, Splitting
 from ..systems.jacobians import jacobian
-from ..systems.molecular_system import MolecularSystem
 from ..systems.system import System
 from ..tableaux.compositions import COMPOSITIONS, Composition, composition, composition_named
-from .molecule_kernels import molecule_kernels
 from .step_equations import common_kernels
 
 __all__ = ["SplittingScheme", "splitting_scheme"]
@@ -159,20 +157,9 @@ class SplittingScheme:
               if self.splitting.space else []),
         ]
 
-    @property
-    def molecules(self) -> MolecularSystem | None:
-        """The system, where it is one of many molecules."""
-        return self.system if isinstance(self.system, MolecularSystem) else None
-
     def state_kernels(self) -> list[Kernel]:
-        """Return the kernels of states; those of one molecule have names of their own."""
-        kept = [k for k in common_kernels(self.system) if k.name in _STATE_KERNELS]
-        return kept if self.molecules is None else [
-            replace(k, name=f"molecule_{k.name}") for k in kept]
-
-    def molecule_kernels(self) -> list[Kernel]:
-        """Return the kernels of pairs of molecules, on lanes."""
-        return [] if self.molecules is None else molecule_kernels(self.molecules, self._hoisted)
+        """Return the kernels of states."""
+        return [k for k in common_kernels(self.system) if k.name in _STATE_KERNELS]
 
     def flow_kernels(self, *, work: bool = True) -> list[Kernel]:
         """Return the kernels of a step, on numbers and on lanes; those of work if it is asked for.
@@ -315,12 +302,8 @@ def splitting_scheme(
                          "other than by isotropic drag; choose order 2, or scheme G-L.")
     symmetric = split(system, symmetric=True)
     fine = plain
-    if (not named and not system.forces and symmetric.has_gradient and _is_local(symmetric)
-            and system.copies == 1):
+    if (not named and not system.forces and symmetric.has_gradient and _is_local(symmetric)):
         fine = composition(order, gradients=True)
-    if plain.has_gradients and system.copies > 1:
-        raise InputError(f"Composition {plain.name} has force gradients, of which a pair of "
-                         "molecules has none; give an order instead.")
     if plain.has_gradients and system.forces:
         raise InputError(f"Composition {plain.name} has force gradients, with which the work of "
                          f"the forces of system {system.name!r} has order 2 only; give an order "

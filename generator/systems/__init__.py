@@ -2,7 +2,6 @@
 
     system                 a constrained Hamiltonian system and its derivatives
     lagrangian             a system from its Lagrangian, M(q) never inverted in symbols
-    molecular_system       many equal molecules: H of one, and the potential of a pair
     sympy_mechanics        a system from sympy.physics.mechanics
     sympy_motion           how frames and points of sympy.physics.mechanics move
     expression_arguments   expressions that a user passes, checked

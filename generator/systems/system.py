@@ -306,12 +306,6 @@ class System:
         return len(self.q)
 
     @property
-    def copies(self) -> int:
-        """Number of equal parts, of each of which a state has n coordinates: 1 but for molecules.
-        """
-        return 1
-
-    @property
     def m(self) -> int:
         """Number of constraints."""
         return len(self.constraints)

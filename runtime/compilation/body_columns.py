@@ -18,7 +18,7 @@ from ...core.errors import InputError
 from ...core.inertia import Inertia, as_moments, tensor_of_inverse
 
 __all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "bodies_of", "body_named", "joint_named",
-           "joints_of", "numbers", "placed_of", "points_of"]
+           "joints_of", "numbers", "placed_of"]
 
 Array = NDArray[np.float64]
 Entry = str | float
@@ -149,13 +149,6 @@ def bodies_of(manifest: Mapping[str, Any]) -> dict[str, BodyAt]:
     if system["rigid_body"] and not found:
         found["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"], [], [0.0, 0.0, 0.0], [], None)
     return found
-
-
-def points_of(manifest: Mapping[str, Any]) -> Array:
-    """Return the points of equal molecules between which a potential acts, shape (points, 3)."""
-    points = [_vector(manifest["system"], point, 3)
-              for point in manifest["system"].get("points", [])]
-    return np.array(points, dtype=float).reshape(-1, 3)
 
 
 def placed_of(manifest: Mapping[str, Any]) -> dict[str, PlacedAt]:

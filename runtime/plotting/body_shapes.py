@@ -22,13 +22,11 @@ from ...core.shapes import Shape, axes_about
 if TYPE_CHECKING:
     from .scene import ScenePart
 
-__all__ = ["DARK", "METAL", "STAND", "Held", "balls", "plate_of", "shapes_of"]
+__all__ = ["DARK", "METAL", "STAND", "Held", "plate_of", "shapes_of"]
 
 Array = NDArray[np.float64]
 
 METAL, DARK, STAND = "#575c66", "#2c3038", "#9aa1ac"
-#: Of the points of molecules, by their distance from the centre of mass.
-_ATOMS = ("#e45756", "#e6e9ee", "#4c78a8")
 #: Relative difference of two lengths that count as equal.
 _EQUAL = 1e-6
 #: Radius of bars and stems in parts of the reach of the scene.
@@ -59,17 +57,6 @@ def plate_of(moments: Array) -> tuple[float, Array]:
     I1, I2, I3 = moments
     half = np.sqrt(np.maximum([2 * (I3 + I2 - I1), 2 * (I3 + I1 - I2)], 0.0))
     return float(np.sqrt(max(I1 + I2 - I3, 0.0) / 2)), half
-
-
-def balls(points: Array) -> list[Shape]:
-    """Return a ball at each point of a molecule, alike at equal distances from its centre."""
-    distance = np.linalg.norm(points, axis=1)
-    apart = np.linalg.norm(points[:, None] - points, axis=2)
-    radius = 0.6 * float(apart[apart > 0].min())
-    classes = np.unique(np.round(distance / distance.max(), 6), return_inverse=True)[1]
-    return [Shape("sphere", np.full(3, radius * (1.3 if k == 0 else 1.0)), point,
-                  colour=_ATOMS[min(k, len(_ATOMS) - 1)])
-            for k, point in zip(classes.tolist(), points, strict=True)]
 
 
 def shapes_of(part: ScenePart, held: list[Held], reach: float, *, inside: bool,

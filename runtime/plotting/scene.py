@@ -22,10 +22,9 @@ from ..compilation.body_columns import (
     joints_of,
     numbers,
     placed_of,
-    points_of,
 )
 from ..rigid_body.quaternion import left_matrix, rotation_matrix
-from .body_shapes import Held, balls, plate_of, shapes_of
+from .body_shapes import Held, plate_of, shapes_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -42,8 +41,6 @@ DRAWN: tuple[DrawnName, ...] = get_args(DrawnName)
 
 #: S_i = I_j + I_k − I_i is so many times m a_i².
 _FACTORS = {"box": 2 / 3, "ellipsoid": 2 / 5}
-#: More molecules are drawn as boxes: a page with their atoms would be slow.
-_MOLECULES = 400
 #: The thinnest that a body is drawn, beside its longest axis.
 _THIN = 0.03
 
@@ -167,8 +164,7 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
              _placed_part(trajectory, name, some) for name in trajectory.bodies]
     error, t = trajectory.energy_error(), trajectory.t
     up, ties = _up(trajectory), _ties(trajectory, parts)
-    drawn = _with_shapes(parts, ties, points_of(trajectory.manifest),
-                         _rolling(trajectory.manifest))
+    drawn = _with_shapes(parts, ties, _rolling(trajectory.manifest))
     return Scene(
         f"{trajectory.manifest['system']['name']}, {trajectory.manifest['scheme']['method']}",
         t[some].astype(float), error[some].astype(float), drawn, ties,
@@ -305,12 +301,8 @@ def _rolling(manifest: Mapping[str, Any]) -> set[str]:
             if joint.constraints and not (joint.on_a or joint.on_b or joint.axis_b)}
 
 
-def _with_shapes(parts: list[ScenePart], ties: list[Tie], points: Array,
-                 rolling: set[str]) -> list[ScenePart]:
+def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> list[ScenePart]:
     """Return the parts with the shapes that they are drawn with."""
-    if len(points) > 1:
-        atoms = balls(points) if len(parts) <= _MOLECULES else []
-        return [replace(part, shapes=atoms) for part in parts]
     centres = np.array([part.at(part.centre)[0, 0] for part in parts])
     reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
                 + [2 * float(part.sizes["box"].max()) for part in parts]

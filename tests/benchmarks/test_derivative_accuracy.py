@@ -9,8 +9,8 @@ import pytest
 import gyrospark as gs
 from benchmarks.derivative_accuracy import measure, subjects
 
-#: Of 567 coordinates, which takes minutes, and for scheme splitting alone.
-LARGE = {"four-bars-40", "waters"}
+#: Of 567 coordinates, which takes minutes.
+LARGE = {"four-bars-40"}
 
 
 @pytest.mark.slow  # compiles the derivatives of each

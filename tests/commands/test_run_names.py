@@ -18,7 +18,7 @@ PENDULUM = EXAMPLES / "pendulum.toml"
 
 @pytest.mark.parametrize("name", [
     name if name == "lagrange_top"
-    else pytest.param(name, marks=pytest.mark.slow) for name in MODELS if name != "waters"])
+    else pytest.param(name, marks=pytest.mark.slow) for name in MODELS])
 def test_every_model_runs_by_its_name(name, gyrospark):
     """With its own dt; the same bits as from Python."""
     settings = ["--set", "count=1"] if name == "chain" else []

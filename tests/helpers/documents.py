@@ -29,8 +29,6 @@ SHORTER = [
     (r"(sweep) examples/studies/gamma_dt.toml", r"\1 few.toml",
      "a million runs; the study of docs/sweeps.md is few.toml, with four of them"),
     (r"^taskset -c 0 ", "", "taskset is a thing of Linux"),
-    (r"^(gyrospark run waters) --set count=1000 (.*) --steps 1000$",
-     r"\1 --set count=8 \2 --steps 50", "without optimisation a minute"),
     (r"^(gyrospark verify --model (?:double_pendulum|examples/double_pendulum.toml) .*)",
      r"\1 --steps 20", "without optimisation orders are measured for six seconds"),
     (r"^(gyrospark run) double_top (--picture)", r"\1 double_pendulum \2",

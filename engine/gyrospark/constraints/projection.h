@@ -4,10 +4,6 @@
 
 #include "gyrospark/linear_algebra/norms.h"
 
-#if !GS_MOLECULES
-enum { PARTS = 1, PART_M = M, PART_N = N }; /* all constraints and coordinates together */
-#endif
-
 #if GS_ELEMENTS
 /* Largest accepted step of a projection that stagnates, in units of epsilon times the state. */
 enum { COORDINATE_SLACK = 1024, MOMENTUM_SLACK = 1024 };
@@ -31,8 +27,6 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
     substitute(W, g);
     return isfinite(norm(M, g)) ? OK : SINGULAR;
 }
-#elif GS_MOLECULES
-#include "gyrospark/splitting/molecule_constraints.h"
 #else
 #include "gyrospark/linear_algebra/dense_lu.h"
 
@@ -96,24 +90,24 @@ static int solve_coordinates(const constants *c, const real q[N], real g[M])
  * at round-off level; impulse is the sum of all W^-1 f. One step is exact if H is quadratic in p,
  * but for round-off. (Hairer-Lubich-Wanner, IV.4 and VII.1)
  */
-static int project_momentum(const constants *c, const real q[PART_N], real p[PART_N],
-    real impulse[PART_M])
+static int project_momentum(const constants *c, const real q[N], real p[N],
+    real impulse[M])
 {
     real previous = HUGE_VAL;
-    for (int mu = 0; mu < PART_M; ++mu)
+    for (int mu = 0; mu < M; ++mu)
         impulse[mu] = 0;
     for (int iteration = 0; iteration < 20; ++iteration) {
-        real f[PART_M], change[PART_N];
+        real f[M], change[N];
         hidden_constraint(c, q, p, f);
         const int status = solve_momentum(c, q, p, f);
         if (status != OK)
             return status;
         constraint_force(c, q, f, change);
-        for (int a = 0; a < PART_N; ++a)
+        for (int a = 0; a < N; ++a)
             p[a] -= change[a];
-        for (int mu = 0; mu < PART_M; ++mu)
+        for (int mu = 0; mu < M; ++mu)
             impulse[mu] += f[mu];
-        const real step = norm(PART_N, change), floor = epsilon*norm(PART_N, p);
+        const real step = norm(N, change), floor = epsilon*norm(N, p);
         if (!isfinite(step))
             return NOT_FINITE;
         if (step <= floor/2 || (step <= MOMENTUM_SLACK*floor && step >= previous/2))
@@ -126,19 +120,19 @@ static int project_momentum(const constants *c, const real q[PART_N], real p[PAR
 #endif
 
 /* Projects q along G^T onto g(q) = 0 by minimum-norm Newton steps, q <- q - G^T (G G^T)^-1 g. */
-static int project_coordinates(const constants *c, real q[PART_N])
+static int project_coordinates(const constants *c, real q[N])
 {
     real previous = HUGE_VAL;
     for (int iteration = 0; iteration < 50; ++iteration) {
-        real g[PART_M], change[PART_N];
+        real g[M], change[N];
         constraint(c, q, g);
         const int status = solve_coordinates(c, q, g);
         if (status != OK)
             return status;
         constraint_force(c, q, g, change);
-        for (int a = 0; a < PART_N; ++a)
+        for (int a = 0; a < N; ++a)
             q[a] -= change[a];
-        const real step = norm(PART_N, change), floor = epsilon*norm(PART_N, q);
+        const real step = norm(N, change), floor = epsilon*norm(N, q);
         if (!isfinite(step))
             return NOT_FINITE;
         if (step <= 2*floor || (step <= COORDINATE_SLACK*floor && step >= previous/2))
@@ -152,14 +146,10 @@ static int project_coordinates(const constants *c, real q[PART_N])
 int NAME(project)(const parameters_t *parameters, real q[N], real p[N])
 {
     constants c;
-    real impulse[PART_M];
-    int status = OK;
+    real impulse[M];
     prepare(parameters, &c);
-    for (int i = 0; i < PARTS && status == OK; ++i)
-        status = project_coordinates(AT(&c, start_time(parameters)), q + i*PART_N);
-    for (int i = 0; i < PARTS && status == OK; ++i)
-        status = project_momentum(&c, q + i*PART_N, p + i*PART_N, impulse);
-    return status;
+    const int status = project_coordinates(AT(&c, start_time(parameters)), q);
+    return status == OK ? project_momentum(&c, q, p, impulse) : status;
 }
 
 #if !GS_PROFILE_RUN
@@ -169,9 +159,9 @@ void NAME(defects)(const parameters_t *parameters, long count, IF_TIME(
 {
     constants c;
     prepare(parameters, &c);
-    for (long i = 0; i < count*PARTS; ++i) {
-        constraint(AT(&c, time_of(parameters, t, i/PARTS)), q + i*PART_N, g + i*PART_M);
-        hidden_constraint(&c, q + i*PART_N, p + i*PART_N, f + i*PART_M);
+    for (long i = 0; i < count; ++i) {
+        constraint(AT(&c, time_of(parameters, t, i)), q + i*N, g + i*M);
+        hidden_constraint(&c, q + i*N, p + i*N, f + i*M);
     }
 }
 #endif

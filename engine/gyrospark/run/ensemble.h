@@ -8,9 +8,7 @@
 #include "gyrospark/run/batch.h"
 #endif
 
-#if GS_MOLECULES
-#include "gyrospark/splitting/molecules_batch.h"
-#elif GS_SPLITTING
+#if GS_SPLITTING
 #include "gyrospark/splitting/batch.h"
 #elif GS_FIXED_POINT
 void NAME(integrate_many)(long count, const parameters_t *parameters, const options_t *options,

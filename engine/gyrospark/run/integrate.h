@@ -115,7 +115,7 @@ static void begin(work_t *work, const options_t *options, real dt, const real q[
 static long take_steps(IF_INPUTS(inputs_t inputs,) real start, real dt, long first, long last,
     work_t *w)
 {
-    run_flows *s = run_flows_of(w);
+    flows *s = flows_of(w);
     kept_state kept;
     keep_state(s, &kept);
     for (long n = first; n < last; ++n) {

@@ -86,16 +86,6 @@ static void observe(const constants *c, const real q[N], const real p[N], report
 #endif
     observed_defect(c, q, p, f);
     observe_constraint_errors(norm(M, g), norm(HIDDEN, f), report);
-#elif GS_MOLECULES
-    real g[2] = { 0 }, f[2] = { 0 }; /* the largest up to here, and those of a molecule */
-    observe_energy(c, q, p, report);
-    for (int i = 0; i < MOLECULES; ++i) {
-        constraint(c, q + COORDINATES*i, &g[1]);
-        hidden_constraint(c, q + COORDINATES*i, p + COORDINATES*i, &f[1]);
-        g[0] = norm(2, g);
-        f[0] = norm(2, f);
-    }
-    observe_constraint_errors(g[0], f[0], report);
 #else
     real g[M], f[M];
     observe_energy(c, q, p, report);

@@ -11,7 +11,7 @@
 
 /* Free motion during duration i: bodies rotate, points move. */
 INLINE void TYPED(drift)(const TYPED(flow_constants) *c, const TYPED(flows) *s, int i,
-    NUMBER q[COORDINATES], NUMBER q_low[COORDINATES], NUMBER y[Y])
+    NUMBER q[N], NUMBER q_low[N], NUMBER y[Y])
 {
     const NUMBER duration = s->drift[i];
     for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
@@ -77,8 +77,8 @@ INLINE void TYPED(turn_vector)(NUMBER c, const NUMBER *u, NUMBER *const *v, NUMB
 }
 
 /* The flow of -omega.J during drift i, which commutes with the free motion: all vectors turn. */
-INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[COORDINATES],
-    NUMBER q_low[COORDINATES], NUMBER y[Y], NUMBER y_low[Y])
+INLINE void TYPED(rotate_axes)(const TYPED(flows) *s, int i, NUMBER q[N],
+    NUMBER q_low[N], NUMBER y[Y], NUMBER y_low[Y])
 {
     for (int b = 0; (BODIES > 0) && (b < BODIES); ++b) {
         const int k = body_space[b];
@@ -187,7 +187,7 @@ INLINE void TYPED(kick_and_rotate)(const TYPED(flow_constants) *c, TYPED(flows) 
 #if !GS_ON_DUALS /* their steps are those of derivatives/splitting.h */
 /* Free motion i, and rotating axes; with drag and forces, returns the work of the drag. */
 INLINE NUMBER TYPED(drift_and_turn)(const TYPED(flow_constants) *c, const TYPED(flows) *s, int i,
-    NUMBER q[COORDINATES], NUMBER q_low[COORDINATES], NUMBER y[Y], NUMBER y_low[Y])
+    NUMBER q[N], NUMBER q_low[N], NUMBER y[Y], NUMBER y_low[Y])
 {
 #if GS_DRAG && GS_FORCES
     /* The gain of what the motion conserves, and on the rest of H by the trapezoidal rule. */
@@ -246,12 +246,12 @@ INLINE void TYPED(take_stage)(const TYPED(flow_constants) *c, TYPED(flows) *s, i
 
 /* The state at the end of the step: the last drift on a copy. `work` is that of this drift. */
 INLINE void TYPED(end_of_step)(const TYPED(flow_constants) *c, const TYPED(flows) *s,
-    NUMBER q[COORDINATES], NUMBER p[COORDINATES], NUMBER *work)
+    NUMBER q[N], NUMBER p[N], NUMBER *work)
 {
     NUMBER y[Y];
-    NUMBER q_low[COORDINATES];
+    NUMBER q_low[N];
     NUMBER y_low[Y];
-    for (int a = 0; a < COORDINATES; ++a) {
+    for (int a = 0; a < N; ++a) {
         q[a] = s->now.q[a];
         q_low[a] = s->now.q_low[a];
     }

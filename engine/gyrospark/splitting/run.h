@@ -4,16 +4,7 @@
 
 #include "gyrospark/splitting/start.h"
 
-#if GS_MOLECULES
-#include "gyrospark/splitting/molecules.h"
-#endif
-
 #include "gyrospark/run/record.h"
-
-#if GS_MOLECULES
-#include "gyrospark/splitting/molecules_run.h"
-#else
-typedef flows run_flows;
 
 /* The state before some steps. */
 typedef struct {
@@ -86,12 +77,6 @@ static void step_on(work_t *w, real t)
         take_stage(&w->constants, s, i);
 }
 
-static flows *run_flows_of(work_t *w)
-{
-    return flows_of(w);
-}
-#endif
-
 static void reset_iteration(work_t *w)
 {
     (void)w; /* nothing is kept of a failed step */
@@ -121,7 +106,7 @@ static int single_step(work_t *w, const options_t *options, real dt, const real 
     *iterations = 0;
     begin_run(w, options, dt, q, p);
     step_on(w, w->t);
-    if (!are_finite(&run_flows_of(w)->now))
+    if (!are_finite(&flows_of(w)->now))
         return NOT_FINITE;
     get_state(w, q1, p1, &report);
     return OK;

@@ -121,10 +121,10 @@ static void prepare_flows(flows *s, const constants *c, real h)
 }
 
 /* Starts from (q, p): momenta in space axes, and rotations whose rate stays during the run. */
-static void start_flows(flows *s, const real q[COORDINATES],
-    const real p[COORDINATES])
+static void start_flows(flows *s, const real q[N],
+    const real p[N])
 {
-    for (int a = 0; a < COORDINATES; ++a) {
+    for (int a = 0; a < N; ++a) {
         s->now.q[a] = q[a];
         s->now.q_low[a] = (real)0;
     }

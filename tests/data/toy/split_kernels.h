@@ -37,67 +37,19 @@ static inline NUMBER TYPED(drift_energy)(const TYPED(flow_constants) *c, const N
     return (y[0]*y[0] + y[1]*y[1] + y[2]*y[2])/(2*c->I1) + y[3]*y[3]/2;
 }
 
-#undef OF_ONE
-#if GS_MOLECULES
-#define OF_ONE(f) TYPED(molecule_##f)
-static inline void TYPED(molecule_vectors)(const TYPED(flow_constants) *c, const NUMBER *q, NUMBER *v)
-{
-    (void)c;
-    v[0] = q[4];
-}
-
-static inline void TYPED(molecule_kick)(const TYPED(flow_constants) *c, const NUMBER *q,
-    const NUMBER *f, NUMBER *rate)
-{
-    (void)c, (void)q;
-    rate[0] = rate[1] = rate[2] = f[0] - f[0];
-    rate[3] = f[0];
-}
-
-static inline void TYPED(pair_force)(const TYPED(flow_constants) *c, const NUMBER *a,
-    const NUMBER *b, NUMBER *on_a, NUMBER *on_b)
-{
-    on_a[0] = c->k*(b[0] - a[0]);
-    on_b[0] = c->k*(a[0] - b[0]);
-}
-
-static inline NUMBER TYPED(pair_energy)(const TYPED(flow_constants) *c, const NUMBER *a,
-    const NUMBER *b)
-{
-    return c->k*(a[0] - b[0])*(a[0] - b[0])/2;
-}
-
-static inline void TYPED(molecule_constraint_jacobian)(const TYPED(flow_constants) *c,
-    const NUMBER *q, NUMBER G[1][COORDINATES])
-{
-    (void)c;
-    for (int a = 0; a < COORDINATES; ++a)
-        G[0][a] = a < 4 ? 2*q[a] : q[a] - q[a];
-}
-
-static inline void TYPED(molecule_hidden_matrix)(const TYPED(flow_constants) *c, const NUMBER *q,
-    const NUMBER *p, NUMBER W[1][1])
-{
-    (void)c, (void)p;
-    W[0][0] = 2*(q[0]*q[0] + q[1]*q[1] + q[2]*q[2] + q[3]*q[3]);
-}
-#else
-#define OF_ONE(f) TYPED(f)
-#endif
-
-static inline NUMBER OF_ONE(hamiltonian)(const TYPED(flow_constants) *c, const NUMBER *q,
+static inline NUMBER TYPED(hamiltonian)(const TYPED(flow_constants) *c, const NUMBER *q,
     const NUMBER *p)
 {
     return c->mgl*q[0] + p[4]*p[4]/2;
 }
 
-static inline void OF_ONE(constraint)(const TYPED(flow_constants) *c, const NUMBER *q, NUMBER *g)
+static inline void TYPED(constraint)(const TYPED(flow_constants) *c, const NUMBER *q, NUMBER *g)
 {
     (void)c;
     g[0] = q[0]*q[0] + q[1]*q[1] + q[2]*q[2] + q[3]*q[3] - 1;
 }
 
-static inline void OF_ONE(hidden_constraint)(const TYPED(flow_constants) *c, const NUMBER *q,
+static inline void TYPED(hidden_constraint)(const TYPED(flow_constants) *c, const NUMBER *q,
     const NUMBER *p, NUMBER *f)
 {
     (void)c;

@@ -5,11 +5,7 @@
  *   TOY_SPLITTING   1, and more for template headers that come before:
  *                   2 simd/quadrants.h, 3 sine_cosine.h, 4 rotations.h, 5 flows.h;
  *                   6 with kernels of derivatives, 7 derivatives/splitting.h
- *   GS_MOLECULES    of three such systems with a spring between each two of the points
  */
-#ifndef GS_MOLECULES
-#define GS_MOLECULES 0
-#endif
 #define GS_SPLITTING 1
 #define GS_ENGINE 1
 #if TOY_CONSTRAINTS > 0
@@ -20,8 +16,7 @@
 #define LIMIT(name) DBL_##name
 typedef double real;
 
-enum { COORDINATES = 5, MOLECULES = GS_MOLECULES ? 3 : 1, VECTORS = 1 };
-enum { N = COORDINATES*MOLECULES, M = MOLECULES, MULTIPLIERS = 0, ROOM = 1, INPUTS = 1, OBSERVED_STEPS = 16,
+enum { N = 5, M = 1, MULTIPLIERS = 0, ROOM = 1, INPUTS = 1, OBSERVED_STEPS = 16,
     OBSERVED_EVERY = 32 };
 enum { BODIES = 1, AXES = 1, FURTHER = 1, FREE = 1, Y = 4, KICKED = 3, STAGES = 1,
     COMPOSITIONS = 2 };
@@ -49,7 +44,7 @@ typedef struct {
 
 #define FLOW_TYPES(number, prefix) \
     typedef struct { \
-        number q[COORDINATES], q_low[COORDINATES], y[Y], y_low[Y], work, work_low; \
+        number q[N], q_low[N], y[Y], y_low[Y], work, work_low; \
     } prefix##flow_state; \
     typedef struct { \
         prefix##flow_state now; \

@@ -251,10 +251,6 @@ def test_every_model_starts_on_its_constraints(name):
         model = getattr(gs.models, name)(rep=rep)
         assert {key.split("_")[-1] for key in model.bodies} == {rep}
         state = [model.q0, model.p0]
-        if name == "waters":  # whose system is that of one molecule
-            state = [x[:7] for x in state]
-            model = replace(model, system=replace(model.system, copies=1), q0=state[0],
-                            p0=state[1])
         moved = gs.consistent(model.system, *state, model.parameters)
         assert moved.q_moved <= 4 * EPS
         assert moved.p_moved <= 64 * EPS * max(1, np.abs(model.p0).max())

@@ -219,25 +219,6 @@ def test_a_picture_on_the_command_line(gyrospark, tmp_path):
     assert "'top.gif'" in said.stderr
 
 
-def test_molecules_are_balls_at_the_points_of_their_potential():
-    def attract(a, b):
-        return -sum(1 / sum((u - v)**2 for u, v in zip(a.point(r), b.point(s), strict=True))
-                    for r in ends for s in ends)
-
-    ends = [(0, 0, 0.5), (0, 0, -0.5), (0, 0, 0.1)]
-    model = gs.molecules("rods", 2, mass=1, inertia=(1, 1, 0.1), pair_potential=attract,
-                         positions=[(0, 0, 0), (3, 0, 0)])
-    run = gs.stepper("splitting", order=2, system=model).integrate(
-        model.q0, model.p0, dt=1e-3, steps=2, parameters=model.parameters)
-    for part in scene_of(run, 2).parts:
-        assert sorted(shape.centre.tolist() for shape in part.shapes) == [
-            [0, 0, -0.5], [0, 0, 0.1], [0, 0, 0.5]]
-        assert len({shape.colour for shape in part.shapes}) == 2
-        radii = sorted(float(shape.size[0]) for shape in part.shapes)
-        assert radii[0] == radii[1] < radii[2]
-        assert 2 * radii[0] > 0.4  # neighbours touch
-
-
 def test_meshes_of_files_are_drawn(tmp_path):
     """A cube of a file, and the same as a box: the same pixels but for bevelled edges."""
     corners = [f"v {x} {y} {z}" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]

@@ -11,6 +11,7 @@ import systems
 from calls import RUN, TOP
 from gyrospark.core.errors import InputWarning
 from gyrospark.runtime.results.joint_motion import shortest_rotation
+from splitting_systems import molecules
 
 EPS = float(np.finfo(float).eps)
 DT = 1e-3
@@ -130,6 +131,27 @@ def test_a_rod_pulls_along_itself(weightless):
     assert np.abs(force - 0.5 * 9 * along).max() < 1e-4
     with pytest.raises(gs.InputError, match=r"'rod'.*axis"):
         weightless.joint("rod").angle()
+
+
+def test_total_momenta_of_bodies_that_attract_one_another():
+    """Σ m ẋ and Σ (l + x × m ẋ): as the bodies say one by one, the same in each state."""
+    model = molecules(3, (1, 1.4, 0.8))
+    motion = gs.stepper("splitting", order=2, system=model).integrate(
+        model.q0, model.p0, dt=1e-2, steps=40, parameters=model.parameters)
+    bodies = [motion.body(name) for name in motion.bodies]
+    p = sum(body.mass * body.velocity() for body in bodies)
+    turning = sum(body.angular_momentum() + np.cross(body.position(), body.mass * body.velocity())
+                  for body in bodies)
+    for total, expected in ((motion.total_momentum(), p),
+                            (motion.total_angular_momentum(), turning)):
+        assert np.abs(total - expected).max() < 32 * EPS * np.abs(expected).max()
+        assert np.abs(total - total[0]).max() < 40 * 8 * EPS * np.abs(total).max()
+
+
+def test_total_momenta_are_of_free_bodies(weightless):
+    """A top that is held at a point has no momentum of its own: the sum is refused."""
+    with pytest.raises(gs.InputError, match="'weightless'"):
+        weightless.total_momentum()
 
 
 # ---------------------------------------------------------------- joints
