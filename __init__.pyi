@@ -15,12 +15,6 @@ from .core.event import Event as Event
 from .core.shapes import Shape as Shape
 from .core.solver import Solver as Solver
 from .core.start import Start as Start
-from .generator.models.robots import load_mjcf as load_mjcf
-from .generator.models.robots import load_sdf as load_sdf
-from .generator.models.robots import load_urdf as load_urdf
-from .generator.models.robots import read_mjcf as read_mjcf
-from .generator.models.robots import read_sdf as read_sdf
-from .generator.models.robots import read_urdf as read_urdf
 from .generator.multibody import models as models
 from .generator.multibody import symbols as symbols
 from .generator.multibody.model import Model as Model

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
 from .core.frozen_dict import NO_PARAMETERS
 from .core.inertia import RepName
-from .core.mesh_files import located
+from .core.mesh_files import located_all
 from .core.progress import log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
@@ -42,6 +42,7 @@ from .runtime.steppers.run_defaults import RunDefaults
 from .runtime.steppers.stepper import Stepper
 
 if TYPE_CHECKING:
+    from .generator.models.robots import MjcfOptions, UrdfOptions
     from .generator.multibody.model import Model
     from .generator.pipeline import Generated
     from .generator.systems.system import System
@@ -246,34 +247,95 @@ def consistent(
     return project(numeric(system, parameters, float(as_real("t", t))), *state)
 
 
+@overload
 def load_model(
-    path: str | Path, rep: RepName | None = None, *, real: RealName = "double"
+    path: str | Path, rep: RepName | None = None, *, real: RealName = "double",
+    set: Mapping[str, Any] | None = None,
+) -> Model: ...
+@overload
+def load_model(
+    path: str | Path, rep: RepName | None = None, *, real: RealName = "double",
+    **options: Unpack[UrdfOptions],
+) -> Model: ...
+@overload
+def load_model(
+    path: str | Path, rep: RepName | None = None, *, real: RealName = "double",
+    **options: Unpack[MjcfOptions],
+) -> Model: ...
+def load_model(
+    path: str | Path, rep: RepName | None = None, *, real: RealName = "double",
+    set: Mapping[str, Any] | None = None, angles: Mapping[str, Any] | None = None,
+    rates: Mapping[str, Any] | None = None, ignore: str | Iterable[str] | None = None,
+    gravity: ArrayLike | None = None, limits: float | None = None,
+    loops: str | Path | None = None, keyframe: str | int | None = None,
+    base: Literal["fixed", "floating"] | None = None, position: ArrayLike | None = None,
+    quaternion: ArrayLike | None = None, velocity: ArrayLike | None = None,
+    angular_velocity: ArrayLike | None = None,
 ) -> Model:
     """Return the model of a TOML, URDF, MJCF or SDF file: its system, parameters and start.
 
-    ``load_urdf``, ``load_mjcf`` and ``load_sdf`` take more of a robot: where it starts, and what
-    of its file is to be ignored.
+    A file that ends in .xml is MJCF, URDF or SDF, as its outermost element says. The system of a
+    robot has the quantities JOINT_angle and JOINT_rate, or JOINT_travel and JOINT_speed. Redundant
+    constraints of its loops are left out, with a warning that names them, unless ``loops`` names
+    others. ``Multibody.from_file`` returns a robot's bodies and joints, to which more can be added.
 
     Parameters
     ----------
     path : path
-        The file, at most 256 KiB of UTF-8.
+        The file, UTF-8: of TOML at most 256 KiB; of a robot 1 MiB, with all that MJCF includes
+        from its folder, and with macros of xacro expanded. MJCF is read by MuJoCo's compiler, of
+        the extra ``robots``.
     rep : {"gamma", "alpha"}, optional
-        Takes the place of the file's ``[body] rep``.
+        Inertia representation; of TOML it takes the place of the file's ``[body] rep``.
     real : RealName
         The type of the numbers, as for ``stepper``. Those of a file are decimals and formulas,
         rounded once: with ``"float128"`` to mpmath numbers of 113 bits, with ``"long-double"`` to
         NumPy's.
+    set : mapping of str, optional
+        TOML: other values for parameters, or for keys of tables such as ``"start.euler"``; numbers,
+        lists, or texts as in the file.
+    angles, rates : mapping of str, optional
+        Robots: coordinates of joints at the start (0, in MJCF the keyframe's), and their rates;
+        rad, m, rad/s and m/s, or texts with a unit, "45 deg", "10 rpm"; of ball and free joints of
+        MJCF as many numbers as in qpos and qvel. Joints with <mimic> follow theirs. Closed loops
+        are then projected.
+    ignore : str or sequence of str, optional
+        Robots: content of the file to leave out: "limits", "friction", or "all"; in URDF and SDF
+        "collision", "extension", in URDF "contact", "gazebo", in SDF "plugin"; in MJCF "contact",
+        "fluid", "tendon", "actuator", "deformable". Content that is neither read nor ignored is
+        refused. Visuals, sensors, transmissions and settings of solvers move nothing.
+    gravity : array_like, shape (3,), optional
+        Robots: in space axes, in m/s²; by default the file's, else (0, 0, -9.81) (in a world of SDF
+        9.8 down).
+    limits : float, optional
+        Robots: stiffness of one-sided springs at the ends of joint ranges, N m/rad or N/m, as in
+        ``Multibody.joint_spring``. By default limits are refused or ignored.
+    loops : path, optional
+        URDF and MJCF: a TOML file of joints that close loops, or join bodies of the file.
+    keyframe : str or int, optional
+        MJCF: name or number of the <key> that is the start; by default qpos0, at rest.
+    base : {"fixed", "floating"}, optional
+        URDF and SDF: whether the root link is space, or a body. By default it is space in URDF,
+        and in SDF a body unless a joint has the parent ``world``.
+    position, quaternion : array_like, optional
+        URDF and SDF: place of the root link's frame, in SDF of the file's world, in space.
+    velocity, angular_velocity : array_like, shape (3,), optional
+        URDF and SDF, of a floating root: of its centre of mass in space, and in its own axes.
 
     Raises
     ------
     InputError
-        With file, key and cure, for whatever in the file is no model.
+        With file, key or line, and cure, for whatever in the file is no model; for an option of
+        another format.
     """
     from .generator.models.model_file import load_model as load
 
     number = rounding(Spec.checked("EMS", real=real).real)  # or says what may be chosen
-    return load(path, rep).in_type(number)
+    options = {
+        "set": set, "angles": angles, "rates": rates, "ignore": ignore, "gravity": gravity,
+        "limits": limits, "loops": loops, "keyframe": keyframe, "base": base, "position": position,
+        "quaternion": quaternion, "velocity": velocity, "angular_velocity": angular_velocity}
+    return load(path, rep, options).in_type(number)
 
 
 def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Tableau:
@@ -350,8 +412,7 @@ def model_stepper(
         made, start = _cached_model(
             ("model", text, allow_invalid, sorted(changes.items()), *beside), spec,
             partial(_model_of_file, spec, text, dict(changes)), allow_invalid)
-        made.visuals = {name: [located(shape, spec.model or "") for shape in shapes]
-                        for name, shapes in start.visuals.items()}  # cached without its folder
+        made.visuals = located_all(start.visuals, spec.model or "")  # cached without its folder
         return made, start
 
     numbers = {key: number for key, value in settings.items()

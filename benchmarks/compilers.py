@@ -41,7 +41,7 @@ from gyrospark.api import ROOT, checked_in_files
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.core.real_types import REALS
 from gyrospark.core.registry import MODELS
-from gyrospark.generator.models.robots import load_urdf
+from gyrospark.generator.models.model_file import load_model
 from gyrospark.generator.multibody.model import Model
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.named_schemes import SchemeName
@@ -168,7 +168,7 @@ def sources() -> Iterator[tuple[str, Callable[[], StepperSource]]]:
     models: dict[str, Callable[[], Model]] = {
         **{name: entry.make for name, entry in MODELS.items()},
         **{name: found.make for name, found in REFERENCES.items()},
-        **{path.stem: partial(load_urdf, path, ignore="all") for path in robots()}}
+        **{path.stem: partial(load_model, path, None, {"ignore": "all"}) for path in robots()}}
     for name, make in models.items():
         for scheme, stages in _SCHEMES:
             yield name, partial(of_model, name, make, scheme, stages)

@@ -22,11 +22,14 @@ _RESULTS = {
     "Section": ("section", "runtime.events.poincare_section"),
 }
 
+_ROBOTS = ("mjcf", "sdf", "urdf")
 #: Former name of ``gyrospark`` → the present one.
 FORMER_NAMES = {
     **{name: f"gyrospark.errors.{name}" for name in _ERRORS},
     **{name: f"what gyrospark.{call} returns; its class is gyrospark.{home}.{name}"
        for name, (call, home) in _RESULTS.items()},
+    **{f"load_{kind}": "gyrospark.load_model" for kind in _ROBOTS},
+    **{f"read_{kind}": "gyrospark.Multibody.from_file" for kind in _ROBOTS},
     "momentum": "gyrospark.Start.of_body(attitude, omega, inertia).p",
     "rotation_matrix": "gyrospark.symbols.rotation_matrix",
     "state_from_rotation": "gyrospark.Start.of_body(attitude, omega, inertia)",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,6 +93,13 @@ def _obj(content: bytes) -> Array:
         return corners
     except (ValueError, IndexError):
         raise InputError("it is no OBJ; correct it.") from None
+
+
+def located_all(
+    visuals: Mapping[str, Iterable[Shape]], model: str | Path
+) -> dict[str, list[Shape]]:
+    """Return the shapes of bodies with the paths of their meshes; see ``located``."""
+    return {body: [located(shape, model) for shape in shapes] for body, shapes in visuals.items()}
 
 
 def located(shape: Shape, model: str | Path) -> Shape:

@@ -49,9 +49,9 @@ SYNONYMS = {
     "models": "toml, model file",
     "models#a-robot-from-a-file": "robot, robots, robot from a file, a robot from a file, "
                                   "robot arm, humanoid, load robot",
-    "models#robots-in-mjcf": "mjcf, load_mjcf, mujoco xml, keyframe, dampratio",
-    "models#robots-in-sdf": "sdf, load_sdf, gazebo",
-    "models#robots-in-urdf": "urdf, load_urdf, ros, xacro",
+    "models#robots-in-mjcf": "mjcf, mujoco xml, keyframe, dampratio",
+    "models#robots-in-sdf": "sdf, gazebo",
+    "models#robots-in-urdf": "urdf, ros, xacro",
     "python#ensembles": "batch, monte carlo, parallel, simd",
     "results#pictures-and-animations-of-bodies": "animation, video, movie, 3d view",
     "results": "reaction force, constraint force, csv, pandas, output",

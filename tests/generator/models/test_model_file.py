@@ -446,3 +446,38 @@ def test_documented_forms_are_models():
         text = "\n".join(line.strip() for line in block.splitlines())
         assert tomllib.loads(text)
         assert parse_model(text, Path("doc.toml")).name in ("satellite", "pendulum")
+
+
+@pytest.mark.parametrize(("name", "options", "words"), [
+    ("pendulum.toml", {"keyframe": 1}, "keyframe.*MJCF"),
+    ("pendulum.toml", {"ignore": "all"}, "ignore.*SDF"),
+    ("crane.urdf", {"keyframe": 0}, "keyframe.*MJCF"),
+    ("crane.urdf", {"set": {"m": 1.0}}, "set.*TOML"),
+    ("four_bar.sdf", {"loops": "loops.toml"}, "loops.*MJCF"),
+    ("pumpjack.xml", {"base": "fixed"}, "base.*URDF")])
+def test_options_of_another_format_are_refused(name, options, words):
+    readers = [gs.load_model] if name.endswith(".toml") or "set" in options else [
+        gs.load_model, gs.Multibody.from_file]
+    for read in readers:
+        with pytest.raises(TypeError, match=words):
+            read(f"examples/{name}", **options)
+
+
+def test_the_builder_of_a_file_is_a_robots():
+    with pytest.raises(gs.InputError, match=r"pendulum\.toml.*urdf"):
+        gs.Multibody.from_file("examples/pendulum.toml")
+    with pytest.raises(gs.InputError, match=r"keyfram.*keyframe"):
+        gs.Multibody.from_file("examples/pumpjack.xml", keyfram=0)
+
+
+def test_values_of_a_file_are_set_as_numbers_texts_and_lists():
+    plain = gs.load_model("examples/pendulum.toml")
+    key, value = next(iter(plain.parameters.items()))
+    for changed in (2 * value, f"2*{value}", np.float64(2 * value)):
+        model = gs.load_model("examples/pendulum.toml", set={key: changed})
+        assert model.parameters == {**plain.parameters, key: 2 * value}
+    q = gs.load_model("examples/pendulum.toml", set={"start.q": np.array(plain.q0) * -1}).q0
+    np.testing.assert_array_equal(q, -np.array(plain.q0))
+    for bad in ({key: None}, {key: float("nan")}, {"no_such": 1.0}, 3):
+        with pytest.raises(gs.InputError, match="set"):
+            gs.load_model("examples/pendulum.toml", set=bad)

@@ -55,7 +55,7 @@ def test_urdf_moves_as_pinocchio_has_it(tmp_path, seed):
         tau[joint.idx_v] = -damping[name] * rates[name]
     a = pin.aba(other, other.createData(), q, v, tau)
     wanted = np.array([a[other.joints[other.getJointId(name)].idx_v] for name in angles])
-    found = accelerations(gs.load_urdf(path, ignore="limits", angles=angles, rates=rates), links)
+    found = accelerations(gs.load_model(path, ignore="limits", angles=angles, rates=rates), links)
     assert np.abs(found - wanted).max() <= CLOSE * np.abs(wanted).max()
 
 
@@ -68,6 +68,6 @@ def test_sdf_moves_as_the_equal_urdf(tmp_path, seed):
     files[0].write_text(urdf_text(links))
     files[1].write_text(sdf_text(links, rng))
     angles, rates = start(links, rng)
-    wanted, found = (accelerations(load(file, ignore="limits", angles=angles, rates=rates), links)
-                     for load, file in zip((gs.load_urdf, gs.load_sdf), files, strict=True))
+    wanted, found = (accelerations(gs.load_model(
+        file, ignore="limits", angles=angles, rates=rates), links) for file in files)
     assert np.abs(found - wanted).max() <= CLOSE * np.abs(wanted).max()

@@ -56,9 +56,9 @@ def test_bars_are_those_put_together_by_hand(tmp_path, closing):
     path = written(tmp_path, LINKS + JOINTS + (CLOSE.format(closing) if closing else ""))
     if closing:
         with pytest.warns(gs.errors.InputWarning, match="loop"):
-            found = Motion(gs.load_sdf(path))
+            found = Motion(gs.load_model(path))
     else:
-        found = Motion(gs.load_sdf(path))
+        found = Motion(gs.load_model(path))
     wanted = by_hand(bool(closing))
     for name, *_ in BARS:
         assert found.acceleration(f"{name}_pin_rate") == pytest.approx(
@@ -68,10 +68,11 @@ def test_bars_are_those_put_together_by_hand(tmp_path, closing):
 def test_angles_move_the_tree(tmp_path):
     """An angle is from where the file places the link; a root without a joint floats."""
     path = written(tmp_path, LINKS + JOINTS)
-    motion = Motion(gs.load_sdf(path, angles={"coupler_pin": "90 deg"}, rates={"rocker_pin": 2.0}))
+    motion = Motion(gs.load_model(path, angles={"coupler_pin": "90 deg"},
+                                  rates={"rocker_pin": 2.0}))
     assert motion.value("coupler_pin_angle") == pytest.approx(np.pi / 2, rel=1e-14)
     assert motion.value("rocker_pin_rate") == pytest.approx(2.0, rel=1e-14)
-    floating = gs.load_sdf(written(tmp_path, LINKS + JOINTS.replace(
+    floating = gs.load_model(written(tmp_path, LINKS + JOINTS.replace(
         JOINT.format(parent="world", child="crank"), "")))
     assert floating.system.n - floating.system.m == 6 + 2
     x = 0.2 * np.array([np.cos(1.2), 0, np.sin(1.2)]) + [0, 0, 0.5]
@@ -101,7 +102,7 @@ def test_angles_move_the_tree(tmp_path):
 ])
 def test_bad_files_are_refused(tmp_path, inside, said):
     with pytest.raises(gs.InputError, match=said) as caught:
-        gs.load_sdf(written(tmp_path, inside))
+        gs.load_model(written(tmp_path, inside))
     assert "bars.sdf" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -117,7 +118,7 @@ def test_links_look_as_their_file_says(tmp_path):
     path = written(tmp_path, LINKS.replace("</inertial></link>", "</inertial>" + visual + "</link>")
                    + JOINTS.replace('<joint name="crank_pin" type="revolute">', pinned))
     (tmp_path / "a.stl").write_text("vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n")
-    disc, box, mesh = gs.read_sdf(path)._visuals["crank"]
+    disc, box, mesh = gs.Multibody.from_file(path)._visuals["crank"]
     assert (disc.kind, disc.size.tolist(), disc.colour) == ("disc", [0.1, 0.1, 0.2], "#00ff00")
     assert disc.centre == pytest.approx([0.1 - 0.2, 0, 0], abs=1e-15)  # from the centre of mass
     assert box.size.tolist() == [1, 2, 3]
@@ -128,12 +129,12 @@ def test_ranges_are_elastic_on_wish(tmp_path):
     """V = ½ k d² beyond one end; a range of 1e16 has none."""
     limited = JOINTS.replace("<dynamics>", "<limit><lower>-1e16</lower><upper>0.5</upper></limit>"
                              "<dynamics>")
-    free, held = (Motion(gs.load_sdf(written(tmp_path, LINKS + joints), limits=limits,
+    free, held = (Motion(gs.load_model(written(tmp_path, LINKS + joints), limits=limits,
                                      angles={"coupler_pin": 0.7, "rocker_pin": -0.7}))
                   for joints, limits in ((JOINTS, None), (limited, 40.0)))
     assert held.energy() - free.energy() == pytest.approx(40 * 0.2**2 / 2, rel=1e-12)
     with pytest.raises(gs.InputError, match="limits"):
-        gs.load_sdf(written(tmp_path, LINKS + limited))
+        gs.load_model(written(tmp_path, LINKS + limited))
 
 
 # ---------------------------------------------------------------- one arm, by its closed form
@@ -151,7 +152,7 @@ def turning(tmp_path, text, **options):
     """Return the angular acceleration of the pin of a file."""
     path = tmp_path / "arm.sdf"
     path.write_text(text)
-    return Motion(gs.load_sdf(path, **options)).acceleration("pin_rate")
+    return Motion(gs.load_model(path, **options)).acceleration("pin_rate")
 
 
 def model(inside, told="", version="1.11"):
@@ -219,7 +220,7 @@ def test_an_axis_may_follow_another(tmp_path):
         <reference>.1</reference></mimic>""")
     path = tmp_path / "arms.sdf"
     path.write_text(model(ARM.format(link="") + second + HELD + follower))
-    motion = Motion(gs.load_sdf(path, angles={"pin": 0.4}))
+    motion = Motion(gs.load_model(path, angles={"pin": 0.4}))
     assert motion.system.n - motion.system.m == 1
     assert motion.value("second_angle") == pytest.approx(0.9, rel=1e-13)
     torque = 2 * 9.81 * 0.5 * (np.cos(0.4) + 2 * np.cos(0.9))

@@ -86,7 +86,7 @@ def bars(tmp_path, relative, parent, axis, model=""):
         name="pin", parent=parent, child="b", axis=axis)
     path.write_text(f"<sdf version='1.8'><model name='bars' {model}>{links}{joints}</model></sdf>",
                     encoding="ascii")
-    return gs.load_sdf(path)
+    return gs.load_model(path)
 
 
 def test_older_spellings_of_sdf_mean_the_same(tmp_path):

@@ -45,7 +45,7 @@ FULL_URDF = """<robot name="r" version="1.2"><link name="base"><origin/></link>
 <constraint name="loop" type="revolute"><parent link="hand"/><child link="base"/>
 <parent_origin xyz="0 0 1"/><child_origin xyz="0 0 2"/><parent_axis xyz="1 0 0"/>
 <child_axis xyz="1 0 0"/></constraint></robot>"""
-FORMATS = {"sdf": (SDF, FULL_SDF, gs.read_sdf), "urdf": (URDF, FULL_URDF, gs.read_urdf)}
+FORMATS = {"sdf": (SDF, FULL_SDF), "urdf": (URDF, FULL_URDF)}
 #: Default → a value that is another one.
 OTHER = {"false": "true", "0": "0.5", "": "arm", "1": "0", "axis": "axis2", "0 0 0": "0 1 0"}
 KEYS = [(kind, key) for kind, (schema, *_) in FORMATS.items() for key in schema.parts]
@@ -55,7 +55,7 @@ def read(tmp_path, kind, root, ignore=()):
     """Return all that a reader makes of a file: bodies, joints, parameters and forces."""
     path = tmp_path / f"robot.{kind}"
     path.write_text(ElementTree.tostring(root, encoding="unicode"))
-    parts = FORMATS[kind][2](path, ignore=ignore)._components
+    parts = gs.Multibody.from_file(path, ignore=ignore)._components
     return (parts.values, [(body.name, repr(state)) for body, state in parts.bodies.items()],
             [(type(link).__name__, link.name) for link in parts.connections],
             [*map(repr, (parts.inertia, parts.potentials, parts.forces, parts.quantities))])
@@ -85,7 +85,7 @@ def put(element, name, text):
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_each_part_is_in_one_class_and_the_file_has_all_that_is_read(kind):
-    schema, text, _ = FORMATS[kind]
+    schema, text = FORMATS[kind]
     root = ElementTree.fromstring(text)
     for key, parts in schema.parts.items():
         assert len({*parts.names}) == len(parts.names), key
@@ -97,7 +97,7 @@ def test_each_part_is_in_one_class_and_the_file_has_all_that_is_read(kind):
 @pytest.mark.parametrize("kind", FORMATS)
 def test_what_moves_nothing_changes_nothing(tmp_path, kind):
     """All such parts in each place where they may be."""
-    schema, text, _ = FORMATS[kind]
+    schema, text = FORMATS[kind]
     root = ElementTree.fromstring(text)
     everything = deepcopy(root)
     for key, parts in schema.parts.items():
@@ -110,7 +110,7 @@ def test_what_moves_nothing_changes_nothing(tmp_path, kind):
 @pytest.mark.parametrize(("kind", "key"), KEYS)
 def test_what_is_refused_is_named_with_its_line(tmp_path, kind, key):
     """At its default it changes nothing; else it is refused, or ignored by the name it tells."""
-    schema, text, _ = FORMATS[kind]
+    schema, text = FORMATS[kind]
     refused = schema.parts[key].refused
     wanted = read(tmp_path, kind, ElementTree.fromstring(text)) if refused else None
     for name, (default, ignored_by, _) in refused.items():
@@ -138,7 +138,7 @@ def test_what_is_refused_is_named_with_its_line(tmp_path, kind, key):
 @pytest.mark.parametrize(("kind", "key"), KEYS)
 def test_what_is_in_no_class_is_refused(tmp_path, kind, key):
     """Unknown elements and attributes, and what is read once and there twice, with the line."""
-    schema, text, _ = FORMATS[kind]
+    schema, text = FORMATS[kind]
     twice = [name for name in schema.parts[key].once.split() if not name.startswith("@")]
     for name, said in [("nonsense", "<nonsense>"), ("@nonsense", "nonsense= is no"),
                        *((name, f"<{name}>.*[23] times") for name in twice)]:
@@ -154,17 +154,17 @@ def test_what_is_in_no_class_is_refused(tmp_path, kind, key):
 @pytest.mark.parametrize("kind", FORMATS)
 def test_parts_of_other_programs_are_ignored_by_name(tmp_path, kind):
     """Prefixed elements and attributes can move anything; those of XML itself move nothing."""
-    _, text, load = FORMATS[kind]
+    _, text = FORMATS[kind]
     path = tmp_path / f"robot.{kind}"
     for added in (f'<{kind}:rotor xmlns:{kind}="http://x"/></joint>', "</joint>"):
         attribute = f' {kind}:speed="1" xmlns:{kind}="http://x"' if added == "</joint>" else ""
         path.write_text(text.replace("</joint>", added, 1).replace(
             "<joint", f"<joint{attribute}", 1))
         with pytest.raises(gs.InputError, match=r"1 of them"):
-            load(path)
-        load(path, ignore="extension")
+            gs.Multibody.from_file(path)
+        gs.Multibody.from_file(path, ignore="extension")
     path.write_text(text.replace(" name", ' xmlns:other="http://x" xml:base="x" name', 1))
-    load(path)
+    gs.Multibody.from_file(path)
 
 
 # ---------------------------------------------------------------- the published schemas

@@ -107,7 +107,7 @@ def test_constraints_of_a_hinge_at_full_optimisation(tmp_path, monkeypatch):
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "3")
     path = tmp_path / "hinge.urdf"
     path.write_text(HINGE, encoding="utf-8")
-    model = gs.load_urdf(path, ignore="limits")
+    model = gs.load_model(path, ignore="limits")
     step = gs.stepper("G-L", 1, system=model)
     formulas = numeric(model.system, model.parameters)
     for move in np.random.default_rng(1).normal(size=(20, step.n)):

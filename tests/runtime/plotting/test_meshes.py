@@ -165,7 +165,7 @@ def robot(tmp_path):
 
 
 def test_links_look_as_their_file_says(robot):
-    visuals = gs.load_urdf(robot).visuals
+    visuals = gs.load_model(robot).visuals
     (base,), (mesh, rod) = visuals[""], visuals["arm"]
     assert base.file == mesh.file == str(robot.parent / "meshes" / "a.stl")
     assert mesh.colour == "#ff0000"

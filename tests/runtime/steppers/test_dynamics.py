@@ -250,7 +250,7 @@ def test_robots_move_as_pinocchio_has_them(tmp_path, seed):
         q[joint.idx_q:joint.idx_q + joint.nq] = x if joint.nq == 1 else (math.cos(x), math.sin(x))
         v[joint.idx_v], tau[joint.idx_v] = rates[name], -damping[name] * rates[name]
         place.append(joint.idx_v)
-    model = gs.load_urdf(path, ignore="limits", angles=angles, rates=rates)
+    model = gs.load_model(path, ignore="limits", angles=angles, rates=rates)
     with budget.shared():
         step = gs.stepper("G-L", 2, system=model)
         found = step.accelerations(model.q0, model.p0, parameters=model.parameters)
