@@ -10,4 +10,13 @@
     verification         ``gyrospark verify``: tableau, coefficients, order
     reference_motion     the motion to compare with
     citations            ``cite``: the works that a stepper rests on
+    midpoint_conditions  conditions that IMS and EMS satisfy
+    observed_order       the order of a tableau as measured
+    momentum_maps        conserved momentum maps of symmetries, with their proofs
+    near_symmetries      how far a field is from being a symmetry
+    splitting_proofs     flows, invariants and sums of the parts of a splitting, proved by algebra
+    lyndon_words         coefficients of products of exponentials, at Lyndon words
+    composition_proofs   order conditions of compositions, by Newton and Krawczyk
+    composition_order    the order of a composition as measured
+    composition_checks   everything that verify checks of a composition
 """

@@ -18,12 +18,10 @@ from ..generator.schemes.step_equations import MeanScheme
 from ..generator.schemes.system_differences import with_time
 from ..generator.splitting.find import split
 from ..generator.splitting.parts import Splitting
-from ..generator.splitting.proofs import is_invariant
 from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.finite_fields import identically_zero
 from ..generator.symbolic.identities import compare
 from ..generator.symbolic.shared_subexpressions import substitute
-from ..generator.symmetry.momentum_maps import MomentumMap
 from ..generator.systems.system import System
 from ..generator.tableaux.conditions import (
     Condition,
@@ -34,6 +32,8 @@ from ..generator.tableaux.conditions import (
 from ..generator.tableaux.families import gauss_lobatto
 from ..generator.tableaux.stability import Stability, stability
 from ..generator.tableaux.tableau import Tableau
+from .momentum_maps import MomentumMap
+from .splitting_proofs import is_invariant
 
 __all__ = ["Guarantee", "Guarantees", "MeanGuarantees", "SparkGuarantees", "SplittingGuarantees"]
 

@@ -15,18 +15,18 @@ from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.numeric_evaluation import evaluate
 from ..generator.symbolic.rounding_errors import rounding
 from ..generator.symbolic.shared_subexpressions import substitute
-from ..generator.symmetry.momentum_maps import (
-    MAX_COORDINATES,
-    MomentumMap,
-    momentum_map_of,
-    momentum_maps,
-)
 from ..generator.systems.smoothness import Switching
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 from .guarantees import Guarantee, Guarantees
 from .loop_invariant import loop_drift
 from .measurements import measure_order, reversal, trend
+from .momentum_maps import (
+    MAX_COORDINATES,
+    MomentumMap,
+    momentum_map_of,
+    momentum_maps,
+)
 from .round_off import RoundOff
 
 __all__ = ["CertificateLine", "Examination"]

@@ -12,12 +12,9 @@ from typing import Any
 from ..core.real_types import REALS, RealName
 from ..generator.pipeline import Generated, generate
 from ..generator.schemes.fast_tableau import FastTableau
-from ..generator.schemes.midpoint_conditions import check_mean_scheme
 from ..generator.schemes.splitting_scheme import SplittingScheme
 from ..generator.spec import Spec
 from ..generator.splitting.parts import Splitting
-from ..generator.splitting.proofs import prove_flows, prove_splitting
-from ..generator.tableaux.composition_checks import check_composition
 from ..generator.tableaux.compositions import Composition
 from ..generator.tableaux.conditions import (
     Condition,
@@ -25,10 +22,13 @@ from ..generator.tableaux.conditions import (
     energy_conditions,
     velocity_conditions,
 )
-from ..generator.tableaux.observed_order import HiddenOrderError, observed_order
 from ..generator.tableaux.tableau import FIELDS, Tableau
 from ..generator.tableaux.velocity_rows import refusal_of_velocity_rows, velocity_matrix
 from ..runtime.steppers.stepper import Stepper
+from .composition_checks import check_composition
+from .midpoint_conditions import check_mean_scheme
+from .observed_order import HiddenOrderError, observed_order
+from .splitting_proofs import prove_flows, prove_splitting
 
 __all__ = ["Verification", "verify_composition", "verify_stepper"]
 

@@ -16,7 +16,6 @@ from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import is_model_file
 from ..generator.tableaux.compositions import COMPOSITIONS
 from ..targets import TARGETS, Target
-from ..targets.artefact import Option
 from ..targets.build import build as build_artefact
 from ..targets.build import target_named
 from ..targets.native import DifferentBitsError
@@ -72,7 +71,6 @@ def build() -> None:
 def _command(target: Target) -> click.Command:
     """Return the command of one target."""
     of_several = ", or several with commas" if target.several else ""
-    module = target.load()
     parameters: list[click.Parameter] = [
         click.Argument(["model"], metavar="MODEL",
                        shell_complete=completing([*PROBLEMS, *MODELS])),
@@ -96,7 +94,6 @@ def _command(target: Target) -> click.Command:
     if target.platforms:
         parameters.append(_option("--for", "NAMES", f"Platforms, with commas: "
                                   f"{listed(target.platforms)}.", target.platforms))
-    parameters += map(_own_option, module.OPTIONS)
     parameters.append(click.Option(["--check"], is_flag=True,
                                    help="Load it again, and compare its bits with those of C."))
 
@@ -115,33 +112,18 @@ def _option(name: str, metavar: str, about: str, names: Any = ()) -> click.Optio
                         shell_complete=completing(names) if names else None)
 
 
-def _own_option(option: Option) -> click.Option:
-    """Return an option of one target."""
-    name = "--" + option.name.replace("_", "-")
-    if isinstance(option.default, bool):
-        return click.Option([name, option.name], is_flag=True, help=option.help)
-    return click.Option([name, option.name], metavar=option.metavar, help=option.help,
-                        shell_complete=completing(option.allowed) if option.allowed else None)
-
-
 def _write(
     target: Target, model: str, settings: tuple[str, ...], values: tuple[str, ...],
     stages: str | None, order: str | None, dt: str | None, check: bool, **given: Any,
 ) -> int:
     """Write the artefact, and say what it is; 1 if its bits are not those of C."""
-    options = {option.name: given.pop(option.name) for option in target.load().OPTIONS}
-    for option in target.load().OPTIONS:
-        text = options[option.name]
-        if isinstance(option.default, (int, float)) and isinstance(text, str):
-            options[option.name] = real_number(f"--{option.name}", text)
     with imported_for_good("sympy"):
         built = build_artefact(
             target.name, _model(model, settings),
             stages=None if stages is None else whole_number("--stages", stages),
             order=None if order is None else whole_number("--order", order),
             dt=None if dt is None else real_number("--dt", dt),
-            parameters=dict(map(_value, values)), platforms=given.pop("for", None),
-            **given, **options)
+            parameters=dict(map(_value, values)), platforms=given.pop("for", None), **given)
     click.echo(f"{built.path}: {target.about}, of {built.stepper.name}")
     for name in built.files:
         click.echo(f"  {name}")

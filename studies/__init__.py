@@ -19,6 +19,7 @@ representation, parameter, Δt, number of steps, norm) and shares the runner of 
                 ``energy_law``, ``odd_proof``)
 ``newton_study`` and ``inexact_jacobian``  the iterations of Tables 8-14, not of the product
 ``fit``, ``labels``, ``drawing``, ``summary``  lines and slopes, words, SVG, Markdown
+``composition_search``  the search for compositions of exact flows; a program
 ``study_registry``  the name of every result → how to compute it
 ``report_page``   one static page, JSON and CSV
 """

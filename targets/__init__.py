@@ -14,7 +14,6 @@
 
 A target is one module with
 
-    OPTIONS                                   options of its own, ``artefact.Option``
     files(manifest, sources, options)         path → text or bytes; pure
     compile(folder, platforms)                makes binaries of what ``files`` wrote to ``folder``;
                                               returns the artefact: ``folder``, or a file in it
@@ -38,16 +37,13 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from .artefact import Built, Option, Options
+    from .artefact import Built, Options
 
 __all__ = ["TARGETS", "Target", "TargetModule"]
 
 
 class TargetModule(Protocol):
     """What the module of a target has."""
-
-    #: Of the command line, ``--NAME``, and of ``gs.build``, by name.
-    OPTIONS: tuple[Option, ...]
 
     def files(
         self, manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options

@@ -8,14 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, refuse_names, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
 from .cpp import KEYWORDS
 from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
 
-__all__ = ["OPTIONS", "check", "compile", "files", "program_of"]
-
-OPTIONS: tuple[Option, ...] = ()
+__all__ = ["check", "compile", "files", "program_of"]
 
 # Macros of Arduino.h, and registers of AVR.
 _WORDS = (

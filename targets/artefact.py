@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,14 +19,13 @@ import numpy as np
 from .._version import __version__
 from ..core.calls import explain_arguments
 from ..core.errors import GyrosparkError, InputError
-from ..core.frozen_dict import FrozenDict
 
 if TYPE_CHECKING:
     import jinja2
 
     from . import Target
 
-__all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Option", "Options", "Written", "check_out",
+__all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Options", "Written", "check_out",
            "filled", "literal", "parameter_fields", "place", "refuse_names", "staging",
            "template_values"]
 
@@ -37,27 +36,6 @@ MARKER = "gyrospark.json"
 EXAMPLE_STEPS = 2000
 
 _TEXTS = Path(__file__).with_name("texts")
-
-
-@dataclass(frozen=True)
-class Option:
-    """An option of one target: ``--NAME`` on the command line, ``NAME=`` in Python.
-
-    Attributes
-    ----------
-    name, help, metavar : str
-        With ``_`` between words.
-    default
-        A text, a number, or False for a flag; a given value must be of its type.
-    allowed : tuple of str
-        The names that a text may be; empty for any.
-    """
-
-    name: str
-    help: str
-    default: str | float | bool = ""
-    metavar: str = "TEXT"
-    allowed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -97,8 +75,6 @@ class Options:
         One sentence about the model.
     max_iterations : int
         Of a step.
-    own : mapping
-        The options of the target by name, each checked.
     steppers : tuple of Written
         All that go into the artefact, where it takes several schemes; the first is the one that
         ``files`` gets.
@@ -110,7 +86,6 @@ class Options:
     parameters: Mapping[str, float]
     description: str = ""
     max_iterations: int = 50
-    own: Mapping[str, Any] = field(default_factory=FrozenDict)
     steppers: tuple[Written, ...] = ()
 
 

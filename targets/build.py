@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..api import consistent, load_model, text_of
-from ..core.arguments import as_items, as_path, choose, listed, proposal, shown, unknown
+from ..core.arguments import as_items, as_path, choose, shown, unknown
 from ..core.errors import InputError
 from ..core.inertia import RepName
 from ..core.real_types import RealName
@@ -24,7 +23,7 @@ from ..runtime.integration.run_arguments import as_parameters
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.run_defaults import RunDefaults
 from . import TARGETS, Target
-from .artefact import Built, Option, Options, Written, check_out, parameter_fields, place, staging
+from .artefact import Built, Options, Written, check_out, parameter_fields, place, staging
 from .tools import require
 
 if TYPE_CHECKING:
@@ -55,7 +54,6 @@ def build(
     parameters: Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     platforms: str | Sequence[str] | None = None,
-    **options: Any,
 ) -> Built:
     """Write a stepper of profile control as an artefact that another program takes.
 
@@ -82,8 +80,6 @@ def build(
         gyrospark did not write there is never written over.
     platforms : str or sequence of str, optional
         For which platforms the artefact holds binaries, where the target has some.
-    **options
-        Those of the target: ``gyrospark build TARGET --help`` lists them.
 
     Returns
     -------
@@ -94,7 +90,7 @@ def build(
     Raises
     ------
     InputError
-        For an unknown target, option or platform; a model without dt or start; events; systems
+        For an unknown target or platform; a model without dt or start; events; systems
         that profile control does not take (Lagrangians, more than 28 coordinates, co-moving frames,
         H or g in time); names that the language of the target keeps for itself; an ``out`` of
         somebody else's; a tool that is missing, with the cure.
@@ -109,7 +105,6 @@ def build(
     """
     chosen = target_named(target)
     module = chosen.load()
-    own = _own_options(chosen, module.OPTIONS, options)
     wanted = _platforms(chosen, platforms)
     for name in chosen.needs:
         require(name, f"Target {chosen.name}")
@@ -125,7 +120,7 @@ def build(
     steppers = tuple(map(_written, (files for files, _ in texts)))
     first = steppers[0]
     defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else texts[0][1]
-    numbers = _options(first, defaults, dt, start, parameters, own, steppers)
+    numbers = _options(first, defaults, dt, start, parameters, steppers)
     if start is not None:
         _refuse_off_constraints(specs[0], given, numbers)
     if path is None:
@@ -148,33 +143,6 @@ def target_named(name: Any) -> Target:
         Naming them all.
     """
     return TARGETS[choose("target", name, TARGETS)]
-
-
-def _own_options(target: Target, known: Sequence[Option], given: Mapping[str, Any]
-                 ) -> dict[str, Any]:
-    """Return all options of a target by name, checked."""
-    options = {option.name: option for option in known}
-    for name in given:
-        if name not in options:
-            takes = f"takes {listed(options)}" if options else "has no options of its own"
-            raise InputError(f"Unknown option {name!r} of target {target.name}, which {takes}"
-                             f"{proposal(name, options)}.")
-    found = {}
-    for name, option in options.items():
-        value = given.get(name)
-        value = option.default if value is None else value
-        if option.allowed:
-            choose(f"{target.name} option {name}", value, option.allowed)
-        alike = (isinstance(value, bool) == isinstance(option.default, bool)
-                 and isinstance(value, (int, float) if isinstance(option.default, (int, float))
-                                else str))
-        if not alike or (isinstance(value, float) and not math.isfinite(value)):
-            kind = ("True or False" if isinstance(option.default, bool) else
-                    "a text" if isinstance(option.default, str) else "a number")
-            raise InputError(f"{name} = {shown(value)} of target {target.name} is not {kind}; "
-                             f"give one such as {option.default!r}.")
-        found[name] = value
-    return found
 
 
 def _platforms(target: Target, given: Any) -> tuple[str, ...]:
@@ -252,7 +220,7 @@ def _written(files: Mapping[str, str]) -> Written:
 
 def _options(
     stepper: Written, model: RunDefaults | None, dt: Any, start: Any, parameters: Any,
-    own: Mapping[str, Any], steppers: tuple[Written, ...],
+    steppers: tuple[Written, ...],
 ) -> Options:
     """Return the numbers of the start, each checked."""
     system = stepper.manifest["system"]
@@ -274,7 +242,7 @@ def _options(
         names = (*system["coordinates"], *system["momenta"])
         _refuse_beyond_float({"dt": dt, **values, **dict(zip(names, (*q, *p), strict=True))})
     return Options(dt, tuple(q), tuple(p), values, "" if model is None else model.description,
-                   own=own, steppers=steppers)
+                   steppers=steppers)
 
 
 def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, refuse_names, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
 from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
 
-__all__ = ["KEYWORDS", "OPTIONS", "check", "class_name", "compile", "files"]
-
-OPTIONS: tuple[Option, ...] = ()
+__all__ = ["KEYWORDS", "check", "class_name", "compile", "files"]
 
 # Words of C++20 that C does not have.
 _WORDS = (

@@ -13,13 +13,11 @@ import numpy as np
 from ..core.errors import GyrosparkError
 from ..runtime.devices.cuda_text import THREADS, cuda_text
 from ..runtime.devices.host_device import HostDevice
-from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, filled, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
 
-__all__ = ["OPTIONS", "check", "compile", "files"]
-
-OPTIONS: tuple[Option, ...] = ()
+__all__ = ["check", "compile", "files"]
 
 #: The architectures of A100 and H100, which the check compiles for.
 _ARCHITECTURES = ("sm_80", "sm_90")

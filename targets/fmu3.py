@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from .artefact import Option
 from .fmi.target import Fmu
 
-__all__ = ["OPTIONS", "check", "compile", "files"]
-
-#: It has none of its own.
-OPTIONS: tuple[Option, ...] = ()
+__all__ = ["check", "compile", "files"]
 
 _fmu = Fmu(3)
 files, compile, check = _fmu.files, _fmu.compile, _fmu.check

@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .artefact import EXAMPLE_STEPS, Built, Option, Options, filled, refuse_names, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
 
-__all__ = ["OPTIONS", "check", "compile", "files"]
-
-OPTIONS: tuple[Option, ...] = ()
+__all__ = ["check", "compile", "files"]
 
 # Of Rust 2024; C has some of them as well.
 _WORDS = (

@@ -63,7 +63,7 @@ def result_of(
         "problem": start.name,
         "stepper": step.name,
         "order": step.order,
-        **({"warnings": step.warnings, "remarks": step.warnings} if step.warnings else {}),
+        **({"warnings": step.warnings} if step.warnings else {}),
         "parameters": {name: float(x) for name, x in trajectory.parameters.items()},
         "steps": report.steps,
         "dt": float(trajectory.dt),

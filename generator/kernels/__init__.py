@@ -3,5 +3,4 @@
     statements     a kernel as statements: names, expressions, outputs
     kernel         C of it: constants of a run, operation counts
     c_printer      SymPy expressions as C
-    numpy_kernels  the same statements evaluated by NumPy, for comparison
 """

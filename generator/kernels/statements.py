@@ -1,7 +1,7 @@
 """A kernel as statements: what it shares is computed once, under a name, in any language.
 
 Neutral data: names, expressions, places of the outputs. ``kernel`` prints C of it,
-``numpy_kernels`` evaluates it.
+a test evaluates it in NumPy.
 """
 
 from __future__ import annotations

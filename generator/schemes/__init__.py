@@ -10,7 +10,6 @@
     splitting_scheme     flows and compositions of a step, for bodies without joints
     derivative_kernels   kernels that derivatives of a step need beside its own
     start_kernels        momenta of velocities, and what constraints say of both
-    midpoint_conditions  conditions that IMS and EMS satisfy
     frame_kernels        rotation back from a co-moving frame
     fast_path            structure of a system for the fixed-point iteration, found by algebra
     fast_tableau         coefficients of the fixed-point iteration, scaled and rounded

@@ -3,6 +3,5 @@
     find      the search for a splitting of a system
     parts     the parts: rotations, translations, kicks, and their flows
     kicks     torques of potentials and forces in space axes
-    proofs    flows, invariants and sums of the parts, proved by algebra
     quotient  normal forms modulo |q|² = 1
 """

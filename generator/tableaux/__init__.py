@@ -12,11 +12,5 @@
     stability          R(z) of a fast decay: A-stable, L-stable, numerical damping
     energy_parameter   free numbers of Gauss-Lobatto for a step of exact energy
     conditions         each condition as a residual, and predicates derived from it
-    observed_order     the order as measured
     compositions       compositions of exact flows, with 60 digits from compositions.json
-    lyndon_words       coefficients of products of exponentials, at Lyndon words
-    composition_proofs order conditions of compositions, by Newton and Krawczyk
-    composition_order  the order of a composition as measured
-    composition_checks everything that verify checks of a composition
-    composition_search the search for their numbers; a program
 """

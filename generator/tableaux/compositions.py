@@ -13,8 +13,8 @@ commutator is the Lie derivative of {{V, T}, V} = −G. The sequence is a palind
 which operators and maps are written does not matter.
 
 The numbers are rational: decimals of 60 digits, with Σa_i = Σb_i = 1 exactly. They stand for
-algebraic numbers next to them; ``composition_proofs`` proves that those exist, and how near they
-are. ``compositions.json`` is written by ``composition_search``.
+algebraic numbers next to them; ``certificates.composition_proofs`` proves that those exist, and how
+near they are. ``compositions.json`` is written by ``studies.composition_search``.
 """
 
 from __future__ import annotations

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 import threading
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -124,13 +123,6 @@ class Stepper(Dynamics):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by sources: another process, or another machine, compiles them or has them."""
         return _stepper_of, (self.name, tuple(sorted(self.files.items())), self.portable_derive())
-
-    @property
-    def remarks(self) -> list[str]:
-        """Former name of ``warnings``."""
-        warnings.warn("Stepper.remarks is Stepper.warnings now; the old name goes in the next "
-                      "version.", DeprecationWarning, stacklevel=2)
-        return self.warnings
 
     @property
     def provenance(self) -> dict[str, str]:

@@ -17,7 +17,7 @@ from ...core.errors import InputError
 from ...runtime.compilation.body_columns import bodies_of
 from ...runtime.plotting.html_view import View, compact, drawing, page_file
 from ...runtime.plotting.scene import check_bodies, drawn_joints
-from ..artefact import MARKER, Built, Option, Options
+from ..artefact import MARKER, Built, Options
 from ..build import build
 from . import webassembly
 from .webassembly import (
@@ -35,9 +35,7 @@ if TYPE_CHECKING:
     from ...generator.systems.system import System
     from ...runtime.rigid_body.problems import Problem
 
-__all__ = ["OPTIONS", "check", "compile", "files", "playground"]
-
-OPTIONS: tuple[Option, ...] = ()
+__all__ = ["check", "compile", "files", "playground"]
 
 _PAGE = "page.html"
 #: In the page, the base64 of the module, compressed.

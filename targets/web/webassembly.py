@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import InputError
-from ..artefact import Built, Option, Options, Written
+from ..artefact import Built, Options, Written
 from ..native import C_FLAGS, refuse_difference
 from ..tools import TOOLS, require, run_tool
 
-__all__ = ["OPTIONS", "check", "compare", "compile", "compile_module", "files", "read", "start_of",
+__all__ = ["check", "compare", "compile", "compile_module", "files", "read", "start_of",
            "velocities_of"]
-
-OPTIONS: tuple[Option, ...] = ()
 
 _HERE = Path(__file__).resolve().parent
 #: Without an entry of its own the module imports nothing; a step needs little of a stack.

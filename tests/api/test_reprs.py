@@ -109,7 +109,6 @@ def test_a_spawned_process_gets_every_object(shown, tmp_path):
     assert read.split() == [type(thing).__name__ for thing in shown]
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_every_attribute_is_there_or_absent(shown):
     """hasattr and inspect.getmembers take an AttributeError, and no other error."""
     for thing in shown:

@@ -20,10 +20,10 @@ import gyrospark as gs
 import systems
 from command_line import EXAMPLE
 from gyrospark.certificates.guarantees import MeanGuarantees, SparkGuarantees
+from gyrospark.certificates.momentum_maps import momentum_maps
+from gyrospark.certificates.observed_order import observed_order
 from gyrospark.generator.multibody.rigid_body import body_system, mgl, rotation_matrix
-from gyrospark.generator.symmetry.momentum_maps import momentum_maps
 from gyrospark.generator.tableaux.conditions import check_tableau
-from gyrospark.generator.tableaux.observed_order import observed_order
 from gyrospark.generator.tableaux.tableau_file import read_tableau
 
 SIZES = (1e-6, 1e-9, 1e-12)

@@ -10,7 +10,7 @@ import gyrospark as gs
 import systems
 from gyrospark.certificates import certificate
 from gyrospark.certificates.guarantees import SparkGuarantees
-from gyrospark.generator.symmetry.momentum_maps import momentum_maps
+from gyrospark.certificates.momentum_maps import momentum_maps
 from rolling_systems import (
     SKATE_CHAIN,
     SKATE_CHAIN_START,

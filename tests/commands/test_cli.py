@@ -656,7 +656,7 @@ def test_what_a_tableau_lacks_is_said_before_a_step(gyrospark, generate):
     assert lines[0].startswith("tableau: not symplectic")
     assert lines[1].startswith("tableau: not symmetric")
     assert "heavy_top_radau_plain_2_gamma" in lines[2]
-    remarks = gyrospark(*run, "--json").document["remarks"]
+    remarks = gyrospark(*run, "--json").document["warnings"]
     assert [f"tableau: {remark}" for remark in remarks] == lines[:2]
     made = generate("--tableau", file, "--no-compile").stdout
     assert all(f"  {line}\n" in made for line in lines[:2])

@@ -14,7 +14,7 @@ import sympy as sp
 import gyrospark as gs
 from command_line import refused
 from gyrospark.targets import TARGETS
-from gyrospark.targets.artefact import MARKER, Option, literal
+from gyrospark.targets.artefact import MARKER, literal
 from gyrospark.targets.native import native_bits, refuse_difference
 from gyrospark.targets.tools import TOOLS
 from processes import ROOT
@@ -215,19 +215,6 @@ def test_a_missing_tool_is_named_with_its_cure(built, monkeypatch):
             artefact.check()
 
 
-def test_options_of_a_target_are_checked(built, monkeypatch):
-    module = TARGETS["cpp"].load()
-    monkeypatch.setattr(module, "OPTIONS", (
-        Option("colour", "", "red", allowed=("red", "green")), Option("count", "", 2),
-        Option("quick", "", False)))
-    made = built("cpp", colour="green", quick=True)
-    assert made.options.own == {"colour": "green", "count": 2, "quick": True}
-    for name, value in (("colour", "blue"), ("colour", 1), ("count", "2"), ("count", True),
-                        ("count", float("nan")), ("quick", 1), ("colou", "red")):
-        with pytest.raises(gs.InputError, match=name):
-            built("cpp", **{name: value})
-
-
 def test_platforms_are_those_of_the_target(built, monkeypatch):
     monkeypatch.setitem(TARGETS, "cpp", replace(TARGETS["cpp"], platforms=("linux", "mac")))
     assert built("cpp").platforms == ("linux",)
@@ -269,10 +256,9 @@ def test_bad_input_is_one_line(gyrospark, words, said):
     refused(gyrospark("build", *words), said)
 
 
-def test_help_has_the_options_of_that_target(gyrospark, monkeypatch):
-    own = Option("colour", "Its colour.", "red", allowed=("red", "green"))
-    monkeypatch.setattr(TARGETS["rust"].load(), "OPTIONS", (own,))
-    assert "--colour" in gyrospark("build", "rust", "--help").stdout
-    assert "--colour" not in gyrospark("build", "cpp", "--help").stdout
+def test_help_has_the_options_of_that_target(gyrospark):
+    """Platforms are for targets with binaries."""
+    assert "--for" in gyrospark("build", "fmu3", "--help").stdout
+    assert "--for" not in gyrospark("build", "cpp", "--help").stdout
     listed = gyrospark("build", "--list").stdout
     assert all(any(line.startswith(name) for line in listed.splitlines()) for name in TARGETS)

@@ -76,4 +76,3 @@ def test_every_target_is_listed_with_a_module():
         module = target.load()
         assert target.name == name
         assert all(callable(getattr(module, what)) for what in ("files", "compile", "check"))
-        assert isinstance(module.OPTIONS, tuple)

@@ -13,7 +13,6 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.kernels.numpy_kernels import carry_out
 from gyrospark.generator.multibody.rigid_body import heavy_top
 from gyrospark.generator.schemes.step_equations import (
     MeanScheme,
@@ -22,6 +21,7 @@ from gyrospark.generator.schemes.step_equations import (
     hoisted,
 )
 from gyrospark.generator.tableaux.families import gauss_lobatto
+from numpy_kernels import carry_out
 
 EPSILON = np.finfo(float).eps
 TOP = gs.problems.fast_top()

@@ -11,11 +11,11 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.certificates.observed_order import observed_order
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.tableaux.conditions import check_tableau, counts
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab, radau_lobatto
 from gyrospark.generator.tableaux.nodes import radau_polynomial
-from gyrospark.generator.tableaux.observed_order import observed_order
 from gyrospark.generator.tableaux.stability import _without, stability, z
 from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.generator.tableaux.tableau_file import read_tableau

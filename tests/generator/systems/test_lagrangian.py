@@ -21,7 +21,6 @@ import gyrospark as gs
 import systems
 from calls import refused
 from compilers import MAIN, compiler
-from gyrospark.generator.kernels.numpy_kernels import carry_out
 from gyrospark.generator.kernels.statements import Kernel
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.lagrangian_kernels import (
@@ -34,6 +33,7 @@ from gyrospark.generator.spec import Spec
 from gyrospark.generator.symbolic.shared_subexpressions import Shared, share
 from gyrospark.runtime.compilation.object_files import objects_of
 from lagrangians import bead, case, double
+from numpy_kernels import carry_out
 from processes import ROOT, call
 from strategies import EPS
 

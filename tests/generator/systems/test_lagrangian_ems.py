@@ -15,8 +15,8 @@ import pytest
 
 import gyrospark as gs
 import systems
+from gyrospark.certificates.midpoint_conditions import check_mean_scheme
 from gyrospark.generator.schemes.lagrangian_midpoint import LagrangianEMS
-from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
 from lagrangians import PARAMETERS, bead, double
 from mechanics_systems import joints
 from strategies import EPS

@@ -15,8 +15,8 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.certificates.momentum_maps import momentum_maps
 from gyrospark.generator.symbolic.switching_functions import as_switches, switches_of
-from gyrospark.generator.symmetry.momentum_maps import momentum_maps
 from gyrospark.generator.systems.smoothness import Meeting, Switching, meeting
 from strategies import EPS
 from time_lagrangians import kinked

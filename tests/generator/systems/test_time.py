@@ -13,9 +13,9 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.certificates.midpoint_conditions import check_mean_scheme
 from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.midpoint_conditions import check_mean_scheme
 from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.spec import Spec
 from strategies import EPS

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 import systems
+from gyrospark.certificates.observed_order import observed_order
 from gyrospark.certificates.verification import verify_stepper
 from gyrospark.core.errors import TableauError
 from gyrospark.generator.pipeline import generate
@@ -23,7 +24,6 @@ from gyrospark.generator.spec import Spec
 from gyrospark.generator.tableaux.conditions import _bounds, check_tableau, remarks
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab
 from gyrospark.generator.tableaux.multipliers import multiplier_condition, multiplier_inverse
-from gyrospark.generator.tableaux.observed_order import observed_order
 from gyrospark.generator.tableaux.tableau import FIELDS
 from gyrospark.generator.tableaux.tableau_file import read_tableau
 from gyrospark.studies.gamma_trials import asymmetric_top

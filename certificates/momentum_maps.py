@@ -28,13 +28,13 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ..symbolic.finite_fields import identically_zero
-from ..symbolic.shared_subexpressions import substitute
-from ..systems.smoothness import on_any_side
-from ..systems.system import System
-from .linear_fields import LinearField, known_fields, motions_of_space
+from ..generator.symbolic.finite_fields import identically_zero
+from ..generator.symbolic.shared_subexpressions import substitute
+from ..generator.symmetry.linear_fields import LinearField, known_fields, motions_of_space
+from ..generator.symmetry.symmetry_conditions import SymmetrySpace
+from ..generator.systems.smoothness import on_any_side
+from ..generator.systems.system import System
 from .near_symmetries import NEAR, RandomPoints
-from .symmetry_conditions import SymmetrySpace
 
 __all__ = ["MAX_COORDINATES", "MomentumMap", "momentum_map_of", "momentum_maps"]
 

@@ -1,4 +1,4 @@
-"""Search for compositions: ``python -m gyrospark.generator.tableaux.composition_search KL6``.
+"""Search for compositions: ``python -m gyrospark.studies.composition_search KL6``.
 
 Random starts, damped Gauss-Newton iterations on the order conditions (P. Deuflhard, Newton Methods
 for Nonlinear Problems, 2004, chapter 4), sequential quadratic programming along the family of
@@ -29,11 +29,11 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import MissingDependencyError
-from ...core.extras import install
-from .composition_proofs import DIGITS, STORED, Affine, OrderConditions
-from .compositions import COMPOSITIONS, PATH, composition_named
-from .lyndon_words import Flow, factors_of, target
+from ..certificates.composition_proofs import DIGITS, STORED, Affine, OrderConditions
+from ..certificates.lyndon_words import Flow, factors_of, target
+from ..core.errors import MissingDependencyError
+from ..core.extras import install
+from ..generator.tableaux.compositions import COMPOSITIONS, PATH, composition_named
 
 __all__ = ["FloatConditions", "main", "search", "store"]
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..symbolic.numeric_evaluation import Evaluator
-from ..symbolic.phases import START
-from .kernel import Constants
-from .statements import Kernel, statements_of
+from gyrospark.generator.kernels.kernel import Constants
+from gyrospark.generator.kernels.statements import Kernel, statements_of
+from gyrospark.generator.symbolic.numeric_evaluation import Evaluator
+from gyrospark.generator.symbolic.phases import START
 
 __all__ = ["carry_out"]
 

@@ -16,10 +16,10 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
+from ..generator.tableaux.compositions import COMPOSITIONS, Composition, flatten
+from ..generator.tableaux.conditions import Condition
 from .composition_order import observed_composition_order
 from .composition_proofs import STORED, OrderConditions, as_mpf, intervals
-from .compositions import COMPOSITIONS, Composition, flatten
-from .conditions import Condition
 from .lyndon_words import (
     Series,
     drift_flow,

@@ -13,8 +13,8 @@ from typing import Any
 
 import mpmath as mp
 
+from ..generator.tableaux.compositions import Composition
 from .composition_proofs import as_mpf
-from .compositions import Composition
 
 __all__ = ["observed_composition_order"]
 

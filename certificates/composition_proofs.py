@@ -20,7 +20,7 @@ from typing import Any, TypeAlias
 
 import mpmath as mp
 
-from .compositions import Composition
+from ..generator.tableaux.compositions import Composition
 from .lyndon_words import (
     Flow,
     Series,

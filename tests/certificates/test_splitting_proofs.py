@@ -9,9 +9,9 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.certificates import splitting_proofs as proofs
 from gyrospark.generator.multibody.body import Body
 from gyrospark.generator.multibody.rigid_body import heavy_top, p, q
-from gyrospark.generator.splitting import proofs
 from gyrospark.generator.splitting.find import split
 from gyrospark.generator.splitting.kicks import space_matrix
 from gyrospark.generator.splitting.parts import Kick

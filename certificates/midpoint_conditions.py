@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from ..symbolic.identities import IdentityCheck, compare
-from ..symbolic.shared_subexpressions import substitute
-from ..tableaux.conditions import Condition
-from .lagrangian_midpoint import LagrangianEMS
-from .step_equations import MeanScheme
-from .system_differences import with_time
+from ..generator.schemes.lagrangian_midpoint import LagrangianEMS
+from ..generator.schemes.step_equations import MeanScheme
+from ..generator.schemes.system_differences import with_time
+from ..generator.symbolic.identities import IdentityCheck, compare
+from ..generator.symbolic.shared_subexpressions import substitute
+from ..generator.tableaux.conditions import Condition
 
 __all__ = ["check_mean_scheme"]
 

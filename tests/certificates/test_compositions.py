@@ -10,29 +10,29 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from gyrospark.core.errors import InputError
-from gyrospark.generator.tableaux.composition_checks import (
+from gyrospark.certificates.composition_checks import (
     check_composition,
     error_constant,
     force_gradient_residuals,
     step_coefficients,
 )
-from gyrospark.generator.tableaux.composition_order import observed_composition_order
-from gyrospark.generator.tableaux.composition_proofs import OrderConditions
-from gyrospark.generator.tableaux.composition_search import FloatConditions, search
-from gyrospark.generator.tableaux.compositions import (
-    COMPOSITIONS,
-    composition,
-    composition_named,
-    flatten,
-)
-from gyrospark.generator.tableaux.lyndon_words import (
+from gyrospark.certificates.composition_order import observed_composition_order
+from gyrospark.certificates.composition_proofs import OrderConditions
+from gyrospark.certificates.lyndon_words import (
     factors_of,
     is_lyndon,
     lyndon_words,
     target,
     words_up_to,
 )
+from gyrospark.core.errors import InputError
+from gyrospark.generator.tableaux.compositions import (
+    COMPOSITIONS,
+    composition,
+    composition_named,
+    flatten,
+)
+from gyrospark.studies.composition_search import FloatConditions, search
 
 #: Closed forms: Chin's a₀ and c, Suzuki's w, and w where the base has order 4.
 CLOSED = {

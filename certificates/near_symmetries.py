@@ -16,10 +16,10 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ..symbolic.derivatives import derivative
-from ..symbolic.numeric_evaluation import Evaluator, evaluate, mp_context
-from ..systems.system import System
-from .linear_fields import LinearField
+from ..generator.symbolic.derivatives import derivative
+from ..generator.symbolic.numeric_evaluation import Evaluator, evaluate, mp_context
+from ..generator.symmetry.linear_fields import LinearField
+from ..generator.systems.system import System
 
 __all__ = ["NEAR", "RandomPoints"]
 

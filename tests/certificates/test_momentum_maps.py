@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from generic_systems import EXAMPLES
+from gyrospark.certificates.momentum_maps import MAX_COORDINATES, _echelon, momentum_maps
 from gyrospark.generator.multibody.rigid_body import body_system, heavy_top, mgl, rotation_matrix
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
-from gyrospark.generator.symmetry.momentum_maps import MAX_COORDINATES, _echelon, momentum_maps
 from gyrospark.runtime.rigid_body.quaternion import left_matrix
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix as attitude
 

@@ -21,14 +21,14 @@ from itertools import chain, combinations
 
 import sympy as sp
 
-from ..multibody.rigid_body import left_matrix, rotation_matrix
-from ..symbolic.derivatives import derivative
-from ..symbolic.shared_subexpressions import expand_shared
-from ..symmetry.linear_fields import known_fields
-from ..systems.elimination_order import connected
-from .kicks import space_matrix, space_torque
-from .parts import Splitting
-from .quotient import Quotient, unit_quaternions
+from ..generator.multibody.rigid_body import left_matrix, rotation_matrix
+from ..generator.splitting.kicks import space_matrix, space_torque
+from ..generator.splitting.parts import Splitting
+from ..generator.splitting.quotient import Quotient, unit_quaternions
+from ..generator.symbolic.derivatives import derivative
+from ..generator.symbolic.shared_subexpressions import expand_shared
+from ..generator.symmetry.linear_fields import known_fields
+from ..generator.systems.elimination_order import connected
 
 __all__ = ["Proof", "bracket", "hamiltonians", "invariants", "is_invariant", "prove_flows",
            "prove_gradient", "prove_splitting"]

@@ -21,9 +21,9 @@ import mpmath as mp
 import numpy as np
 import sympy as sp
 
-from ..systems.system import System
-from .families import gauss_lobatto
-from .tableau import FIELDS, NumericTableau, Tableau
+from ..generator.systems.system import System
+from ..generator.tableaux.families import gauss_lobatto
+from ..generator.tableaux.tableau import FIELDS, NumericTableau, Tableau
 
 __all__ = ["HiddenOrderError", "observed_order"]
 
