@@ -31,11 +31,7 @@ from .runtime.events.poincare_section import section as section
 from .runtime.results.trajectory import Trajectory as Trajectory
 from .runtime.rigid_body import exact as exact
 from .runtime.rigid_body import problems as problems
-from .runtime.rigid_body.gamma_rules import gamma_fast as gamma_fast
-from .runtime.rigid_body.gamma_rules import gamma_h as gamma_h
-from .runtime.rigid_body.gamma_rules import gamma_h_tilde as gamma_h_tilde
-from .runtime.rigid_body.gamma_rules import gamma_m as gamma_m
-from .runtime.rigid_body.gamma_rules import gamma_m_tilde as gamma_m_tilde
+from .runtime.rigid_body.gamma_rules import gamma as gamma
 from .runtime.steppers.ensemble import Ensemble as Ensemble
 from .runtime.steppers.simulation import Simulation as Simulation
 from .runtime.steppers.stepper import Stepper as Stepper

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from gyrospark import gamma as gamma_of
 from gyrospark.api import stepper
 from gyrospark.core.arguments import choose
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.core.inertia import RepName
 from gyrospark.generator.schemes.named_schemes import SchemeName
-from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
 from gyrospark.runtime.rigid_body.problems import Problem, fast_top, free_body
 from gyrospark.runtime.steppers.stepper import SOLVERS as KNOWN
 from gyrospark.runtime.steppers.stepper import Stepper
@@ -142,7 +142,7 @@ def _cell(variant: Variant, step: Stepper, stages: int, dt: float, rounds: int, 
 def _run(variant: Variant, step: Stepper, dt: float, solver: str) -> Callable[[int], Any]:
     problem = variant.problem()
     values = {name: value for name, value in problem.parameters.items()
-              if name in step.parameter_domains} | {variant.rep: gamma_m(problem.inertia)}
+              if name in step.parameter_domains} | {variant.rep: gamma_of(problem.inertia)}
     return lambda steps: step.integrate(problem.q0, problem.p0, dt=dt, steps=steps, every=steps,
                                         parameters=values, solver=choose("solver", solver, KNOWN))
 

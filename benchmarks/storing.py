@@ -16,8 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from gyrospark import gamma as gamma_of
 from gyrospark.api import stepper
-from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
 from gyrospark.runtime.rigid_body.problems import fast_top
 from gyrospark.storage.durable_files import write_durably
 from gyrospark.storage.record import record
@@ -107,7 +107,7 @@ def _row(every: int, steps: int, rounds: int, path: Path, disk: tuple[float, flo
     step, top = stepper("G-L", STAGES), fast_top()
     arguments: dict[str, Any] = {
         "dt": DT, "steps": steps, "every": every,
-        "parameters": top.parameters | {"gamma": gamma_m(top.inertia)}}
+        "parameters": top.parameters | {"gamma": gamma_of(top.inertia)}}
 
     def memory() -> None:
         step.integrate(top.q0, top.p0, **arguments)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrospark.runtime.rigid_body.gamma_rules import gamma_m
+from gyrospark import gamma as gamma_of
 from gyrospark.runtime.rigid_body.problems import fast_top
 from gyrospark.runtime.rigid_body.quaternion import euler_quaternion, momentum
 
@@ -64,7 +64,7 @@ def tops(count: int = 1) -> list[Top]:
 
 def parameters(gamma: float | None = None) -> dict[str, float]:
     """Return the heavy top's parameters with γ, γ_m by default."""
-    return fast_top().parameters | {"gamma": gamma_m(INERTIA) if gamma is None else gamma}
+    return fast_top().parameters | {"gamma": gamma_of(INERTIA) if gamma is None else gamma}
 
 
 def spin_of(top: Top, real: Any = np.float64) -> Array:

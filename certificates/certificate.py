@@ -32,7 +32,7 @@ from ..generator.schemes.named_schemes import (
 from ..generator.symbolic.numeric_evaluation import as_rational
 from ..runtime.bindings.array_checks import as_positive_count, as_step
 from ..runtime.integration.frame_following import follow_frame
-from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
 from .guarantees import Guarantees, MeanGuarantees, SparkGuarantees, SplittingGuarantees
@@ -223,7 +223,7 @@ def _parameters(model: Model, step: Stepper, changes: Mapping[str, Any]) -> dict
     """Return a value for every parameter, γ_m for inertia parameters without value and rule."""
     allowed = {*map(str, model.system.parameters), *(s.name for s in step.symmetries)}
     allowed |= {"frame"} if step.symmetries else set()
-    chosen = {name: gamma_m(inertia) for name, inertia in model.bodies.items()}
+    chosen = {name: mean_inertia(inertia) for name, inertia in model.bodies.items()}
     values: dict[str, Any] = chosen | dict(model.rules) | dict(model.parameters) | dict(changes)
     for name in changes:
         if name not in allowed:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..api import stepper
 from ..core.errors import InputError
 from ..runtime.results.trajectory import Trajectory
-from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 
 __all__ = ["reference_axis"]
@@ -43,5 +43,5 @@ def _integrated(problem: Problem, trajectory: Trajectory) -> Trajectory:
     return precise.integrate(
         problem.q0, problem.p0, dt=trajectory.dt / parts, steps=steps * parts,
         every=trajectory.every * parts,
-        parameters=problem.parameters | {"gamma": gamma_m(problem.inertia)},
+        parameters=problem.parameters | {"gamma": mean_inertia(problem.inertia)},
     )

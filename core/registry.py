@@ -20,14 +20,16 @@ from typing import Any, Literal
 from .arguments import listed, proposal, shown
 from .errors import InputError
 
-__all__ = ["AIMS", "FRAMES", "GAMMA_RULES", "MODELS", "PROBLEMS", "RULES", "SYSTEMS", "Aim",
-           "Entry", "GammaRule", "entry_named", "function_of", "unknown_name"]
+__all__ = ["AIMS", "FRAMES", "MEANS", "MODELS", "PROBLEMS", "RULES", "SYSTEMS", "Aim", "Entry",
+           "Mean", "entry_named", "function_of", "unknown_name"]
 
 _PACKAGE = __name__.partition(".")[0]
 _HOME = Path(__file__).resolve().parents[1]
 
 #: What a search for γ or a frame makes small.
 Aim = Literal["motion", "energy"]
+#: A mean of the moments of inertia.
+Mean = Literal["m", "h", "mt", "ht"]
 
 #: What ``frame`` may be: co-moving frames along the symmetries of a system (docs/frames.md).
 FRAMES = ("symmetries",)
@@ -89,43 +91,12 @@ MODELS = _entries("model", "generator.multibody.models", "lagrange_top", "satell
                   "stewart_platform", "chain")
 
 
-@dataclass(frozen=True)
-class GammaRule:
-    """A name for a value of γ or α: a mean of the moments of inertia, or a choice for one run.
-
-    Attributes
-    ----------
-    name : str
-        In options, files, and among the parameters of a run.
-    symbol : str
-        The paper's, of a mean.
-    function : str
-        In ``runtime.rigid_body.gamma_rules``: makes the value from the inertia.
-    aim : {"motion", "energy"} or None
-        The error that pilot runs make small, where these choose the value.
-    """
-
-    name: str
-    symbol: str = ""
-    function: str = ""
-    aim: Aim | None = None
-
-    @property
-    def is_mean(self) -> bool:
-        """Whether the inertia alone gives the value."""
-        return bool(self.symbol)
-
-
-GAMMA_RULES = {rule.name: rule for rule in (
-    GammaRule("m", "γ_m", "gamma_m"), GammaRule("h", "γ_h", "gamma_h"),
-    GammaRule("mt", "γ̃_m", "gamma_m_tilde"), GammaRule("ht", "γ̃_h", "gamma_h_tilde"),
-    GammaRule("auto", aim="motion"), GammaRule("auto-energy", aim="energy"),
-    GammaRule("fast", function="gamma_fast"),  # of the command line: it needs an angular velocity
-)}
-#: Those of models, files and parameters.
-RULES = tuple(rule.name for rule in GAMMA_RULES.values() if rule.is_mean or rule.aim)
-#: Those that pilot runs choose, and their aims.
-AIMS: dict[str, Aim] = {rule.name: rule.aim for rule in GAMMA_RULES.values() if rule.aim}
+#: Means of the moments of inertia that the paper recommends for γ and α: name → symbol.
+MEANS = {"m": "γ_m", "h": "γ_h", "mt": "γ̃_m", "ht": "γ̃_h"}
+#: Searches by pilot runs that a file may ask for: name → the error that they make small.
+AIMS: dict[str, Aim] = {"auto": "motion", "auto-energy": "energy"}
+#: What a model says of a γ without a value.
+RULES = (*MEANS, *AIMS)
 
 
 def entry_named(name: Any, what: str = "problem") -> Entry:

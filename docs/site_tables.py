@@ -35,7 +35,7 @@ API = {
         "load_model", "models", "problems", "references", "exact", "tableau", "consistent",
         "core.projection.Projection"],
     "tuning": [
-        "gamma_m", "gamma_h", "gamma_m_tilde", "gamma_h_tilde", "gamma_fast", "choose_gamma",
+        "gamma", "choose_gamma",
         "GammaChoice", "choose_frame", "FrameChoice", "certify",
         "certificates.certificate.Certificate", "cite", "certificates.citations.Citations"],
     "differentiation": [

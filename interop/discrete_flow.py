@@ -173,7 +173,7 @@ class DiscreteFlow:
                 raise unknown("parameter", name, self.names)
             if isinstance(value, str):
                 raise InputError(f"Parameter {name} = {value!r} is a rule, which has no "
-                                 "derivatives; give a number, such as gs.gamma_m(inertia).")
+                                 "derivatives; give a number, such as gs.gamma(inertia).")
         missing = [name for name in self.names if name not in given and name not in rates]
         if missing:
             raise InputError(f"Parameter {missing[0]!r} is not given; this stepper needs "

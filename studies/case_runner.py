@@ -25,10 +25,10 @@ from ..certificates.reference_motion import reference_axis
 from ..core.errors import InputError
 from ..core.inertia import RepName
 from ..core.real_types import RealName
-from ..core.registry import PROBLEMS
+from ..core.registry import MEANS, PROBLEMS
 from ..generator.schemes.named_schemes import SchemeName, scheme_named
 from ..runtime.results.trajectory import Trajectory
-from ..runtime.rigid_body.gamma_rules import MEANS
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
 
@@ -210,4 +210,4 @@ def parameter_value(parameter: float | str, inertia: Sequence[float]) -> float:
         raise InputError(f"Unknown parameter rule {parameter!r}; write m, h, mt or ht, with a "
                          "factor before it if need be, as in 100m.")
     factor, rule = match.groups()
-    return float(factor or 1) * MEANS[rule](inertia)
+    return float(factor or 1) * mean_inertia(inertia, rule)

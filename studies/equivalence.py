@@ -12,7 +12,7 @@ from ..api import stepper
 from ..generator.multibody.rigid_body import heavy_top
 from ..generator.tableaux.families import lobatto_iiiab
 from ..generator.tableaux.tableau import Tableau
-from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import fast_top
 from ..runtime.steppers.stepper import Stepper
 from .case_runner import Engine
@@ -132,7 +132,7 @@ def _stages_are_constraint_nodes(t: Tableau) -> bool:
 
 def trajectories_claim(steps: int) -> Claim:
     """Claim that q and p of compiled steppers agree to round-off."""
-    value = gamma_m(fast_top().inertia)
+    value = mean_inertia(fast_top().inertia)
     worst = 0.0
     for s in STAGES:
         runs = [run("LIIIA-B", s, DT, steps, value, rep=rep) for rep in ("alpha", "gamma")]
@@ -146,7 +146,7 @@ def trajectories_claim(steps: int) -> Claim:
 
 def multipliers_claim() -> Claim:
     """Claim Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step, s = 2..5."""
-    value = gamma_m(fast_top().inertia)
+    value = mean_inertia(fast_top().inertia)
     worst = 0.0
     for s in STAGES:
         (P, Lambda_alpha), (_, Lambda_gamma) = (

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, gamma_m
+from ..core.registry import MEANS
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from .case_runner import Engine
 from .fit import FittedLine, fit_line
 from .gamma_trials import BODIES, METHODS, TIMES, Trial, TrialBody
@@ -62,7 +63,7 @@ def motion_claim(body: TrialBody, trials: list[Trial], times: tuple[float, ...])
 def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
     """Claim that the paths come nearer in the middle of all cases, against each recommendation."""
     texts, medians = [], []
-    for rule in MEANS_BY_SYMBOL:
+    for rule in MEANS.values():
         gains = np.array([_gain(trial.ratios(rule, times[:2])[-1]) for trial in trials])
         gains = gains[np.isfinite(gains)]
         medians.append(float(np.median(gains)))
@@ -137,7 +138,7 @@ def kinetic_line(trial: Trial) -> FittedLine:
                             4 * trial.body.steps),
                   trial.scheme, trial.stages)
     problem = trial.body.problem
-    gamma, steps = gamma_m(problem.inertia), finer.body.steps
+    gamma, steps = mean_inertia(problem.inertia), finer.body.steps
     low, high = finer.run(gamma, steps), finer.run(gamma / 1.2, steps)
     slope = (high.energies - low.energies) / (0.2 / gamma)
     T = low.energies - problem.parameters["mgl"] * low.axis()[:, 2]
@@ -146,7 +147,7 @@ def kinetic_line(trial: Trial) -> FittedLine:
 
 def idle_claim(trial: Trial) -> Claim:
     """Claim that γ does nothing to the energy of a free body under IMS."""
-    errors = [trial.energy_error(trial.rule(name)) for name in MEANS_BY_SYMBOL]
+    errors = [trial.energy_error(trial.rule(name)) for name in MEANS.values()]
     spread = max(errors) / min(errors) - 1
     return Claim("IMS-γ, free body: γ has no part in the energy error; change of its mean over "
                  "the four recommendations.",
@@ -224,7 +225,7 @@ def _panel(trial: Trial) -> Panel:
     """Draw the mean energy error over 1/γ with the recommendations and both choices."""
     mean = trial.rule("γ_m")
     x = np.linspace(0.4, 2.2, 19)
-    marks = {**{name: trial.rule(name) for name in MEANS_BY_SYMBOL},
+    marks = {**{name: trial.rule(name) for name in MEANS.values()},
              "auto": trial.for_motion.gamma, "auto-energy": trial.for_energy.gamma}
     return Panel(
         f"{trial.body.name}, {trial.method}-γ", "γ_m/γ", "mean |ΔH| in J",

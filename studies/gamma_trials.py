@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..api import stepper
-from ..core.registry import Aim
+from ..core.registry import MEANS, Aim
 from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.results.trajectory import Trajectory
-from ..runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, gamma_m
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem, fast_top, free_body, regular_precession
 from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
 from ..runtime.tuning.gamma_choice import GammaChoice, choose_gamma
@@ -122,7 +122,8 @@ class Trial:
 
     def rule(self, name: str) -> float:
         """Return a recommendation, "γ_m" for example, for this body."""
-        return MEANS_BY_SYMBOL[name](self.body.problem.inertia)
+        rule = next(rule for rule, symbol in MEANS.items() if symbol == name)
+        return mean_inertia(self.body.problem.inertia, rule)
 
     def run(self, gamma: float, steps: int, every: int = 1) -> Trajectory:
         """Return the run with this γ."""
@@ -164,7 +165,7 @@ class Trial:
 
     def energy_gain(self, rule: str | None = None, times: int = 1) -> float:
         """Return the error with a rule, or with the best of them, over that with the choice."""
-        names = list(MEANS_BY_SYMBOL) if rule is None else [rule]
+        names = list(MEANS.values()) if rule is None else [rule]
         best = min(self.energy_error(self.rule(name), times) for name in names)
         return best / self.energy_error(self.for_energy.gamma, times)
 
@@ -172,7 +173,7 @@ class Trial:
         """Whether a rule's energy error is round-off, where no ratio means anything."""
         size = abs(float(self.run(self.rule("γ_m"), 1).energies[0]))
         epsilon = 2.0**-52 * float(np.sqrt(times * self.body.steps))
-        errors = [self.energy_error(self.rule(name), times) for name in MEANS_BY_SYMBOL]
+        errors = [self.energy_error(self.rule(name), times) for name in MEANS.values()]
         return min(errors) < 4 * epsilon * size
 
 
@@ -200,5 +201,5 @@ def _exact(body: TrialBody, steps: int) -> tuple[MotionError, int]:
     every = _KEPT if steps > 2000 else 1
     run = stepper("G-L", 6).integrate(
         problem.q0, problem.p0, dt=body.dt / 2, steps=2 * steps, every=2 * every,
-        parameters=problem.parameters | {"gamma": gamma_m(problem.inertia)})
+        parameters=problem.parameters | {"gamma": mean_inertia(problem.inertia)})
     return MotionError(run.q, run.q), every

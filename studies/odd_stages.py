@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.real_types import RealName
-from ..runtime.rigid_body.gamma_rules import gamma_m
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
 from .energy_law import Law, energy_law, node_numbers
@@ -111,7 +111,7 @@ def turning_time() -> float:
 
 def _potential_rate(t: float) -> float:
     """Return V̇ = mgl Γ̇₃ of the fast top at time t."""
-    top = top_along(run("G-L", 4, t / 72, 72, gamma_m(fast_top().inertia)))
+    top = top_along(run("G-L", 4, t / 72, 72, mean_inertia(fast_top().inertia)))
     return float(top.mgl * top.rates()[1][2][-1])
 
 
@@ -131,7 +131,7 @@ def sweep(s: int, steps: int) -> tuple[GammaSweep, GammaSweep]:
 @cache
 def law_growth(s: int) -> tuple[Law, Law]:
     """Return what the law grows by along the exact motion, to the half and the turning point."""
-    motion = run("G-L", 4, turning_time() / 72, 72, gamma_m(fast_top().inertia))
+    motion = run("G-L", 4, turning_time() / 72, 72, mean_inertia(fast_top().inertia))
     law = energy_law(s, top_along(motion, [0, 36, 72]))
     terms = (law.A, law.B, law.C, law.X, law.Y)
     middle, peak = (Law(*(term[k] - term[0] for term in terms)) for k in (1, 2))

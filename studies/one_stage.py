@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.results.trajectory import Trajectory
-from ..runtime.rigid_body.gamma_rules import gamma_h, gamma_m
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
 from .fit import fit_line
@@ -26,7 +26,7 @@ LONG_DT, LONG_STEPS = 0.001, 40_000
 
 def study(engine: Engine) -> Finding:
     """Measure order, iterations and long-time energy of 1-G-L-α for the α of Table 8."""
-    mean, harmonic = (rule(fast_top().inertia) for rule in (gamma_m, gamma_h))
+    mean, harmonic = (mean_inertia(fast_top().inertia, rule) for rule in ("m", "h"))
     alphas = {"γ_m": mean, "γ_h": harmonic, "100γ_m": 100 * mean, "0.01γ_m": 0.01 * mean}
     exact = run("G-L", 4, DURATION / 320, 320, mean)
     runs = {name: [run("G-L", 1, DURATION / n, n, a, rep="alpha") for n in STEPS]

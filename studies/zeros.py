@@ -10,7 +10,7 @@ import sympy as sp
 
 from ..generator.multibody.rigid_body import double_momentum, gravity_potential, heavy_top, moments
 from ..generator.schemes.named_schemes import SchemeName
-from ..runtime.rigid_body.gamma_rules import gamma_h, gamma_m
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import fast_top
 from .case_runner import Engine
 from .fit import FittedLine, fit_line
@@ -92,7 +92,7 @@ def study(engine: Engine) -> Finding:
     xs = INVERSE_GAMMA[::5] if engine.short else INVERSE_GAMMA
     laws = [ErrorLine(c, xs, tuple(c.error(x) for x in xs)) for c in CASES]
     inertia = fast_top().inertia
-    rules = {"γ_m": 1 / gamma_m(inertia), "γ_h": 1 / gamma_h(inertia)}
+    rules = {"γ_m": 1 / mean_inertia(inertia), "γ_h": 1 / mean_inertia(inertia, "h")}
     claims = [
         *(zero_claim(law) for law in laws if law.case.expected is not None),
         integrable_claim(),

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..core.arguments import choose, proposal
 from ..core.errors import InputError
 from ..core.inertia import REPS, unit_quaternions
-from ..core.registry import entry_named
+from ..core.registry import MEANS, entry_named
 from ..generator.spec import Spec, is_model_file
-from ..runtime.rigid_body.gamma_rules import MEANS
+from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.rigid_body.quaternion import momentum
 from ..runtime.steppers.run_defaults import RunDefaults
@@ -114,7 +114,7 @@ def base_parameters(
             if name not in start.bodies or value not in MEANS:
                 raise InputError(f"Parameter {name} = {value!r} is no number; m, h, mt and ht are "
                                  "for gamma and alpha.")
-            found[name] = MEANS[value](start.bodies[name])
+            found[name] = mean_inertia(start.bodies[name], value)
         else:
             found[name] = value
     return found
@@ -124,7 +124,7 @@ def _by_rule(name: str, rule: str, inertia: Any) -> float:
     if rule not in MEANS:
         raise InputError(f"{name} = {rule!r} is chosen for the motion of one run, and a sweep has "
                          f"many; give {name} a number, m, h, mt or ht, or make it an axis.")
-    return MEANS[rule](inertia)
+    return mean_inertia(inertia, rule)
 
 
 def starts(table: Any, start: RunDefaults, varied: set[str]) -> Axis:

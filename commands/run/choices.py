@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...core.arguments import listed, proposal
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, decimal
-from ...core.registry import AIMS, GAMMA_RULES, RULES
+from ...core.registry import AIMS, MEANS, RULES
 from ..options import real_number, whole_number
 
 if TYPE_CHECKING:
@@ -43,9 +43,7 @@ def parameters_for(
              if name in step.parameter_domains}
     for name, inertia in bodies.items():
         option = given[kinds[name]]
-        if option == "fast":
-            known[name] = _fast_gamma(step, start)
-        elif option is not None or name not in known:
+        if option is not None or name not in known:
             rule = option or start.rules.get(name, "m")
             known[name] = inertia_parameter(kinds[name], "m" if rule in AIMS else rule, inertia)
     return known
@@ -81,29 +79,12 @@ def gamma_for(
                         steps=min(max(steps, 2), PILOT_STEPS), run_steps=steps)
 
 
-def _fast_gamma(step: Stepper, start: RunDefaults) -> float:
-    """Return the γ with the fewest iterations; refuse it where γ would change the solution."""
-    from ...runtime.rigid_body.gamma_rules import gamma_fast
-    from ...runtime.rigid_body.quaternion import angular_velocity
-
-    stages = step.manifest["scheme"]["stages"] or 0
-    if stages < 6:
-        raise InputError(f"--gamma fast is for 6 stages or more, where the solution does not "
-                         f"depend on gamma, not for {step.name}; take m, h, mt, ht or a number.")
-    if len(start.bodies) == 0 or len(start.q0) != 4:
-        raise InputError(f"--gamma fast is for one body, not for {start.name}; take m, h, mt, ht "
-                         "or a number.")
-    inertia = next(iter(start.bodies.values()))
-    omega = angular_velocity(start.q0, start.p0, inertia)
-    return gamma_fast(inertia, omega.tolist())
-
-
 def inertia_parameter(name: str, text: str, inertia: Sequence[float]) -> float:
     """Return γ or α from the name of a mean, or a number."""
-    if text in GAMMA_RULES and GAMMA_RULES[text].is_mean:
-        from ...runtime.rigid_body.gamma_rules import MEANS
+    if text in MEANS:
+        from ...runtime.rigid_body.gamma_rules import mean_inertia
 
-        return MEANS[text](inertia)
+        return mean_inertia(inertia, text)
     value = decimal(text)
     if value is None:
         choices = listed([*RULES, "a number"])

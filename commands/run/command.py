@@ -15,7 +15,7 @@ from ...core.errors import GyrosparkError, StepFailed, Stopped
 from ...core.file_formats import ending_of, endings
 from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
-from ...core.registry import GAMMA_RULES, MODELS, PROBLEMS, RULES
+from ...core.registry import MODELS, PROBLEMS, RULES
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.compilation.manifest import manifest_warnings
@@ -68,12 +68,12 @@ class RunCommand(Grouped):
                context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
 @stepper_options
-@click.option("--gamma", metavar=f"{{{','.join(GAMMA_RULES)},NUMBER}}",
-              shell_complete=completing(GAMMA_RULES),
+@click.option("--gamma", metavar=f"{{{','.join(RULES)},NUMBER}}",
+              shell_complete=completing(RULES),
               help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m; without "
                    "--scheme auto for a single body); auto: smallest error of the motion in short "
                    "pilot runs, γ_m if any axis would get worse; auto-energy: smallest energy "
-                   "error; fast: fewest iterations, from 6 stages on.")
+                   "error.")
 @click.option("--alpha", metavar=f"{{{','.join(RULES)},NUMBER}}", shell_complete=completing(RULES),
               help="The same for --rep alpha.")
 @click.option("--frame", "frames", metavar="{auto,start,follow,NAME=RATE,...}", multiple=True,

@@ -8,7 +8,7 @@ from typing import Any
 import sympy as sp
 
 from ...core.exact_numbers import exact
-from ...core.registry import GAMMA_RULES, function_of
+from ...core.registry import MEANS, function_of
 from ...core.units import base_units, combined, unit_name
 from ..multibody.model import Model
 from ..systems.units import units_of
@@ -64,10 +64,10 @@ def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dic
     system = derived.system
     values: dict[str, Any] = {name: exact(x) for name, x in model.parameters.items()}
     for name, inertia in model.bodies.items():
-        rule = GAMMA_RULES[model.rules.get(name, "m")]
-        function = rule.function if rule.is_mean else GAMMA_RULES["m"].function
         if name not in values:
-            values[name] = exact(function_of("runtime.rigid_body.gamma_rules", function)(inertia))
+            rule = model.rules.get(name, "m")
+            values[name] = exact(function_of("runtime.rigid_body.gamma_rules", "mean_inertia")(
+                inertia, rule if rule in MEANS else "m"))
     if system.is_nonautonomous:
         values[str(system.time)] = exact(0.0)
     for names, numbers in ((model.system.q, model.q0), (model.system.p, model.p0)):

@@ -6,15 +6,12 @@ more digits than a double's (mpmath numbers, Decimal, Fraction) have means with 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
-from ...core.arguments import listed, shown
+from ...core.arguments import choose, listed, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, exact
 from ...core.inertia import (
@@ -24,99 +21,45 @@ from ...core.inertia import (
     as_moments_or_tensor,
     is_tensor,
     moments_of,
-    real_array,
     tensor_of_inverse,
 )
-from ...core.registry import GAMMA_RULES, RULES
+from ...core.registry import MEANS, RULES, Mean
 
-__all__ = ["MEANS", "MEANS_BY_SYMBOL", "gamma_by_rule", "gamma_fast", "gamma_h", "gamma_h_tilde",
-           "gamma_m", "gamma_m_tilde", "has_inertia", "is_inertia_parameter", "known_inertia",
-           "principal_moments"]
-
-
-def gamma_m(inertia: InertiaLike) -> float:
-    """Return γ_m = (I₁ + I₂ + I₃)/3, the arithmetic mean of the principal moments (48), in kg m².
-
-    Raises
-    ------
-    InputError
-        Unless there are three finite moments above 0, or a tensor that has such.
-    """
-    return _mean(inertia, principal_moments(inertia), _arithmetic)
+__all__ = ["gamma", "gamma_by_rule", "has_inertia", "inertia_names", "is_inertia_parameter",
+           "known_inertia", "mean_inertia", "principal_moments"]
 
 
-def gamma_h(inertia: InertiaLike) -> float:
-    """Return γ_h = 3/(1/I₁ + 1/I₂ + 1/I₃), the harmonic mean (47), in kg m².
+def gamma(inertia: InertiaLike, rule: Mean = "m") -> float:
+    """Return a mean of the principal moments, which the paper recommends for γ and α, in kg m².
+
+    Parameters
+    ----------
+    inertia : sequence of three numbers, or 3 × 3
+        The principal moments, or the tensor in body axes. Fractions have an exact arithmetic mean.
+    rule : {"m", "h", "mt", "ht"}
+        γ_m = (I₁ + I₂ + I₃)/3 (48), γ_h = 3/(1/I₁ + 1/I₂ + 1/I₃) (47); γ̃_m and γ̃_h are the same
+        means of the two largest moments (50), the smallest of which may be 0.
 
     Raises
     ------
     InputError
-        Unless there are three finite moments above 0, or a tensor that has such.
+        Unless there are three finite moments above 0, or a tensor that has such; for another rule.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> gs.gamma((1, 2, 6)), gs.gamma((1, 2, 6), "mt")
+    (3.0, 4.0)
     """
-    return _mean(inertia, principal_moments(inertia), _harmonic)
+    return mean_inertia(inertia, choose("rule", rule, MEANS))
 
 
-def gamma_m_tilde(inertia: InertiaLike) -> float:
-    """Return γ̃_m = (I_a + I_b)/2, the mean of the two largest moments (50), in kg m².
-
-    The smallest moment is left out, whichever axis it belongs to; it may be exactly 0.
-
-    Raises
-    ------
-    InputError
-        Unless there are three finite moments, the smallest at least 0, the others above 0, or a
-        tensor with moments above 0.
-    """
-    return _mean(inertia, _two_or_three(inertia), _arithmetic, largest=2)
-
-
-def gamma_h_tilde(inertia: InertiaLike) -> float:
-    """Return γ̃_h = 2/(1/I_a + 1/I_b), the harmonic mean of the two largest moments (50), in kg m².
-
-    The smallest moment is left out, whichever axis it belongs to; it may be exactly 0.
-
-    Raises
-    ------
-    InputError
-        Unless there are three finite moments, the smallest at least 0, the others above 0, or a
-        tensor with moments above 0.
-    """
-    return _mean(inertia, _two_or_three(inertia), _harmonic, largest=2)
-
-
-#: The means of the registry by their names, and by the paper's symbols.
-MEANS: dict[str, Callable[[InertiaLike], float]] = {
-    rule.name: globals()[rule.function] for rule in GAMMA_RULES.values() if rule.is_mean}
-MEANS_BY_SYMBOL = {GAMMA_RULES[name].symbol: mean for name, mean in MEANS.items()}
-
-
-def gamma_fast(inertia: InertiaLike, omega: Sequence[float]) -> float:
-    """Return the γ of fastest fixed-point convergence: 1.1 times the moment about a fast axis.
-
-    For a body that is symmetric about the axis it spins about (Ω in body axes, rad/s); for any
-    other, γ_m, which is best there already. From 6 stages on the solution no longer depends on γ,
-    only the number of iterations does, and it is safe; with fewer stages γ changes the accuracy,
-    and γ_m or γ_h is the choice.
-
-    Raises
-    ------
-    InputError
-        For moments no body can have, and for Ω that is not three finite numbers.
-    """
-    found = real_array(omega)
-    if found is None or found.shape != (3,) or not np.isfinite(found).all():
-        raise InputError(f"omega = {shown(omega)} is not an angular velocity; give three finite "
-                         "numbers in body axes.")
-    moments, spin = principal_moments(inertia), found.tolist()
-    if is_tensor(inertia):
-        _, axes = np.linalg.eigh(np.array(inertia, dtype=float) / moments[2])
-        spin = (axes.T @ found).tolist()
-    fast = max(range(3), key=lambda axis: abs(spin[axis]))
-    others = [axis for axis in range(3) if axis != fast]
-    first, second = (moments[axis] for axis in others)
-    symmetric = abs(first - second) <= 0.05 * (first + second)
-    dominant = abs(spin[fast]) >= 3 * math.hypot(*(spin[axis] for axis in others))
-    return 1.1 * moments[fast] if symmetric and dominant else gamma_m(inertia)
+def mean_inertia(inertia: InertiaLike, rule: str = "m") -> float:
+    """Return ``gamma`` of one of its rules."""
+    two = rule.endswith("t")
+    moments = _two_or_three(inertia) if two else principal_moments(inertia)
+    mean = _arithmetic if rule.startswith("m") else _harmonic
+    return _mean(inertia, moments, mean, largest=2 if two else 3)
 
 
 def principal_moments(inertia: InertiaLike) -> Moments:
@@ -167,7 +110,7 @@ def gamma_by_rule(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
         values = tuple(map(parameters.get, entries))
         if {*map(type, values)} == {float}:
             return _mean_of_floats(rule, name, (*entries,), values)
-    return MEANS[rule](known_inertia(name, parameters))
+    return mean_inertia(known_inertia(name, parameters), rule)
 
 
 @lru_cache(maxsize=256)
@@ -175,7 +118,7 @@ def _mean_of_floats(
     rule: str, name: str, entries: tuple[str, ...], values: tuple[float, ...]
 ) -> float:
     """Return γ or α by an inertia in plain floats: most calls give the one of the call before."""
-    return MEANS[rule](known_inertia(name, dict(zip(entries, values, strict=True))))
+    return mean_inertia(known_inertia(name, dict(zip(entries, values, strict=True))), rule)
 
 
 def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:

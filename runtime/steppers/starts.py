@@ -10,9 +10,10 @@ import numpy as np
 
 from ...core.arguments import as_mapping, shown
 from ...core.errors import InputError
+from ...core.registry import MEANS
 from ...core.start import HasStart, Start, as_start
 from ..integration.run_arguments import step_count
-from ..rigid_body.gamma_rules import MEANS, has_inertia
+from ..rigid_body.gamma_rules import has_inertia, mean_inertia
 
 if TYPE_CHECKING:
     from .stepper import Stepper
@@ -65,7 +66,7 @@ def _with(stepper: Stepper, start: Start, parameters: Any) -> dict[str, Any]:
         if name in domains and name not in values:
             rule = start._rules.get(name, "m")
             by_number = rule in MEANS and not has_inertia(name, values)
-            values[name] = MEANS[rule](inertia) if by_number else rule
+            values[name] = mean_inertia(inertia, rule) if by_number else rule
     return values
 
 

@@ -23,7 +23,7 @@ from ...core.interrupts import before_start
 from ...core.registry import AIMS
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count
-from ..rigid_body.gamma_rules import gamma_by_rule, gamma_m, known_inertia, principal_moments
+from ..rigid_body.gamma_rules import gamma_by_rule, known_inertia, mean_inertia, principal_moments
 from .frame_search import FrameChoice, FramePilots, FrameSearch
 from .frame_start import Velocities, directions_of, start_rates
 from .gamma_choice import PILOT_STEPS, with_gamma
@@ -86,7 +86,7 @@ def choose_frame(
     >>> import gyrospark as gs
     >>> step = gs.stepper("G-L", stages=3, frame="symmetries")
     >>> top = gs.problems.fast_top()
-    >>> parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    >>> parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
     >>> choice = gs.choose_frame(step, top.q0, top.p0, dt=1e-3, parameters=parameters)
     >>> parameters = parameters | choice.values
     """
@@ -206,6 +206,6 @@ def _without_rules(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _mean_of(name: str, inertia: Any) -> float:
-    return float(gamma_m(principal_moments(inertia)))
+    return float(mean_inertia(principal_moments(inertia)))
 
 

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, StepFailed
-from ..rigid_body.gamma_rules import gamma_m
+from ..rigid_body.gamma_rules import mean_inertia
 from .frame_start import Direction, Velocities, least_squares, start_rates
 from .motion_distance import MotionError
 
@@ -99,7 +99,7 @@ class FramePilots:
     ) -> None:
         self.stepper, self.arguments, self.steps = stepper, arguments, arguments.steps
         self.directions, self._bodies = directions, bodies
-        self.means = {name: float(gamma_m(inertia)) for name, inertia in bodies.items()}
+        self.means = {name: float(mean_inertia(inertia)) for name, inertia in bodies.items()}
         self.done: list[FramePilot] = []
         self._known: dict[bytes, tuple[int, Array | None]] = {}
         self._halves: list[float] = []

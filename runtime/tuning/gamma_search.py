@@ -38,8 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import StepFailed
-from ...core.registry import Aim
-from ..rigid_body.gamma_rules import MEANS_BY_SYMBOL, gamma_m
+from ...core.registry import MEANS, Aim
+from ..rigid_body.gamma_rules import mean_inertia
 from .motion_distance import MotionError, sizes
 
 if TYPE_CHECKING:
@@ -173,8 +173,9 @@ class Pilots:
         """Run the paper's four recommendations; raises if the steps converge with none."""
         runs: dict[str, tuple[dict[str, float], Trajectory | None]] = {}
         failure: StepFailed | None = None
-        for label, rule in MEANS_BY_SYMBOL.items():
-            values = self._named(np.array([rule(moments) for moments in self.bodies.values()]))
+        for rule, label in MEANS.items():
+            values = self._named(np.array([mean_inertia(moments, rule)
+                                           for moments in self.bodies.values()]))
             if any(values == other for other, _ in runs.values()):
                 continue
             try:
@@ -312,7 +313,7 @@ class GammaSearch:
 
     def __init__(self, pilots: Pilots, law: str) -> None:
         self.pilots, self.law, self.inverse = pilots, law, law.startswith("1/")
-        self.scale = np.array([gamma_m(moments) for moments in pilots.bodies.values()])
+        self.scale = np.array([mean_inertia(moments) for moments in pilots.bodies.values()])
         bounds = [(min(moments) / REACH, max(moments) * REACH)
                   for moments in pilots.bodies.values()]
         ends = self.variable(np.array(bounds).T)

@@ -26,7 +26,7 @@ from strategies import EPS
 LOOP, REVERSAL, G, F = "loop invariant", "reversal", "largest |g(q)|", "largest |g_q H_p|"
 VERTICAL, FIGURE = "angular momentum about e3", "angular momentum about the body's axis 3"
 TOP = gs.problems.fast_top()
-PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
 
 
 def model_of(name, **changes):
@@ -126,7 +126,7 @@ def test_own_parameters_of_any_type_and_steps():
     assert {name: found.parameters[name] for name in moments} == {
         name: float(value) for name, value in moments.items()}
     assert (found.dt, found.steps) == (5e-4, 20)
-    assert gs.certify(TOP, "EMS", steps=20).parameters["gamma"] == gs.gamma_m(TOP.inertia)
+    assert gs.certify(TOP, "EMS", steps=20).parameters["gamma"] == gs.gamma(TOP.inertia)
 
 
 # ---------------------------------------------------------------- at rest where one looks

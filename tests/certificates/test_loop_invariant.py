@@ -12,7 +12,7 @@ from gyrospark.certificates.loop_invariant import closed_loop, loop_drift, loop_
 from strategies import EPS
 
 TOP = gs.problems.fast_top()
-PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
 SIZES = (np.full(4, 1.0), np.full(4, 0.2))
 
 

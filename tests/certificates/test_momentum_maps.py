@@ -39,7 +39,7 @@ def square(x):
 
 def maps_of(problem, rep):
     """Return the maps of a heavy top at a problem's state and parameters."""
-    parameters = problem.parameters | {rep: gs.gamma_m(problem.inertia)}
+    parameters = problem.parameters | {rep: gs.gamma(problem.inertia)}
     return momentum_maps(heavy_top(rep), parameters, problem.q0, problem.p0)
 
 

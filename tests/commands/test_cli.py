@@ -165,7 +165,7 @@ def test_json_is_one_document_with_the_keys_of_the_contract(gyrospark):
     top = gs.problems.fast_top()
     made = gs.stepper("G-L", 2).integrate(
         top.q0, top.p0, dt=1e-3, steps=20,
-        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+        parameters=top.parameters | {"gamma": gs.gamma(top.inertia)})
     assert found["q"] == made.q[-1].tolist()
     assert found["p"] == made.p[-1].tolist()
     assert found["energy_error_max"] == abs(made.energy() - made.energy()[0]).max()
@@ -222,7 +222,7 @@ def late_failure():
     """Arguments of a run whose first failing step is neither the first nor a multiple of 3."""
     top = gs.problems.free_body(angular_velocity=(0.01, 60, 0.01))  # it turns over now and then
     step = gs.stepper("G-L", 2, system="free_body")
-    parameters = {"gamma": gs.gamma_m(top.inertia)} | {
+    parameters = {"gamma": gs.gamma(top.inertia)} | {
         name: value for name, value in top.parameters.items() if name in step.parameter_domains}
     for dt in np.arange(0.03, 0.08, 0.002).round(4).tolist():
         for most in (6, 7, 8, 10):

@@ -72,7 +72,7 @@ def test_moments_that_rounding_made_are_taken_with_a_remark(inertia):
 def test_effective_moments_are_parameters_of_a_system(gl3):
     """The cure that the refusal names: fluid and rotors add to moments."""
     q, p = np.array([1.0, 0, 0, 0]), gs.Start.of_body([1, 0, 0, 0], [1, 2, 3], (10, 1, 1)).p
-    parameters = {"I1": 10, "I2": 1, "I3": 1, "mgl": 0.1, "gamma": gs.gamma_m((10, 1, 1))}
+    parameters = {"I1": 10, "I2": 1, "I3": 1, "mgl": 0.1, "gamma": gs.gamma((10, 1, 1))}
     made = gl3.integrate(q, p, dt=1e-2, steps=5, parameters=parameters)
     assert made.report.energy_error_max < 1e-12
 
@@ -87,28 +87,20 @@ def test_effective_moments_are_parameters_of_a_system(gl3):
     (np.ones((3, 3)), "definite"), ([[1, 2], [3]], "three"),
 ])
 def test_what_is_no_inertia_tensor_is_refused(inertia, words):
-    for call in (as_inertia, gs.gamma_m, lambda x: gs.Start.of_body([1, 0, 0, 0], [1, 2, 3], x).p):
+    for call in (as_inertia, gs.gamma, lambda x: gs.Start.of_body([1, 0, 0, 0], [1, 2, 3], x).p):
         with pytest.raises(gs.InputError, match=words):
             call(inertia)
 
 
 def test_a_diagonal_tensor_is_its_moments():
     assert as_inertia(np.diag(MOMENTS)) == MOMENTS
-    assert gs.gamma_m(np.diag(MOMENTS)) == gs.gamma_m(MOMENTS)
+    assert gs.gamma(np.diag(MOMENTS)) == gs.gamma(MOMENTS)
 
 
-@pytest.mark.parametrize("mean", [gs.gamma_m, gs.gamma_h, gs.gamma_m_tilde, gs.gamma_h_tilde])
-def test_means_of_a_tensor_are_those_of_its_moments(mean):
-    assert mean(TENSOR) == pytest.approx(mean(MOMENTS), rel=8 * EPS)
-    assert mean(TENSOR.tolist()) == mean(TENSOR)
-
-
-def test_fast_gamma_of_a_tensor_finds_the_axis():
-    moments = (0.002, 0.002, 0.0008)
-    tensor = TILT.as_matrix() @ np.diag(moments) @ TILT.as_matrix().T
-    tensor = (tensor + tensor.T) / 2
-    spin = TILT.apply([0.1, 0, 100])
-    assert gs.gamma_fast(tensor, spin) == pytest.approx(gs.gamma_fast(moments, [0.1, 0, 100]))
+@pytest.mark.parametrize("rule", ["m", "h", "mt", "ht"])
+def test_means_of_a_tensor_are_those_of_its_moments(rule):
+    assert gs.gamma(TENSOR, rule) == pytest.approx(gs.gamma(MOMENTS, rule), rel=8 * EPS)
+    assert gs.gamma(TENSOR.tolist(), rule) == gs.gamma(TENSOR, rule)
 
 
 @given(st.lists(st.floats(0.5, 1.0), min_size=3, max_size=3),

@@ -141,7 +141,7 @@ def test_a_builder_remarks_on_quaternions():
 def test_negative_gamma_is_legal_and_said():
     """T does not depend on γ where |q| = 1; its discretisation does, linearly in 1/γ."""
     run = {"dt": 1e-3, "steps": 300}
-    m = gs.gamma_m(TOP.inertia)
+    m = gs.gamma(TOP.inertia)
     step = gs.stepper("G-L", 2)
     with pytest.warns(gs.errors.InputWarning, match=r"gamma = -0\.0016.*\bm\b") as said:
         negative = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": -m})

@@ -32,7 +32,7 @@ FLAGS = ["-ffp-contract=off", "-O2"]
 QUICK = ["-ffp-contract=off", "-O0"]
 OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, DIVERGED, INVALID = 0, 1, 2, 3, 5, 6
 TOP = gs.problems.fast_top()
-PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
 SMALL = Spec("G-L", 2, real="float")
 
 

@@ -172,7 +172,7 @@ def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau)
     ("G-L", 2, "alpha"), ("LIIIA-B", 3, "gamma"), ("G-L", 8, "gamma")])
 def test_sweeps_and_newton_give_the_same_trajectory(scheme, stages, rep, dt):
     step = gs.stepper(scheme, stages, rep)
-    parameters = TOP.parameters | {rep: gs.gamma_m(TOP.inertia)}
+    parameters = TOP.parameters | {rep: gs.gamma(TOP.inertia)}
     run = {"dt": dt, "steps": 150, "parameters": parameters}
     fast = step.integrate(TOP.q0, TOP.p0, solver="fixed-point" if dt < 5e-3 else "auto", **run)
     full = step.integrate(TOP.q0, TOP.p0, solver="newton", **run)
@@ -215,7 +215,7 @@ def test_auto_does_every_step_that_newton_can_do(name):
     ("G-L", 2, "gamma"), ("EMS", None, "gamma")])
 def test_largest_step_of_auto_is_not_below_that_of_newton(scheme, stages, rep):
     step = gs.stepper(scheme, stages, rep)
-    parameters = TOP.parameters | {rep: gs.gamma_m(TOP.inertia)}
+    parameters = TOP.parameters | {rep: gs.gamma(TOP.inertia)}
     largest = {}
     for solver in ("newton", "auto", "fixed-point"):
         for dt in (0.008 * 1.15 ** np.arange(18)).tolist():

@@ -28,7 +28,7 @@ EPS = np.finfo(float).eps
 
 
 def with_gamma(problem):
-    return problem.parameters | {"gamma": gs.gamma_m(problem.inertia)}
+    return problem.parameters | {"gamma": gs.gamma(problem.inertia)}
 
 
 @cache
@@ -47,7 +47,7 @@ def tops():
     """The model's stepper with a frame, and a start on the constraints."""
     found = model()
     numbers = {name: float(x) for name, x in found.parameters.items()}
-    numbers |= {name: gs.gamma_m(x) for name, x in found.bodies.items()}
+    numbers |= {name: gs.gamma(x) for name, x in found.bodies.items()}
     numbers |= {"a_I2": numbers["a_I1"], "b_I2": numbers["b_I1"]}
     step = gs.stepper("G-L", 2, system=found, frame="symmetries")
     return step, numbers, step.project(found.q0, found.p0, parameters=numbers)

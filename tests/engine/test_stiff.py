@@ -125,7 +125,7 @@ def test_what_is_at_rest_stays_there(scheme, solver):
     free = gs.stepper(*scheme)
     inertia = (0.002, 0.0015, 0.0008)
     parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
-        "mgl": 0.0, "gamma": gs.gamma_m(inertia)}
+        "mgl": 0.0, "gamma": gs.gamma(inertia)}
     for q in ([1.0, 0, 0, 0], [np.cos(0.3), np.sin(0.3), 0, 0], [0.1, 0.3, 0.3, 0.9]):
         made = free.integrate(q, np.zeros(4), dt=1e-3, steps=50, parameters=parameters,
                               solver=solver)
@@ -138,7 +138,7 @@ def test_what_has_no_root_is_no_step(scheme):
     """With huge steps iterations go astray; rounding explains nothing there, and g = 0 tells."""
     top = gs.problems.fast_top()
     step = gs.stepper(*scheme)
-    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
     for dt in np.geomspace(0.03, 1.0, 12):
         for solver in ("auto", "newton"):
             try:

@@ -50,7 +50,7 @@ class Case:
         self.stepper, self.binding = stepper, stepper.binding
         self.events = ([gs.Event(stepper.manifest["system"]["coordinates"][0], level=0.3)]
                        if event else [])
-        parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+        parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
         q, p = stepper.project(top.q0, top.p0, parameters=parameters)
         self.arguments = {"q": q, "p": p, "dt": 1e-3, "steps": 120, "every": 3,
                           "parameters": parameters, "events": self.events}

@@ -44,7 +44,7 @@ def spec() -> Spec:
 @cache
 def made() -> gs.Trajectory:
     top = gs.problems.fast_top()
-    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
     return gs.stepper("EMS").integrate(top.q0, top.p0, dt=1e-3, steps=6, every=2,
                                        parameters=parameters)
 

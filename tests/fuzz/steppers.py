@@ -65,4 +65,4 @@ def case(name: str) -> Case:
               "ims": ("IMS", None, "gamma")}[name]
     rep: Any = scheme[2]
     return Case(gs.stepper(*scheme), top.q0, top.p0,
-                top.parameters | {rep: gs.gamma_m(top.inertia)})
+                top.parameters | {rep: gs.gamma(top.inertia)})

@@ -10,7 +10,7 @@ import pytest
 import gyrospark as gs
 
 TOP = gs.problems.fast_top()
-PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
 RUN = {"dt": 1e-3, "parameters": PARAMETERS}
 SCHEMES = [("EMS", None), ("G-L", 2)]
 

@@ -57,7 +57,7 @@ def named(scheme: str, stages: int | None, rep: str, real: str, system: str = "h
     def make() -> Golden:
         top = gs.problems.fast_top() if system == "heavy_top" else gs.problems.free_body()
         step = gs.stepper(scheme, stages, rep, system=system, real=real)
-        size = {"gamma": gs.gamma_m, "alpha": gs.gamma_m}[rep](top.inertia)
+        size = gs.gamma(top.inertia)
         return Golden(step, top.q0, top.p0, 1e-3, top.parameters | {rep: size})
 
     return make

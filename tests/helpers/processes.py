@@ -20,7 +20,7 @@ HELPERS, DATA = (ROOT / "tests" / name for name in ("helpers", "data"))
 FAST_TOP = """
 import gyrospark as gs
 top = gs.problems.fast_top()
-parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
 """
 
 

@@ -55,7 +55,7 @@ class Steady:
 
 def of_model(model, dt, **more) -> Steady:
     """Return a steady motion of the start of a model, γ_m in all bodies."""
-    gammas = {name: gs.gamma_m(inertia) for name, inertia in model.bodies.items()}
+    gammas = {name: gs.gamma(inertia) for name, inertia in model.bodies.items()}
     numbers = {name: float(x) for name, x in model.parameters.items()} | gammas
     return Steady(model, model.q0, model.p0, numbers, dt, **more)
 
@@ -64,7 +64,7 @@ def sleeping_top() -> Steady:
     """Upright, 1.25 rad a step: both axes are one, and either rate would do."""
     top, spin = gs.problems.fast_top(), 125.0
     q = np.array([1.0, 0, 0, 0])
-    numbers = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    numbers = top.parameters | {"gamma": gs.gamma(top.inertia)}
     p = gs.Start.of_body(q, spin * E3, top.inertia).p
     return Steady("heavy_top", q, p, numbers, 1e-2, (spin,), rep={"rep": "gamma"})
 
@@ -75,7 +75,7 @@ def free_body() -> Steady:
     q, omega = body.q0, np.array([20.0, 0.0, 100.0])
     l_of_body = np.array([I1, I1, I3]) * omega
     rotation = rotation_matrix(q)
-    numbers = {"I1": I1, "I2": I1, "I3": I3, "gamma": gs.gamma_m((I1, I1, I3))}
+    numbers = {"I1": I1, "I2": I1, "I3": I3, "gamma": gs.gamma((I1, I1, I3))}
     return Steady("free_body", q, gs.Start.of_body(q, omega, (I1, I1, I3)).p, numbers, 1e-2,
                   ((1 / I3 - 1 / I1) * l_of_body[2],), rotation @ l_of_body / I1,
                   rep={"rep": "gamma"})
@@ -91,7 +91,7 @@ def satellite() -> Steady:
     n, I1, I3 = model.parameters["n"], 30.0, 40.0
     q, s = turn(E1, -pi / 2), 10 * model.parameters["n"]  # e3 of the body → e2
     made = of_model(model, 0.1 / n, spins=(s - n,))
-    moments = {"a_I1": I1, "a_I2": I1, "a_I3": I3, "a_gamma": gs.gamma_m((I1, I1, I3))}
+    moments = {"a_I1": I1, "a_I2": I1, "a_I3": I3, "a_gamma": gs.gamma((I1, I1, I3))}
     return Steady(made.system, q, gs.Start.of_body(q, s * E3, (I1, I1, I3)).p,
                   {**made.parameters, **moments}, made.dt, made.spins)
 
@@ -168,7 +168,7 @@ def with_wheel(q, omega, rate, body, wheel, dt, **more) -> Steady:
     made = of_model(rotor(), dt)
     moments = {f"{name}_I{k}": x for name, J in (("a", body), ("w", wheel))
                for k, x in enumerate(J, 1)}
-    gammas = {"a_gamma": gs.gamma_m(body), "w_gamma": 0.01}
+    gammas = {"a_gamma": gs.gamma(body), "w_gamma": 0.01}
     return Steady(made.system, np.concatenate([q, q, rotation_matrix(q) @ (0.2 * E3)]),
                   np.concatenate(p), {**made.parameters} | moments | gammas, dt,
                   blocks=(4, 4, 3), **more)

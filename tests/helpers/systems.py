@@ -107,14 +107,14 @@ def _heavy_top(rep: str = "gamma", **options: Any) -> Case:
     top = gs.problems.fast_top()
     rates = {"omega_body": 90.0} if options else {}
     return Case({"rep": rep, **options}, tuple(top.q0), tuple(top.p0),
-                top.parameters | {rep: gs.gamma_m(top.inertia)} | rates, 2e-3)
+                top.parameters | {rep: gs.gamma(top.inertia)} | rates, 2e-3)
 
 
 def _free_body() -> Case:
     body = gs.problems.free_body()
     parameters = {name: value for name, value in body.parameters.items() if name != "mgl"}
     return Case({"rep": "gamma", "system": "free_body"}, tuple(body.q0), tuple(body.p0),
-                parameters | {"gamma": gs.gamma_m(body.inertia)}, 5e-3,
+                parameters | {"gamma": gs.gamma(body.inertia)}, 5e-3,
                 exact=lambda time: body.exact.attitude(time))
 
 

@@ -138,7 +138,7 @@ def test_plain_c_example_agrees_with_python(tmp_path):
     top = gs.problems.fast_top()
     made = gs.stepper("G-L", 3, "gamma").integrate(
         top.q0, top.p0, dt=1e-3, steps=2000,
-        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+        parameters=top.parameters | {"gamma": gs.gamma(top.inertia)})
     q = np.array(lines[1].removeprefix("q = ").split(), dtype=float)
     assert abs(q - made.q[-1]).max() < 1e-11
     numbers = [float(x) for x in re.findall(r"[0-9.]+e[+-][0-9]+", lines[2])]

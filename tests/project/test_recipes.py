@@ -199,7 +199,7 @@ def test_scheme(tmp_path):
     top = gs.problems.fast_top()
     run = gs.stepper("LIIIA-B", 2).integrate(
         top.q0, top.p0, dt=1e-3, steps=100,
-        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+        parameters=top.parameters | {"gamma": gs.gamma(top.inertia)})
     assert found["energy_error_max"] == run.report.energy_error_max
     assert found["constraint_max"] < 1e-15
 
@@ -223,7 +223,7 @@ def test_floating_point_type(tmp_path):
     body = gs.problems.free_body()
     run = gs.stepper("IMS", rep="gamma").integrate(
         body.q0, body.p0, dt=1e-3, steps=20,
-        parameters=body.parameters | {"gamma": gs.gamma_m(body.inertia)})
+        parameters=body.parameters | {"gamma": gs.gamma(body.inertia)})
     for name in ("energy_error_max", "constraint_max", "iterations_max"):
         assert found[name] == getattr(run.report, name)
     assert (found["q"], found["p"]) == (list(run.report.q), list(run.report.p))

@@ -18,7 +18,7 @@ def run_again(real: str = "double"):
     """Return the stepper, its projected start and parameters of the kept runs."""
     top = gs.problems.fast_top()
     step = gs.stepper("G-L", 2, rep="gamma", real=real)
-    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
     q0, p0 = step.project(top.q0, top.p0, parameters=parameters)
     return step, q0, p0, parameters
 

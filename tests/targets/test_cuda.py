@@ -34,7 +34,7 @@ from gyrospark.targets.native import native_bits
 from processes import call
 
 TOP = gs.problems.fast_top()
-PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
 COUNT, STEPS, EVERY = 3, 50, 7
 #: Numbers before and behind all memory.
 BAND = 1024

@@ -68,7 +68,7 @@ def test_numbers_of_a_body(satellite):
         r"double (\w+);", fields)
     assert found["I2"] == {"name": "I2", "role": "parameter", "domain": "positive",
                            "unit": "kg.m2", "start": 10.0}
-    assert found["gamma"]["start"] == gs.gamma_m((12.0, 10.0, 3.0))
+    assert found["gamma"]["start"] == gs.gamma((12.0, 10.0, 3.0))
     assert [found[f"body_omega_{x}"]["start"] for x in "xyz"] == pytest.approx(
         [0.02, -0.03, 0.05], rel=1e-15)
     assert {name: found[name]["unit"] for name in ("u1", "q0", "p0", "omega1")} == {

@@ -100,7 +100,7 @@ def test_unknown_names_are_refused(step):
     top = gs.problems.fast_top()
     plain = gs.stepper("EMS").integrate(
         top.q0, top.p0, dt=1e-3, steps=1,
-        parameters=top.parameters | {"gamma": gs.gamma_m(top.inertia)})
+        parameters=top.parameters | {"gamma": gs.gamma(top.inertia)})
     assert plain.quantities == ()
     assert plain.work.tolist() == [0.0, 0.0]
     with pytest.raises(InputError, match="has none"):

@@ -32,7 +32,7 @@ from own_tableaux import FOLDER, in_decimals, make
 EXAMPLES = {"gauss_3_2": 4, "lobatto_iiid_3": 4, "radau_iia_2": 3, "radau_plain_2": 3}
 TOP = gs.problems.fast_top()
 BODY = asymmetric_top((1.0, 1.7, 0.6), 0.2, 0.9, [0.9, -1.4, 1.1])
-PARAMETERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+PARAMETERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
 
 
 @cache

@@ -94,7 +94,7 @@ before = gs.stepper("G-L", 3) if len(sys.argv) > 1 else None
 
 def work(shift):
     top = gs.problems.fast_top()
-    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
     found = []
     for step in (before, gs.stepper("G-L", 3), gs.stepper("EMS")):
         if step is not None:

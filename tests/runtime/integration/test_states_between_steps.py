@@ -17,7 +17,7 @@ TIMES = np.random.default_rng(7).uniform(0.0, 1.03, 40)
 def fast_top(real: str = "double", scheme: str = "G-L", stages: int | None = 2):
     top = gs.problems.fast_top()
     step = systems.stepper("heavy_top", scheme, stages, real)
-    parameters = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
     return step, *step.project(top.q0, top.p0, parameters=parameters), parameters
 
 

@@ -390,7 +390,7 @@ def test_exact_free_body_is_what_eight_stages_integrate(omega):
     problem = gs.problems.free_body(moments, omega, attitude)
     run = gs.stepper("G-L", 8).integrate(
         problem.q0, problem.p0, dt=0.02, steps=100,
-        parameters=problem.parameters | {"gamma": gs.gamma_m(moments)})
+        parameters=problem.parameters | {"gamma": gs.gamma(moments)})
     assert np.abs(motion.angular_velocity(run.t) - run.angular_velocity()).max() < 1e-11
     assert np.abs(np.abs((motion.attitude(run.t) * run.q).sum(axis=1)) - 1).max() < 1e-13
     assert np.abs(motion.axis(run.t) - run.axis()).max() < 1e-12

@@ -23,7 +23,7 @@ def top():
 
 def test_a_problem_is_a_start_and_gamma_is_by_rule():
     run = top().integrate(TOP, **STEP)
-    by_number = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia)}
+    by_number = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
     for parameters in (by_number, TOP.parameters | {"gamma": "m"}, TOP.parameters):
         plain = top().integrate(TOP.q0, TOP.p0, parameters=parameters, **STEP)
         assert np.array_equal(plain.q, run.q)
@@ -45,7 +45,7 @@ def test_merged_moments_have_the_bits_of_a_model_with_these_moments():
                      | {"mgl": TOP.parameters["mgl"]})
     merged = top().integrate(TOP, parameters={"I1": 0.0021, "I2": 0.0017, "I3": 0.0009}, **STEP)
     assert np.array_equal(merged.q, top().integrate(other, **STEP).q)
-    assert merged.parameters["gamma"] == gs.gamma_m(moments)
+    assert merged.parameters["gamma"] == gs.gamma(moments)
 
 
 def test_a_gamma_that_is_given_stays():
@@ -58,7 +58,7 @@ def test_a_gamma_that_is_given_stays():
 def test_the_rule_of_a_model_finds_gamma():
     by = {rule: TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": rule})
           for rule in ("h", "auto")}
-    assert top().integrate(by["h"], **STEP).parameters["gamma"] == gs.gamma_h(TOP.inertia)
+    assert top().integrate(by["h"], **STEP).parameters["gamma"] == gs.gamma(TOP.inertia, "h")
     searched = top().integrate(TOP, parameters={"gamma": "auto"}, **STEP)
     assert top().integrate(by["auto"], **STEP).parameters == searched.parameters
     with pytest.raises(gs.InputError, match="auto"):
@@ -120,7 +120,7 @@ def test_ensembles_take_starts_columns_and_an_end():
     each = top().integrate_ensemble([TOP, TOP], dt=1e-3, steps=12, parameters={"I1": moments})
     assert np.array_equal(columns.q, each.q)
     for member, moment in zip(columns.members, moments, strict=True):
-        assert member.parameters["gamma"] == gs.gamma_m((moment, *TOP.inertia[1:]))
+        assert member.parameters["gamma"] == gs.gamma((moment, *TOP.inertia[1:]))
     later = top().integrate_ensemble([TOP.start.replace(t=t) for t in (0.0, 0.5)], **STEP)
     assert later.t[:, 0].tolist() == [0.0, 0.5]
     with pytest.raises(gs.InputError, match="steps"):

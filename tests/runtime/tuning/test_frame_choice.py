@@ -25,7 +25,7 @@ X, Y, Z, PX, PY, PZ = sp.symbols("x y z p_x p_y p_z", real=True)
 
 
 def with_gamma(problem):
-    return problem.parameters | {"gamma": gs.gamma_m(problem.inertia)}
+    return problem.parameters | {"gamma": gs.gamma(problem.inertia)}
 
 
 @cache
@@ -124,7 +124,7 @@ def test_gamma_is_searched_for_with_the_rates():
     step, numbers = framed("G-L", 1), TOP.parameters | {"gamma": "auto"}
     both = gs.choose_frame(step, TOP.q0, TOP.p0, dt=1e-3, parameters=numbers, steps=300)
     alone = gs.choose_frame(step, TOP.q0, TOP.p0, dt=1e-3, parameters=with_gamma(TOP), steps=300)
-    assert both.gamma == both.values["gamma"] != gs.gamma_m(TOP.inertia)
+    assert both.gamma == both.values["gamma"] != gs.gamma(TOP.inertia)
     assert both.measured_gain > 3 * alone.measured_gain
     run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=300,
                          parameters=numbers | {"frame": "auto"})

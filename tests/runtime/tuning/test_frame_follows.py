@@ -21,7 +21,7 @@ TOP = gs.problems.fast_top()
 C = sp.Symbol("c", real=True)
 #: The spin falls to a fiftieth in 8 s.
 START = {"q": TOP.q0, "p": TOP.p0, "dt": 5e-3, "steps": 1600, "every": 10}
-NUMBERS = TOP.parameters | {"gamma": gs.gamma_m(TOP.inertia), "c": 0.5}
+NUMBERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia), "c": 0.5}
 
 
 @cache

@@ -40,9 +40,9 @@ def systems() -> Iterator[tuple]:
     top, cone = gs.problems.fast_top(), gs.problems.regular_precession()
     free = STEADY["free_body"]()
     turned = np.array([np.cos(0.35), np.sin(0.35), 0.0, 0.0])
-    numbers = top.parameters | {"gamma": gs.gamma_m(top.inertia)}
+    numbers = top.parameters | {"gamma": gs.gamma(top.inertia)}
     body, three = gs.problems.free_body(), (1.0, 1.4, 2.0)
-    moments = dict(zip(("I1", "I2", "I3"), three, strict=True)) | {"gamma": gs.gamma_m(three)}
+    moments = dict(zip(("I1", "I2", "I3"), three, strict=True)) | {"gamma": gs.gamma(three)}
 
     def heavy(q, omega, **more):
         inertia = [(numbers | more)[f"I{k}"] for k in (1, 2, 3)]
@@ -53,7 +53,7 @@ def systems() -> Iterator[tuple]:
     yield "sleeping top", *heavy(upright, (0, 0, 125.0))
     yield "nearly sleeping", *heavy(nearly, (0, 0, 125.0))
     yield ("regular precession", "heavy_top", cone.q0, cone.p0,
-           cone.parameters | {"gamma": gs.gamma_m(cone.inertia)}, 5e-3)
+           cone.parameters | {"gamma": gs.gamma(cone.inertia)}, 5e-3)
     yield "free symmetric body", "free_body", free.q, free.p, free.parameters, 5e-3
     yield "slow top", *heavy(turned, (5.0, 3.0, 30.0))
     yield "asymmetric free body", "free_body", body.q0, gs.Start.of_body(

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 import gyrospark as gs
 import systems
 from calls import refused
-from gyrospark.runtime.rigid_body.gamma_rules import MEANS_BY_SYMBOL, known_inertia
+from gyrospark.core.registry import MEANS
+from gyrospark.runtime.rigid_body.gamma_rules import known_inertia
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 from gyrospark.runtime.tuning.gamma_choice import PILOT_STEPS
 from gyrospark.runtime.tuning.gamma_search import WORTHWHILE, least
@@ -140,7 +141,7 @@ def test_ems_moves_too():
     assert choice.aim == "motion"
     assert choice.measured_gain > 3
     energy = gs.choose_gamma(step, CHAOTIC.q0, CHAOTIC.p0, aim="energy", **run)
-    assert energy.gamma == gs.gamma_m(CHAOTIC.inertia)
+    assert energy.gamma == gs.gamma(CHAOTIC.inertia)
     assert "round-off" in energy.reason
 
 
@@ -151,7 +152,7 @@ def test_where_the_error_does_not_grow_like_t_nothing_is_said_of_longer_runs():
     step = gs.stepper("G-L", 2)
     run = {"dt": 5e-3, "parameters": CHAOTIC.parameters, "bodies": {"gamma": CHAOTIC.inertia}}
     choice = gs.choose_gamma(step, CHAOTIC.q0, CHAOTIC.p0, **run)
-    assert choice.gamma == gs.gamma_m(CHAOTIC.inertia)
+    assert choice.gamma == gs.gamma(CHAOTIC.inertia)
     assert "like t" in choice.reason
     assert choice.measured_gain == choice.expected_gain == 1
     whole = gs.choose_gamma(step, CHAOTIC.q0, CHAOTIC.p0, run_steps=1000, **run)
@@ -192,7 +193,7 @@ def test_free_body_of_second_order_says_that_gamma_does_nothing():
     choice = gs.choose_gamma(gs.stepper("IMS"), body.q0, body.p0, dt=1e-3, steps=200,
                              parameters=body.parameters, bodies={"gamma": body.inertia},
                              aim="energy")
-    assert choice.gamma == gs.gamma_m(body.inertia)
+    assert choice.gamma == gs.gamma(body.inertia)
     assert choice.measured_gain == 1
     assert "hardly" in choice.reason
 
@@ -209,7 +210,7 @@ def check_energy(body, method):
     """No rule is better by 5 %, on the pilots' length and, above round-off, on ten times it."""
     choice = trial_of(body, *method).for_energy
     assert choice.aim == "energy"
-    best = min(pilot.energy for pilot in choice.pilots if pilot.label in MEANS_BY_SYMBOL)
+    best = min(pilot.energy for pilot in choice.pilots if pilot.label in MEANS.values())
     if "round-off" not in choice.reason:
         assert choice.pilots[0].energy / choice.measured_gain <= ALLOWED * best
     if not trial_of(body, *method).at_round_off(LONGER):
@@ -303,7 +304,7 @@ def test_each_body_has_its_own_gamma():
     with refused("2 values"):
         _ = choice.gamma
     pilots = [p.values for p in choice.pilots if p.label.startswith("pilot")]
-    rules = [p for p in choice.pilots if p.label in MEANS_BY_SYMBOL]
+    rules = [p for p in choice.pilots if p.label in MEANS.values()]
     base = min(rules, key=lambda p: p.energy).values
     assert [sum(values[name] != base[name] for name in base) for values in pilots] == [1, 1]
     assert choice.measured_gain * min(rule.energy for rule in rules) > choice.pilots[0].energy
@@ -339,7 +340,7 @@ def test_auto_sees_all_of_a_short_run():
                          parameters=CHAOTIC.parameters | {"gamma": "auto"})
     choice = gs.choose_gamma(step, CHAOTIC.q0, CHAOTIC.p0, dt=5e-3, steps=900, run_steps=900,
                              parameters=CHAOTIC.parameters | {"gamma": "auto"})
-    assert run.parameters["gamma"] == choice.gamma != gs.gamma_m(CHAOTIC.inertia)
+    assert run.parameters["gamma"] == choice.gamma != gs.gamma(CHAOTIC.inertia)
 
 
 @pytest.mark.parametrize("word", ["auto", "auto-energy"])
