@@ -123,8 +123,9 @@ class Assembly:
                     arms.setdefault(frame, []).append(math.hypot(*r))
                     points.append(self.poses[frame].space(r) - np.asarray(self.poses[link.b].x))
         whole = max(math.hypot(*r) for r in points)
+        slender = {body for beam in self.components.beams for body in beam.segments}
         for body, inertia in self.components.inertia.items():
-            if self.components.bodies[body].is_placed:
+            if self.components.bodies[body].is_placed or body in slender:
                 continue
             mass = self.components.values[str(body.mass)]
             radius = math.sqrt(max(moments_of(inertia)) / mass)

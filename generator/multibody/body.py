@@ -12,7 +12,7 @@ where J is a tensor.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -173,6 +173,13 @@ class Body(Frame):
             inertia, sp.Symbol(f"{name}_{rep}", real=True, nonzero=True),
             inverse if tensor else (),
         )
+
+    @classmethod
+    def of_beam(cls, name: str, rep: Rep, beam: str) -> Body:
+        """Return a segment of a beam, whose mass and inertia have the beam's symbols."""
+        shared = cls.free(beam, rep)
+        return replace(cls.free(name, rep), mass=shared.mass, inertia=shared.inertia,
+                       weight=shared.weight)
 
     @property
     def coordinates(self) -> tuple[sp.Symbol, ...]:

@@ -15,6 +15,7 @@ from ...core.errors import InputError
 from ...core.inertia import Inertia
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
+from .beam import Beam, BeamEnd
 from .body import GROUND, Body, Frame, GeneralisedForce, MovingPoint, Vector
 from .coordinates import Arm, FlywheelBody
 from .initial_poses import InitialState
@@ -58,6 +59,7 @@ class Components:
     inputs: list[sp.Symbol] = field(default_factory=list)
     measures: dict[sp.Symbol, tuple[Connection, str]] = field(default_factory=dict)
     placed: set[Connection] = field(default_factory=set)
+    beams: list[Beam] = field(default_factory=list)
     #: Name of a joint that others hold in one → that one.
     aliases: dict[str, Connection] = field(default_factory=dict)
 
@@ -65,7 +67,8 @@ class Components:
         """Refuse a name that another part of the kind has, or no identifier."""
         as_text(f"a name in Multibody {self.name!r}", name)
         taken: Mapping[str, Collection[str]] = {
-            "body": [*(body.name for body in self.bodies), *(p.name for p in self.moving_points)],
+            "body": [*(body.name for body in self.bodies), *(p.name for p in self.moving_points),
+                     *self.ends, *(beam.name for beam in self.beams)],
             "joint": [link.name for link in self.connections], "parameter": self.symbols}
         if name in taken[kind] or name in ("ground", "gravity"):
             raise InputError(f"{name!r} is used twice in Multibody {self.name!r}; each body, each "
@@ -73,6 +76,17 @@ class Components:
         if not (name.isascii() and name.isidentifier()) or name.startswith("_"):
             raise InputError(f"{shown(name)} is no name for a part of Multibody {self.name!r}; use "
                              "letters, digits and '_', a letter first.")
+
+    @property
+    def ends(self) -> dict[str, BeamEnd]:
+        """The ends of the beams by name."""
+        return {end.name: end for beam in self.beams for end in (beam.first, beam.last)}
+
+    def end(self, frame: Any) -> BeamEnd | None:
+        """Return the end of a beam, given itself or by name, and None for other frames."""
+        ends = self.ends
+        return ends.get(frame) if isinstance(frame, str) else next(
+            (end for end in ends.values() if end is frame), None)
 
     def frames(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
         """Return the two frames of a connection, at least one of them a body."""
@@ -95,6 +109,9 @@ class Components:
     def body(self, body: Any, what: str) -> Body:
         """Return a body, given itself or by name."""
         names = {known.name: known for known in self.bodies if not isinstance(known, FlywheelBody)}
+        names |= {end.name: end.segment for end in self.ends.values()}
+        if isinstance(body, BeamEnd):
+            body = body.segment
         if isinstance(body, str) and body in names:
             return names[body]
         if isinstance(body, Body) and body in names.values():

@@ -207,6 +207,24 @@ class Model:
         """Where a run of it starts; γ and α without a value are found by its rules."""
         return Start(self.q0, self.p0, self.parameters).of_model(self.bodies, self.rules)
 
+    def equilibrium(self) -> Model:
+        """Return the model that starts at rest in static equilibrium, near its start.
+
+        H_q + g_qᵀλ = F and g = 0 at p = 0 and t = 0: the rest shape of a cable or a beam under its
+        loads. Of several equilibria a stable one is found where forces have a potential.
+
+        Raises
+        ------
+        InputError
+            For a system that moves where its momenta are 0, one from a Lagrangian or with velocity
+            constraints, and where no equilibrium is reached.
+        """
+        from ..systems.equilibrium import equilibrium
+
+        values = {**dict.fromkeys(self.bodies, 1.0), **self.parameters}  # γ moves nothing at rest
+        q, _ = equilibrium(self.system, values, self.q0)
+        return replace(self, q0=q, p0=np.zeros(len(q)))
+
     def in_type(self, number: Callable[[Fraction], Any]) -> Model:
         """Return the model with all its numbers rounded once, to the type of ``number``."""
         def rounded(value: Any) -> Any:

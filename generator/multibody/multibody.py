@@ -44,6 +44,14 @@ from ..systems.expression_arguments import as_expression
 from ..systems.numeric_system import NumericSystem
 from ..systems.redundant_constraints import Redundancy
 from .assembly import Assembly
+from .beam import (
+    Beam,
+    BeamEnd,
+    BeamJoint,
+    curve_of,
+    frames_along,
+    section_of,
+)
 from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
 from .components import TIME, Components
 from .coordinates import BallFlywheel, Chain, Coordinate, Flywheel, FlywheelBody, Law, Link
@@ -51,6 +59,7 @@ from .initial_poses import (
     InitialState,
     attitude,
     check_rep,
+    conjugate,
     count,
     finite,
     initial_state,
@@ -58,6 +67,7 @@ from .initial_poses import (
     onto,
     optional_vector,
     positive,
+    product,
     rotation,
     unit,
     vector,
@@ -311,6 +321,121 @@ class Multibody:
                       on_a=on_body, on_b=(0, 0, 0), rate=rate)
         return wheel
 
+    def beam(
+        self, name: str, *, count: int, mass: float, bending: float | tuple[float, float],
+        twisting: float, start: ArrayLike | None = None, end: ArrayLike | None = None,
+        points: ArrayLike | None = None, stretching: float | None = None,
+        shearing: float | None = None, damping: float = 0.0, rest: ArrayLike | None = None,
+        normal: ArrayLike | None = None, twist: float = 0.0, radius: float | None = None,
+        inertia: ArrayLike | None = None, velocity: ArrayLike | None = None,
+        angular_velocity: ArrayLike | None = None, rep: RepName = "gamma",
+    ) -> Beam:
+        """Add a beam or cable: rigid segments that bend and twist against each other.
+
+        Errors fall as the square of the length of a segment. ``fixed`` clamps an end, with half a
+        segment that bends; ``ball``, ``rod``, ``spring`` and ``force`` take the point of an end.
+        Other joints hold the axes of the first or last segment, with an error of one segment.
+
+        Parameters
+        ----------
+        name : str
+            Begins the names of segments, ``NAME_1`` to ``NAME_count``, ends, ``NAME_first`` and
+            ``NAME_last``, and parameters, such as ``NAME_bending``, that all segments share.
+        count : int
+            Number of segments, 2 or more.
+        mass : float
+            Of the whole, in kg.
+        bending : float or two floats
+            EI in N m², or EI₁ and EI₂ about the first and second axis of the section.
+        twisting : float
+            GJ in N m².
+        start, end : three floats
+            Ends of a straight beam in space at the start, m.
+        points : array_like, shape (k, 3)
+            In their place, a polygon that the beam follows: points of a curve, as many as it needs.
+        stretching, shearing : float, optional
+            EA and GA in N, of the section and with the shear coefficient; both, or neither for a
+            beam that keeps its length, whose segments are joined by constraints.
+        damping : float
+            Retardation time τ in s of a Kelvin-Voigt material: each stiffness times τ resists the
+            rate of its strain.
+        rest : three floats, optional
+            Curvature without moment in 1/m, about the axes of the section, the third one its
+            torsion; by default the start is free of moments.
+        normal : three floats, optional
+            Direction of the first axis of the section at the start of the beam, in space.
+        twist : float
+            Angle in rad by which the section turns about the tangent from the start to the end.
+        radius : float, optional
+            Of a round section, in m: its rotary inertia, and the tube in pictures.
+        inertia : three floats, optional
+            Rotary inertia of the section about its axes per length, in kg m; by default that of
+            ``radius``, and without one that of a segment as a thin rod, m h²/12 about each axis.
+        velocity, angular_velocity : three floats, optional
+            Of the whole as one rigid body at the start, in space, m/s at the start of the beam and
+            rad/s; by default as joints require, else 0.
+
+        Returns
+        -------
+        Beam
+            With ``first`` and ``last``, its ends, and ``segments``.
+
+        Raises
+        ------
+        InputError
+            For less than two segments, stiffnesses that are not above 0, only one of stretching and
+            shearing, points that coincide, and a curve that turns back.
+        """
+        self._components.claim(name, "body")
+        check_rep(name, rep)
+        number, EI, GJ, extension, tau = section_of(
+            name, count, bending, twisting, stretching, shearing, damping)
+        nodes, ends, length = curve_of(name, start, end, points, number)
+        h, chords = length / number, np.diff(nodes, axis=0)
+        arc = np.array([0.0, *(np.arange(number) + 0.5) / number, 1.0])
+        frames = frames_along(name, np.stack([ends[0], *chords, ends[1]]), arc, normal,
+                              float(finite(f"twist of {name!r}", twist, ())))
+        of_segment = positive(f"mass of {name!r}", mass) / number
+        thick = None if radius is None else positive(f"radius of {name!r}", radius)
+        if inertia is not None:
+            moments = tuple((h * vector(f"inertia of {name!r}", inertia)).tolist())
+        elif thick is not None:
+            moments = tuple(of_segment * thick**2 / 4 * x for x in (1, 1, 2))
+        else:
+            moments = (of_segment * h**2 / 12,) * 3
+        v, spin = (optional_vector(f"{what} of {name!r}", value) for what, value in (
+            ("velocity", velocity), ("angular velocity", angular_velocity)))
+        segments = []
+        for k, (q, chord) in enumerate(zip(frames[1:-1], chords, strict=True), start=1):
+            middle = (nodes[k - 1] + nodes[k]) / 2
+            self._components.claim(f"{name}_{k}", "body")
+            turning = np.zeros(3) if spin is None else np.cross(spin, middle - nodes[0])
+            begin = initial_state(
+                f"{name}_{k}", q, None, middle, v if v is None else v + turning,
+                spin if spin is None else rotation(q).T @ spin)
+            body = Body.of_beam(f"{name}_{k}", rep, name)
+            segments.append(self._add(body, begin, of_segment, as_inertia(
+                moments, f"inertia of {name!r}"), None))
+            half = float(np.linalg.norm(chord)) / 2
+            self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), thick or h / 8))
+        halves = np.linalg.norm(chords, axis=1) / 2
+        beam = Beam(
+            name, tuple(segments),
+            BeamEnd(f"{name}_first", segments[0], np.array([0, 0, -halves[0]]), frames[0],
+                    nodes[0], True),
+            BeamEnd(f"{name}_last", segments[-1], np.array([0, 0, halves[-1]]), frames[-1],
+                    nodes[-1], False),
+            h, EI, GJ, extension, tau, None if rest is None else vector(f"rest of {name!r}", rest))
+        self._components.beams.append(beam)
+        for k in range(1, number):
+            outer = (k == 1) + (k == number - 1)
+            self._join(BeamJoint(
+                f"{name}_joint_{k}", segments[k - 1], segments[k],
+                np.array([0, 0, halves[k - 1]]), np.array([0, 0, -halves[k]]), beam=beam,
+                rest=beam.rest_strain(frames[k], frames[k + 1], 2), arc=k * h,
+                gap=(1 + outer / 2) * h if extension else 0.0))
+        return beam
+
     # ------------------------------------------------------------ joints
 
     def ball(
@@ -345,15 +470,47 @@ class Multibody:
     def fixed(
         self, name: str, a: Frame | str, b: Frame | str, *, at: ArrayLike | None = None,
         on_a: ArrayLike | None = None, on_b: ArrayLike | None = None, rotation: Any = None,
-    ) -> Fixed:
+    ) -> Fixed | BeamJoint:
         """Fix b to a: six constraints, ``name: x``, ``y``, ``z``, ``turn x``, ``y``, ``z``.
 
         For bodies of closed loops; without a loop, model both as one body.
         ``rotation`` is the attitude of b in the axes of a, a 3 × 3 matrix or SciPy Rotation; by
         default their relative attitude at the start. Other arguments are those of ``ball``.
+        The end of a beam is clamped: three constraints, and a potential of half a segment.
         """
-        relative = None if rotation is None else _matrix(attitude(f"{name!r}", None, rotation))
-        return self._join(Fixed(name, **self._pair(name, a, b, at, on_a, on_b), relative=relative))
+        q = None if rotation is None else attitude(f"{name!r}", None, rotation)
+        pair = self._pair(name, a, b, at, on_a, on_b)
+        if {pair["a"], pair["b"]} & {x for beam in self._components.beams for x in beam.segments}:
+            return self._join(self._clamp(name, (a, b), pair, q))
+        return self._join(Fixed(name, **pair, relative=None if q is None else _matrix(q)))
+
+    def _clamp(
+        self, name: str, frames: tuple[Frame | str, Frame | str], pair: dict[str, Any],
+        q: Array | None,
+    ) -> BeamJoint:
+        """Return the clamp of an end of a beam; ``q`` is the attitude of b in the axes of a."""
+        ends = [self._components.end(frame) for frame in frames]
+        end = ends[0] or ends[1]
+        holder = pair["b"] if ends[0] else pair["a"]
+        inside = next((beam for beam in self._components.beams if holder in beam.segments), None)
+        if end is None or inside is not None:
+            raise InputError(
+                f"{name!r} fixes {'two beams to each other' if all(ends) else 'an inner segment'}; "
+                "a beam is fixed at an end, beam.first or beam.last, to the ground or to a body, "
+                "which may be between two beams.")
+        beam = next(one for one in self._components.beams if end in (one.first, one.last))
+        held = (np.array([1.0, 0, 0, 0]) if holder is GROUND or isinstance(holder, MovingPoint)
+                else self._components.bodies[holder].q)
+        section = end.q
+        if q is not None:
+            section = np.array(product(held, conjugate(q) if ends[0] else q))
+            section = section * (1 if section @ end.q >= 0 else -1)
+        q_segment = self._components.bodies[end.segment].q
+        rest = (beam.rest_strain(end.q, q_segment, 4) if end.is_first else
+                beam.rest_strain(q_segment, end.q, 4))
+        return BeamJoint(name, **pair, beam=beam, factor=4, rest=rest,
+                         relative=product(conjugate(held), section),
+                         arc=0.0 if end.is_first else beam.spacing * len(beam.segments))
 
     def revolute(
         self, name: str, a: Frame | str, b: Frame | str, *, axis: ArrayLike | None = None,
@@ -541,7 +698,7 @@ class Multibody:
         if length is not None:
             length = positive(f"length of {name!r}", length)
         return self._join(Rod(
-            name, *self._components.frames(name, a, b), *self._points(name, on_a, on_b),
+            name, *self._components.frames(name, a, b), *self._points(name, (a, b), (on_a, on_b)),
             length=length))
 
     def spring(
@@ -557,7 +714,7 @@ class Multibody:
         if rest < 0:
             raise InputError(f"The length of spring {name!r} is {rest}; give 0 or more.")
         return self._join(Spring(
-            name, *self._components.frames(name, a, b), *self._points(name, on_a, on_b),
+            name, *self._components.frames(name, a, b), *self._points(name, (a, b), (on_a, on_b)),
             stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest,
             damping=float(finite(f"damping of {name!r}", damping, ())),
         ))
@@ -823,7 +980,7 @@ class Multibody:
         """
         pushed = self._components.body(body, "A force")
         F = three_expressions(f"force on {pushed.name!r}", force)
-        r = optional_vector(f"point of the force on {pushed.name!r}", on_body)
+        r = self._point(f"point of the force on {pushed.name!r}", body, on_body)
         self._components.forces += pushed.force_at([0, 0, 0] if r is None else r.tolist(), F)
 
     def torque(self, body: Body | str, torque: Sequence[Any]) -> None:
@@ -1012,13 +1169,24 @@ class Multibody:
     ) -> dict[str, Any]:
         """Return the arguments of a joint with a common point."""
         (first, second), (on_first, on_second) = self._components.frames(name, a, b), self._points(
-            name, on_a, on_b)
+            name, (a, b), (on_a, on_b))
+        end = self._components.end(a) or self._components.end(b)
         return {"a": first, "b": second, "on_a": on_first, "on_b": on_second,
-                "at": optional_vector(f"at of {name!r}", at)}
+                "at": optional_vector(f"at of {name!r}", end.at if end and at is None and
+                                      (on_a is on_b is None) else at)}
 
-    def _points(self, name: str, on_a: Any, on_b: Any) -> tuple[Array | None, Array | None]:
-        return (optional_vector(f"on_a of {name!r}", on_a),
-                optional_vector(f"on_b of {name!r}", on_b))
+    def _points(
+        self, name: str, frames: Sequence[Frame | str], given: Sequence[Any]
+    ) -> tuple[Array | None, Array | None]:
+        """Return the points of a connection in the axes of its bodies."""
+        on_a, on_b = (self._point(f"{what} of {name!r}", frame, r) for what, frame, r in
+                      zip(("on_a", "on_b"), frames, given, strict=True))
+        return on_a, on_b
+
+    def _point(self, what: str, frame: Frame | str, given: Any) -> Array | None:
+        """Return a point in the axes of a body, on from the end of a beam."""
+        r, end = optional_vector(what, given), self._components.end(frame)
+        return r if end is None else end.on if r is None else end.on + r
 
     def _hinge(
         self, name: str, a: Frame | str, b: Frame | str, axes: Axes, rate: float | None = None,

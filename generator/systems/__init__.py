@@ -7,6 +7,7 @@
     expression_arguments   expressions that a user passes, checked
     body_layout            coordinates of bodies and joints in a system
     numeric_system         g, g_q and H_p with numbers, in NumPy
+    equilibrium            static equilibria, by pseudo-transient continuation
     redundant_constraints  constraints that others imply
     velocity_coefficients  coefficients of velocity constraints, extracted exactly
     integrable_rows        velocity constraints that are rates of functions of position

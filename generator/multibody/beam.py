@@ -1,0 +1,391 @@
+"""Beams and cables: chains of rigid segments, potentials of the strains between them.
+
+Between neighbouring segments a and b of length h, with w + u = q̄_a q_b,
+
+    curvature   κ = (2/h) u,  |κ| = (2/h) sin(θ/2)
+    bending     V = (h/2) Σ B_k (κ_k − κ°_k)²,  B = (EI₁, EI₂, GJ)
+    stretching  V = (h/4) Σ_{a,b} Σ C_k Γ_k²,  Γ = Rᵀ(P_b − P_a)/h,  C = (GA, GA, EA)
+
+or, without stretching and shearing (Kirchhoff), a ball joint P_a = P_b. V is a polynomial, a motion
+of the whole does not change κ and Γ, and errors are O(h²) (Lang, Linn, Arnold, Multibody System
+Dynamics 25, 2011). A clamp bends half a segment: h/2 in place of h. Kelvin-Voigt damping adds
+τ B κ̇ to the moment B (κ − κ°), and τ C Γ̇ to the force.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.arguments import shown, whole
+from ...core.errors import InputError
+from ...core.inertia import real_array
+from ..systems.expression_arguments import as_expression
+from .body import Body, Frame, GeneralisedForce, Vector, cross, dot
+from .initial_poses import conjugate, finite, onto, positive, product, rotation, vector
+from .joints import (
+    UNIT,
+    Equation,
+    Joint,
+    Poses,
+    Store,
+    difference,
+    named_number,
+    named_vector,
+    propagate,
+)
+from .rigid_body import rotation_matrix
+
+__all__ = ["Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along", "section_of",
+           "strain_between"]
+
+Array = NDArray[Any]
+_STILL = (1.0, 0.0, 0.0, 0.0)
+#: Differences of lengths and components of unit vectors below this are round-off.
+_ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BeamEnd(Frame):
+    """An end of a beam, for joints, springs, forces and quantities.
+
+    Its origin is the end of the first or last ``segment``, at ``on`` in its axes, which are the
+    axes of the end; ``q`` and ``at`` are the attitude and the place of the section at the start.
+    """
+
+    name: str
+    segment: Body
+    on: Array
+    q: Array
+    at: Array
+    is_first: bool
+
+    def __repr__(self) -> str:
+        return f"<BeamEnd {self.name}>"
+
+    @property
+    def attitude(self) -> tuple[sp.Expr, ...]:
+        """Quaternion of the segment."""
+        return self.segment.attitude
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """Angular velocity of the segment in its axes."""
+        return self.segment.angular_velocity
+
+    def direction(self, v: Sequence[object]) -> Vector:
+        """Return the components in space of a vector in the axes of the segment."""
+        return self.segment.direction(v)
+
+    def point(self, r: Sequence[object] = (0, 0, 0)) -> Vector:
+        """Return the position in space of a point in the axes of the segment, from the end."""
+        return self.segment.point(self._shifted(r))
+
+    def point_velocity(self, r: Sequence[object] = (0, 0, 0)) -> Vector:
+        """Return the velocity in space of such a point."""
+        return self.segment.point_velocity(self._shifted(r))
+
+    def _shifted(self, r: Sequence[object]) -> list[Any]:
+        return [as_expression(x) + d for x, d in zip(r, self.on.tolist(), strict=True)]
+
+
+@dataclass(eq=False, repr=False)
+class Beam:
+    """A beam or cable of a ``Multibody``; made by ``Multibody.beam``.
+
+    Attributes
+    ----------
+    name : str
+        Begins the names of its parameters, segments (``cable_1``, …) and joints.
+    segments : tuple of Body
+        Rigid segments; their third axes are tangents, the others the axes of the section.
+    first, last : BeamEnd
+        Its ends, which model files call ``NAME_first`` and ``NAME_last``.
+    spacing : float
+        h in m, the length of a segment along the curve.
+    """
+
+    name: str
+    segments: tuple[Body, ...]
+    first: BeamEnd
+    last: BeamEnd
+    spacing: float
+    bending: tuple[float, float]
+    twisting: float
+    #: (shearing, stretching), or () of an inextensible beam.
+    extension: tuple[float, ...]
+    damping: float
+    #: Curvature without moment about the axes of the section, None for that of the start.
+    rest: Array | None
+
+    def __repr__(self) -> str:
+        return f"<Beam {self.name}: {len(self.segments)} segments of {self.spacing:g} m>"
+
+    def rest_strain(self, a: Array, b: Array, factor: int) -> Array:
+        """Return u without moment of a joint with κ = (factor/h) u, drawn between attitudes."""
+        u = strain_between(a, b) if self.rest is None else self.spacing / factor * self.rest
+        if not np.linalg.norm(u) < 1:
+            raise InputError(f"The rest curvature of beam {self.name!r} is {shown(self.rest)} 1/m, "
+                             f"too much for segments of {self.spacing:g} m; give more segments.")
+        return u
+
+    def stiffness(self, store: Store) -> Vector:
+        """Return EI₁, EI₂ and GJ; their values go into ``store``."""
+        names = ("bending",) * 2 if len({*self.bending}) == 1 else ("bending1", "bending2")
+        first, second, third = (
+            named_number(f"{self.name}_{name}", value, store, ()) for name, value in
+            zip((*names, "twisting"), (*self.bending, self.twisting), strict=True))
+        return first, second, third
+
+
+@dataclass(eq=False, repr=False)
+class BeamJoint(Joint):
+    """A joint between two segments of a beam, or a clamp of one of its ends.
+
+    ``factor`` is f in κ = (f/h) u: 2, and 4 at a clamp; ``relative`` is the attitude of the section
+    at a clamp in the axes of the frame that holds it; ``rest`` is u without moment; ``arc`` its
+    distance from the start along the beam; ``gap`` the length that a joint with stretching stands
+    for, 0 of one without.
+    """
+
+    beam: Beam = field(kw_only=True)
+    rest: Array = field(kw_only=True)
+    arc: float = field(kw_only=True)
+    factor: int = field(kw_only=True, default=2)
+    relative: Sequence[float] = field(kw_only=True, default=_STILL)
+    gap: float = field(kw_only=True, default=0.0)
+
+    @property
+    def sides(self) -> tuple[Frame, Frame]:
+        """The frames before and after it along the beam."""
+        holder_is_last = self.factor == 4 and (self.a in self.beam.segments) != bool(self.arc)
+        return (self.b, self.a) if holder_is_last else (self.a, self.b)
+
+    def turns(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
+        """Return the attitudes of the section in the axes of both sides."""
+        turn = [named_number(f"{self.name}_turn{k}", x, store, UNIT)
+                for k, x in enumerate(self.relative)]
+        one = [sp.Integer(1), *[sp.Integer(0)] * 3]
+        return (one, turn) if self.arc else (turn, one)
+
+    def turn(self, poses: Poses) -> bool:
+        """Propagate the angular velocity: Ω_b = Ω_a."""
+        return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
+
+    def places(self, store: Store) -> tuple[Vector, Vector]:
+        """Return both points; segments of one length share their parameters."""
+        if self.factor == 4:
+            return super().places(store)
+        places = []
+        for frame, r, what in ((self.a, self.on_a, "front"), (self.b, self.on_b, "back")):
+            assert isinstance(frame, Body)
+            assert r is not None
+            is_shared = abs(2 * abs(r[2]) - self.beam.spacing) <= _ROUNDING * self.beam.spacing
+            name = self.beam.name if is_shared else frame.name
+            places.append(named_vector(f"{name}_{what}", r.tolist(), store))
+        return places[0], places[1]
+
+    def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
+        """Yield the constraints of a ball; none of a joint that stretches."""
+        if not self.gap:
+            yield from super().equations(poses, store)
+
+    def strain(self, store: Store) -> tuple[sp.Expr, Vector]:
+        """Return w and u of the sections on both sides."""
+        (p, q), (before, after) = self.sides, self.turns(store)
+        w, *u = product(conjugate(product(p.attitude, before)), product(q.attitude, after))
+        return w, (u[0], u[1], u[2])
+
+    def stiffness_by_strain(self, store: Store) -> tuple[sp.Expr, Vector]:
+        """Return f/h and B: V is Σ (f/h) B_k (u_k − u°_k)²."""
+        h = named_number(f"{self.beam.name}_spacing", self.beam.spacing, store)
+        return self.factor / h, self.beam.stiffness(store)
+
+    def energy(self, store: Store) -> sp.Expr:
+        """Return V; values of its parameters go into ``store``."""
+        _, u = self.strain(store)
+        rest = named_vector(f"{self.name}_rest", self.rest.tolist(), store)
+        ratio, B = self.stiffness_by_strain(store)
+        bending = ratio * sp.Add(*(b * (x - x0) ** 2 for b, x, x0 in
+                                   zip(B, u, rest, strict=True)))
+        return bending + self._stretching(store) if self.gap else bending
+
+    def _extension(self, store: Store) -> tuple[sp.Expr, sp.Expr, Vector, list[Vector]]:
+        """Return GA/h, EA/h, P_b − P_a in space, and the tangents of a and b."""
+        names = ("shearing", "stretching")[: len({*self.beam.extension})]
+        C = [named_number(f"{self.beam.name}_{name}", x, store, ())
+             for name, x in zip(names, self.beam.extension, strict=False)]
+        end = "gap" if self.gap == self.beam.spacing else "end_gap"
+        length = named_number(f"{self.beam.name}_{end}", self.gap, store)
+        point_a, point_b = self.points(store)
+        return (C[0] / length, C[-1] / length, difference(point_b, point_a),
+                [frame.direction((0, 0, 1)) for frame in (self.a, self.b)])
+
+    def _stretching(self, store: Store) -> sp.Expr:
+        across, along, d, tangents = self._extension(store)
+        V = across * dot(d, d) / 2
+        if across == along:
+            return V
+        return V + sum(((along - across) * dot(d, t) ** 2 / 4 for t in tangents), sp.Integer(0))
+
+    def forces(self, poses: Poses, store: Store) -> Iterator[GeneralisedForce]:
+        """Yield the damping: −2τ (f/h) B u̇ and −τ C Γ̇."""
+        if not self.beam.damping:
+            return
+        tau = named_number(f"{self.beam.name}_damping", self.beam.damping, store)
+        w, u = self.strain(store)
+        sides = [(frame, rotation_matrix(turn)) for frame, turn in
+                 zip(self.sides, self.turns(store), strict=True)]
+        spins = [list(R.T * sp.Matrix(frame.angular_velocity)) for frame, R in sides]
+        change, total = ([y - s * x for x, y in zip(*spins, strict=True)] for s in (1, -1))
+        rate = [(w * x + y) / 2 for x, y in zip(change, cross(u, total), strict=True)]
+        ratio, B = self.stiffness_by_strain(store)
+        s = [2 * tau * ratio * b * x for b, x in zip(B, rate, strict=True)]
+        for (frame, R), sign in zip(sides, (1, -1), strict=True):
+            torque = [(sign * w * x - y) / 2 for x, y in zip(s, cross(s, u), strict=True)]
+            yield from frame.torque_on(list(R * sp.Matrix(torque)))
+        if self.gap:
+            yield from self._stretching_damping(tau, store)
+
+    def _stretching_damping(self, tau: sp.Expr, store: Store) -> Iterator[GeneralisedForce]:
+        """Yield −τ C Γ̇ of both frames: forces on the points, and torques that keep momenta."""
+        across, along, d, tangents = self._extension(store)
+        places = self.places(store)
+        speed = difference(self.b.point_velocity(places[1]), self.a.point_velocity(places[0]))
+        total = [sp.Integer(0)] * 3
+        for frame, t in zip((self.a, self.b), tangents, strict=True):
+            spin = frame.direction(frame.angular_velocity)
+            rate = difference(speed, cross(spin, d))
+            stretch = dot(rate, t)
+            s = [tau * (across * x + (along - across) * stretch * e) / 2
+                 for x, e in zip(rate, t, strict=True)]
+            torque = cross(d, s)
+            assert isinstance(frame, Body)
+            yield from frame.torque_on(list(frame.rotation.T * sp.Matrix(torque)))
+            total = [x + y for x, y in zip(total, s, strict=True)]
+        for frame, r, sign in zip((self.a, self.b), places, (1, -1), strict=True):
+            x, y, z = (sign * e for e in total)
+            yield from frame.force_at(r, (x, y, z))
+
+
+def curve_of(
+    name: str, start: Any, end: Any, points: Any, count: int
+) -> tuple[Array, Array, float]:
+    """Return count + 1 points along a polygon, its first and last directions, and its length.
+
+    Raises
+    ------
+    InputError
+        For another description than two ends or points, and for points that coincide.
+    """
+    if (points is None) == (start is None) or (start is None) != (end is None):
+        raise InputError(f"Beam {name!r} has {'points and' if points is not None else 'neither'} "
+                         f"{'a start or an end' if points is not None else 'both ends nor points'}"
+                         "; give start and end, or points.")
+    line = real_array([start, end] if points is None else points)
+    if line is None or line.ndim != 2 or line.shape[1] != 3 or len(line) < 2 or not np.isfinite(
+            line).all():
+        raise InputError(f"The points of beam {name!r} are "
+                         f"{shown(points if points is not None else (start, end))}; give at least "
+                         "two points of three finite numbers each.")
+    edges = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    if not (edges > _ROUNDING * np.abs(line).max()).all():
+        k = int(np.argmin(edges))
+        raise InputError(f"Points {k + 1} and {k + 2} of beam {name!r} coincide at "
+                         f"{line[k].tolist()}; give points at a distance from each other.")
+    arc = np.concatenate([[0.0], np.cumsum(edges)])
+    at = np.linspace(0.0, arc[-1], count + 1)
+    nodes = np.stack([np.interp(at, arc, x) for x in line.T], axis=1)
+    return nodes, np.stack([line[1] - line[0], line[-1] - line[-2]]), float(arc[-1])
+
+
+def frames_along(
+    name: str, tangents: Array, arc: Array, normal: ArrayLike | None, twist: float
+) -> list[Array]:
+    """Return the attitudes of sections by parallel transport.
+
+    Parameters
+    ----------
+    tangents : ndarray, shape (k, 3)
+    arc : ndarray, shape (k,)
+        Distances of the sections from the start, as parts of the length.
+    normal : three floats, optional
+        Direction of the first axis at the start.
+    twist : float
+        Angle in rad by which the section turns about the tangent from the first to the last.
+
+    Raises
+    ------
+    InputError
+        For a normal along the tangent, and a curve that turns back.
+    """
+    t = tangents / np.linalg.norm(tangents, axis=1)[:, None]
+    q = onto(t[0])
+    if normal is not None:
+        x, y, z = (rotation(q).T @ vector(f"normal of {name!r}", normal)).tolist()
+        if math.hypot(x, y) <= 1e-9 * math.hypot(x, y, z):
+            raise InputError(f"The normal of beam {name!r} is {shown(normal)}, which has no part "
+                             "across its tangent; give a direction across the beam.")
+        q = _twisted(q, math.atan2(y, x))
+    frames = [q]
+    for k, (a, b) in enumerate(pairwise(t)):
+        half = np.array([1 + a @ b, *np.cross(a, b)])
+        angle = twist * (arc[k + 1] - arc[k])
+        if half[0] < 1e-6 or abs(angle) > math.pi / 2:
+            raise InputError(f"Beam {name!r} turns back, or twists by more than 90°, at segment "
+                             f"{max(k, 1)}; give more segments, or a smoother curve.")
+        step = half / np.linalg.norm(half)
+        q = _twisted(np.array(product(step, frames[-1])), angle)
+        frames.append(q / np.linalg.norm(q))
+    return frames
+
+
+def _twisted(q: Array, angle: float) -> Array:
+    """Return the attitude after a rotation about its third axis."""
+    return np.array(product(q, [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
+
+
+def strain_between(a: Array, b: Array) -> Array:
+    """Return u of two attitudes; components at round-off level are 0."""
+    u = np.array(product(conjugate(a), b)[1:])
+    return np.where(np.abs(u) <= _ROUNDING, 0.0, u)
+
+
+def section_of(
+    name: str, count: Any, bending: Any, twisting: Any, stretching: Any, shearing: Any,
+    damping: Any,
+) -> tuple[int, tuple[float, float], float, tuple[float, ...], float]:
+    """Return the checked number of segments and stiffnesses of a beam.
+
+    Raises
+    ------
+    InputError
+        For less than two segments, stiffnesses that are not above 0, only one of stretching and
+        shearing, and a damping below 0.
+    """
+    number = whole(count)
+    if number is None or number < 2:
+        raise InputError(f"The count of beam {name!r} is {shown(count)}; give a whole number of "
+                         "segments, 2 or more.")
+    pair = real_array(bending)
+    both = finite(f"bending of {name!r}", bending, () if pair is None or pair.ndim == 0 else (2,))
+    first, second = np.broadcast_to(both, 2).tolist()
+    EI = positive(f"bending of {name!r}", first), positive(f"bending of {name!r}", second)
+    given = {"shearing": shearing, "stretching": stretching}
+    missing = [what for what, value in given.items() if value is None]
+    if len(missing) == 1:
+        raise InputError(f"Beam {name!r} has no {missing[0]}; give shearing and stretching, or "
+                         "neither for a beam that does not extend.")
+    extension = tuple(positive(f"{what} of {name!r}", value)
+                      for what, value in given.items() if not missing)
+    tau = float(finite(f"damping of {name!r}", damping, ()))
+    if tau < 0:
+        raise InputError(f"The damping of beam {name!r} is {tau:g} s; give 0 or more.")
+    return number, EI, positive(f"twisting of {name!r}", twisting), extension, tau

@@ -1,0 +1,371 @@
+"""Beams: shapes and loads against closed forms, motions against digits of finer integrations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+
+import budget
+import gyrospark as gs
+from gyrospark.generator.multibody.initial_poses import rotation
+from gyrospark.generator.symbolic.numeric_evaluation import evaluate
+
+EPS = np.finfo(float).eps
+STRAIGHT = {"start": (0, 0, 0), "end": (1, 0, 0), "mass": 1.0, "bending": 1.0, "twisting": 1.0}
+
+
+def builder(name: str = "beams") -> gs.Multibody:
+    return gs.Multibody(name, gravity=(0, 0, 0))
+
+
+def tip(model: gs.Model, h: float) -> np.ndarray:
+    """Return where the end of the last segment is."""
+    return model.q0[-3:] + rotation(model.q0[-7:-3]) @ [0, 0, h / 2]
+
+
+def cantilever(count: int, force: tuple[float, float, float], **more) -> gs.Model:
+    """Return a beam of length 1, clamped at its start, with a dead load at its end."""
+    build = builder()
+    beam = build.beam("rod", count=count, **STRAIGHT | more)
+    build.fixed("clamp", build.ground, beam.first)
+    build.force(beam.last, force)
+    return build.model()
+
+
+# ---------------------------------------------------------------- statics against closed forms
+
+
+def elastica(load: float) -> tuple[float, float]:
+    """Return (x, deflection) of the tip of a cantilever, F L²/EI = load (elliptic integrals)."""
+    with mp.workdps(25):
+        def modulus(angle):
+            return (1 + mp.sin(angle)) / 2
+
+        def amplitude(m):
+            return mp.asin(1 / mp.sqrt(2 * m))
+
+        angle = mp.findroot(lambda angle: mp.ellipk(modulus(angle)) - mp.ellipf(
+            amplitude(modulus(angle)), modulus(angle)) - mp.sqrt(load),
+            (0.4, 0.5) if load < 2 else (1.2, 1.3), solver="secant")
+        m = modulus(angle)
+        bent = mp.ellipe(m) - mp.ellipe(amplitude(m), m)
+        return (float(mp.sqrt(2 * mp.sin(angle) / load)), float(1 - 2 * bent / mp.sqrt(load)))
+
+
+@pytest.mark.parametrize("load", [1.0, 10.0])
+def test_a_cantilever_is_an_elastica_to_order_two(load):
+    exact = elastica(load)
+    errors = []
+    for count in (5, 10):
+        x, _, z = tip(cantilever(count, (0, 0, -load)).equilibrium(), 1 / count)
+        errors.append(np.array([x - exact[0], -z - exact[1]]))
+    coarse, fine = np.abs(errors)
+    assert fine.max() <= {1.0: 1.7e-3, 10.0: 6.1e-3}[load]
+    assert np.log2(coarse / fine).min() > 1.8
+
+
+def test_a_torque_about_the_tangent_twists_by_ml_over_gj():
+    """u₃ = sin(θ/2) at each joint, the clamp's of half a segment: θ = 2 asin(M h/(2 GJ))."""
+    build, count, GJ, M = builder(), 4, 0.3, 0.2
+    beam = build.beam("rod", count=count, **STRAIGHT | {"twisting": GJ})
+    build.fixed("clamp", build.ground, beam.first)
+    build.torque(beam.last, (0, 0, M))
+    model = build.model().equilibrium()
+    before, after = build.model().q0[-7:-3], model.q0[-7:-3]
+    turned = 2 * np.arccos(before @ after)
+    h = 1 / count
+    # M is the derivative of (f/h) GJ sin²(θ/2) = (f/2h) GJ (1 − cos θ).
+    joint, clamp = np.arcsin(2 * M * h / (2 * GJ)), np.arcsin(2 * M * h / (4 * GJ))
+    assert abs(turned - ((count - 1) * joint + clamp)) <= 64 * EPS
+
+
+def test_stretching_of_a_pulled_beam_is_exact():
+    """F L/EA: the end joints have the compliance of the ends beside them."""
+    EA, force = 40.0, 3.0
+    for count in (2, 5):
+        model = cantilever(count, (force, 0, 0), stretching=EA, shearing=15.0).equilibrium()
+        assert np.abs(tip(model, 1 / count) - [1 + force / EA, 0, 0]).max() <= 16 * EPS
+
+
+def test_a_sheared_cantilever_bends_and_shears():
+    """F L³/(3 EI₂) + F L/GA for small loads, about the second axis of the section."""
+    EI, GA, force = (5.0, 2.0), 7.0, 1e-6
+    errors = []
+    for count in (4, 8):
+        model = cantilever(count, (0, 0, force), bending=EI, stretching=50.0, shearing=GA,
+                           normal=(0, 0, 1)).equilibrium()
+        z = tip(model, 1 / count)[2]
+        errors.append(z / force - (1 / (3 * EI[1]) + 1 / GA))
+    assert abs(errors[1]) <= 0.01 * (1 / 6 + 1 / 7)
+    assert np.log2(errors[0] / errors[1]) > 1.8
+
+
+def test_a_straight_beam_bent_to_a_circle_has_its_energy():
+    """½ EI₁ κ² L in the limit; κ = (2/h) sin(θ/2) at joints, (4/h) sin(θ/4) at clamps, θ = h.
+
+    The polygon of the circle has 20,000 edges, its end directions an error of half of one.
+    """
+    angle = np.linspace(0, np.pi, 20_001)
+    arc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    given = STRAIGHT | {"bending": (2.0, 3.0), "points": arc, "start": None, "end": None,
+                        "normal": (0, 0, 1)}
+    energies = []
+    for count, rest in ((8, (0, 0, 0)), (16, (0, 0, 0)), (8, None)):
+        build = builder()
+        beam = build.beam("arc", count=count, rest=rest, **given)
+        for end in ("first", "last"):
+            build.fixed(f"clamp_{end}", build.ground, getattr(beam, end))
+        model = build.model()
+        values = dict(zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True))
+        values |= {s: model.parameters[str(s)] for s in model.system.parameters}
+        energies.append(float(evaluate([model.system.H], values)[0]))
+    for count, energy in zip((8, 16), energies, strict=False):
+        h = np.pi / count
+        joints, clamps = 2 * np.sin(h / 2) ** 2, 4 * np.sin(h / 4) ** 2
+        assert energy == pytest.approx(2.0 / h * ((count - 1) * joints + 2 * clamps), rel=1e-3)
+    assert abs(energies[2]) <= 64 * EPS
+
+
+def test_sections_of_a_helix_are_transported_in_parallel():
+    """They turn by −∫τ ds against the Frenet frame, which has the same normal at both ends."""
+    radius, pitch = 1.0, 0.5
+    angle = np.linspace(0, 2 * np.pi, 4001)
+    helix = np.stack([radius * np.cos(angle), radius * np.sin(angle), pitch * angle], axis=1)
+    build = builder()
+    beam = build.beam("helix", points=helix, count=400, mass=1, bending=1, twisting=1,
+                      normal=(-1, 0, 0))
+    first, last = (rotation(end.q) for end in (beam.first, beam.last))
+    torsion = pitch / (radius**2 + pitch**2)
+    turn = -torsion * 2 * np.pi * np.hypot(radius, pitch)
+    c, s = np.cos(turn), np.sin(turn)
+    # The tangents agree after a whole turn, so that the section has turned about the tangent.
+    assert np.abs(last - first @ [[c, -s, 0], [s, c, 0], [0, 0, 1]]).max() <= 2e-3
+
+
+def test_a_twisted_section_turns_and_is_free_of_moments():
+    build = builder()
+    beam = build.beam("blade", count=3, twist=0.6, **STRAIGHT)
+    build.fixed("clamp", beam.last, build.ground)
+    first, last = (rotation(end.q) for end in (beam.first, beam.last))
+    assert np.arccos(first[:, 0] @ last[:, 0]) == pytest.approx(0.6, abs=1e-12)
+    model = build.model()
+    assert np.abs(model.equilibrium().q0 - model.q0).max() <= 64 * EPS
+
+
+# ---------------------------------------------------------------- dynamics
+
+
+def damped(extension: dict) -> tuple[gs.Model, object]:
+    build = builder()
+    beam = build.beam("rod", count=2, damping=0.2, bending=(1.0, 2.0), twisting=3.0, mass=1,
+                      start=(0, 0, 0), end=(1, 0, 0), **extension)
+    body = build.body("hub", mass=1, inertia=(1, 1, 1), position=(0, 0, 0),
+                      quaternion=(0.8, 0.6, 0, 0))
+    build.fixed("clamp", body, beam.first)
+    return build.model(), beam
+
+
+@pytest.mark.parametrize("extension", [{}, {"stretching": 7.0, "shearing": 4.0}],
+                         ids=["balls", "springs"])
+def test_damping_dissipates_and_conserves_momenta(extension):
+    """At random states: no net force, no net torque, negative power, none of a rigid motion."""
+    model, _ = damped(extension)
+    system, rng = model.system, np.random.default_rng(3)
+    q = model.q0 + 0.1 * rng.normal(size=system.n)
+    for k in range(0, system.n, 7):
+        q[k : k + 4] /= np.linalg.norm(q[k : k + 4])
+    p = rng.normal(size=system.n)
+    for k in range(0, system.n, 7):
+        p[k : k + 4] -= q[k : k + 4] * (q[k : k + 4] @ p[k : k + 4])
+
+    def forces(p):
+        at = dict(zip((*system.q, *system.p), (*q, *p), strict=True))
+        at |= {s: model.parameters[str(s)] for s in system.parameters}
+        F, v = (evaluate(e, at) for e in (system.forces, system.H_p))
+        total, torque = np.zeros(3), np.zeros(3)
+        for k in range(0, system.n, 7):
+            (q0, *u), (f0, *f) = q[k : k + 4], F[k : k + 4]
+            total += F[k + 4 : k + 7]
+            torque += (q0 * np.array(f) - f0 * np.array(u) + np.cross(f, u) * -1) / 2
+            torque += np.cross(q[k + 4 : k + 7], F[k + 4 : k + 7])
+        return F @ v, total, torque, F
+
+    power, total, torque, F = forces(p)
+    size = np.abs(F).max()
+    assert power < -1e-3
+    assert np.abs(total).max() <= 64 * EPS * size
+    assert np.abs(torque).max() <= 256 * EPS * size
+    spin, rigid = np.array([0.3, -0.5, 0.7]), np.zeros(system.n)
+    values = model.parameters
+    for k in range(0, system.n, 7):
+        hub = system.bodies[k // 7].name == "hub"
+        J, m = (np.eye(3), values["hub_m"]) if hub else (
+            np.diag([values[f"rod_I{i}"] for i in (1, 2, 3)]), values["rod_m"])
+        R = rotation(q[k : k + 4])
+        (q0, q1, q2, q3) = q[k : k + 4]
+        L = np.array([[-q1, q0, q3, -q2], [-q2, -q3, q0, q1], [-q3, q2, -q1, q0]])
+        rigid[k : k + 4] = 2 * L.T @ J @ R.T @ spin
+        rigid[k + 4 : k + 7] = m * np.cross(spin, q[k + 4 : k + 7])
+    assert np.abs(forces(rigid)[3]).max() <= 64 * EPS
+
+
+def spaghetti(count: int) -> gs.Model:
+    """Return Simo and Vu-Quoc's flying rod (J. Appl. Mech. 53, 1986) in the plane."""
+    build = builder("spaghetti")
+    beam = build.beam("rod", start=(0, 0, 0), end=(6, 8, 0), count=count, mass=10, bending=500,
+                      twisting=500, inertia=(10, 10, 10))
+    t = build.time
+    load = sp.Piecewise((32 * t, t < 2.5), (32 * (5 - t), t < 5), (0, True))
+    build.force(beam.first, (load / 10, 0, 0))
+    build.torque(beam.first, [-load * x for x in beam.segments[0].rotation[2, :]])
+    for name, x in zip("xy", beam.last.point(), strict=False):
+        build.quantity(name, x)
+    return build.model()
+
+
+def test_the_flying_spaghetti():
+    """Digits of ten segments, which six stages and a quarter of the step confirm."""
+    with budget.shared():
+        model = spaghetti(10)
+        step = gs.stepper("G-L", 3, system=model)
+    run = step.integrate(model, dt=0.01, t_end=10.0, every=500)
+    place = np.stack([run.quantity("x"), run.quantity("y")], axis=1)[1:]
+    expected = [[9.908697803870, -0.616441525560], [22.107890071905, 6.846164613665]]
+    assert np.abs(place - expected).max() <= 2e-11  # of order 6, the digits are written to 1e-12
+    assert run.energies[1:] == pytest.approx([96.840229615949] * 2, abs=1e-11)
+    assert run.total_angular_momentum()[1:, 2] == pytest.approx([-245.803383101742] * 2, abs=1e-11)
+    assert run.total_momentum()[1:] == pytest.approx(np.array([[20, 0, 0]] * 2), abs=1e-13)
+
+
+@pytest.mark.parametrize("extension", [{}, {"stretching": 4e4, "shearing": 4e4}],
+                         ids=["balls", "springs"])
+def test_frequencies_of_a_cantilever(extension):
+    """√ of the eigenvalues of K against M on the tangent space, against Timoshenko's 3.51499."""
+    frequencies = []
+    for count in (3, 6):
+        build = builder()
+        beam = build.beam("rod", count=count, inertia=(1e-4, 1e-4, 2e-4), **STRAIGHT | extension)
+        build.fixed("clamp", build.ground, beam.first)
+        frequencies.append(lowest_frequency(build.model()))
+    exact = 3.5149944278800102071
+    errors = exact - np.array(frequencies)
+    assert errors[1] < 0.03
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.2)
+
+
+def lowest_frequency(model: gs.Model) -> float:
+    """Return ω of the slowest motion about the start, which is an equilibrium with λ = 0."""
+    system = model.system
+    at = dict(zip((*system.q, *system.p), (*model.q0, *model.p0), strict=True))
+    at |= {s: model.parameters[str(s)] for s in system.parameters}
+
+    def matrix(rows):
+        return evaluate([e for row in rows for e in row], at).reshape(len(rows), -1)
+
+    # |q|² = 1 carries no force here; the balls of a straight beam without load carry none either.
+    K, W, G = matrix(system.H_qq), matrix(system.H_pp), matrix(system.G)
+    free = np.linalg.svd(G)[2][system.m :].T
+    M = free.T @ np.linalg.solve(W, free)
+    values = np.linalg.eigvals(np.linalg.solve(M, free.T @ K @ free)).real
+    return float(np.sqrt(values[values > 1e-6].min()))
+
+
+# ---------------------------------------------------------------- joints with bodies
+
+
+def test_parameters_are_those_of_the_whole_beam():
+    model = cantilever(4, (0, 0, -1))
+    assert model.parameters["rod_bending"] == 1.0
+    softer = replace(model, parameters={**model.parameters, "rod_bending": 0.5})
+    assert tip(softer.equilibrium(), 0.25)[2] < tip(model.equilibrium(), 0.25)[2]
+
+
+def test_a_beam_between_two_bodies_holds_their_twist():
+    """A body clamped to the end of a rod turns by M L/GJ about it; a ball holds no twist."""
+    build, M, GJ, count = builder(), 0.01, 0.7, 3
+    beam = build.beam("rod", count=count, **STRAIGHT | {"twisting": GJ})
+    disc = build.body("disc", mass=1, inertia=(1, 1, 1), position=(1, 0, 0))
+    build.fixed("clamp", build.ground, beam.first)
+    build.fixed("hub", disc, beam.last)
+    build.torque(disc, (M, 0, 0))
+    q = build.model().equilibrium().q0[-7:-3]
+    assert 2 * np.arcsin(q[1]) == pytest.approx(M / GJ, rel=1e-4)
+    assert np.abs(q[2:]).max() <= 64 * EPS
+
+
+def test_an_end_is_a_frame_at_the_end_of_its_segment():
+    build = builder()
+    beam = build.beam("rod", count=2, velocity=(1, 0, 0), angular_velocity=(0, 0, 2), **STRAIGHT)
+    box = build.body("box", mass=1, inertia=(1, 1, 1))
+    build.ball("hook", "rod_last", box, on_b=(0, 0, 0.5))
+    model = build.model()
+    assert model.q0[-3:] == pytest.approx([1, 0, -0.5], abs=4 * EPS)
+    at = dict(zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True))
+    at |= {s: model.parameters[str(s)] for s in model.system.parameters}
+    place = evaluate([*beam.last.point((0, 0, 0.1)), *beam.last.point_velocity()], at)
+    assert place == pytest.approx([1.1, 0, 0, 1, 2, 0], abs=16 * EPS)
+
+
+def test_what_starts_on_a_turning_shaft_turns_with_it():
+    build = builder()
+    shaft = build.body("shaft", mass=1, inertia=(1, 1, 1), angular_velocity=(0, 0, 3))
+    build.revolute("bearing", build.ground, shaft, axis=(0, 0, 1), at=(0, 0, 0))
+    beam = build.beam("blade", count=2, **STRAIGHT)
+    build.fixed("root", shaft, beam.first)
+    model = build.model()
+    assert model.p0[-3:] == pytest.approx([0, 3 * 0.75 * 0.5, 0], abs=16 * EPS)
+
+
+# ---------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"count": 1}, ("count", "1", "2")),
+    ({"count": 2.5}, ("count", "2.5")),
+    ({"bending": 0}, ("bending", "0")),
+    ({"bending": (1, -1)}, ("bending", "-1")),
+    ({"bending": (1, 1, 1)}, ("bending", "2 finite")),
+    ({"twisting": -2}, ("twisting", "-2")),
+    ({"stretching": 5}, ("shearing", "stretching")),
+    ({"shearing": 5}, ("stretching", "shearing")),
+    ({"stretching": 0, "shearing": 1}, ("stretching", "0")),
+    ({"damping": -1}, ("damping", "-1")),
+    ({"end": (0, 0, 0)}, ("coincide",)),
+    ({"end": None}, ("start and end", "points")),
+    ({"points": [(0, 0, 0), (1, 0, 0)]}, ("points and",)),
+    ({"points": [(0, 0, 0), (1, 0)], "start": None, "end": None}, ("three finite",)),
+    ({"points": [(0, 0, 0), (1, 0, 0), (0, 0, 0)], "start": None, "end": None}, ("turns back",)),
+    ({"normal": (2, 0, 0)}, ("normal", "across")),
+    ({"twist": 20}, ("twists", "more segments")),
+    ({"rest": (9, 0, 0)}, ("rest", "more segments")),
+    ({"radius": 0}, ("radius", "0")),
+    ({"inertia": (1, 1, 9)}, ("inertia",)),
+    ({"mass": 0}, ("mass", "0")),
+])
+def test_descriptions_that_no_beam_has(change, words):
+    with pytest.raises(gs.InputError) as refusal:
+        builder().beam("rod", **STRAIGHT | {"count": 2} | change)
+    assert all(word in str(refusal.value) for word in words)
+
+
+@pytest.mark.parametrize("frames", [("ground", "rod_2"), ("rod_first", "other_last"),
+                                    ("rod_2", "other_last"), ("hub", "rod_1")])
+def test_clamps_inside_are_refused(frames):
+    build = builder()
+    build.beam("rod", count=3, **STRAIGHT)
+    build.beam("other", count=3, **STRAIGHT)
+    build.body("hub", mass=1, inertia=(1, 1, 1))
+    with pytest.raises(gs.InputError, match="first"):
+        build.fixed("clamp", *frames)
+
+
+def test_names_of_beams_are_taken():
+    build = builder()
+    build.beam("rod", count=2, **STRAIGHT)
+    for name in ("rod", "rod_1", "rod_last"):
+        with pytest.raises(gs.InputError, match=name):
+            build.body(name, mass=1, inertia=(1, 1, 1))
