@@ -2,7 +2,8 @@
 
 Pseudo-transient continuation (Kelley, Keyes, SIAM J. Numer. Anal. 35, 1998): implicit Euler steps
 of q̇ = F − H_q − g_qᵀλ, g = 0, whose length τ grows as the residual falls, so that the last ones
-are Newton steps. Where forces have a potential it falls, and a stable equilibrium is found.
+are Newton steps. A step along which the potential would have a maximum is shortened: of several
+equilibria a stable one is preferred.
 
 L = H + λ·g is a sum over element templates, whose instances are evaluated together: the gradient
 of L is the residual, its Hessian the matrix.
@@ -30,6 +31,8 @@ __all__ = ["equilibrium"]
 Array = NDArray[Any]
 #: Unknowns up to which no SciPy is needed, iterations, and the largest relative change of one.
 _DENSE, _ITERATIONS, _LARGEST_CHANGE = 1000, 500, 0.3
+#: Changes below may stagnate at round-off.
+_ROUNDING = 1e-9
 #: τ of the first step times the largest entry of its matrix.
 _FIRST_TAU = 1e3
 _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
@@ -127,13 +130,15 @@ def equilibrium(
         last, change = change, float(np.abs(step[:n]).max()) / float(np.abs(x[:n]).max())
         if not np.isfinite(change):
             break
-        if change > _LARGEST_CHANGE:
-            tau *= max(_LARGEST_CHANGE / (2 * change), 1e-3)
+        inner = (rows < n) & (columns < n)
+        curvature = np.sum(values[inner] * step[rows[inner]] * step[columns[inner]])
+        if change > _LARGEST_CHANGE or (curvature < 0 and change > _ROUNDING):
+            tau *= min(max(_LARGEST_CHANGE / (2 * change), 1e-3), 0.3)
             continue
         x = np.concatenate([x[:n] - step[:n], -step[n:]])
         r, J = statics(x)
         old, size = size, float(np.linalg.norm(r))
-        if change <= _EPS or (change < 1e-9 and change > last / 2 and size <= 2 * old):
+        if change <= _EPS or (change < _ROUNDING and change > last / 2 and size <= 2 * old):
             return x[:n], x[n:]
         tau *= min(max(old / max(size, _TINY), 0.5), 10.0)
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "

@@ -1,0 +1,78 @@
+"""Static equilibria against closed forms, by sparse and dense solutions, and their refusals."""
+
+from __future__ import annotations
+
+import builtins
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+import lagrangians
+from gyrospark.generator.systems.equilibrium import equilibrium
+
+EPS = np.finfo(float).eps
+q = sp.symbols("x y", real=True)
+p = sp.symbols("u v", real=True)
+g, k = sp.symbols("g k", positive=True)
+
+
+def hanging_points(count: int, side: float = 1.0) -> gs.Model:
+    """Return points joined by rods of length 1 and pulled aside at the end by ``side`` N."""
+    build = gs.Multibody("points")
+    points = [build.point_mass(f"p{i}", mass=1.0, position=(i + 1.0, 0, 0)) for i in range(count)]
+    for i, point in enumerate(points):
+        build.rod(f"rod{i}", points[i - 1] if i else build.ground, point)
+    build.force(points[-1], (side, 0, 0))
+    return build.model()
+
+
+@pytest.mark.parametrize("with_scipy", [True, False])
+def test_a_hanging_chain_of_rods(with_scipy, monkeypatch):
+    """The force in rod i is (side, Σ weights below): its direction is that of the rod."""
+    load = builtins.__import__
+
+    def without(name, *rest, **more):
+        if name.startswith("scipy"):
+            raise ImportError(name)
+        return load(name, *rest, **more)
+
+    model = hanging_points(5)
+    if not with_scipy:
+        monkeypatch.setattr(builtins, "__import__", without)
+    x = model.equilibrium().q0.reshape(-1, 3)
+    rods = np.diff(x, axis=0, prepend=np.zeros((1, 3)))
+    forces = np.stack([np.ones(5), np.zeros(5), -9.81 * np.arange(5, 0, -1)], axis=1)
+    assert np.abs(rods - forces / np.linalg.norm(forces, axis=1)[:, None]).max() <= 64 * EPS
+
+
+def test_the_stable_one_of_two_is_found():
+    """A pendulum that starts a little off its upper equilibrium ends in the lower one."""
+    system = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1],
+                       [q[0]**2 + q[1]**2 - 1], name="pendulum")
+    found, force = equilibrium(system, {"g": 2.0}, np.array([0.1, np.sqrt(0.99)]))
+    assert np.abs(found - [0, -1]).max() <= 8 * EPS
+    assert force == pytest.approx([1.0], abs=8 * EPS)  # g + 2 λ y = 0
+
+
+def test_forces_without_a_potential_and_the_time():
+    """k x = f(q, t) at t = 3, where drag is 0 at rest."""
+    t = sp.Symbol("t", real=True)
+    system = gs.System(q, p, (k,), (p[0]**2 + p[1]**2) / 2 + k * (q[0]**2 + q[1]**2) / 2,
+                       forces=(t - q[1] - p[0], q[0]), time=t, name="pushed")
+    found, _ = equilibrium(system, {"k": 2.0}, np.array([1.0, 0.0]), t=3.0)
+    assert found == pytest.approx(np.linalg.solve([[2, 1], [-1, 2]], [3, 0]), abs=8 * EPS)
+
+
+def test_refusals():
+    falling = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1], name="falling")
+    turning = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 - g * (q[0] * p[1] - q[1] * p[0]),
+                        name="turning")
+    t = sp.Symbol("t", real=True)
+    moved = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2, [q[0] - g * t], time=t, name="moved")
+    for system, words in ((falling, "reached"), (turning, "momenta are 0"), (moved, "time"),
+                          (lagrangians.bead(), "Lagrangian")):
+        values = dict.fromkeys(map(str, system.parameters), 1.0)
+        with pytest.raises(gs.InputError, match=words):
+            equilibrium(system, values, np.ones(system.n))
