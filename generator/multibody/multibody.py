@@ -367,10 +367,10 @@ class Multibody:
         twist : float
             Angle in rad by which the section turns about the tangent from the start to the end.
         radius : float, optional
-            Of a round section, in m: its rotary inertia, and the tube in pictures.
+            Of a round section, in m: segments have the inertia of cylinders, and pictures a tube.
         inertia : three floats, optional
-            Rotary inertia of the section about its axes per length, in kg m; by default that of
-            ``radius``, and without one that of a segment as a thin rod, m h²/12 about each axis.
+            Inertia of segments about the axes of the section per length, in kg m; by default that
+            of cylinders of ``radius``, and without one m h²/12 about each axis.
         velocity, angular_velocity : three floats, optional
             Of the whole as one rigid body at the start, in space, m/s at the start of the beam and
             rad/s; by default as joints require, else 0.
@@ -400,7 +400,8 @@ class Multibody:
         if inertia is not None:
             moments = tuple((h * vector(f"inertia of {name!r}", inertia)).tolist())
         elif thick is not None:
-            moments = tuple(of_segment * thick**2 / 4 * x for x in (1, 1, 2))
+            across = of_segment * (thick**2 / 4 + h**2 / 12)
+            moments = across, across, of_segment * thick**2 / 2
         else:
             moments = (of_segment * h**2 / 12,) * 3
         v, spin = (optional_vector(f"{what} of {name!r}", value) for what, value in (
