@@ -338,14 +338,74 @@ def load_model(
     return load(path, rep, options).in_type(number)
 
 
-def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Tableau:
-    """Return an exact SPARK tableau, of ``"G-L"``, ``"LIIIA-B"`` or ``"Radau-L"`` or a JSON file.
+@overload
+def tableau(scheme: SchemeName | str | Path, stages: int | None = None) -> Tableau: ...
+@overload
+def tableau(
+    *, A: ArrayLike, b: ArrayLike, c: ArrayLike | None = None, A_hat: ArrayLike | None = None,
+    b_hat: ArrayLike | None = None, A_tilde: ArrayLike | None = None,
+    A_bar: ArrayLike | None = None, b_tilde: ArrayLike | None = None,
+    c_tilde: ArrayLike | None = None, name: str = "butcher",
+) -> Tableau: ...
+def tableau(
+    scheme: SchemeName | str | Path | None = None, stages: int | None = None, *,
+    A: ArrayLike | None = None, b: ArrayLike | None = None, c: ArrayLike | None = None,
+    A_hat: ArrayLike | None = None, b_hat: ArrayLike | None = None,
+    A_tilde: ArrayLike | None = None, A_bar: ArrayLike | None = None,
+    b_tilde: ArrayLike | None = None, c_tilde: ArrayLike | None = None, name: str = "butcher",
+) -> Tableau:
+    """Return an exact SPARK tableau: of a named scheme, of a JSON file, or of a Butcher tableau.
 
-    ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples, ``.order``
-    the derived order, ``.numeric(digits=50)`` the same as nested lists of mpmath numbers.
+    Parameters
+    ----------
+    scheme : str or path
+        ``"G-L"``, ``"LIIIA-B"``, ``"Radau-L"``, or a JSON file.
+    stages : int
+        Of a named scheme.
+    A, b, c : array_like of numbers or texts, shapes (s, s), (s,) and (s,)
+        A Butcher tableau: decimals, fractions, or texts such as ``"1/4 - sqrt(3)/6"``; c is by
+        default the row sums of A. Decimals with more than 8 digits count as rounded.
+    A_hat, b_hat : array_like, optional
+        Weights of forces; by default b, and the symplectic partner b_i â_ij + b_j a_ji = b_i b_j.
+    A_tilde, A_bar, b_tilde, c_tilde : array_like, optional
+        The parts of constraint forces. By default they are derived so that they form a symplectic
+        pair, for the highest order (docs/choosing.md).
+    name : str
+        Part of the names in C.
+
+    Returns
+    -------
+    Tableau
+        ``.A .A_hat .A_tilde .A_bar .b .b_hat .b_tilde .c .c_tilde`` are exact nested tuples,
+        ``.order`` the derived order, ``.free_order`` that for systems without constraints,
+        ``.numeric(digits=50)`` the entries as nested lists of mpmath numbers. Velocity constraints
+        take G-L and Radau-L alone.
+
+    Raises
+    ------
+    InputError
+        For a scheme without a tableau.
+    TableauError
+        Naming the entry, or the condition that fails, if the parts are no tableau.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> gs.tableau(A=[["5/12", "-1/12"], ["3/4", "1/4"]], b=["3/4", "1/4"], name="radau_iia")
+    <Tableau radau_iia: 2 stages, p = 2, order 3 with constraints, 3 without>
     """
     from .generator.pipeline import tableau_of
+    from .generator.tableaux.tableau_file import butcher_tableau
 
+    parts = {"A": A, "A_hat": A_hat, "A_tilde": A_tilde, "A_bar": A_bar, "b": b, "b_hat": b_hat,
+             "b_tilde": b_tilde, "c": c, "c_tilde": c_tilde}
+    given = [key for key, part in parts.items() if part is not None]
+    if scheme is None and stages is None:
+        return butcher_tableau(name, parts)
+    if given or scheme is None:
+        both = " and ".join(["stages" if scheme is None else "a scheme", *given])
+        raise InputError("Give a scheme with its stages, a file, or A and b of a Butcher tableau; "
+                         f"not {both}.")
     if isinstance(scheme, Path) or str(scheme).endswith(".json"):
         if stages is not None:
             raise InputError("A tableau file fixes its stages; leave out stages.")

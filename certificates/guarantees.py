@@ -186,8 +186,9 @@ class SparkGuarantees:
         each step that finds a θ for it."""
         if self.exact_energy:
             return Guarantee(True, "θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
-        order = f"an error of order {self.tableau.order} in Δt"
         system = self.system
+        proved = self.tableau.order if system.m else self.tableau.free_order
+        order = f"an error of order {proved} in Δt"
         state = [*system.q, *system.p]
         if system.velocity_count:
             return Guarantee(False, f"{order}; {self._reversal}")

@@ -86,7 +86,7 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
             **_remarks(derived, program),
         },
         **({} if frame is None else {"frame": frame_manifest(frame, system)}),
-        **_given_tableau(tableau),
+        **_given_tableau(tableau, constrained=derived.system.m > 0),
         "fast_path": _fast_path(program),
         "real": derived.real.name,
         "operations": elements.operations if elements is not None
@@ -141,14 +141,14 @@ def _fast_path(program: Program) -> dict[str, Any]:
     }
 
 
-def _given_tableau(tableau: Tableau | None) -> dict[str, Any]:
+def _given_tableau(tableau: Tableau | None, *, constrained: bool) -> dict[str, Any]:
     """Say what holds of a given tableau and what does not; the families hold by derivation."""
     if tableau is None or not tableau.given:
         return {}
     refusal = FastTableau(tableau).refusal
     return {"tableau": {
         "name": tableau.name,
-        "remarks": [*remarks(tableau),
+        "remarks": [*remarks(tableau, constrained=constrained),
                     *([] if refusal is None else [f"no fixed-point iteration: {refusal}"])],
         "conditions": {line.name: {"found": line.found, "residual": line.residual}
                        for line in check_tableau(tableau)},

@@ -138,7 +138,7 @@ class SparkScheme:
     @cached_property
     def order(self) -> int:
         """Order of convergence, derived from the tableau."""
-        return self.tableau.order
+        return self.tableau.order if self.system.m else self.tableau.free_order
 
     def kernels(self) -> list[Kernel]:
         """Return the derivative kernels that the stage loops call."""

@@ -4,7 +4,8 @@
     nodes              roots of polynomials, exact and in certified enclosures
     families           Gauss-Lobatto, Lobatto IIIA-B and Radau-Lobatto from (A.8)-(A.16)
     tableau            a SPARK tableau: exact, rounded once
-    tableau_file       a user's own, from JSON
+    completion         a Butcher tableau, completed to a SPARK tableau
+    tableau_file       a user's own, from JSON or Python
     enclosures         its numbers in proved bounds
     separation_bounds  whether a number written with radicals is zero
     multipliers        M = Ā Ã, the effect of multipliers on constraints at the nodes

@@ -158,23 +158,26 @@ def counts(tableau: Tableau) -> dict[str, int]:
     return found
 
 
-def order(tableau: Tableau) -> int:
+def order(tableau: Tableau, *, constrained: bool = True) -> int:
     """Return the order that B, C and D guarantee, for each of the four coefficient matrices.
+
+    Without constraints A and Â alone count.
 
     Butcher's theorem, order = min(B, C + D + 1, 2C + 2), carried to partitioned and constrained
     systems by Jay (SIAM J. Numer. Anal. 45, 2007); the order of a symmetric method is even. A
     method may have a higher order than these conditions show: they are sufficient.
     ``observed_order`` measures it on a test problem, which is the second way to it.
     """
-    bound = min(bound for bound, _ in _bounds(tableau))
+    bound = min(bound for bound, _ in _bounds(tableau, constrained))
     return bound + bound % 2 if is_symmetric(tableau) else bound
 
 
-def _bounds(tableau: Tableau) -> list[tuple[int, str]]:
+def _bounds(tableau: Tableau, constrained: bool = True) -> list[tuple[int, str]]:
     """Return every bound on the order with the conditions it comes from."""
     k = counts(tableau)
-    bounds = [(k[label], LABELS[label]) for label in ("B", "B_hat", "B_tilde")]
-    for label, _, _ in MATRICES.values():
+    bounds = [(2 * tableau.s, "2s")]  # in decimals B may seem to hold beyond
+    bounds += [(k[label], LABELS[label]) for label in ("B", "B_hat", "B_tilde")[:2 + constrained]]
+    for label, _, _ in [*MATRICES.values()][:4 if constrained else 2]:
         c, d = k[label], k[label.replace("C", "D")]
         bounds += [(c + d + 1, f"{LABELS[label]}({c}) and {D_LABELS[label]}({d})"),
                    (2 * c + 2, f"{LABELS[label]}({c})")]
@@ -207,7 +210,7 @@ def _checked(tableau: Tableau) -> tuple[Condition, ...]:
     return tuple(replace(line, residual=size) if line.residual == "0" else line for line in lines)
 
 
-def remarks(tableau: Tableau) -> list[str]:
+def remarks(tableau: Tableau, *, constrained: bool = True) -> list[str]:
     """Return the properties a given tableau lacks: a short clause each.
 
     Required conditions that fail, properties it lacks, and what its order is limited by.
@@ -220,10 +223,12 @@ def remarks(tableau: Tableau) -> list[str]:
         elif line.name.startswith(("symplectic", "symmetric")) and line.found != "yes":
             said.append(f"not {clause}")
     quadrature = counts(tableau)["B"]
-    if tableau.order < quadrature:
-        least = min(bound for bound, _ in _bounds(tableau))
-        limits = dict.fromkeys(text for bound, text in _bounds(tableau) if bound == least)
-        said.append(f"order {tableau.order} is proved, although b is exact to order {quadrature}: "
+    proved = tableau.order if constrained else tableau.free_order
+    if proved < quadrature:
+        bounds = _bounds(tableau, constrained)
+        least = min(bound for bound, _ in bounds)
+        limits = dict.fromkeys(text for bound, text in bounds if bound == least)
+        said.append(f"order {proved} is proved, although b is exact to order {quadrature}: "
                     f"limited by {', '.join(limits)}")
     return said
 

@@ -112,8 +112,10 @@ class Tableau:
         return None if self.rounding is None else self.rounding.digits
 
     def __repr__(self) -> str:
-        claimed = f", order {self.claims['order']}" if "order" in self.claims else ""
-        return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{claimed}>"
+        order = f", order {self.claims['order']}" if "order" in self.claims else ""
+        if self.given and {"order", "free_order"} <= vars(self).keys():  # a proof takes time
+            order = f", order {self.order} with constraints, {self.free_order} without"
+        return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{order}>"
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: Butcher tables, exact where that is short."""
@@ -156,6 +158,13 @@ class Tableau:
         from .conditions import order  # the conditions are written in terms of this class
 
         return order(self)
+
+    @cached_property
+    def free_order(self) -> int:
+        """The order for systems without constraints: A and Â alone."""
+        from .conditions import order
+
+        return order(self, constrained=False)
 
     def __getattr__(self, name: str) -> Any:
         if name not in FIELDS:

@@ -1,4 +1,4 @@
-"""A user's own tableau, read from a JSON file.
+"""A user's own tableau, from a JSON file or from Python.
 
     {
       "name": "my_gl2",
@@ -19,7 +19,8 @@ to be rounded, and the conditions on the tableau are then checked to the digits 
 
 ``A_hat`` (default: A), ``b_hat`` (b), ``c`` (row sums of A) and ``c_tilde`` (row sums of A_bar)
 may be left out, and so may the claims ``order``, ``symmetric`` and ``symplectic`` (true or false),
-which are checked if present.
+which are checked if present. Of a Butcher tableau ``A_tilde``, ``A_bar`` and ``b_tilde`` are left
+out together: they are derived, and ``A_hat`` as the symplectic partner of A (``completion``).
 With s = len(b) and p + 1 = len(b_tilde), A and A_hat are s × s, A_tilde is s × (p + 1) and A_bar
 is (p + 1) × s; ``name`` becomes part of the names in the generated C code.
 """
@@ -27,23 +28,28 @@ is (p + 1) × s; ``name`` becomes part of the names in the generated C code.
 from __future__ import annotations
 
 import json
+import math
+import numbers
 import re
+from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NoReturn
 
+import mpmath as mp
 import sympy as sp
-from sympy import EXRAW
-from sympy.polys.matrices import DomainMatrix
 
+from ...core.arguments import shown
 from ...core.errors import InputError, TableauError
 from ..parsing.exact_expressions import decimal_digits, parse_expression
 from ..parsing.reserved_names import KEYWORDS
 from ..parsing.text_file import UnusableFileError, read_text
-from .node_algebra import ValueNodes, column
+from .completion import completed, matrix
+from .node_algebra import ValueNodes
 from .separation_bounds import Rounding
 from .tableau import FIELDS, Tableau
 
-__all__ = ["read_tableau"]
+__all__ = ["butcher_tableau", "read_tableau"]
 
 MAX_BYTES = 2**20
 MAX_STAGES = 32
@@ -54,7 +60,9 @@ MAX_EXPRESSION_CHARACTERS = 36_000
 EXACT_DIGITS = 8
 MAX_ORDER = 100
 
-REQUIRED = ("name", "A", "A_tilde", "A_bar", "b", "b_tilde")
+REQUIRED = ("name", "A", "b")
+#: Present together, or derived together.
+CONSTRAINTS = ("A_tilde", "A_bar", "b_tilde")
 #: Default of a missing part: another part, or the row sums of another part.
 DEFAULTS = {"A_hat": "A", "b_hat": "b"}
 ROW_SUMS = {"c": "A", "c_tilde": "A_bar"}
@@ -78,14 +86,28 @@ def read_tableau(path: Path) -> Tableau:
     shapes do not fit; more than 32 stages or constraint intervals; entries that are no numbers;
     and a last b_tilde of 0, by which the step divides.
     """
-    return _Reader(Path(path)).tableau()
+    reader = _Reader(f"The tableau file {str(path)!r}")
+    return reader.tableau(reader.load(Path(path)))
+
+
+def butcher_tableau(name: str, parts: Mapping[str, Any]) -> Tableau:
+    """Return the tableau of arrays of numbers and texts; parts that are None are left out.
+
+    Raises
+    ------
+    TableauError
+        As for a file, and if a tableau of A, b and c cannot be completed.
+    """
+    reader = _Reader("The tableau")
+    content = {key: reader.as_json(key, part) for key, part in parts.items() if part is not None}
+    return reader.tableau({"name": name, **content})
 
 
 class _Reader:
-    """One file on its way to a tableau; knows the file for the messages."""
+    """Turns the content of one file, or the parts of one tableau, into a tableau."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, source: str) -> None:
+        self.source = source
         self.values: dict[str, sp.Expr] = {}  # by text: entries repeat
         self.radicals: set[sp.Expr] = set()
         self.characters = 0
@@ -93,22 +115,25 @@ class _Reader:
         self.rounded = 0
 
     def error(self, reason: str) -> TableauError:
-        return TableauError(f"The tableau file {str(self.path)!r} is not usable: {reason}")
+        return TableauError(f"{self.source} is not usable: {reason}")
 
-    def tableau(self) -> Tableau:
-        content = self.load()
+    def tableau(self, content: dict[str, Any]) -> Tableau:
+        """Return the tableau of JSON: lists of texts and ``_Number``."""
         self.check_keys(content)
         claims = self.claims(content)
         name = self.name(content["name"])
         self.check_shapes(content)  # before any entry is parsed
         parts = {key: self.part(key, content[key]) for key in FIELDS if key in content}
         for key, source in ROW_SUMS.items():
-            parts.setdefault(key, [[sp.Add(*row)] for row in parts[source]])
+            if source in parts:
+                parts.setdefault(key, [[sp.Add(*row)] for row in parts[source]])
+        rounding = Rounding(min(self.digits.values()), self.rounded) if self.digits else None
+        if "b_tilde" not in parts:
+            return completed(name, parts, claims, rounding)
         self.check_last_weight(parts["b_tilde"][-1][0])
-        basis = {key: _matrix(rows) for key, rows in parts.items()}
+        basis = {key: matrix(rows) for key, rows in parts.items()}
         for key, source in DEFAULTS.items():
             basis.setdefault(key, basis[source])
-        rounding = Rounding(min(self.digits.values()), self.rounded) if self.digits else None
         stages, constraints = (ValueNodes([row[0] for row in parts[key]], rounding)
                                for key in ("c", "c_tilde"))
         return Tableau(name, stages, constraints, {key: basis[key] for key in FIELDS}, claims,
@@ -116,11 +141,11 @@ class _Reader:
 
     # ------------------------------------------------------------ the file
 
-    def load(self) -> dict[str, Any]:
+    def load(self, path: Path) -> dict[str, Any]:
         """Return the JSON object of the file, numbers as ``_Number``."""
         try:
             content = json.loads(
-                self.text(),
+                self.text(path),
                 object_pairs_hook=self.unique,
                 parse_int=_Number,
                 parse_float=_Number,
@@ -139,9 +164,9 @@ class _Reader:
             )
         return content
 
-    def text(self) -> str:
+    def text(self, path: Path) -> str:
         try:
-            return read_text(self.path, MAX_BYTES)
+            return read_text(path, MAX_BYTES)
         except UnusableFileError as error:
             raise self.error(str(error)) from None
 
@@ -156,7 +181,23 @@ class _Reader:
     def refuse_constant(self, constant: str) -> NoReturn:
         raise self.error(f"{constant} is not a coefficient; write a finite number.")
 
-    # ------------------------------------------------------------ what stands in it
+    def as_json(self, key: str, part: Any) -> Any:
+        """Return an array as lists of texts, a number with the digits that it has."""
+        part = part.tolist() if hasattr(part, "tolist") else part
+        if isinstance(part, (list, tuple)):
+            return [self.as_json(key, entry) for entry in part]
+        if isinstance(part, mp.mpf):
+            bits = part.man.bit_length()
+            if bits > 53:  # as many decimal digits as are certain
+                return mp.nstr(part, math.floor(bits * math.log10(2)))
+            part = float(part)
+        number = isinstance(part, (numbers.Rational, float, Decimal, sp.Expr, str))
+        if isinstance(part, bool) or not number or str(part) in ("nan", "inf", "-inf"):
+            raise self.error(f"{key} has the entry {shown(part)}; write a finite number or a text "
+                             'such as "1/2".')
+        return str(part)
+
+    # ------------------------------------------------------------ the content
 
     def check_keys(self, content: dict[str, Any]) -> None:
         known = [*dict.fromkeys((*REQUIRED, *FIELDS, *CLAIMS))]
@@ -166,6 +207,11 @@ class _Reader:
         missing = [key for key in REQUIRED if key not in content]
         if missing:
             raise self.error(f"the key {missing[0]!r} is missing; add it.")
+        constraints = [key for key in (*CONSTRAINTS, "c_tilde") if key in content]
+        missing = [key for key in CONSTRAINTS if key not in content]
+        if constraints and missing:
+            raise self.error(f"it has {constraints[0]!r} without {missing[0]!r}; give "
+                             f"{', '.join(CONSTRAINTS)}, or none of them, to have them derived.")
 
     def claims(self, content: dict[str, Any]) -> dict[str, int]:
         claims = {}
@@ -196,9 +242,9 @@ class _Reader:
     # ------------------------------------------------------------ shapes
 
     def check_shapes(self, content: dict[str, Any]) -> None:
-        s = self.length("b", content["b"], "s", 1, MAX_STAGES)
-        p = self.length("b_tilde", content["b_tilde"], "p + 1", 2, MAX_STAGES + 1) - 1
-        size = {"s": s, "p": p + 1}
+        size = {"s": self.length("b", content["b"], "s", 1, MAX_STAGES)}
+        if "b_tilde" in content:
+            size["p"] = self.length("b_tilde", content["b_tilde"], "p + 1", 2, MAX_STAGES + 1)
         for key, kinds in FIELDS.items():
             if key in content:
                 self.check_shape(key, content[key], [size[kind] for kind in kinds])
@@ -275,12 +321,6 @@ class _Reader:
             )
 
 
-def _matrix(rows: list[list[sp.Expr]]) -> Any:
-    if len(rows[0]) == 1:
-        return column([row[0] for row in rows], EXRAW)
-    return DomainMatrix(rows, (len(rows), len(rows[0])), EXRAW)
-
-
 def _describe(value: Any) -> str:
     """Describe a value of a file in one short line."""
     if isinstance(value, dict):
@@ -292,5 +332,6 @@ def _describe(value: Any) -> str:
     return _quote(value)
 
 
-def _quote(text: str, length: int = 60) -> str:
-    return repr(str(text) if len(text) <= length else text[:length] + "…")
+def _quote(value: Any, length: int = 60) -> str:
+    text = str(value)
+    return repr(text if len(text) <= length else text[:length] + "…")

@@ -1,0 +1,128 @@
+"""Butcher tableaux completed to SPARK tableaux, from Python and from files."""
+
+from __future__ import annotations
+
+import json
+from decimal import Decimal
+from fractions import Fraction
+
+import mpmath as mp
+import numpy as np
+import pytest
+import sympy as sp
+
+import gyrospark as gs
+import systems
+from gyrospark.certificates.observed_order import observed_order
+from gyrospark.generator.tableaux.conditions import check_tableau, remarks
+from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab, radau_lobatto
+from gyrospark.generator.tableaux.tableau import FIELDS
+
+GAUSS = {"A": [["1/4", "1/4 - sqrt(3)/6"], ["1/4 + sqrt(3)/6", "1/4"]], "b": ["1/2", "1/2"]}
+RADAU = {"A": [["5/12", "-1/12"], ["3/4", "1/4"]], "b": ["3/4", "1/4"]}
+TRAPEZOID = {"A": [[0, 0], ["1/2", "1/2"]], "b": ["1/2", "1/2"]}
+RUNGE_KUTTA = {"A": [[0, 0, 0, 0], ["1/2", 0, 0, 0], [0, "1/2", 0, 0], [0, 0, 1, 0]],
+               "b": ["1/6", "1/3", "1/3", "1/6"]}
+HEUN = {"A": [[0, 0, 0], ["1/3", 0, 0], [0, "2/3", 0]], "b": ["1/4", 0, "3/4"]}
+RADAU_FILE = "examples/tableaux/radau_iia_2.json"
+
+
+def numbers(tableau, digits=40):
+    numeric = tableau.numeric(digits)
+    return [mp.matrix(getattr(numeric, name)) for name in FIELDS]
+
+
+def assert_same(found, wanted, digits=40):
+    """Equal to so many digits, in every part."""
+    with mp.workdps(digits + 10):
+        for one, other in zip(numbers(found, digits), numbers(wanted, digits), strict=True):
+            assert mp.norm(one - other, mp.inf) < mp.mpf(10) ** (2 - digits)
+
+
+@pytest.mark.parametrize("family", [
+    gauss_lobatto(1), gauss_lobatto(2), lobatto_iiiab(2), lobatto_iiiab(3)], ids=lambda t: t.name)
+def test_a_family_is_completed_from_its_butcher_tableau(family):
+    """Derived by Lagrange polynomials and partners here, by the conditions there."""
+    found = gs.tableau(A=family.A, b=family.b, c=family.c)
+    assert_same(found, family)
+    assert found.order == found.free_order == family.order
+    assert all(line.holds for line in check_tableau(found))
+
+
+def test_radau_is_completed_with_its_partner_or_without():
+    found = gs.tableau(**RADAU)
+    assert_same(found, gs.tableau(RADAU_FILE))
+    plain = gs.tableau(**RADAU, A_hat=RADAU["A"])
+    assert_same(plain, radau_lobatto(2))
+    assert (found.order, plain.order) == (3, 3)
+
+
+def test_entries_are_numbers_of_any_kind():
+    """Exact ones are exact, decimals of 16 digits are rounded."""
+    exact = gs.tableau(**RADAU)
+    as_fractions = [[Fraction(entry) for entry in row] for row in RADAU["A"]]
+    for A, b in ((as_fractions, [Fraction(3, 4), Decimal("0.25")]),
+                 (sp.Matrix(as_fractions), (sp.Rational(3, 4), 0.25))):
+        assert_same(gs.tableau(A=A, b=b), exact)
+    with mp.workdps(40):
+        wide = [[mp.mpf(entry.numerator) / entry.denominator for entry in row]
+                for row in as_fractions]
+    for A, digits in ((np.array(as_fractions, float), 14), (wide, 38)):
+        rounded = gs.tableau(A=A, b=[0.75, 0.25])
+        assert_same(rounded, exact, digits)
+        assert (rounded.digits_given is not None, rounded.order) == (True, 3)
+    assert exact.digits_given is None
+
+
+def test_five_stages_in_decimals_keep_their_order():
+    numeric = gauss_lobatto(5).numeric(20)
+    found = gs.tableau(A=numeric.A, b=numeric.b, c=numeric.c)
+    assert (found.order, found.p) == (10, 5)
+    assert_same(found, gauss_lobatto(5), 17)
+
+
+@pytest.mark.parametrize(("parts", "order", "p"), [
+    (RUNGE_KUTTA, 2, 1), (TRAPEZOID, 2, 1), ({**HEUN, "A_hat": HEUN["A"]}, 2, 1),
+    ({"A": [[1]], "b": [1]}, 1, 1)])
+def test_the_proved_order_is_measured(parts, order, p):
+    """c of the first coincide, b of the third has a zero: one interval of constraint nodes."""
+    found = gs.tableau(**parts)
+    assert (found.order, found.p) == (order, p)
+    assert observed_order(found) == pytest.approx(order, abs=0.2)
+
+
+def test_a_method_is_of_its_own_order_without_constraints():
+    """RK4 and its partner are a symplectic pair; constraints of it have order 2."""
+    found = gs.tableau(**RUNGE_KUTTA, name="rk4")
+    assert repr(found) == "<Tableau rk4: 4 stages, p = 1, order 2 with constraints, 3 without>"
+    assert any("order 2" in text for text in remarks(found))
+    assert any("order 3" in text for text in remarks(found, constrained=False))
+    case = systems.case("kepler")
+    step = gs.stepper(tableau=found, **case.options)
+    assert step.order == 3
+    ends = [step.integrate(case.q, case.p, dt=1 / steps, steps=steps,
+                           parameters=case.parameters).q[-1] for steps in (64, 128, 256)]
+    slope = np.log2(np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(ends[1] - ends[2]))
+    assert slope > 2.8
+
+
+def test_a_file_is_completed_too(tmp_path):
+    path = tmp_path / "own.json"
+    path.write_text(json.dumps({"name": "own", **GAUSS, "order": 4, "symmetric": True}))
+    assert_same(gs.tableau(path), gs.tableau("G-L", 2))
+    path.write_text(json.dumps({"name": "own", **RADAU, "symmetric": True}))
+    with pytest.raises(gs.errors.TableauError, match="symmetric"):
+        gs.tableau(path)
+
+
+@pytest.mark.parametrize(("parts", "words"), [
+    (HEUN, "b_2 = 0.*A_hat"), ({"A": [["1/4"]], "b": ["1/2"]}, "residual 0.5"),
+    ({**GAUSS, "c": ["1/4", "1/2"]}, r"C \("), ({"A": [[1, 2]], "b": [1]}, "A.*row 1"),
+    ({**GAUSS, "b_tilde": ["1/2", "1/2"]}, "'b_tilde'.*'A_tilde'"),
+    ({**GAUSS, "c_tilde": [0, 1]}, "'c_tilde'"), ({"A": [["x"]], "b": [1]}, "x"),
+    ({"A": [[float("nan")]], "b": [1]}, "A.*nan"), ({"A": [[None]], "b": [1]}, "None"),
+    ({"A": [[True]], "b": [1]}, "True"), ({"b": [1]}, "'A'"), ({**GAUSS, "name": "int"}, "'int'"),
+    ({**GAUSS, "scheme": "G-L"}, "scheme"), ({**GAUSS, "stages": 2}, "stages"), ({}, "'A'")])
+def test_what_cannot_be_completed_is_refused(parts, words):
+    with pytest.raises(gs.InputError, match=words):
+        gs.tableau(**parts)
