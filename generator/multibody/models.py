@@ -185,12 +185,13 @@ def delta_robot(*, rep: RepName = "gamma") -> Model:
         raised = math.atan2(z, x) + math.acos(cosine)
         shoulder = base * out
         elbow = shoulder + arm * (math.cos(raised) * out + np.array([0, 0, math.sin(raised)]))
-        upper = _rod(build, f"arm{k}", shoulder, elbow, 0.3, rep)
+        upper = build._uniform_rod(f"arm{k}", shoulder, elbow, 0.3, rep)
         build.revolute(f"shoulder{k}", build.ground, upper, axis_in_space=side, at=shoulder)
         build.spring(f"spring{k}", build.ground, upper, stiffness=40.0, length=0.2,
                      on_a=(base + arm) * out + (0, 0, 0.3), on_b=(arm / 2, 0, 0))
         for name, at in (("left", apart), ("right", -apart)):
-            lower = _rod(build, f"rod{k}_{name}", elbow + at * side, end + at * side, 0.08, rep)
+            lower = build._uniform_rod(
+                f"rod{k}_{name}", elbow + at * side, end + at * side, 0.08, rep)
             build.ball(f"elbow{k}_{name}", upper, lower, at=elbow + at * side)
             build.ball(f"wrist{k}_{name}", lower, platform, at=end + at * side)
     return build.model()
@@ -216,8 +217,8 @@ def stewart_platform(*, rep: RepName = "gamma") -> Model:
                           (0.3, 2 * math.pi * (k // 2) / 3 + (math.pi / 3 - 0.2) * side)))
         top = middle + frame @ head
         along = (top - foot) / np.linalg.norm(top - foot)
-        tube = _rod(build, f"tube{k}", foot, foot + 0.35 * along, 0.5, rep)
-        rod = _rod(build, f"rod{k}", top - 0.35 * along, top, 0.3, rep)
+        tube = build._uniform_rod(f"tube{k}", foot, foot + 0.35 * along, 0.5, rep)
+        rod = build._uniform_rod(f"rod{k}", top - 0.35 * along, top, 0.3, rep)
         build.ball(f"foot{k}", build.ground, tube, at=foot)
         build.prismatic(f"slide{k}", tube, rod, axis_on_body=(1, 0, 0), at=foot)
         build.ball(f"head{k}", rod, platform, at=top)
@@ -284,17 +285,6 @@ def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) ->
         position=(start + end) / 2,
         rotation=np.array([[e[0], -e[1], 0], [e[1], e[0], 0], [0, 0, 1]]),
     )
-
-
-def _rod(build: Multibody, name: str, start: Array, end: Array, mass: float, rep: RepName) -> Body:
-    """Add a uniform rod of 1 cm radius between two points, along its axis 1."""
-    length = float(np.linalg.norm(end - start))
-    e = (end - start) / length
-    f = np.cross(e, np.eye(3)[int(np.abs(e).argmin())])
-    f /= np.linalg.norm(f)
-    across = mass * (length**2 / 12 + 0.01**2 / 4)
-    return build.body(name, mass=mass, inertia=(mass * 0.01**2 / 2, across, across), rep=rep,
-                      position=(start + end) / 2, rotation=np.stack([e, f, np.cross(e, f)], axis=1))
 
 
 def _loop_rates(points: Array, rate: float) -> tuple[float, float, float]:

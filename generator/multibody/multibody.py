@@ -276,6 +276,75 @@ class Multibody:
         start = initial_state(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
         return self._add(body, start, mass, given, weight)
 
+    def chain_of_rods(
+        self, points: ArrayLike, *, mass: float | Sequence[float], radius: float = 0.01,
+        axis: ArrayLike | None = None, a: Frame | str | None = GROUND, name: str = "rod",
+        rep: RepName = "gamma",
+    ) -> list[Body]:
+        """Add uniform rods from point to point, each joined to the one before it.
+
+        Parameters
+        ----------
+        points : array_like, shape (N + 1, 3)
+            Ends of the N rods in space at the start, in m.
+        mass : float or N floats
+            Of each rod, in kg.
+        radius : float
+            Of the rods, in m.
+        axis : array_like, shape (3,), optional
+            Direction of all hinges in space at the start; by default the joints are balls.
+        a : Body, ``ground``, a name or None
+            Holds the first point; None leaves it free.
+        name : str
+            The rods are ``rod_1`` … ``rod_N``, their first ends the joints ``rod_1_joint`` ….
+
+        Returns
+        -------
+        list of Body
+            From the first to the last, each with its axis 1 from point to point.
+
+        Raises
+        ------
+        InputError
+            For fewer than two points, and points that coincide with the next.
+        """
+        ends = real_array(points)
+        if ends is None or ends.ndim != 2 or ends.shape[0] < 2 or ends.shape[1] != 3 or not (
+                np.isfinite(ends).all()):
+            raise InputError(f"points = {shown(points)} is no list of two or more points; give "
+                             "rows of three finite numbers.")
+        masses = as_items("mass", mass, "numbers") if np.ndim(mass) else [mass] * (len(ends) - 1)
+        if len(masses) != len(ends) - 1:
+            raise InputError(f"mass has {len(masses)} numbers for {len(ends) - 1} rods; give one "
+                             "of each, or one of all.")
+        rods: list[Body] = []
+        before: Frame | str | None = a
+        for k, (start, end, m) in enumerate(zip(ends[:-1], ends[1:], masses, strict=True), 1):
+            if not np.any(end - start):
+                raise InputError(f"Points {k} and {k + 1} of {name!r} coincide; leave out one.")
+            rod = self._uniform_rod(f"{name}_{k}", start, end, m, rep, radius)
+            if before is not None and axis is None:
+                self.ball(f"{name}_{k}_joint", before, rod, at=start)
+            elif before is not None:
+                self.revolute(f"{name}_{k}_joint", before, rod, axis_in_space=axis, at=start)
+            before = rod
+            rods.append(rod)
+        return rods
+
+    def _uniform_rod(
+        self, name: str, start: Array, end: Array, mass: float, rep: RepName, radius: float = 0.01
+    ) -> Body:
+        """Add a uniform rod between two points, along its axis 1."""
+        m, r = positive(f"mass of {name!r}", mass), positive(f"radius of {name!r}", radius)
+        length = float(np.linalg.norm(end - start))
+        e = (end - start) / length
+        f = np.cross(e, np.eye(3)[int(np.abs(e).argmin())])
+        f /= np.linalg.norm(f)
+        across = m * (length**2 / 12 + r**2 / 4)
+        return self.body(
+            name, mass=m, inertia=(m * r**2 / 2, across, across), rep=rep,
+            position=(start + end) / 2, rotation=np.stack([e, f, np.cross(e, f)], axis=1))
+
     def point_mass(
         self, name: str, *, mass: float, position: ArrayLike | None = None,
         velocity: ArrayLike | None = None,

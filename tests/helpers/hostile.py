@@ -390,6 +390,8 @@ def multibody_calls() -> Iterator[Call]:
                  **dict.fromkeys(("disc", "sphere", "ellipsoid")) | shape)
     yield of("fixed", **pair, rotation=None)
     yield of("flywheel", name="j", joint="hinge", inertia=0.1, ratio=2.0)
+    yield of("chain_of_rods", points=[(0, 0, 5), (0, 0, 4)], mass=1.0, radius=0.01, axis=(1, 0, 0),
+             a=None, name="extra", rep="gamma")
     yield of("chain", name="j", a="top", b="body", joints=[
         {"name": "k", "axis": (1, 0, 0), "inertia": 0.1, "at": (0, 0, 0), "rate": 1.0}])
     yield of("law", name="j", joints=["hinge", "slide"], f=lambda x, y: x - y)
