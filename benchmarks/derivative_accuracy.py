@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from gyrospark import references
 from gyrospark.api import stepper
 from gyrospark.core.errors import InputWarning
+from gyrospark.core.start import Start
 from gyrospark.generator.multibody import models
 from gyrospark.generator.multibody.model import Model
 from gyrospark.runtime.derivatives.tangent_space import Tangents
@@ -131,7 +132,7 @@ class _Step:
 
     def tangents(self) -> tuple[Array, Array]:
         """Return the basis at the start and its images."""
-        run = self.step.integrate(self.q, self.p, dt=self.dt, steps=1, t0=self.t0,
+        run = self.step.integrate(Start(self.q, self.p, t=self.t0), dt=self.dt, steps=1,
                                   parameters=self.values, tangents=Tangents())
         return run.tangents.start, np.concatenate([run.tangents.q[-1], run.tangents.p[-1]])
 
@@ -143,13 +144,14 @@ class _Step:
 
     def back(self) -> Any:
         """Return the transposed derivative."""
-        return self.step.vjp(self.q, self.p, dt=self.dt, t0=self.t0, parameters=self.values)[2]
+        return self.step.vjp(Start(self.q, self.p, t=self.t0), dt=self.dt,
+                             parameters=self.values)[2]
 
     def forth(self, v: Array, d: Mapping[str, Any] | None = None, sign: int = 1) -> Array:
         """Return the derivative along v and d, of the step back where ``sign`` is −1."""
         n = self.step.n
-        made = self.step.jvp(self.q, self.p, v[:n], v[n:], dt=sign * self.dt, t0=self.t0, d=d,
-                             parameters=self.values)
+        made = self.step.jvp(Start(self.q, self.p, t=self.t0), v[:n], v[n:], dt=sign * self.dt,
+                             d=d, parameters=self.values)
         return np.concatenate(made[2:])
 
     def end(self, v: Array | None = None, d: Mapping[str, Any] | None = None, shift: Any = 0
@@ -163,8 +165,8 @@ class _Step:
             found = self.step.consistent(q, p, parameters=values, t=self.t0)
             q = found.q
             p = found.p if self.step.manifest["scheme"]["keeps_momentum_constraint"] else p
-        run = self.step.integrate(q, p, dt=self.dt + shift * d.get("dt", 0), steps=1, t0=self.t0,
-                                  parameters=values)
+        run = self.step.integrate(Start(q, p, t=self.t0), dt=self.dt + shift * d.get("dt", 0),
+                                  steps=1, parameters=values)
         return run.q[-1], run.p[-1]
 
 

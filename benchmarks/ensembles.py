@@ -15,6 +15,7 @@ import numpy as np
 
 from gyrospark._version import __version__
 from gyrospark.api import stepper
+from gyrospark.core.solver import Solver
 from gyrospark.runtime.rigid_body.quaternion import angular_velocity
 from gyrospark.runtime.steppers.stepper import Stepper
 
@@ -124,7 +125,7 @@ def _run(
         steps = round(t_end / dt)
         ends = step.integrate_ensemble(q, p, dt=dt, steps=steps, every=max(steps, 1),
                                        parameters=values, workers=workers,
-                                       tolerance=tolerance)
+                                       solver=Solver("auto", tolerance=tolerance))
         for failure in ends.failures.values():
             raise failure
         last = np.asarray(ends.q[:, -1], dtype=np.float64)

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrospark.api import load_model, stepper
+from gyrospark.core.start import Start
 from gyrospark.generator.multibody.multibody import Multibody
 from gyrospark.runtime.analysis.fit import Fit, fit
 from gyrospark.runtime.rigid_body.quaternion import left_matrix
@@ -76,9 +77,8 @@ class FitCase:
 
     def fit(self, data: Array, **more: Any) -> Fit:
         """Return the fit to data."""
-        return fit(self.step, self.t, data, **{
-            "q": self.q, "p": self.p, "parameters": self.guess, "dt": self.dt,
-            "free": [*self.free, "start"], **more})
+        return fit(self.step, Start(self.q, self.p, self.guess), self.t, data, **{
+            "dt": self.dt, "free": [*self.free, "start"], **more})
 
 
 def turned(q: Array, angles: Array) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from ..core.arguments import few, listed
 from ..core.errors import InputError
 from ..core.registry import MODELS, PROBLEMS
+from ..core.start import Start
 from .options import (
     completing,
     json_option,
@@ -85,7 +86,7 @@ def fit(
     parameters = parameters_for(step, start, None, None)
     q, p, _ = projected(step, start, parameters, begin)
     found = fitted(
-        step, times, rows, q=q, p=p, parameters=parameters, observe=observed, t0=begin,
+        step, Start(q, p, parameters, begin), times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
         sigma=None if sigma is None else real_number("--sigma", sigma))

@@ -10,6 +10,7 @@ import click
 
 from ..core.arguments import listed
 from ..core.registry import MODELS, PROBLEMS
+from ..core.start import Start
 from .options import (
     check_picture,
     completing,
@@ -81,7 +82,7 @@ def lyapunov(
         step, start, {"q": q, "p": p, "t0": begin, "parameters": parameters},
         {"dt": dt, "error": None, "steps": steps, "t_end": t_end}, False)
     with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:
-        found = exponents_of(step, q, p, dt=size, steps=number, parameters=parameters, t0=begin,
+        found = exponents_of(step, Start(q, p, parameters, begin), dt=size, steps=number,
                              every=between, count=wanted, progress=progress)
     result = _result(found)
     if plot is not None:

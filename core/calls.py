@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from .arguments import proposal
 from .errors import ArgumentError
+from .former_names import former_argument
 
 __all__ = ["explain_arguments", "explain_module", "explain_names"]
 
@@ -104,10 +105,14 @@ def _refusal(
                if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)]
     takes = ", ".join(by_name) or "none by name"
     unknown = [name for name in named if name not in by_name]
+    for name in unknown:
+        if cure := former_argument(shown, name, {each.name for each in parameters}):
+            return f"{shown} has no argument {name!r} any more; {cure}."
     if unknown:
         return (f"{shown} has no argument {unknown[0]!r}{proposal(unknown[0], by_name)}; it takes "
                 f"{takes}.")
-    if len(arguments) > len(by_place):
+    if len(arguments) > len(by_place) and not any(
+            each.kind is each.VAR_POSITIONAL for each in parameters):
         return (f"{shown} takes {len(by_place)} arguments without a name, and got "
                 f"{len(arguments)}; name the others, of {takes}.")
     twice = [name for name in by_place[:len(arguments)] if name in named]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["FORMER_NAMES"]
+from collections.abc import Collection
+
+__all__ = ["FORMER_NAMES", "former_argument"]
 
 _ERRORS = ("CompilerError", "InputWarning", "MissingDependencyError", "Stopped", "StorageError",
            "TableauError")
@@ -38,3 +40,33 @@ FORMER_NAMES = {
     "rotation_matrix": "gyrospark.symbols.rotation_matrix",
     "state_from_rotation": "gyrospark.Start.of_body(attitude, omega, inertia)",
 }
+
+#: Former arguments of the functions that take a start, and the present form.
+_OF_STARTS = {
+    "q": "give q and p first, without names",
+    "p": "give q and p first, without names",
+    "q0": "give q and p first, without names",
+    "p0": "give q and p first, without names",
+    "t0": "a start has the time: gs.Start(q, p, t=0.5)",
+    "tolerance": 'a solver has it: solver=gs.Solver("newton", tolerance=1e-12)',
+    "max_iterations": 'a solver has it: solver=gs.Solver("auto", max_iterations=20)',
+    "hold": "the inputs have it: inputs=gs.Inputs(rows, hold=4)",
+}
+
+#: Former arguments of other functions, "function.argument".
+_ARGUMENTS = {
+    "fit.step": "the stepper goes first, without a name",
+    "sweep.tolerance": _OF_STARTS["tolerance"],
+    "sweep.max_iterations": _OF_STARTS["max_iterations"],
+}
+
+
+def former_argument(function: str, argument: str, parameters: Collection[str]) -> str | None:
+    """Return the present form of a former argument of a function; None if it never had one.
+
+    ``parameters`` are the present parameters of the function.
+    """
+    cure = _ARGUMENTS.get(f"{function}.{argument}")
+    if cure is None and not {"start", "starts"}.isdisjoint(parameters):
+        cure = _OF_STARTS.get(argument)
+    return cure

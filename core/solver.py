@@ -54,21 +54,14 @@ class Solver:
         object.__setattr__(self, "max_iterations", count)
 
 
-def as_solver(value: Any, tolerance: Any = None, max_iterations: Any = None) -> Solver:
-    """Return a solver by its name and the numbers given beside it, or as it is.
+def as_solver(value: Any) -> Solver:
+    """Return a solver by its name, or as it is.
 
     Raises
     ------
     InputError
-        For anything else, with the names; for numbers beside a ``Solver``, which has its own.
+        For anything else, with the names.
     """
-    numbers = {name: number for name, number in (
-        ("tolerance", tolerance), ("max_iterations", max_iterations)) if number is not None}
-    if not isinstance(value, Solver):
-        kind = choose("solver", value, get_args(SolverName), " or gs.Solver(...)")
-        return Solver(kind, **numbers)
-    if numbers:
-        name, number = next(iter(numbers.items()))
-        raise InputError(f"{name} = {shown(number)} is given beside {shown(value)}; give it to the "
-                         "Solver.")
-    return value
+    if isinstance(value, Solver):
+        return value
+    return Solver(choose("solver", value, get_args(SolverName), " or gs.Solver(...)"))

@@ -41,12 +41,12 @@ class Start:
 
     Parameters
     ----------
-    q, p : array_like, shape (n,)
+    q, p : array_like, shape (n,), or (k, n) for an ensemble
         Coordinates and momenta, on the constraints.
     parameters : mapping of str to number, optional
         Values by name; those that a run is given win over them.
-    t : number
-        Time in seconds, for what depends on it.
+    t : number, or array_like of shape (k,) for an ensemble
+        Time in seconds.
     inputs : mapping of str to number, optional
         One value of each input, held as long as the run is given no others.
 
@@ -65,10 +65,10 @@ class Start:
 
     def __init__(
         self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number] | None = None,
-        t: Number = 0.0, inputs: Mapping[str, Number] | None = None,
+        t: Number | ArrayLike = 0.0, inputs: Mapping[str, Number] | None = None,
     ) -> None:
         # What the caller changes later changes no start.
-        self.q, self.p, self.t = copy(q), copy(p), t
+        self.q, self.p, self.t = copy(q), copy(p), copy(t)
         self.parameters: Mapping[str, Number] = FrozenDict(
             as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))
         self.inputs: Mapping[str, Number] = FrozenDict(
@@ -81,16 +81,20 @@ class Start:
 
     def __repr__(self) -> str:
         names = few([*self.parameters, *self.inputs])
-        return f"<Start: {np.shape(self.q)[-1]} coordinates, t = {float(self.t):.6g} s, {names}>"
+        return f"<Start: {np.shape(self.q)[-1]} coordinates, t = {self._times} s, {names}>"
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: the numbers."""
         rows = [(name, few(f"{float(x):.6g}" for x in values))
                 for name, values in (("q", np.ravel(self.q)), ("p", np.ravel(self.p)))]
         numbers = {**self.parameters, **self.inputs}
-        rows += [("t", f"{float(self.t):.6g} s"),
+        rows += [("t", f"{self._times} s"),
                  ("parameters", few(f"{name} = {float(x):.6g}" for name, x in numbers.items()))]
         return card("Start", table(rows))
+
+    @property
+    def _times(self) -> str:
+        return few(f"{float(x):.6g}" for x in np.ravel(np.array(self.t, dtype=object)))
 
     @property
     def start(self) -> Start:

@@ -17,10 +17,11 @@ from ..core.arguments import as_flag, shown, whole
 from ..core.errors import InputError
 from ..core.event import Event, as_events, refuse_unusable_names
 from ..core.exact_numbers import Number
-from ..core.frozen_dict import NO_PARAMETERS
 from ..core.progress import Progress, as_progress, log_progress
-from ..runtime.bindings.binding import SolverName
-from ..runtime.integration.run_arguments import RunArguments
+from ..core.solver import Solver, SolverName
+from ..core.start import HasStart
+from ..runtime.integration.run_arguments import RunArguments, step_count
+from ..runtime.steppers.starts import merged_start
 from ..runtime.steppers.stepper import Stepper
 from .array_layout import (
     EXTENDS,
@@ -49,22 +50,21 @@ _AS_FILE = "The result of record(...) is then written by .export('run.csv')."
 
 def record(
     stepper: Stepper,
-    q: ArrayLike,
-    p: ArrayLike,
+    start: HasStart | ArrayLike,
+    p: ArrayLike | None = None,
+    /,
     *,
     out: str | Path,
     dt: Number,
-    steps: int,
-    parameters: Mapping[str, Any] = NO_PARAMETERS,
-    t0: Number = 0.0,
+    t_end: Number | None = None,
+    steps: int | None = None,
+    parameters: Mapping[str, Any] | None = None,
     every: int = 1,
-    solver: SolverName = "auto",
-    tolerance: Number | None = None,
-    max_iterations: int = 50,
+    events: Event | Sequence[Event] = (),
+    solver: SolverName | Solver = "auto",
     resume: bool = False,
     seed: int | None = None,
     progress: Progress = None,
-    events: Event | Sequence[Event] = (),
 ) -> Recording:
     """Integrate as ``Stepper.integrate`` does and stream the states to a Zarr store.
 
@@ -77,7 +77,7 @@ def record(
     Parameters
     ----------
     stepper : Stepper
-    q, p, dt, steps, parameters, t0, every, solver, tolerance, max_iterations, progress, events
+    start, p, dt, t_end, steps, parameters, every, events, solver, progress
         As for ``Stepper.integrate``. Events are in ``Recording.events``, with the bits of
         ``integrate``; a run that an event has ended is not continued.
     out : path
@@ -107,9 +107,10 @@ def record(
         raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
                          "gyrospark.stepper.")
     as_flag("resume", resume)
+    state = merged_start(stepper, start, p, parameters)
     run = stepper.resolved(stepper.run_arguments(
-        q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0, solver=solver,
-        tolerance=tolerance, max_iterations=max_iterations))
+        state.q, state.p, dt=dt, steps=step_count(steps, t_end, state.t, dt), every=every,
+        parameters=state.parameters, t0=state.t, solver=solver))
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
     as_progress(progress)
     asked = as_events(events, stepper.manifest["system"])

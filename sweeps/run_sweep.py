@@ -18,9 +18,9 @@ from ..core.inertia import RepName
 from ..core.interrupts import catch_ctrl_c, catch_signals
 from ..core.progress import Progress, as_progress, log_progress
 from ..core.real_types import RealName
+from ..core.solver import Solver, SolverName, as_solver
 from ..generator.schemes.named_schemes import SchemeName
 from ..runtime.bindings.array_checks import as_positive_count
-from ..runtime.bindings.binding import SolverName
 from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.rotation_rate import FastestRotation
 from ..storage.array_layout import StoredField, attributes_of, open_group
@@ -67,9 +67,7 @@ def sweep(
     steps: int | None = None,
     duration: float | None = None,
     every: int | None = None,
-    solver: SolverName = "auto",
-    tolerance: float | None = None,
-    max_iterations: int = 50,
+    solver: SolverName | Solver = "auto",
     events: Any = (),
     keep: Iterable[str] | None = None,
     out: str | Path | None = None,
@@ -99,7 +97,7 @@ def sweep(
         Of every cell; ``duration``, in seconds, in place of steps.
     every : int, optional
         Keep every so many states of each cell, as ``q_samples`` and ``p_samples``.
-    solver, tolerance, max_iterations
+    solver : str or Solver
         As for ``Stepper.integrate``.
     events : Event or list of Event, optional
         What to look for in every cell; ``model.events`` are those of a model. Results are
@@ -136,10 +134,11 @@ def sweep(
     Stopped
         After a signal, with every finished cell in the store, or in the error's ``dataset``.
     """
+    method = as_solver(solver)
     study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
                  frame=frame, parameters=parameters, dt=dt, steps=steps, duration=duration,
-                 every=every, solver=solver, tolerance=tolerance, max_iterations=max_iterations,
-                 events=events)
+                 every=every, solver=method.kind, tolerance=method.tolerance,
+                 max_iterations=method.max_iterations, events=events)
     return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,
                      progress=progress)
 

@@ -12,6 +12,7 @@ from gyrospark.api import stepper
 from gyrospark.core.arguments import choose
 from gyrospark.core.errors import InputError
 from gyrospark.core.inertia import RepName
+from gyrospark.core.solver import Solver
 from gyrospark.generator.schemes.named_schemes import SchemeName
 from gyrospark.runtime.rigid_body.quaternion import angular_velocity
 from gyrospark.runtime.steppers.stepper import SOLVERS as KNOWN
@@ -100,14 +101,14 @@ def prepare(method: Method, solver: str) -> Run:
     known = parameters(method.inertia) | {"omega_body": method.spin, "omega_space": 0.0}
     values = {name: known.get(name, known["gamma"]) for name in step.parameter_domains}
     top = tops()[0]
+    chosen = Solver(choose("solver", solver, KNOWN), tolerance=method.tolerance)
 
     def run(t_end: float) -> TopState:
         steps = round(t_end / method.dt)
         if abs(steps * method.dt - t_end) > 1e-9 * t_end:
             raise InputError(f"t = {t_end:g} s is no whole number of steps of {method.dt:g} s.")
         end = step.integrate(top.q, top.p, dt=method.dt, steps=steps, every=max(steps, 1),
-                             parameters=values, solver=choose("solver", solver, KNOWN),
-                             tolerance=method.tolerance)
+                             parameters=values, solver=chosen)
         q = np.asarray(end.q[-1], dtype=np.float64)
         return TopState(q, angular_velocity(q, end.p[-1], INERTIA))
 

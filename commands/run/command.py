@@ -10,12 +10,14 @@ from typing import Any, ClassVar
 
 import click
 
-from ...core.arguments import listed
+from ...core.arguments import choose, listed
 from ...core.errors import GyrosparkError, StepFailed, Stopped
 from ...core.file_formats import ending_of, endings
 from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
 from ...core.registry import MODELS, PROBLEMS, RULES
+from ...core.solver import Solver
+from ...core.start import Start
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.compilation.manifest import manifest_warnings
@@ -182,13 +184,11 @@ def run(
     if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
         q0, p0, moved = projected(step, start, parameters, begin)
-    how: dict[str, Any] = {
-        "solver": solver,
-        "tolerance": None if tolerance is None else real_number("--tolerance", tolerance),
-        "max_iterations": whole_number("--max-iterations", max_iterations),
-    }
+    method = Solver(choose("solver", solver, SOLVERS),
+                    None if tolerance is None else real_number("--tolerance", tolerance),
+                    whole_number("--max-iterations", max_iterations))
     step_size, count, measured = step_for(
-        step, start, {"q": q0, "p": p0, "t0": begin, "parameters": parameters, **how},
+        step, start, {"q": q0, "p": p0, "t0": begin, "parameters": parameters, "solver": method},
         {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, nearest)
     aim = aim_of(start, parameters, gamma or alpha, unnamed=bool(note) and not frames)
     state = q0, p0, begin
@@ -200,17 +200,15 @@ def run(
     if made_choice is not None:
         parameters |= made_choice.values
     arguments: dict[str, Any] = {
-        "q": q0, "p": p0, "t0": begin, "dt": step_size, "steps": count,
-        "every": whole_number("--every", every),
-        "parameters": parameters, **how,
-        **events_of(watched_for, start.events, step),
+        "dt": step_size, "steps": count, "every": whole_number("--every", every),
+        "solver": method, **events_of(watched_for, start.events, step),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
             with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
-                done = integrate_to(step, out, arguments, resume=resume, seed=drawn,
-                                    progress=progress, angles=angles)
+                done = integrate_to(step, Start(q0, p0, parameters, begin), out, arguments,
+                                    resume=resume, seed=drawn, progress=progress, angles=angles)
             trouble = done.trouble
             if isinstance(trouble, StepFailed):
                 trouble.add_note("Everything before it is reported and saved.")

@@ -18,6 +18,7 @@ from ...runtime.compilation.body_columns import bodies_of
 from ..options import check_ending, check_film, check_picture, check_writable
 
 if TYPE_CHECKING:
+    from ...core.start import Start
     from ...runtime.results.trajectory import Trajectory
     from ...runtime.steppers.stepper import Stepper
     from ...storage.recording import Recording
@@ -139,19 +140,19 @@ def _is_exported(out: Path, *, resume: bool) -> bool:
 
 
 def integrate_to(
-    step: Stepper, out: Path | None, arguments: dict[str, Any], *, resume: bool, seed: int | None,
-    progress: Callable[[int], None] | None, angles: Angles,
+    step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any], *, resume: bool,
+    seed: int | None, progress: Callable[[int], None] | None, angles: Angles,
 ) -> RunOutcome:
     """Integrate and write the states; an error comes with all states before it."""
     if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
-        return _in_memory(step, out, arguments, progress, angles)
+        return _in_memory(step, start, out, arguments, progress, angles)
     if _is_store(out):
-        return _stored(step, out, str(out), arguments, progress, resume=resume, seed=seed)
-    return _exported(step, out, arguments, progress, angles, resume=resume, seed=seed)
+        return _stored(step, start, out, str(out), arguments, progress, resume=resume, seed=seed)
+    return _exported(step, start, out, arguments, progress, angles, resume=resume, seed=seed)
 
 
 def _exported(
-    step: Stepper, out: Path, arguments: dict[str, Any],
+    step: Stepper, start: Start, out: Path, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, angles: Angles, *, resume: bool, seed: int | None,
 ) -> RunOutcome:
     """Integrate into a store beside ``out``, which stays until its run has ended and is exported.
@@ -162,7 +163,7 @@ def _exported(
     if not resume:
         _remove(store)
     try:
-        done = _stored(step, store, str(out), arguments, progress, resume=resume, seed=seed)
+        done = _stored(step, start, store, str(out), arguments, progress, resume=resume, seed=seed)
     except StorageError as error:
         if not resume and _steps_in(store) == 0:
             _remove(store)
@@ -228,14 +229,14 @@ def _remove(store: Path) -> None:
 
 
 def _in_memory(
-    step: Stepper, out: Path | None, arguments: dict[str, Any],
+    step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, angles: Angles,
 ) -> RunOutcome:
     trouble: GyrosparkError | Stopped | None = None
     written = None
     started = time.perf_counter()
     try:
-        trajectory = step.integrate(**arguments, progress=progress)
+        trajectory = step.integrate(start, **arguments, progress=progress)
     except (StepFailed, Stopped) as error:
         if error.trajectory is None:  # a pilot run was stopped, and none of this one is done
             raise
@@ -270,7 +271,7 @@ def _told(stopped: Stopped, done: int, steps: int, written: str | None) -> Stopp
 
 
 def _stored(
-    step: Stepper, store: Path, name: str, arguments: dict[str, Any],
+    step: Stepper, start: Start, store: Path, name: str, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
 ) -> RunOutcome:
     from ...storage.record import record
@@ -279,7 +280,7 @@ def _stored(
     trouble: GyrosparkError | Stopped | None = None
     started = time.perf_counter()
     try:
-        recording = record(step, **arguments, out=store, resume=resume, seed=seed,
+        recording = record(step, start, **arguments, out=store, resume=resume, seed=seed,
                            progress=progress)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, _open(store)

@@ -18,18 +18,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_items, as_mapping, shown, unknown
+from ...core.arguments import as_items, shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
-from ...core.frozen_dict import NO_PARAMETERS
 from ...core.progress import log_progress
+from ...core.start import HasStart
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
-from ..bindings.inputs import InputRows, as_inputs
+from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..derivatives.kept_steps import refuse_run
 from ..derivatives.tangent_run import tangents_of
 from ..derivatives.tangent_space import Tangents
 from ..rigid_body.gamma_rules import is_inertia_parameter
+from ..steppers.starts import StartNumbers, merged_start
 from .fit_coordinates import Coordinates
 from .least_squares import SHARE, Linear, determined, minimise, reduced
 from .observations import Observation, Observe, observation_of
@@ -275,38 +276,41 @@ class Fitting:
 
 
 def fit(
-    step: Stepper, t: ArrayLike, data: ArrayLike, *, q: ArrayLike, p: ArrayLike,
-    parameters: Mapping[str, Any] = NO_PARAMETERS,
-    observe: str | Sequence[str] | Observe = "attitude",
-    dt: Number | None = None, free: Sequence[str] | None = None, fixed: Sequence[str] = (),
-    sigma: ArrayLike | None = None, t0: float = 0.0, horizons: Sequence[int] | None = None,
-    inputs: Mapping[str, Any] | ArrayLike | None = None, hold: int = 1, max_iterations: int = 50,
+    stepper: Stepper, start: HasStart, /, t: ArrayLike, data: ArrayLike, *,
+    dt: Number | None = None, parameters: Mapping[str, Any] | None = None,
+    inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
+    observe: str | Sequence[str] | Observe = "attitude", free: Sequence[str] | None = None,
+    fixed: Sequence[str] = (), sigma: ArrayLike | None = None,
+    horizons: Sequence[int] | None = None, max_iterations: int = 50,
 ) -> Fit:
     """Fit parameters and the start of a motion to data: minimise Σ ((prediction − data)/σ)².
 
     Parameters
     ----------
-    step : Stepper
+    stepper : Stepper
         It integrates the motion, and its tangents are the exact derivatives of that.
+    start : Start
+        A model, a problem, ``gs.Start(q, p, parameters, t)``: the start, a first guess of it where
+        it is free, at a time not after ``t[0]``. It is moved onto the constraints.
     t : array_like, shape (N,)
-        Times of the samples in seconds, increasing, each a whole number of steps from ``t0``, to a
-        thousandth of a step.
+        Times of the samples in seconds, increasing, each a whole number of steps from the start, to
+        a thousandth of a step.
     data : array_like, shape (N, columns)
         A row for each sample. Of attitudes unit quaternions from body to space axes, scalar first,
         of either sign.
-    q, p : array_like, shape (n,)
-        The start at ``t0``, a first guess of it where it is free. It is moved onto the constraints.
+    dt : float, optional
+        Time step; by default the smallest distance of two samples.
     parameters : mapping
-        All parameters as of ``integrate``; first guesses of the free ones. γ by a rule ("m") keeps
-        the value that it has for the first guess: it changes no motion beyond truncation.
+        As of ``integrate``; first guesses of the free ones. γ by a rule ("m") keeps the value that
+        it has for the first guess: it changes no motion beyond truncation.
+    inputs
+        As of ``integrate``.
     observe : {"attitude", "q", "p"}, or name, or a sequence of them, or callable
         What the columns of data are: the attitudes of all bodies, four columns each, or of one,
         "upper attitude"; all coordinates or momenta; a coordinate or a momentum by name. A function
         of q and p, rows of states of shape (N, n), returns (values, by_q, by_p) of the shapes
         (N, columns), (N, columns, n) and (N, columns, n): what the data measure, and its
         derivatives.
-    dt : float, optional
-        Time step; by default the smallest distance of two samples.
     free : sequence of str, optional
         Names of parameters, and "start". By default all but ``fixed``, inputs, γ and α.
     fixed : sequence of str
@@ -314,13 +318,9 @@ def fit(
     sigma : float or array_like, shape (columns,), optional
         One standard deviation of the noise, of attitudes three numbers in rad. By default that of
         the residuals.
-    t0 : float
-        Time of the start, at most ``t[0]``.
     horizons : sequence of int, optional
         Numbers of samples that are fitted one after the other; by default about as many as there
         are unknowns, twice as many, and so on up to all. ``[]``: all at once.
-    inputs, hold
-        As of ``integrate``.
     max_iterations : int
         Of the last horizon.
 
@@ -352,38 +352,37 @@ def fit(
     >>> true = top.parameters | {"gamma": 1.6e-3}
     >>> run = step.integrate(top.q0, top.p0, dt=1e-3, steps=64, every=2, parameters=true)
     >>> guess = true | {"I3": 1.1*true["I3"]}
-    >>> found = gs.fit(step, run.t[1:], run.q[1:], q=top.q0, p=top.p0, parameters=guess, dt=1e-3,
+    >>> found = gs.fit(step, top, run.t[1:], run.q[1:], parameters=guess, dt=1e-3,
     ...                free=["I3", "start"])
     >>> round(found.parameters["I3"], 12)
     0.0008
     """
-    if not hasattr(step, "integrate_ensemble"):
-        raise InputError(f"step = {shown(step)} is no stepper; give what gyrospark.stepper "
+    if not hasattr(stepper, "integrate_ensemble"):
+        raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
                          "returned.")
-    observation = observation_of(step, observe)
+    first = merged_start(stepper, start, None, parameters)
+    observation = observation_of(stepper, observe)
     most = as_positive_count("max_iterations", max_iterations, least=1)
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
     rows = observation.checked(data, len(times))
-    begin = float(as_real("t0", t0))
-    size, at = _steps_at(np.array(times, dtype=float), begin, dt)
-    given = as_mapping("parameters", parameters, "{'m': 1.0}")
-    names = _free(step, free, fixed)
+    size, at = _steps_at(np.array(times, dtype=float), float(as_real("t", first.t)), dt)
+    names = _free(stepper, free, fixed)
     starts = "start" in names
     names = [name for name in names if name != "start"]
-    run = _first_run(step, q, p, size, int(at[-1]), given, begin, inputs, hold)
-    fitting = Fitting(step, observation, run, at, rows, np.ones(1), names, starts)
+    run = _first_run(stepper, first, size, int(at[-1]), inputs)
+    fitting = Fitting(stepper, observation, run, at, rows, np.ones(1), names, starts)
     values = {name: float(x) for name, x in run.parameters.items()
-              if name in step.parameter_domains
-              and not (run.inputs is not None and name in step.binding.input_names)}
+              if name in stepper.parameter_domains
+              and not (run.inputs is not None and name in stepper.binding.input_names)}
     values = fitting.coordinates.inside(values)
     point = fitting.consistent(values, np.asarray(run.q, float), np.asarray(run.p, float))
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
     iterations = 0
-    with log_progress(f"fitting {step.name}", len(counts)) as report:
+    with log_progress(f"fitting {stepper.name}", len(counts)) as report:
         for number, count in enumerate(counts):
             last = count == counts[-1]
             fitting.samples = count
@@ -410,8 +409,8 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
         raise InputError("A time in t is not finite; leave out samples that are missing.")
     apart = np.diff(times)
     if (apart <= 0).any() or times[0] < t0:
-        raise InputError("The times in t do not increase from t0; sort the samples, one for each "
-                         "time, and give t0 at most the first of them.")
+        raise InputError("The times in t do not increase from the start's; sort the samples, one "
+                         "for each time, and give a start not after the first of them.")
     if dt is None:
         gaps = np.diff([t0, *times])
         if not times[-1] > t0:
@@ -426,8 +425,8 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
     worst = int(np.argmax(np.abs(steps - found)))
     if abs(steps[worst] - found[worst]) > _OFF_GRID:
         raise InputError(f"t[{worst}] = {times[worst]:.9g} s is {steps[worst]:.6g} steps of "
-                         f"dt = {size:g} s from t0: no whole number. Give a dt that divides the "
-                         "times of all samples.")
+                         f"dt = {size:g} s from the start: no whole number. Give a dt "
+                         "that divides the times of all samples.")
     return dt, found
 
 
@@ -456,19 +455,19 @@ def _free(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> li
 
 
 def _first_run(
-    step: Stepper, q: ArrayLike, p: ArrayLike, dt: Any, steps: int, given: dict[str, Any],
-    t0: float, inputs: Any, hold: int,
+    step: Stepper, start: StartNumbers, dt: Any, steps: int, inputs: Any
 ) -> RunArguments:
     """Return the run of the first guess, its start on the constraints."""
-    fed: InputRows | None = as_inputs(inputs, step.binding, steps, hold)
-    numbers = step.parameters_with_inputs(given, fed)
+    fed: InputRows | None = as_inputs(inputs, step.binding, steps)
+    numbers = step.parameters_with_inputs(start.parameters, fed)
+    q, p = start.q, start.p
     if step.m:
         plain = {name: x for name, x in numbers.items() if not isinstance(x, str)}
         rules = {name: 1.0 for name, x in numbers.items()
                  if isinstance(x, str) and name in step.parameter_domains}
-        q, p = step.project(q, p, parameters=plain | rules, t=t0)
-    run = step.resolved(step.run_arguments(q, p, dt=dt, steps=steps, parameters=given, t0=t0,
-                                           inputs=fed), quiet=True)
+        q, p = step.project(q, p, parameters=plain | rules, t=start.t)
+    run = step.resolved(step.run_arguments(
+        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=fed), quiet=True)
     refuse_run(run)
     return run
 

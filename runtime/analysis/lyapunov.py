@@ -25,12 +25,15 @@ from ...core.arguments import as_flag, few, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
-from ...core.frozen_dict import NO_PARAMETERS
 from ...core.progress import Progress, as_progress, log_progress
+from ...core.solver import Solver, SolverName
+from ...core.start import HasStart
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count
-from ..bindings.binding import SolverName
+from ..bindings.inputs import Inputs
 from ..derivatives.kept_steps import pieces, refuse_run, singular
+from ..integration.run_arguments import step_count
+from ..steppers.starts import merged_start
 from .unitary_frame import UnitaryFrame, canonical_form, isotropic_flag
 
 if TYPE_CHECKING:
@@ -125,21 +128,21 @@ class Lyapunov:
 
 
 def lyapunov(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Mapping[str, Any] = NO_PARAMETERS, count: int | None = None, every: int = 10,
-    t0: Number = 0.0,
-    inputs: Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
-    solver: SolverName = "auto", covariant: bool = False,
+    stepper: Stepper, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
+    t_end: Number | None = None, steps: int | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, count: int | None = None,
+    every: int = 10, solver: SolverName | Solver = "auto", covariant: bool = False,
     progress: Progress = None,
 ) -> Lyapunov:
-    """Return the Lyapunov exponents of the run from (q, p).
+    """Return the Lyapunov exponents of the run from a start, or from (q, p).
 
     λ_i = lim (1/t) Σ log R_ii. The directions are tangent to the constraints; there are
     2 (n − m) exponents.
 
     Parameters
     ----------
-    q, p, dt, steps, parameters, t0, inputs, hold, solver
+    start, p, dt, t_end, steps, parameters, inputs, solver
         As of ``Stepper.integrate``.
     count : int, optional
         How many exponents, from the largest on; all by default.
@@ -167,7 +170,8 @@ def lyapunov(
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
                          "returned.")
     every = as_positive_count("every", every, least=1)
-    as_positive_count("steps", steps, least=1)
+    state = merged_start(stepper, start, p, parameters)
+    total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), least=1)
     size = 2 * (stepper.n - stepper.m)
     wanted = size if count is None else as_positive_count("count", count, least=1)
     if wanted > size or not size:
@@ -177,8 +181,8 @@ def lyapunov(
     keep = as_flag("covariant", covariant)
     as_progress(progress)
     run = stepper.resolved(stepper.run_arguments(
-        q, p, dt=dt, steps=steps, every=every, parameters=parameters, t0=t0, inputs=inputs,
-        hold=hold, solver=solver), quiet=True)
+        state.q, state.p, dt=dt, steps=total, every=every, parameters=state.parameters, t0=state.t,
+        inputs=inputs, solver=solver), quiet=True)
     refuse_run(run)
     stepper.warned(run)
     found = Benettin(stepper, run, wanted, keep)

@@ -34,9 +34,10 @@ from ...core.arguments import as_items, few, shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
-from ...core.frozen_dict import NO_PARAMETERS
+from ...core.start import HasStart, Start
 from ..bindings.array_checks import as_positive_count
 from ..derivatives.tangent_space import Tangents
+from ..steppers.starts import StartNumbers, merged_start
 from .unitary_frame import canonical_form, tangent_projection
 
 if TYPE_CHECKING:
@@ -119,8 +120,8 @@ class PeriodicOrbit:
     def run(self, periods: int = 1, every: int = 1) -> Trajectory:
         """Return the trajectory of so many revolutions."""
         return self._stepper.integrate(
-            self.q, self.p, dt=self.dt, steps=as_positive_count("periods", periods) * self.steps,
-            every=every, parameters=self.parameters, t0=self.t0)
+            Start(self.q, self.p, self.parameters, self.t0), dt=self.dt,
+            steps=as_positive_count("periods", periods) * self.steps, every=every)
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw the coordinates over a period, and the multipliers beside the unit circle.
@@ -133,16 +134,16 @@ class PeriodicOrbit:
 
 
 def periodic_orbit(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-    parameters: Mapping[str, Any] = NO_PARAMETERS, fix: str | Sequence[str] | None = "energy",
-    free: str | None = None, t0: Number = 0.0, max_iterations: int = 20,
+    stepper: Stepper, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
+    steps: int, parameters: Mapping[str, Any] | None = None,
+    fix: str | Sequence[str] | None = "energy", free: str | None = None, max_iterations: int = 20,
 ) -> PeriodicOrbit:
-    """Return the periodic orbit z = Φ_h^N(z) near (q, p), with a period near steps · dt.
+    """Return the periodic orbit z = Φ_h^N(z) near a start, with a period near steps · dt.
 
     Parameters
     ----------
-    q, p : array_like, shape (n,)
-        A state near the orbit, on the constraints.
+    start, p
+        As of ``Stepper.integrate``: a state near the orbit, on the constraints.
     dt : number
         The time step to begin with; it is solved for, unless the period is fixed.
     steps : int
@@ -150,14 +151,12 @@ def periodic_orbit(
     parameters : mapping
         As of ``Stepper.integrate``.
     fix : str, sequence of str, or None
-        Which orbit of a family: "energy" keeps that of (q, p), "period" keeps dt, the name of a
+        Which orbit of a family: "energy" keeps that of the start, "period" keeps dt, the name of a
         coordinate or momentum keeps its value. Two of them with ``free``. None where the orbit is
         isolated: limit cycles of systems with damping. A system that depends on time has the
         period of its driving force: "period".
     free : str, optional
         A parameter that is solved for too.
-    t0 : number
-        Time at the start, for what depends on it.
     max_iterations : int
         Newton iterations, each one run of N steps with tangents, and more where it is damped.
 
@@ -173,8 +172,8 @@ def periodic_orbit(
     if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"stepper = {shown(stepper)} is none; give what gyrospark.stepper "
                          "returned.")
-    search = OrbitSearch(stepper, q, p, dt=dt, steps=as_positive_count("steps", steps, least=1),
-                         parameters=parameters, fix=fix, free=free, t0=t0)
+    search = OrbitSearch(stepper, merged_start(stepper, start, p, parameters), dt=dt,
+                         steps=as_positive_count("steps", steps, least=1), fix=fix, free=free)
     return search.orbit(as_positive_count("max_iterations", max_iterations, least=1))
 
 
@@ -198,12 +197,12 @@ class OrbitSearch:
     """Newton's method for one orbit."""
 
     def __init__(
-        self, stepper: Stepper, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
-        parameters: Mapping[str, Any], fix: str | Sequence[str] | None, free: str | None,
-        t0: Number,
+        self, stepper: Stepper, start: StartNumbers, *, dt: Number, steps: int,
+        fix: str | Sequence[str] | None, free: str | None,
     ) -> None:
-        run = stepper.resolved(stepper.run_arguments(q, p, dt=dt, steps=steps, t0=t0,
-                                                     parameters=parameters), quiet=True)
+        run = stepper.resolved(stepper.run_arguments(
+            start.q, start.p, dt=dt, steps=steps, t0=start.t, parameters=start.parameters),
+            quiet=True)
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
         self.start = run
         self.timed = stepper.binding.time is not None
@@ -317,7 +316,7 @@ class OrbitSearch:
 
     def _evaluated(self, q: Array, p: Array, dt: Any, parameters: dict[str, Any]) -> Guess:
         run = self.stepper.integrate(
-            q, p, dt=dt, steps=self.steps, every=self.steps, parameters=parameters, t0=self.t0,
+            Start(q, p, parameters, self.t0), dt=dt, steps=self.steps, every=self.steps,
             tangents=Tangents(start="all", dt=True,
                               parameters=() if self.free is None else (self.free,)))
         assert run.tangents is not None

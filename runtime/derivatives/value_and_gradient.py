@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
+from ...core.solver import as_solver
+from ...core.start import Start
 from ..bindings.array_checks import as_numbers
+from ..bindings.inputs import Inputs
 from .gradient import loss_of
 from .tangent_space import TangentSpace
 
 if TYPE_CHECKING:
+    from ..steppers.starts import StartNumbers
     from ..steppers.stepper import Stepper
 
 __all__ = ["objective"]
@@ -22,23 +26,25 @@ Array = NDArray[Any]
 
 
 def objective(
-    stepper: Stepper, loss: Callable[..., Any], q: ArrayLike, p: ArrayLike, wrt: tuple[str, ...],
-    parameters: Mapping[str, Any], dt: Any, steps: int, memory: str, options: dict[str, Any],
+    stepper: Stepper, loss: Callable[..., Any], start: StartNumbers, wrt: tuple[str, ...],
+    dt: Any, steps: int, held: Any, memory: str, options: dict[str, Any],
 ) -> Callable[[ArrayLike], tuple[float, Array]]:
     """Return f(x) → (loss, gradient); see ``Stepper.value_and_gradient``."""
     if {"q", "p"} & {*wrt}:
         raise InputError("x has coordinates of the tangent space for the start: ask for \"start\" "
                          "in place of \"q\" and \"p\".")
     loss = loss_of(loss)
-    held = options.get("inputs")
+    parameters = start.parameters
+    rows: Any
+    rows, hold = (held.values, held.hold) if isinstance(held, Inputs) else (held, 1)
     first = stepper.resolved(stepper.run_arguments(
-        q, p, dt=dt, steps=0, t0=options.get("t0", 0.0),
+        start.q, start.p, dt=dt, steps=0, t0=start.t,
         parameters=stepper.parameters_with_inputs(parameters, held)))
     binding = stepper.derivative_binding()
     space = TangentSpace(binding, binding.own.parameters(first.parameters, first.t0), first.q,
                          first.p, stepper.constraint_names)
     basis = space.basis()
-    shape = np.shape(np.zeros((0, 0)) if held is None else held)
+    shape = np.shape(np.zeros((0, 0)) if rows is None else rows)
     sizes = {"start": basis.shape[1], "inputs": int(np.prod(shape))}
 
     def evaluate(x: ArrayLike) -> tuple[float, Array]:
@@ -47,7 +53,7 @@ def objective(
         if given.shape != (whole,):
             raise InputError(f"x has the shape {given.shape}; {', '.join(wrt)} are {whole} "
                              "numbers.")
-        here: dict[str, Any] = {"dt": dt, "t0": options.get("t0", 0.0)}
+        here: dict[str, Any] = {"dt": dt, "t0": start.t}
         now, state, moved, at = dict(parameters), (first.q, first.p), False, 0
         inputs = held
         for name in wrt:
@@ -57,20 +63,19 @@ def objective(
                 z = np.concatenate(state) + basis @ part
                 state, moved = (z[: stepper.n], z[stepper.n :]), True
             elif name == "inputs":
-                inputs = part.reshape(shape)
+                inputs = Inputs(part.reshape(shape), hold)
             elif name in here:
                 here[name] = part[0]
             else:
                 now[name], moved = part[0], True
-        more = {key: value for key, value in options.items() if key not in ("t0", "inputs")}
         if stepper.m and moved:
             found = stepper.consistent(
                 *state, t=here["t0"], parameters=stepper.parameters_with_inputs(now, held))
             state = found.q, found.p
-        run = stepper.integrate(state[0], state[1], steps=steps, parameters=now, inputs=inputs,
-                                dt=here["dt"], t0=here["t0"], **more)
+        run = stepper.integrate(Start(*state, t=here["t0"]), steps=steps, parameters=now,
+                                inputs=inputs, dt=here["dt"], **options)
         gradient = stepper.gradient(run, loss=loss, wrt=wrt, memory=memory,
-                                    solver=more.get("solver", "auto"))
+                                    solver=as_solver(options["solver"]).kind)
         numbers = dict.fromkeys(wrt)
         parts = [np.ravel(basis.T @ np.concatenate([gradient.q, gradient.p])) if name == "start"
                  else np.ravel(np.asarray(gradient[name])) for name in numbers]

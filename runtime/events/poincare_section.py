@@ -15,9 +15,9 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Number
-from ...core.frozen_dict import NO_PARAMETERS
-from ..bindings.array_checks import as_positive_count
-from ..bindings.binding import SolverName
+from ...core.solver import Solver, SolverName
+from ...core.start import HasStart, Start
+from ..steppers.starts import merged_starts, steps_of_all
 
 if TYPE_CHECKING:
     from ..derivatives.tangent_space import Tangents
@@ -106,12 +106,14 @@ class Section:
 
 
 def section(
-    stepper: Stepper, q: ArrayLike, p: ArrayLike, *, event: Event, dt: Number | ArrayLike,
-    steps: int, parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] = NO_PARAMETERS,
-    t0: Number | ArrayLike = 0.0, solver: SolverName = "auto", tolerance: Number | None = None,
-    max_iterations: int = 50, workers: int | None = None, tangents: Tangents | None = None,
+    stepper: Stepper, starts: HasStart | Sequence[HasStart] | ArrayLike,
+    p: ArrayLike | None = None, /, *, event: Event, dt: Number | ArrayLike,
+    t_end: Number | None = None, steps: int | None = None,
+    parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] | None = None,
+    tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
+    workers: int | None = None,
 ) -> Section:
-    """Return the Poincaré section of the motions from rows of q and p.
+    """Return the Poincaré section of the motions from starts, or from rows of q and p.
 
     Parameters
     ----------
@@ -131,11 +133,12 @@ def section(
                          "returned.")
     if not isinstance(event, Event):
         raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
-    count = as_positive_count("steps", steps)
+    state = merged_starts(stepper, starts, p, parameters)
+    count = steps_of_all(steps, t_end, state.t, dt)
     found = stepper.integrate_ensemble(
-        q, p, dt=dt, steps=count, every=max(count, 1), parameters=parameters, t0=t0,
-        solver=solver, tolerance=tolerance, max_iterations=max_iterations, workers=workers,
-        events=event, tangents=tangents)
+        Start(state.q, state.p, t=state.t), dt=dt, steps=count, every=max(count, 1),
+        parameters=state.parameters, solver=solver, workers=workers, events=event,
+        tangents=tangents)
     own = [found.events[event.name][i] for i in range(len(found))]
     return Section(
         event, np.concatenate([one.t for one in own]), np.concatenate([one.q for one in own]),

@@ -488,10 +488,10 @@ def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
     late, step = np.abs(np.asarray(t0, float)), np.abs(np.asarray(dt, float))
     rounding = binding.epsilon * np.where(late > _LATE * steps * step, late, 0) / step
     if (worst := float(np.max(rounding))) > np.sqrt(binding.epsilon):
-        warn(f"t0 = {float(np.max(late)):.6g} s rounds times to {worst:.1g} of a step. Sines, "
-             "cosines and tangents of a t + b in H, g and F keep their digits; what else depends "
-             "on t, quantities, and states between steps have errors of that size. Start at t0 = 0 "
-             "to avoid them.")
+        warn(f"t = {float(np.max(late)):.6g} s of the start rounds times to {worst:.1g} of a step. "
+             "Sines, cosines and tangents of a t + b in H, g and F keep their digits; what else "
+             "depends on t, quantities, and states between steps have errors of that size. Start "
+             "at t = 0 to avoid them.")
 
 
 #: What t_end, t0 and dt may be off by, in parts of their sizes: two roundings of a double each.
@@ -517,12 +517,12 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) 
     if t_end is None:
         return as_positive_count("steps", steps)
     as_step(dt)
-    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t0", t0), ("dt", dt)))
+    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t", t0), ("dt", dt)))
     span = end - begin
     if span * step < 0:
-        raise InputError(f"t_end = {_text(end)} lies {'before' if span < 0 else 'behind'} "
-                         f"t0 = {_text(begin)}, and dt = {_text(step)} leads away from it; give "
-                         f"dt = {_text(-step)}.")
+        raise InputError(f"t_end = {_text(end)} lies {'before' if span < 0 else 'after'} the "
+                         f"start, t = {_text(begin)}, and dt = {_text(step)} leads away from it; "
+                         f"give dt = {_text(-step)}.")
     count, fits = _nearest_count(end, begin, step)
     if nearest or fits:
         return as_positive_count("steps", count)
@@ -530,7 +530,7 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) 
     times = " and ".join(_text(begin + n * step) for n in (few, few + 1) if n)
     steps_of = " or ".join(_text(span / n) for n in (few + 1, few) if n)
     raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "
-                     f"t0 = {_text(begin)}; round=True (--round) ends at the step next to it. The "
+                     f"t = {_text(begin)}; round=True (--round) ends at the step next to it. The "
                      f"nearest that fit: t_end = {times}, or dt = "
                      f"{steps_of}.")
 

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import as_flag, as_mapping, choose, shown, unknown
 from ...core.errors import InputError
+from ...core.event import Event
 from ...core.exact_numbers import Number
-from ...core.frozen_dict import NO_PARAMETERS
 from ...core.registry import function_of
+from ...core.solver import Solver, SolverName
+from ...core.start import HasStart
 from ..bindings.array_checks import as_numbers, as_real
-from ..bindings.binding import SolverName
-from ..bindings.inputs import as_inputs
+from ..bindings.inputs import Inputs, as_inputs
 from ..compilation.stepper_module import load_module
 from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
 from ..derivatives.gradient import (
@@ -35,9 +36,10 @@ from ..derivatives.points import RunRows, rows_of
 from ..derivatives.second_order import Hessian, SecondBinding, Slopes, hessian_of, step_slope
 from ..derivatives.tangent_space import TangentSpace
 from ..integration.dense_output import refuse_forgotten, refuse_of_another
-from ..integration.run_arguments import Origin
+from ..integration.run_arguments import Origin, step_count
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
+from .starts import after_start, merged_start
 
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
@@ -155,16 +157,17 @@ class Differentiation(Evaluation):
     # ------------------------------------------------------------ one step
 
     def jvp(
-        self, q: ArrayLike, p: ArrayLike, dq: ArrayLike, dp: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Any] = NO_PARAMETERS, d: Mapping[str, Number] | None = None,
-        t0: Number = 0.0,
-        inputs: Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
+        self, start: HasStart | ArrayLike, /, *direction: ArrayLike, dt: Number,
+        parameters: Mapping[str, Any] | None = None, d: Mapping[str, Number] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
     ) -> tuple[Array, Array, Array, Array]:
         """Return (q1, p1) of a step and its derivative (dq1, dp1) along a direction.
 
+        ``jvp(start, dq, dp, dt=…)`` or ``jvp(q, p, dq, dp, dt=…)``.
+
         Parameters
         ----------
-        q, p, dt, parameters, t0, inputs
+        start, q, p, dt, parameters, inputs
             As of ``step``.
         dq, dp : array_like, shape (n,) or (n, k)
             Directions of the start, tangent to the constraints.
@@ -182,7 +185,8 @@ class Differentiation(Evaluation):
         StepFailed
             As the step does.
         """
-        run = self._single(q, p, dt, parameters, t0, inputs)
+        p, dq, dp = after_start("dq, dp", direction)
+        run = self._single(start, p, dt, parameters, inputs)
         n = self.n
         shape = as_numbers("dq", dq).shape
         flat = len(shape) == 1
@@ -196,10 +200,9 @@ class Differentiation(Evaluation):
         return kept.end[:n], kept.end[n:], made[:n], made[n:]
 
     def vjp(
-        self, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Any] = NO_PARAMETERS,
-        wrt: str | Sequence[str] | None = None, t0: Number = 0.0,
-        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
+        parameters: Mapping[str, Any] | None = None, wrt: str | Sequence[str] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
     ) -> tuple[Array, Array, Callable[..., Gradient]]:
         """Return (q1, p1) of a step, and a function that takes cotangents of them backwards.
 
@@ -207,7 +210,7 @@ class Differentiation(Evaluation):
         (wq, wp). ``back(wq, wp, multipliers)`` has the cotangent of the step's multipliers in
         addition, in their shape. ``wrt`` is as of ``gradient``; the others are as of ``step``.
         """
-        run = self._single(q, p, dt, parameters, t0, inputs)
+        run = self._single(start, p, dt, parameters, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
         kept, space = self._kept_step(run)
         own, n = self.derivative_binding().own, self.n
@@ -221,19 +224,19 @@ class Differentiation(Evaluation):
         return kept.end[:n], kept.end[n:], back
 
     def hvp(
-        self, q: ArrayLike, p: ArrayLike, dq: ArrayLike, dp: ArrayLike, wq: ArrayLike,
-        wp: ArrayLike, *, dt: Number, parameters: Mapping[str, Any] = NO_PARAMETERS,
-        d: Mapping[str, Number] | None = None, t0: Number = 0.0,
-        inputs: Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
+        self, start: HasStart | ArrayLike, /, *directions: ArrayLike, dt: Number,
+        parameters: Mapping[str, Any] | None = None, d: Mapping[str, Number] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
     ) -> Gradient:
         """Return the derivative along a direction of what ``vjp`` takes (wq, wp) back to.
 
-        That is Σ_a w_a ∇²Φ_a v, where Φ(q, p; θ, Δt, t0) is a step from a start that is projected
-        onto the constraints. Exact, as ``vjp`` is.
+        ``hvp(start, dq, dp, wq, wp, dt=…)`` or ``hvp(q, p, dq, dp, wq, wp, dt=…)`` returns
+        Σ_a w_a ∇²Φ_a v, where Φ(q, p; θ, Δt, t0) is a step from a start that is projected onto the
+        constraints. Exact, as ``vjp`` is.
 
         Parameters
         ----------
-        q, p, dq, dp, dt, parameters, d, t0, inputs, project
+        start, q, p, dq, dp, dt, parameters, d, inputs, project
             As of ``jvp``, with one direction.
         wq, wp : array_like, shape (n,)
             The cotangent of the end.
@@ -243,7 +246,8 @@ class Differentiation(Evaluation):
         InputError
             As of ``jvp``; for systems that have no second derivatives.
         """
-        run = self._single(q, p, dt, parameters, t0, inputs)
+        p, dq, dp, wq, wp = after_start("dq, dp, wq, wp", directions)
+        run = self._single(start, p, dt, parameters, inputs)
         own, n = self.derivative_binding().own, self.n
         kept, space = self._kept_step(run)
         dz = self._direction(dq, dp, d, 1)[:, 0].copy()
@@ -278,14 +282,14 @@ class Differentiation(Evaluation):
         return dz
 
     def _single(
-        self, q: ArrayLike, p: ArrayLike, dt: Number, parameters: Mapping[str, Any], t0: Number,
-        inputs: Mapping[str, Any] | ArrayLike | None,
+        self, start: Any, p: Any, dt: Number, parameters: Any, inputs: Any
     ) -> RunArguments:
-        given = dict(as_mapping("parameters", parameters, "{'m': 1.0}"))
+        state = merged_start(self, start, p, parameters)
+        given = dict(as_mapping("parameters", state.parameters, "{'m': 1.0}"))
         if inputs is not None:  # one step: they are parameters
             fed = as_inputs(inputs, self.binding, 1)
             given |= {} if fed is None else fed.first
-        return self._resolved(q, p, dt=dt, steps=1, parameters=given, t0=t0)
+        return self._resolved(state.q, state.p, dt=dt, steps=1, parameters=given, t0=state.t)
 
     def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
         raise NotImplementedError
@@ -420,10 +424,13 @@ class Differentiation(Evaluation):
         return rows_of(self, run, arguments)  # type: ignore[arg-type]
 
     def value_and_gradient(
-        self, loss: Callable[[Trajectory], tuple[Any, Mapping[str, ArrayLike]]], q: ArrayLike,
-        p: ArrayLike, *, wrt: str | Sequence[str], parameters: Mapping[str, Any] = NO_PARAMETERS,
-        dt: Number,
-        steps: int, memory: str = DEFAULT_MEMORY, **options: Any,
+        self, loss: Callable[[Trajectory], tuple[Any, Mapping[str, ArrayLike]]],
+        start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, wrt: str | Sequence[str],
+        dt: Number, t_end: Number | None = None, steps: int | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
+        t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
+        solver: SolverName | Solver = "auto", memory: str = DEFAULT_MEMORY,
     ) -> Callable[[ArrayLike], tuple[float, Array]]:
         """Return f(x) → (loss, gradient), for ``scipy.optimize.minimize(f, x0, jac=True)``.
 
@@ -431,7 +438,7 @@ class Differentiation(Evaluation):
         ----------
         loss : callable
             A function of the trajectory that returns its value and cotangents, as of ``gradient``.
-        q, p, parameters, dt, steps, options
+        start, p, dt, t_end, steps, parameters, inputs, every, t_eval, events, solver
             As of ``integrate``: what x does not replace. With "start" in ``wrt`` the first
             2 (n − m) numbers are y in z = consistent(z0 + B y), where B is the basis at (q, p).
         wrt : sequence of str
@@ -441,5 +448,7 @@ class Differentiation(Evaluation):
         from ..derivatives.value_and_gradient import objective
 
         stepper: Any = self
-        return objective(stepper, loss, q, p, names_of(stepper, wrt), parameters, dt, steps, memory,
-                         options)
+        state = merged_start(self, start, p, parameters)
+        return objective(stepper, loss, state, names_of(stepper, wrt), dt,
+                         step_count(steps, t_end, state.t, dt), inputs, memory, {
+                             "every": every, "t_eval": t_eval, "events": events, "solver": solver})

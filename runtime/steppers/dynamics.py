@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -12,11 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_items, as_mapping, as_text, few, shown, unknown
 from ...core.errors import InputError
 from ...core.exact_numbers import Number
-from ...core.frozen_dict import NO_PARAMETERS
+from ...core.start import HasStart
 from ..bindings.array_checks import as_numbers
 from ..compilation.stepper_module import load_module
 from ..derivatives.motion import Accelerations, MotionBinding, StateMotion, joint_inertia
 from .differentiation import Differentiation
+from .starts import StartNumbers, after_start, merged_start
 
 __all__ = ["Dynamics"]
 
@@ -34,8 +36,8 @@ class Dynamics(Differentiation):
     _motion: MotionBinding | None = None
 
     def accelerations(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number | ArrayLike = 0.0,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        parameters: Mapping[str, Number] | None = None, t: Number | ArrayLike | None = None,
     ) -> Accelerations:
         """Return d²q/dt², dp/dt and the multipliers of states on the constraints.
 
@@ -48,12 +50,14 @@ class Dynamics(Differentiation):
 
         Parameters
         ----------
-        q, p : array_like, shape (..., n)
-            States on the constraints, as ``integrate`` and ``project`` return them.
+        start : Start, or array_like of shape (..., n)
+            A start as of ``integrate``, or q followed by p: states on the constraints, as
+            ``integrate`` and ``project`` return them.
+        p : array_like, shape (..., n), optional
         parameters : mapping
-            The value of each parameter, inputs among them.
+            Values that replace those of the start; together all, inputs among them.
         t : number or array_like, shape (...)
-            One time for all states, or one for each.
+            One time for all states, or one for each; by default that of the start, 0 of arrays.
 
         Raises
         ------
@@ -61,16 +65,17 @@ class Dynamics(Differentiation):
             Where constraints depend on each other, so that multipliers are not determined; for
             steppers of flows, and systems with velocity constraints.
         """
-        shape, q_rows, p_rows = self._state_rows(q, p)
-        times, values = self._times(t, shape), self._values(parameters)
-        states = tuple(StateMotion(self._motion_binding(), values, *row)
+        state = merged_start(self, start, p, parameters, t)
+        shape, q_rows, p_rows = self._state_rows(state.q, state.p)
+        times, values = self._times(state.t, shape), self._values(state.parameters)
+        motions = tuple(StateMotion(self._motion_binding(), values, *row)
                        for row in zip(times, q_rows, p_rows, strict=True))
 
         def rows(name: str, width: int) -> Array:
-            found = np.array([getattr(state, name) for state in states], self.binding.dtype)
+            found = np.array([getattr(motion, name) for motion in motions], self.binding.dtype)
             return found.reshape(*shape, width)
 
-        rates = [state.quantity_rates() for state in states]
+        rates = [motion.quantity_rates() for motion in motions]
         return Accelerations(
             rows("acceleration", self.n), rows("p_rate", self.n), rows("v", self.n),
             rows("multipliers", self.m),
@@ -79,8 +84,9 @@ class Dynamics(Differentiation):
             q_rows)
 
     def mass_matrix(
-        self, q: ArrayLike, p: ArrayLike, joints: Sequence[str] | None = None, *,
-        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        joints: Sequence[str] | None = None, parameters: Mapping[str, Number] | None = None,
+        t: Number | None = None,
     ) -> Array:
         """Return the mass matrix M at a state: of its coordinates, or of joints.
 
@@ -95,8 +101,9 @@ class Dynamics(Differentiation):
 
         Parameters
         ----------
-        q, p : array_like, shape (n,)
-            A state on the constraints.
+        start : Start, or array_like of shape (n,)
+            A start as of ``integrate``, or q followed by p.
+        p : array_like, shape (n,), optional
         joints : sequence of str, optional
             Hinges and slides, a row each, and bodies: six rows of one that moves freely, for the
             velocity of its centre of mass and ω in space axes; three of one that turns about a held
@@ -110,7 +117,7 @@ class Dynamics(Differentiation):
             For unknown names, with the known ones; for rates that depend on each other; where H_pp
             is singular; what ``accelerations`` raises.
         """
-        motion = self._state_motion(q, p, parameters, t)
+        motion = self._state_motion(merged_start(self, start, p, parameters, t))
         if joints is not None:
             return joint_inertia(motion, self._names("joints", joints))[0]
         H_pp = motion.inverse_mass()
@@ -122,12 +129,13 @@ class Dynamics(Differentiation):
         return (M + M.T) / 2
 
     def inverse_dynamics(
-        self, q: ArrayLike, p: ArrayLike, accelerations: Mapping[str, Any] | ArrayLike, *,
-        inputs: Sequence[str] | None = None,
-        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
+        self, start: HasStart | ArrayLike, /, *accelerations: Any,
+        inputs: Sequence[str] | None = None, parameters: Mapping[str, Number] | None = None,
+        t: Number | None = None,
     ) -> dict[str, Any] | Array:
         """Return the forces that must be added for given accelerations, or the inputs that do.
 
+        ``inverse_dynamics(start, accelerations)`` or ``inverse_dynamics(q, p, accelerations)``.
         Forces of the system act as they do, those of inputs at their values in ``parameters``. What
         MuJoCo calls ``mj_inverse``, Pinocchio ``rnea``:
 
@@ -135,8 +143,8 @@ class Dynamics(Differentiation):
 
         Parameters
         ----------
-        q, p : array_like, shape (n,)
-            A state on the constraints.
+        start : Start, or q and p, array_like of shape (n,)
+            A start as of ``integrate``.
         accelerations : mapping of str to number or array_like, or array_like of shape (n,)
             Of joints and bodies by their names, of as many numbers as they have rows in
             ``mass_matrix``; no force acts on what is not named. Or d²q/dt² of all coordinates.
@@ -159,13 +167,15 @@ class Dynamics(Differentiation):
             For accelerations that leave the constraints or that the inputs do not reach; what
             ``mass_matrix`` raises.
         """
-        motion = self._state_motion(q, p, parameters, t)
-        if not isinstance(accelerations, Mapping):
+        p, wanted = after_start("accelerations", accelerations)
+        at = merged_start(self, start, p, parameters, t)
+        motion = self._state_motion(at)
+        if not isinstance(wanted, Mapping):
             if inputs is not None:
                 raise InputError("Inputs are found for accelerations of joints; give these by "
                                  "name, as in {'elbow': 0.5}.")
-            return self._generalised_forces(motion, accelerations)
-        wanted = as_mapping("accelerations", accelerations, "{'elbow': 0.5}")
+            return self._generalised_forces(motion, wanted)
+        wanted = as_mapping("accelerations", wanted, "{'elbow': 0.5}")
         if not wanted:
             raise InputError("accelerations is empty; give those of joints or bodies, as in "
                              "{'elbow': 0.5}.")
@@ -173,7 +183,7 @@ class Dynamics(Differentiation):
         targets = [_row(name, value, len(rows)) for (name, value), rows
                    in zip(wanted.items(), free, strict=True)]
         if inputs is not None:
-            return self._inputs(q, p, parameters, t, dict(zip(wanted, targets, strict=True)),
+            return self._inputs(at, dict(zip(wanted, targets, strict=True)),
                                 self._names("inputs", inputs))
         forces = M @ (np.concatenate(targets) - np.concatenate(free))
         ends = np.cumsum([len(rows) for rows in free])[:-1]
@@ -199,8 +209,7 @@ class Dynamics(Differentiation):
         return Q
 
     def _inputs(
-        self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number], t: Number,
-        targets: Mapping[str, Array], names: Sequence[str],
+        self, at: StartNumbers, targets: Mapping[str, Array], names: Sequence[str]
     ) -> dict[str, Any]:
         """Return the values of inputs, on which accelerations depend linearly, for the targets."""
         for name in names:
@@ -208,8 +217,8 @@ class Dynamics(Differentiation):
                 raise unknown("input", name, self.binding.input_names or ["none: it has no inputs"])
 
         def reached(values: ArrayLike) -> Array:
-            given = dict(parameters) | dict(zip(names, map(float, np.asarray(values)), strict=True))
-            motion = self._state_motion(q, p, given, t)
+            given = dict(zip(names, map(float, np.asarray(values)), strict=True))
+            motion = self._state_motion(replace(at, parameters={**at.parameters, **given}))
             return np.concatenate([motion.rate(name)[1] for name in targets])
 
         target, base = np.concatenate([*targets.values()]), reached(np.zeros(len(names)))
@@ -237,11 +246,9 @@ class Dynamics(Differentiation):
             raise InputError(f"{what} = {shown(given)} must name one or more, each once.")
         return names
 
-    def _state_motion(
-        self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number], t: Number
-    ) -> StateMotion:
-        state, values = self._state(q, p), self._values(parameters)
-        (time,) = self._times(t, ())
+    def _state_motion(self, at: StartNumbers) -> StateMotion:
+        state, values = self._state(at.q, at.p), self._values(at.parameters)
+        (time,) = self._times(at.t, ())
         return StateMotion(self._motion_binding(), values, time, *state)
 
     def _values(self, parameters: Mapping[str, Number]) -> dict[str, Any]:

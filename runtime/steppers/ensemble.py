@@ -203,7 +203,6 @@ def integrate_members(
     workers: int | None,
     events: Any,
     inputs: Any = None,
-    hold: int = 1,
     tangents: Tangents | None = None,
     device: DeviceName | None = None,
     **options: Any,
@@ -215,7 +214,7 @@ def integrate_members(
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, q, p, dt, t0, parameters, options))
-    runs = _checked(stepper, q, p, dt, t0, parameters, options, inputs, hold)
+    runs = _checked(stepper, q, p, dt, t0, parameters, options, inputs)
     levels = _levels(stepper, events)
     computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     with (log_progress(f"integrating {len(runs):,} times {stepper.name}",
@@ -245,7 +244,7 @@ def _stopped(
 
 def _checked(
     stepper: Stepper, q: Any, p: Any, dt: Any, t0: Any, parameters: Any, options: dict[str, Any],
-    inputs: Any = None, hold: int = 1,
+    inputs: Any = None,
 ) -> EnsembleArguments:
     """Return the runs of an ensemble, or raise InputError for what is unusable."""
     starts, momenta = _rows(stepper, "q", q), _rows(stepper, "p", p)
@@ -254,12 +253,12 @@ def _checked(
                          f"(trajectories, {stepper.n}) for both.")
     size = len(starts)
     given = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
-                  np.broadcast_to(_each("t0", t0, size), size),
+                  np.broadcast_to(_each("t", t0, size), size),
                   _each_parameters(stepper.parameters_with_inputs(parameters, inputs), size,
                                    stepper.parameter_domains),
                   options)
-    fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]), hold,
-                    size)
+    fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]),
+                    runs=size)
     given = _with_frames(stepper, given, fed)
     runs = replace(checked_runs(stepper, given), inputs=fed)
     warn_of_negative(runs.parameters)

@@ -16,6 +16,7 @@ from ...core.frozen_dict import NO_PARAMETERS
 from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
 from ...core.shapes import Shape
+from ...core.start import HasStart
 from ...engine.amalgamate import complete
 from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
@@ -23,6 +24,7 @@ from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
 from ..integration.run_arguments import ParameterCheck, warn_of_negative
 from ..tuning.manifest_symmetries import symmetries_of
+from .starts import merged_start
 
 __all__ = ["Evaluation"]
 
@@ -67,34 +69,33 @@ class Evaluation:
     # ------------------------------------------------------------ what a step solves
 
     def residual(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
+        self, x: ArrayLike, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        dt: Number, parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Array:
         """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
 
         ``t`` is the time at the start of the step.
         """
         self._refuse_unless_solving("residual")
-        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
+        unknowns, state, run = self._at(x, start, p, dt, parameters, t)
         return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
 
     def jacobian(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Number] = NO_PARAMETERS, t: Number = 0.0,
+        self, x: ArrayLike, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        dt: Number, parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Array:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
         self._refuse_unless_solving("Jacobian")
-        unknowns, state, run = self._at(x, q, p, dt, parameters, t)
+        unknowns, state, run = self._at(x, start, p, dt, parameters, t)
         return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
 
     def guess(
-        self, q: ArrayLike, p: ArrayLike, *, dt: Number,
-        parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number = 0.0,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
+        parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Array:
         """Return the x from which a step's iteration starts."""
         self._refuse_unless_solving("starting guess")
-        state, run = self._state(q, p), self._parameters(parameters, t)
+        state, run = self._at_start(start, p, parameters, t)
         x = self.binding.guess(run, self._step(dt), *state, self.binding.work())
         return x + self._origin(*state)
 
@@ -106,12 +107,14 @@ class Evaluation:
     # ------------------------------------------------------------ about a state
 
     def energy(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number | ArrayLike = 0.0, of_motion: bool = False,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        parameters: Mapping[str, Number] | None = None, t: Number | ArrayLike | None = None,
+        of_motion: bool = False,
     ) -> Array:
-        """Return H(q, p, t) in the stepper's own representation; leading axes are kept.
+        """Return H(q, p, t) in the stepper's own representation, at a start or at states (q, p).
 
-        ``t``, which matters where H has it, is one time for all states, or one for each.
+        Leading axes are kept. ``t``, which matters where H has it, is one time for all states, or
+        one for each; by default that of the start, 0 of arrays.
 
         With ``of_motion`` it is the energy of the motion, H(q, Pp, t): P projects p along g_qᵀ onto
         f = 0, f = g_q H_p (+ g_t). For an H quadratic in p and f = g_q H_p, with W = g_q H_pp g_qᵀ,
@@ -122,20 +125,22 @@ class Evaluation:
         (qᵀp)²/8γ, or (qᵀp)²/8α, of one rigid body. Schemes that keep f = 0 have no difference.
         Where p cannot be projected, the result is NaN.
         """
-        shape, q_rows, p_rows = self._state_rows(q, p)
-        times, values = self._times(t, shape), self._parameters(parameters)
+        state = merged_start(self, start, p, parameters, t)
+        shape, q_rows, p_rows = self._state_rows(state.q, state.p)
+        times, values = self._times(state.t, shape), self._parameters(state.parameters)
         lost = []
         if as_flag("of_motion", of_motion) and self.m:
             for i, row in enumerate(p_rows):
-                at = self._parameters(parameters, times[i]) if self.binding.is_timed else values
-                if self.binding.project(at, q_rows[i].copy(), row):
+                at_row = values if not self.binding.is_timed else self._parameters(
+                    state.parameters, times[i])
+                if self.binding.project(at_row, q_rows[i].copy(), row):
                     lost.append(i)
         H = self.binding.hamiltonian(values, q_rows, p_rows, times)
         H[lost] = math.nan
         return H.reshape(shape)
 
     def momenta(
-        self, q: ArrayLike, v: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
+        self, q: ArrayLike, v: ArrayLike, /, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
         t: Number | ArrayLike = 0.0,
     ) -> Array:
         """Return the momenta p = L_v(q, v, t) of velocities, of a system from its Lagrangian.
@@ -156,14 +161,15 @@ class Evaluation:
         return p.reshape(*shape, self.n)
 
     def velocities(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number | ArrayLike = 0.0,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        parameters: Mapping[str, Number] | None = None, t: Number | ArrayLike | None = None,
     ) -> Array:
         """Return the velocities v = H_p(q, p, t): the way back of ``momenta``, raising as it."""
         self._refuse_unless_lagrangian("velocities")
-        shape, q_rows, p_rows = self._state_rows(q, p)
-        v = self.binding.velocities(self._parameters(parameters), q_rows, p_rows,
-                                    self._times(t, shape))
+        state = merged_start(self, start, p, parameters, t)
+        shape, q_rows, p_rows = self._state_rows(state.q, state.p)
+        v = self.binding.velocities(self._parameters(state.parameters), q_rows, p_rows,
+                                    self._times(state.t, shape))
         return v.reshape(*shape, self.n)
 
     def _refuse_unless_lagrangian(self, what: str) -> None:
@@ -172,34 +178,33 @@ class Evaluation:
                              "System.from_lagrangian makes one that knows them.")
 
     def quantities(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number | ArrayLike = 0.0,
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        parameters: Mapping[str, Number] | None = None, t: Number | ArrayLike | None = None,
     ) -> dict[str, Array]:
-        """Return each quantity of the system at states (q, p); leading axes are kept.
-
-        ``t`` is one time for all states, or one for each.
+        """Return each quantity of the system at a start or at states (q, p), as ``energy`` does.
         """
-        shape, q_rows, p_rows = self._state_rows(q, p)
-        values = self.binding.quantities(self._parameters(parameters), self._times(t, shape),
-                                         q_rows, p_rows)
+        state = merged_start(self, start, p, parameters, t)
+        shape, q_rows, p_rows = self._state_rows(state.q, state.p)
+        values = self.binding.quantities(self._parameters(state.parameters),
+                                         self._times(state.t, shape), q_rows, p_rows)
         return {name: values[:, i].reshape(shape)
                 for i, name in enumerate(self.binding.quantity_names)}
 
     def defects(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number = 0.0
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> tuple[Array, Array]:
         """Return g(q, t) and the constraint on the momenta (qᵀp for a body), m entries each.
 
         With velocity constraints the second goes on with A H_p + a.
         """
-        q_one, p_one = self._state(q, p)
-        g, f = self.binding.defects(self._parameters(parameters, t), q_one[None], p_one[None])
+        (q, p), run = self._at_start(start, p, parameters, t)
+        g, f = self.binding.defects(run, q[None], p[None])
         return g[0], f[0]
 
     def project(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number = 0.0
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> tuple[Array, Array]:
         """Return the state moved onto the constraints: q/|q| and p without its part along q.
 
@@ -207,12 +212,12 @@ class Evaluation:
         g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it. With velocity
         constraints p moves along g_qᵀ and Aᵀ, onto A H_p + a = 0 too.
         """
-        state, run = self._state(q, p), self._parameters(parameters, t)
+        state, run = self._at_start(start, p, parameters, t)
         return self._projected(*state, run)
 
     def consistent(
-        self, q: ArrayLike, p: ArrayLike, *, parameters: Mapping[str, Number] = NO_PARAMETERS,
-        t: Number = 0.0
+        self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+        parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Projection:
         """Return what ``project`` does, with a report of what was moved.
 
@@ -225,7 +230,7 @@ class Evaluation:
         InputError
             Where it cannot be done, with the names of the constraints that are in the way.
         """
-        old, run = self._state(q, p), self._parameters(parameters, t)
+        old, run = self._at_start(start, p, parameters, t)
         new = self._projected(*old, run)
         numeric = CompiledConstraints(self.binding, self.manifest, run)
         states = np.stack([old[0], new[0], new[0]]), np.stack([old[1], old[1], new[1]])
@@ -290,14 +295,20 @@ class Evaluation:
         warn_of_negative(values)
         return self.binding.parameters(values, as_real("t", t, number))
 
+    def _at_start(
+        self, start: Any, p: Any, parameters: Any, t: Any
+    ) -> tuple[tuple[Array, Array], Any]:
+        """Return the state of a start, or (q, p), and the parameters there as compiled code."""
+        given = merged_start(self, start, p, parameters, t)
+        return self._state(given.q, given.p), self._parameters(given.parameters, given.t)
+
     def _at(
-        self, x: ArrayLike, q: ArrayLike, p: ArrayLike, dt: Number,
-        parameters: Mapping[str, Number], t: Number,
+        self, x: ArrayLike, start: Any, p: Any, dt: Number, parameters: Any, t: Any
     ) -> tuple[Array, tuple[Array, Array], Any]:
         self._step(dt)
-        state = self._state(q, p)
+        state, run = self._at_start(start, p, parameters, t)
         unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
-        return unknowns, state, self._parameters(parameters, t)
+        return unknowns, state, run
 
     def _origin(self, q: Array, p: Array) -> Array:
         """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""

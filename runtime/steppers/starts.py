@@ -16,9 +16,10 @@ from ..integration.run_arguments import step_count
 from ..rigid_body.gamma_rules import has_inertia, mean_inertia
 
 if TYPE_CHECKING:
-    from .stepper import Stepper
+    from .evaluation import Evaluation
 
-__all__ = ["StartNumbers", "merged_start", "merged_starts", "steps_of_all"]
+__all__ = ["StartNumbers", "after_start", "merged_start", "merged_starts",
+           "steps_of_all"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class StartNumbers:
 
 
 def merged_start(
-    stepper: Stepper, start: Any, p: Any, parameters: Any, t: Any = None
+    stepper: Evaluation, start: Any, p: Any, parameters: Any, t: Any = None
 ) -> StartNumbers:
     """Return the numbers that a run starts from; ``parameters`` and t win over those of the start.
 
@@ -55,7 +56,7 @@ def merged_start(
     return StartNumbers(own.q, own.p, _with(stepper, own, parameters), own.t if t is None else t)
 
 
-def _with(stepper: Stepper, start: Start, parameters: Any) -> dict[str, Any]:
+def _with(stepper: Evaluation, start: Start, parameters: Any) -> dict[str, Any]:
     """Return the parameters of a start and those that win over them, γ and α by their rules."""
     domains = stepper.parameter_domains
     own: dict[str, Any] = {name: value for name, value in start.parameters.items()
@@ -70,24 +71,40 @@ def _with(stepper: Stepper, start: Start, parameters: Any) -> dict[str, Any]:
     return values
 
 
-def merged_starts(
-    stepper: Stepper, starts: Any, p: Any, parameters: Any, t: Any = None
-) -> StartNumbers:
+def after_start(names: str, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return p, or None after a start, and the arguments of these names.
+
+    Raises
+    ------
+    InputError
+        For another number of arguments.
+    """
+    count = len(names.split(", "))
+    if len(arguments) == count:
+        return (None, *arguments)
+    if len(arguments) != count + 1:
+        raise InputError(f"{len(arguments) + 1} arguments are given without a name; give start, "
+                         f"{names}, or q, p, {names}.")
+    return arguments
+
+
+def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> StartNumbers:
     """Return the numbers of many runs: rows of q and p, parameters as an ensemble takes them."""
     given = {} if parameters is None else parameters
     if p is not None:
-        return StartNumbers(starts, p, given, 0.0 if t is None else t)
+        return StartNumbers(starts, p, given, 0.0)
     if isinstance(starts, HasStart):
         start = as_start(starts)
         own = ([_with(stepper, start, one) for one in given]
                if isinstance(given, Sequence) and all(isinstance(one, Mapping) for one in given)
                else _with(stepper, start, given))
+        columns = [] if isinstance(own, list) else [*own.values(), start.t]
         size = len(own) if isinstance(own, list) else max(
-            (len(x) for x in own.values() if np.ndim(x) == 1), default=1)
+            (len(x) for x in columns if np.ndim(x) == 1), default=1)
         q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
                 for x in (stepper.binding.numbers("q", start.q),
                           stepper.binding.numbers("p", start.p)))
-        return StartNumbers(q, p, own, start.t if t is None else t)
+        return StartNumbers(q, p, own, start.t)
     if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
                                           and isinstance(starts[0], (Sequence, np.ndarray))):
         raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
@@ -101,9 +118,8 @@ def merged_starts(
     if len(given) != len(starts):
         raise InputError(f"{len(given)} sets of parameters are given for {len(starts)} starts.")
     rows = [merged_start(stepper, one, None, own) for one, own in zip(starts, given, strict=True)]
-    times = np.array([row.t for row in rows]) if t is None else t
     return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
-                        [row.parameters for row in rows], times)
+                        [row.parameters for row in rows], np.array([row.t for row in rows]))
 
 
 def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:

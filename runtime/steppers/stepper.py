@@ -7,7 +7,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -133,37 +133,36 @@ class Stepper(Dynamics):
 
     def step(
         self,
-        q: ArrayLike,
-        p: ArrayLike,
+        start: HasStart | ArrayLike,
+        p: ArrayLike | None = None,
+        /,
         *,
         dt: Number,
-        parameters: Mapping[str, Any] = NO_PARAMETERS,
-        t0: Number = 0.0,
-        inputs: Mapping[str, Any] | ArrayLike | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         solver: SolverName | Solver = "auto",
-        tolerance: Number | None = None,
-        max_iterations: int | None = None,
     ) -> tuple[Array, Array]:
-        """Return (q, p) one step of ``dt`` seconds later; see ``integrate``.
+        """Return (q, p) one step of ``dt`` seconds later, from a start or (q, p).
 
         ``inputs`` are those of this step, and may be others in the next.
 
-        A call that is given what the last one in this thread returned, and the rest as before
-        (``t0`` one ``dt`` on, where the system depends on time), goes on where that ended: a loop
-        of calls gives the bits of ``integrate``, and costs as few iterations.
+        If a call starts at the state that the last call in this thread returned (where the system
+        depends on time, one ``dt`` later), with the other arguments unchanged, the solver's memory
+        persists: a loop of calls gives the bits of ``integrate``, and costs as few iterations.
         """
+        state = merged_start(self, start, p, parameters)
+        q, p, t0, parameters = state.q, state.p, state.t, state.parameters
         fed = as_inputs(inputs, self.binding, 1)
         if fed is not None:
             parameters = {name: value for name, value in as_mapping(
                 "parameters", parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names}
-        given = (dt, solver, tolerance, max_iterations, parameters)
+        given = (dt, solver, parameters)
         held: ContinuedStep | None = getattr(self._local, "held", None)
         self._local.held = None
         if held is None or not held.continues(q, p, t0, given):
             run = self.checked_run(self.run_arguments(
-                q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver,
-                tolerance=tolerance, max_iterations=max_iterations))
+                q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver))
             self.warned(run)
             work = None if held is None else held.work  # it needs no initialisation
             held = ContinuedStep(self.binding, run, given, work) if run.solver != "python" else None
@@ -178,18 +177,16 @@ class Stepper(Dynamics):
 
     def start(
         self,
-        q0: HasStart | ArrayLike,
-        p0: ArrayLike | None = None,
+        start: HasStart | ArrayLike,
+        p: ArrayLike | None = None,
+        /,
         *,
         dt: Number,
         parameters: Mapping[str, Any] | None = None,
-        t0: Number | None = None,
         solver: SolverName | Solver = "auto",
-        tolerance: Number | None = None,
-        max_iterations: int | None = None,
         record: bool = False,
     ) -> Simulation:
-        """Return a simulation from a start, or from (q0, p0), that is advanced by its caller.
+        """Return a simulation from a start, or from (q, p), that is advanced by its caller.
 
         The arguments are those of ``integrate``, but for ``solver="python"``.
         ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
@@ -203,57 +200,78 @@ class Stepper(Dynamics):
         InputError
             As ``integrate`` does.
         """
-        method = as_solver(solver, tolerance, max_iterations)
+        method = as_solver(solver)
         choose("solver of a simulation", method.kind,
                [name for name in SOLVERS if name != "python"])
-        state = merged_start(self, q0, p0, parameters, t0)
+        state = merged_start(self, start, p, parameters)
         run = self.checked_run(self.run_arguments(
             state.q, state.p, dt=dt, steps=0, parameters=state.parameters, t0=state.t,
             solver=method))
         self.warned(run)
         return Simulation(self, run, as_flag("record", record))
 
+    @overload
+    def integrate(
+        self, start: HasStart, /, *, dt: Number | Literal["auto"], t_end: Number | None = None,
+        steps: int | None = None, parameters: Mapping[str, Any] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
+        t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
+        tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
+        progress: Progress = None, round: bool = False, error: Number | None = None,
+    ) -> Trajectory: ...
+
+    @overload
+    def integrate(
+        self, q: ArrayLike, p: ArrayLike, /, *, dt: Number | Literal["auto"],
+        t_end: Number | None = None, steps: int | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
+        t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
+        tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
+        progress: Progress = None, round: bool = False, error: Number | None = None,
+    ) -> Trajectory: ...
+
     def integrate(
         self,
-        q: HasStart | ArrayLike,
+        start: HasStart | ArrayLike,
         p: ArrayLike | None = None,
+        /,
         *,
         dt: Number | Literal["auto"],
+        t_end: Number | None = None,
         steps: int | None = None,
         parameters: Mapping[str, Any] | None = None,
-        t0: Number | None = None,
-        t_end: Number | None = None,
-        round: bool = False,
-        error: Number | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
-        hold: int = 1,
         every: int = 1,
-        solver: SolverName | Solver = "auto",
-        tolerance: Number | None = None,
-        max_iterations: int | None = None,
-        progress: Progress = None,
         t_eval: ArrayLike | None = None,
         events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None,
+        solver: SolverName | Solver = "auto",
+        progress: Progress = None,
+        round: bool = False,
+        error: Number | None = None,
     ) -> Trajectory:
-        """Integrate ``steps`` steps of ``dt`` seconds from a start, or up to ``t_end``.
+        """Integrate from a start up to the time ``t_end``, or ``steps`` steps of ``dt`` seconds.
 
         Parameters
         ----------
-        q : Start, or array_like of shape (n,)
+        start : Start, or array_like of shape (n,)
             A model, a problem, a ``Start``, a row of a trajectory, a simulation; or the
-            coordinates, and p behind them. It is consistent: g(q) = 0 and g_q H_p = 0 (for a body
-            |q| = 1 and qᵀp = 0).
+            coordinates q at t = 0, followed by p. It is consistent: g(q) = 0 and g_q H_p = 0 (for
+            a body |q| = 1 and qᵀp = 0).
         p : array_like, shape (n,), optional
-            The momenta, where the start is given by arrays.
+            The momenta, where the first argument is q.
         dt : float
-            Time step; negative integrates backwards. As ``t0`` and the parameters, a real number
-            of any type, rounded once to the stepper's own: with ``real="float128"`` mpmath
-            numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python float
-            is the binary number that it holds. ``"auto"`` finds the step for ``error`` and
+            Time step; negative integrates backwards. As the parameters and the time of a start, a
+            real number of any type, rounded once to the stepper's own: with ``real="float128"``
+            mpmath numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python
+            float is the binary number that it holds. ``"auto"`` finds the step for ``error`` and
             ``t_end`` by pilot runs to t_end, each with half the step; ``Trajectory.dt`` has it.
-        steps : int
-            Number of steps, 0 or more.
+        t_end : float, optional
+            Time of the last state, a whole number of steps after the start's but for the rounding
+            of these; any other is refused. Step k starts at t0 + k dt, counted, not summed up.
+        steps : int, optional
+            Number of steps, 0 or more, in place of ``t_end``.
         parameters : mapping, optional
             Values that win over those of the start; together all of ``parameter_domains``, and
             rates of ``symmetries`` if wanted. Where ``gamma`` or ``alpha`` is left out it is the
@@ -265,34 +283,18 @@ class Stepper(Dynamics):
             ("follow 50": every 50), for a motion that changes for good. ``Trajectory.parameters``
             has the numbers, of such a frame those of the start. A warning tells of rates that
             "start" and "follow" leave 0, near an axis of symmetry.
-        t0 : float, optional
-            Time at the start, in seconds, for what depends on time; by default that of the start,
-            0 where arrays are given. Step k starts at t0 + k dt, counted, not summed up.
-        t_end : float, optional
-            In place of ``steps``: the time of the last state. (t_end − t0)/dt is a whole number
-            but for the rounding of these three, and any other t_end is refused.
         round : bool
             End at the step next to ``t_end`` instead, within half a step of it.
         error : float, optional
             Wanted with ``dt="auto"``: the largest error of the motion on the way, attitudes in rad
             and points in parts of their reach.
         inputs : mapping or array_like, optional
-            The system's inputs, which stay as they are within a step: by name, a number or one
-            for each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
-            ``gs.Inputs(rows, hold=4)`` holds each row for several steps. By default, and
-            throughout, those of the start or among the parameters.
-        hold : int
-            Steps that each row of ``inputs`` is held for: then there are ⌈steps/hold⌉ of them.
+            The system's inputs, which are constant within a step: by name, a number or one for
+            each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
+            ``gs.Inputs(rows, hold=4)`` holds each row for several steps. By default the inputs of
+            the start, or those among the parameters, for the whole run.
         every : int
             Store every so many steps, and the last.
-        solver : {"auto", "newton", "fixed-point", "python"} or Solver
-            How the equations of a step are solved: ``gs.Solver`` has the numbers, too.
-        tolerance, max_iterations : float and int, optional
-            Those of ``gs.Solver``, beside a solver's name.
-        progress : callable or bool, optional
-            A function is called now and then with the number of steps done. True shows the share
-            that is done, False does not; by default an interactive Python and a notebook show it
-            after a second.
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
             ``at``. They lie between the start and the end of the run, in any order.
@@ -305,6 +307,12 @@ class Stepper(Dynamics):
             Directions whose derivatives are computed along the run: ``Trajectory.tangents``, at
             ``t_eval``, at events and in the last row of a terminal one too. A row at a given time
             moves with dt and the start's time by its part of a step alone.
+        solver : {"auto", "newton", "fixed-point", "python"} or Solver
+            How the equations of a step are solved; ``gs.Solver`` adds tolerance and iterations.
+        progress : callable or bool, optional
+            A function is called now and then with the number of steps done. True shows the share
+            that is done, False does not; by default an interactive Python and a notebook show it
+            after a second.
 
         Raises
         ------
@@ -315,16 +323,16 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
-        state = merged_start(self, q, p, parameters, t0)
+        state = merged_start(self, start, p, parameters)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
-                                 "solver": as_solver(solver, tolerance, max_iterations)}
+                                 "solver": as_solver(solver)}
         choice = step_choice(self, state.q, state.p, dt=dt, steps=steps, t_end=t_end, error=error,
                              inputs=inputs, **given)
         nearest = as_flag("round", round)
         size: Any = dt if choice is None else choice.dt
         count = step_count(steps, t_end, state.t, dt, nearest) if choice is None else choice.steps
         run = self.resolved(self.run_arguments(state.q, state.p, dt=size, steps=count, every=every,
-                                               inputs=inputs, hold=hold, **given))
+                                               inputs=inputs, **given))
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
         # Pilots have measured the error of a step that they have found.
@@ -342,34 +350,31 @@ class Stepper(Dynamics):
 
     def integrate_ensemble(
         self,
-        q: HasStart | Sequence[HasStart] | ArrayLike,
+        starts: HasStart | Sequence[HasStart] | ArrayLike,
         p: ArrayLike | None = None,
+        /,
         *,
         dt: Number | ArrayLike,
-        steps: int | None = None,
         t_end: Number | None = None,
+        steps: int | None = None,
         parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] | None = None,
-        t0: Number | ArrayLike | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
-        hold: int = 1,
         every: int = 1,
-        solver: SolverName | Solver = "auto",
-        tolerance: Number | None = None,
-        max_iterations: int | None = None,
-        workers: int | None = None,
         events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None,
+        solver: SolverName | Solver = "auto",
+        workers: int | None = None,
         device: DeviceName | None = None,
     ) -> Ensemble:
         """Integrate many trajectories: from several starts, or from rows of q and p.
 
-        ``q`` is a list of starts; one start for all, whose parameters then have a column or its q
-        and p rows; or an array, and p behind it, with a row for each trajectory. ``dt``, ``t0``
-        and each parameter are one number for all, or one for each trajectory; a list of dicts does
-        as well. What ``parameters`` say wins over the starts. ``inputs`` are those of
-        ``integrate`` for all, or have a leading axis: (trajectories, steps) by name, or an array
-        (trajectories, steps, inputs). In place of ``steps`` a ``t_end`` ends all trajectories
-        there; they have one number of steps, or are refused.
+        ``starts`` is a list of starts; one start for all, with a column in its parameters, its
+        times, or in ``parameters``, or with rows of q and p; or an array q and after it p, with a
+        row for each trajectory. ``dt`` and each parameter are one number for all, or one for each
+        trajectory; a list of dicts does as well. ``parameters`` win over those of the starts.
+        ``inputs`` are those of ``integrate`` for all, or have a leading axis: (trajectories, steps)
+        by name, or an array (trajectories, steps, inputs). ``t_end`` is the time of the last state
+        of all trajectories, which must have equal numbers of steps.
 
         A trajectory that fails is NaN from its failed step on and has its reason in
         ``Ensemble.failures``; the others are not touched.
@@ -394,11 +399,11 @@ class Stepper(Dynamics):
 
         Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
         """
-        state = merged_starts(self, q, p, parameters, t0)
+        state = merged_starts(self, starts, p, parameters)
         return integrate_members(
-            self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs, hold,
+            self, state.q, state.p, dt, state.t, state.parameters, workers, events, inputs,
             tangents, device, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
-            solver=as_solver(solver, tolerance, max_iterations))
+            solver=as_solver(solver))
 
     def at(
         self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
@@ -454,8 +459,7 @@ class Stepper(Dynamics):
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
         parameters: Mapping[str, Any] = NO_PARAMETERS, t0: Number = 0.0, every: int = 1,
         inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
-        solver: SolverName | Solver = "auto", tolerance: Number | None = None,
-        max_iterations: int | None = None,
+        solver: SolverName | Solver = "auto",
     ) -> RunArguments:
         """Return the arguments of ``integrate`` as a record; its parameters are as given.
 
@@ -464,7 +468,7 @@ class Stepper(Dynamics):
         InputError
             For any that is unusable, but for the parameters.
         """
-        method = as_solver(solver, tolerance, max_iterations)
+        method = as_solver(solver)
         if not self.binding.solves and method.kind != "auto":
             raise InputError(f"{self.name} composes exact flows and solves no equations; leave out "
                              f"solver = {method.kind!r}.")
@@ -483,7 +487,7 @@ class Stepper(Dynamics):
             object.__new__(RunArguments), q=q_start, p=p_start, dt=self._step(dt), steps=count,
             every=as_positive_count("every", every, least=1),
             parameters=self.parameters_with_inputs(parameters, fed), solver=method.kind,
-            tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t0", t0, number),
+            tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t", t0, number),
             inputs=fed)
 
     def resolved(self, run: RunArguments, *, quiet: bool = False) -> RunArguments:

@@ -9,6 +9,7 @@ import mpmath as mp
 import numpy as np
 import sympy as sp
 
+import gyrospark as gs
 from calls import PARAMETERS, RUN, TOP, refused
 
 
@@ -27,5 +28,6 @@ def test_more_states_than_memory_are_refused(gl3):
 
 
 def test_large_limits_are_taken(gl3):
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=3, every=10**15, max_iterations=10**15, **RUN)
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=3, every=10**15,
+                         solver=gs.Solver("auto", max_iterations=10**15), **RUN)
     assert made.q.shape == (2, 4)

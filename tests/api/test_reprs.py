@@ -21,6 +21,7 @@ from gyrospark.runtime.devices.ensemble import DeviceEnsemble
 from gyrospark.runtime.steppers.run_defaults import RunDefaults
 from processes import python
 from result_classes import RESULT_CLASSES, result_class
+from stores import record
 
 
 def built():
@@ -67,13 +68,13 @@ def shown(gl3, tmp_path_factory):
         gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
         moved, moved.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
         gs.lyapunov(gl3, TOP.q0, TOP.p0, steps=40, every=20, **RUN),
-        gs.fit(gl3, run.t[::100], run.q[::100], q=TOP.q0, p=TOP.p0, free=["I1"], **RUN),
+        gs.fit(gl3, TOP, run.t[::100], run.q[::100], free=["I1"], **RUN),
         gs.periodic_orbit(systems.stepper("oscillator"), [0.3], [0.0], dt=3.1 / 40, steps=40,
                           parameters={"k": 4.0}, fix="x"),
         TOP.start, run[-1], tops.body("a"), tops.joint(),
         gs.Solver("newton", tolerance=1e-9), gs.Inputs([0.1, 0.2], hold=3),
         gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, swung.events["q1"], gs.cite(gl3),
-        gs.record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
+        record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
         gs.build("cpp", "fast-top", scheme="EMS", dt=1e-3, out=out.parent / "cpp"),
     ]
 

@@ -228,7 +228,7 @@ def late_failure():
         for most in (6, 7, 8, 10):
             try:
                 step.integrate(top.q0, top.p0, dt=dt, steps=400, parameters=parameters,
-                               max_iterations=most)
+                               solver=gs.Solver("auto", max_iterations=most))
             except gs.StepFailed as failure:
                 if failure.step > 5 and (failure.step - 1) % 3:
                     return failure, ["run", "free-body", "--scheme", "G-L", "--stages", "2",

@@ -11,6 +11,7 @@ from calls import TOP
 from command_line import refused
 from gyrospark.core.registry import MODELS
 from processes import ROOT, python
+from stores import record
 
 EXAMPLES = ROOT / "examples"
 PENDULUM = EXAMPLES / "pendulum.toml"
@@ -73,12 +74,13 @@ def test_whole_numbers_as_everybody_writes_them(text, count, gyrospark):
 
 def test_counts_in_python_and_files(gl3, tmp_path):
     run = {"dt": 1e-3, "parameters": TOP.parameters | {"gamma": "m"}}
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=10.0, every=np.float32(5), max_iterations=5e1, **run)
+    made = gl3.integrate(TOP.q0, TOP.p0, steps=10.0, every=np.float32(5),
+                         solver=gs.Solver("auto", max_iterations=5e1), **run)
     assert made.q.shape == (3, 4)
     q, p = [TOP.q0] * 2, [TOP.p0] * 2
     assert gl3.integrate_ensemble(q, p, steps=4.0, every=2.0, workers=1.0, **run).q.shape == (2, 3,
                                                                                              4)
-    assert gs.record(gl3, TOP.q0, TOP.p0, steps=1e1, every=5.0, seed=3.0,
+    assert record(gl3, TOP.q0, TOP.p0, steps=1e1, every=5.0, seed=3.0,
                      out=tmp_path / "a.zarr", **run).report.steps == 10
     assert int(gs.sweep(TOP, {"mgl": [0.3]}, scheme="IMS", dt=1e-3, steps=4.0).steps_done[0]) == 4
     assert gs.certify(TOP, "IMS", dt=1e-3, steps=2.0).steps == 2

@@ -56,7 +56,7 @@ def integrate(step, **options):
 
 def record(step, **options):
     pytest.importorskip("zarr")
-    return gs.record(step, TOP.q0, TOP.p0, steps=300, out="run.zarr", **START, **options)
+    return record(step, TOP.q0, TOP.p0, steps=300, out="run.zarr", **START, **options)
 
 
 def ensemble(step, workers):
@@ -66,7 +66,7 @@ def ensemble(step, workers):
 
 def fit(step):
     run = step.integrate(TOP.q0, TOP.p0, steps=40, progress=False, **START)
-    return gs.fit(step, run.t[::10], run.q[::10], q=TOP.q0, p=TOP.p0, free=["I1"], **START)
+    return gs.fit(step, TOP, run.t[::10], run.q[::10], free=["I1"], **START)
 
 
 def sweep(step):

@@ -25,7 +25,7 @@ from gyrospark.runtime.compilation import prebuilt
 from gyrospark.runtime.compilation.build_cache import binary_key, digest
 from gyrospark.runtime.compilation.compiler import find_compiler
 from processes import ROOT, call, gyrospark_command
-from stores import START
+from stores import START, record
 from toy import HEADERS
 
 NAME = "heavy_top_ims_gamma"
@@ -223,10 +223,10 @@ def test_a_prebuilt_module_of_another_engine_is_not_loaded(other_engine, tmp_pat
 def test_a_run_does_not_resume_on_another_engine(other_engine, tmp_path):
     pytest.importorskip("zarr")
     out, arguments = tmp_path / "run.zarr", START | {"steps": 20}
-    gs.record(gs.Stepper(NAME, checked_in_files(NAME)), **arguments, out=out)
+    record(gs.Stepper(NAME, checked_in_files(NAME)), **arguments, out=out)
     other_engine(*CHANGE)
     with pytest.raises(gs.InputError, match=r"code\.source"):
-        gs.record(gs.Stepper(NAME, checked_in_files(NAME)), **arguments, out=out, resume=True)
+        record(gs.Stepper(NAME, checked_in_files(NAME)), **arguments, out=out, resume=True)
 
 
 def test_a_pickle_keeps_the_engine_it_was_made_with(other_engine):

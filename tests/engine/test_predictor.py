@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+from calls import integrate
 from resumed_stores import check
 
 TOP = gs.problems.fast_top()
@@ -63,9 +64,9 @@ def test_history_of_the_predictor_outlives_a_call(tmp_path, monkeypatch):
     step = gs.stepper("G-L", 2, "gamma")
     run = {"q": TOP.q0, "p": TOP.p0, "dt": 0.01, "steps": 900, "every": 30,
            "parameters": PARAMETERS}
-    whole = step.integrate(**run)
+    whole = integrate(step, **run)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 8)
-    in_chunks = step.integrate(**run)
+    in_chunks = integrate(step, **run)
     assert in_chunks.q.tobytes() == whole.q.tobytes()
     assert in_chunks.report == whole.report
     assert in_chunks.iterations.tobytes() == whole.iterations.tobytes()  # the most of all pieces

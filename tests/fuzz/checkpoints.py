@@ -24,6 +24,7 @@ from gyrospark.runtime.integration.step_loop import Rows, advance
 from gyrospark.runtime.results.crossings import Crossings
 from gyrospark.storage import array_layout, recorder
 from gyrospark.storage.checkpoint import pack, unpack
+from stores import record
 from work_memory import integers_of
 
 from .choices import Choices
@@ -91,7 +92,7 @@ class Case:
         shutil.rmtree(self.path, ignore_errors=True)
         busy, recorder.Writer.busy = recorder.Writer.busy, False  # type: ignore[assignment]
         try:
-            gs.record(self.stepper, **self.arguments, out=self.path, progress=progress)
+            record(self.stepper, **self.arguments, out=self.path, progress=progress)
         except EndedError:
             pass
         finally:
@@ -195,7 +196,7 @@ def used(path: Path, one: Case) -> str:
     uses: list[Callable[[], Any]] = [
         lambda: asked(gs.open_recording(path)),
         lambda: gs.open_recording(path).export(path.with_suffix(".csv")),
-        lambda: gs.record(one.stepper, **one.arguments, out=path, resume=True),
+        lambda: record(one.stepper, **one.arguments, out=path, resume=True),
     ]
     fsync, os.fsync = os.fsync, lambda handle: None
     try:

@@ -25,6 +25,24 @@ def equal(a, b):
                ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors"))
 
 
+def by_names(function, *first, q, p=None, t0=None, **arguments):
+    """Call a function that has a start by a table of arguments.
+
+    Its keys may be q (or a start), p, t0, and those of ``gs.Solver``.
+    """
+    limits = {name: arguments.pop(name) for name in ("tolerance", "max_iterations")
+              if name in arguments}
+    if limits:
+        arguments["solver"] = gs.Solver(arguments.pop("solver", "auto"), **limits)
+    begin = [q, p] if t0 is None else [gs.Start(q, p, t=t0)]
+    return function(*first, *begin, **arguments)
+
+
+def integrate(step, **arguments):
+    """Integrate by a table of arguments."""
+    return by_names(step.integrate, **arguments)
+
+
 def refused(message):
     """Expect an InputError, which is a ValueError, with a sentence that has these words."""
     return pytest.raises(gs.InputError, match=message)
@@ -40,7 +58,8 @@ def late_failures():
     for scheme in SCHEMES:
         step = gs.stepper(*scheme)
         for dt in (0.12, 0.1, *np.arange(0.09, 0.2, 0.004).tolist()):  # 0.12 or 0.1 as a rule
-            options = {"dt": dt, "parameters": PARAMETERS, "max_iterations": 6}
+            options = {"dt": dt, "parameters": PARAMETERS,
+                       "solver": gs.Solver("auto", max_iterations=6)}
             try:
                 with warnings.catch_warnings():  # runs that get to their end turn too far in a step
                     warnings.simplefilter("ignore", gs.errors.InputWarning)

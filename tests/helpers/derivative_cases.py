@@ -63,7 +63,7 @@ def moved_step(
         found = step.consistent(q, p, parameters=values, t=t0)
         q, p = found.q, found.p if step.manifest["scheme"]["keeps_momentum_constraint"] else p
     dt = one * case.dt + shift * direction.get("dt", 0.0)
-    run = step.integrate(q, p, dt=dt, steps=1, parameters=values, t0=t0)
+    run = step.integrate(gs.Start(q, p, t=t0), dt=dt, steps=1, parameters=values)
     return np.concatenate([run.q[-1], run.p[-1], run.multipliers[-1].ravel()])
 
 
@@ -78,6 +78,6 @@ def tangents_of_step(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return directions of the start and their tangents at the end of one step, in columns."""
     case, (q, p) = case_of(name), start_of(name, step)
-    run = step.integrate(q, p, dt=case.dt, steps=1, parameters=case.parameters, t0=case.t0,
-                         tangents=gs.Tangents(**wanted))
+    run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt, steps=1,
+                         parameters=case.parameters, tangents=gs.Tangents(**wanted))
     return run.tangents.start, np.concatenate([run.tangents.q[-1], run.tangents.p[-1]])

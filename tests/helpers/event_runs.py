@@ -10,11 +10,7 @@ import numpy as np
 import sympy as sp
 
 import gyrospark as gs
-from stores import (
-    Interrupted,
-    bits,
-    ends_after,
-)
+from stores import Interrupted, bits, ends_after, record
 
 
 def pendulum(real: str = "double", scheme: str = "G-L", stages: int | None = None):
@@ -50,5 +46,5 @@ def in_pieces(step, out, calls, **run):
     shutil.rmtree(out, ignore_errors=True)
     for count in calls:
         with contextlib.suppress(Interrupted):
-            gs.record(step, out=out, resume=True, progress=ends_after(count), **run)
-    return gs.record(step, out=out, resume=True, **run)
+            record(step, out=out, resume=True, progress=ends_after(count), **run)
+    return record(step, out=out, resume=True, **run)

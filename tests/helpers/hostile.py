@@ -24,6 +24,7 @@ import sympy as sp
 import gyrospark as gs
 import systems
 from calls import PARAMETERS, TOP
+from stores import record
 
 
 class Later:
@@ -86,7 +87,7 @@ class Call:
         """Make the call with one wrong argument; return how it ended."""
         function, arguments = self.make()
         try:
-            function(**arguments | {argument: resolve(WRONG[wrong])})
+            call(function, arguments | {argument: resolve(WRONG[wrong])})
         except gs.GyrosparkError as error:
             text = str(error)
             assert text.rstrip().endswith((".", ")", "]", "?")) or "\n" in text, text
@@ -95,14 +96,28 @@ class Call:
         return "accepted"
 
 
+def call(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
+    """Call a function with arguments by names, also those that have none by place."""
+    first: list[Any] = []
+    left = dict(arguments)
+    for name, of in inspect.signature(function).parameters.items():
+        if of.kind is of.POSITIONAL_ONLY:
+            first.append(left.pop(name))
+        elif of.kind is of.VAR_POSITIONAL and name in left:
+            several = left.pop(name)
+            first += several if isinstance(several, tuple) else [several]
+    return function(*first, **left)
+
+
 def value_and_gradient(step: gs.Stepper) -> Callable[..., Any]:
     """Return a function that makes an objective and evaluates it."""
     def evaluate(**arguments: Any) -> Any:
         arguments["loss"] = lambda run: (float(run.q[-1, 0]), {"q": [1.0, 0.0, 0.0, 0.0]})
-        return step.value_and_gradient(**arguments)([0.002])
+        return call(step.value_and_gradient, arguments)([0.002])
 
     evaluate.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [of for name, of in inspect.signature(step.value_and_gradient).parameters.items()
+        [of.replace(kind=of.KEYWORD_ONLY)
+         for name, of in inspect.signature(step.value_and_gradient).parameters.items()
          if name != "options"])
     return evaluate
 
@@ -112,7 +127,7 @@ def calls(tmp_path: Path) -> list[Call]:
     step = Later(lambda: systems.stepper("heavy_top"))
     q, p = TOP.q0, TOP.p0
     run = {"dt": 1e-3, "parameters": PARAMETERS}
-    state = {"q": q, "p": p}
+    state = {"start": q, "p": p}
     made = Later(lambda: resolve(step).integrate(q, p, steps=3, **run))
     many = Later(lambda: resolve(step).integrate_ensemble([q, q], [p, p], steps=3, workers=1,
                                                           **run))
@@ -166,56 +181,51 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("delta_robot", gs.models.delta_robot, rep="gamma"),
         plain("stewart_platform", gs.models.stewart_platform, rep="gamma"),
         plain("chain", gs.models.chain, count=1, rep="gamma"),
-        plain("step", step.step, **state, **run, t0=0.0, solver="auto", tolerance=1e-12,
-              max_iterations=50, inputs=None),
-        plain("integrate", step.integrate, **state, **run, steps=3, t0=0.0, every=1, solver="auto",
-              tolerance=1e-12, max_iterations=50, progress=None, events=gs.Event("q1"),
-              inputs=None, hold=1, t_eval=[0.001, 0.0025], t_end=None, round=False,
-              error=None, tangents=None),
-        plain("integrate", step.integrate, **state, **run, steps=None, t0=0.0, every=1,
-              solver="auto", tolerance=None, max_iterations=50, progress=None, events=(),
-              inputs=None, hold=1, t_eval=None, t_end=0.003, round=False,
-              error=None, tangents=gs.Tangents()),
+        plain("step", step.step, **state, **run, solver="auto", inputs=None),
+        plain("integrate", step.integrate, **state, **run, steps=3, every=1,
+              solver=gs.Solver(tolerance=1e-12), progress=None, events=gs.Event("q1"), inputs=None,
+              t_eval=[0.001, 0.0025], t_end=None, round=False, error=None, tangents=None),
+        plain("integrate", step.integrate, start=TOP, p=None, **run, steps=None, every=1,
+              solver="auto", progress=None, events=(), inputs=None, t_eval=None, t_end=0.003,
+              round=False, error=None, tangents=gs.Tangents()),
         plain("Tangents", gs.Tangents, start="all", parameters=["I1"], dt=True, t0=False,
               project=False, multipliers=False),
-        plain("jvp", step.jvp, **state, dq=[0, 1, 0, 0], dp=np.zeros(4), **run, d={"I1": 1.0},
-              t0=0.0, inputs=None, project=True),
-        plain("vjp", step.vjp, **state, **run, wrt=["start", "I1"], t0=0.0, inputs=None),
+        plain("jvp", step.jvp, start=q, direction=(p, [0, 1, 0, 0], np.zeros(4)), **run,
+              d={"I1": 1.0}, inputs=None, project=True),
+        plain("vjp", step.vjp, **state, **run, wrt=["start", "I1"], inputs=None),
         plain("gradient", step.gradient, run=made, cotangents={"q": q}, loss=None, wrt=None,
               memory="1 MB", solver="auto"),
         plain("Trajectory.gradient", made.gradient, cotangents={"q": q}, stepper=step),
-        plain("hvp", step.hvp, **state, dq=[0, 1, 0, 0], dp=np.zeros(4), wq=q, wp=q, **run,
-              d={"I1": 1.0}, t0=0.0, inputs=None, project=True),
+        plain("hvp", step.hvp, start=q, directions=(p, [0, 1, 0, 0], np.zeros(4), q, q), **run,
+              d={"I1": 1.0}, inputs=None, project=True),
         plain("hessian", step.hessian, run=made, cotangents={"q": q}, loss=None, slopes=None,
               wrt=["I1"], memory="1 MB", solver="auto"),
         plain("Trajectory.hessian", made.hessian, cotangents={"q": q}, stepper=step),
         Call("value_and_gradient", lambda: (value_and_gradient(resolve(step)), {
-            "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "memory": "1 MB"}),
+            "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "t_end": None,
+            "memory": "1 MB"}),
             kept=("loss",)),
-        plain("fit", gs.fit, step=step, t=made.t, data=made.q, **state, parameters=PARAMETERS,
-              observe="attitude", dt=1e-3, free=["I1"], fixed=["I2"], sigma=1e-3, t0=0.0,
-              horizons=None, inputs=None, hold=1, max_iterations=3),
-        plain("lyapunov", gs.lyapunov, stepper=step, **state, **run, steps=40, count=1, every=20,
-              t0=0.0, inputs=None, hold=1, solver="auto", covariant=False, progress=None),
+        plain("fit", gs.fit, stepper=step, start=TOP, t=made.t, data=made.q,
+              parameters=PARAMETERS, observe="attitude", dt=1e-3, free=["I1"], fixed=["I2"],
+              sigma=1e-3, horizons=None, inputs=None, max_iterations=3),
+        plain("lyapunov", gs.lyapunov, stepper=step, **state, **run, steps=40, t_end=None, count=1,
+              every=20, inputs=None, solver="auto", covariant=False, progress=None),
         plain("periodic_orbit", gs.periodic_orbit, stepper=step, **state, **run, steps=40,
-              fix="energy", free=None, t0=0.0, max_iterations=2),
-        plain("integrate_ensemble", step.integrate_ensemble, q=[q, q], p=[p, p], **run, steps=3,
-              t_end=None,
-              t0=0.0, every=1, solver="auto", tolerance=None, max_iterations=50, workers=1,
-              events=gs.Event("q1"), inputs=None, hold=1, tangents=gs.Tangents(), device="cpu"),
+              fix="energy", free=None, max_iterations=2),
+        plain("integrate_ensemble", step.integrate_ensemble, starts=[q, q], p=[p, p], **run,
+              steps=3, t_end=None, every=1, solver=gs.Solver(), workers=1,
+              events=gs.Event("q1"), inputs=None, tangents=gs.Tangents(), device="cpu"),
         plain("at", step.at, trajectory=made, times=[0.0015], workers=1),
         plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
-        plain("start", step.start, q0=q, p0=p, **run, t0=0.0, solver="auto", tolerance=1e-12,
-              max_iterations=50, record=False),
+        plain("start", step.start, **state, **run, solver="auto", record=False),
         plain("advance", Later(lambda: resolve(step).start(q, p, **run)).advance, steps=2,
               inputs=None),
-        plain("Start", gs.Start, **state, parameters=PARAMETERS, t=0.0, inputs={}),
+        plain("Start", gs.Start, q=q, p=p, parameters=PARAMETERS, t=0.0, inputs={}),
         plain("Solver", gs.Solver, kind="newton", tolerance=1e-12, max_iterations=50),
         plain("Inputs", gs.Inputs, values=[0.1], hold=2),
         plain("Event", gs.Event, quantity="q1", level=0.0, direction=1, terminal=False, name="a"),
-        plain("section", gs.section, stepper=step, q=[q, q], p=[p, p], **run, steps=3,
-              event=gs.Event("q1"), t0=0.0, solver="auto", tolerance=None, max_iterations=50,
-              workers=1, tangents=None),
+        plain("section", gs.section, stepper=step, starts=[q, q], p=[p, p], **run, steps=3,
+              t_end=None, event=gs.Event("q1"), solver="auto", workers=1, tangents=None),
         plain("build", gs.build, target="cpp", system="fast-top", scheme="EMS", stages=None,
               rep="gamma", order=None, composition=None, real="double", dt=1e-3, start=(q, p),
               parameters=PARAMETERS, out=tmp_path / "built", platforms=None),
@@ -230,7 +240,7 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("energy", step.energy, **state, parameters=PARAMETERS, t=0.0, of_motion=False),
         plain("accelerations", step.accelerations, **state, parameters=PARAMETERS, t=0.0),
         plain("mass_matrix", step.mass_matrix, **state, joints=None, parameters=PARAMETERS, t=0.0),
-        plain("inverse_dynamics", step.inverse_dynamics, **state, accelerations=[0, 0, 0, 0],
+        plain("inverse_dynamics", step.inverse_dynamics, start=q, accelerations=(p, [0, 0, 0, 0]),
               inputs=None, parameters=PARAMETERS, t=0.0),
         plain("quantities", step.quantities, **state, parameters=PARAMETERS, t=0.0),
         plain("defects", step.defects, **state, parameters=PARAMETERS, t=0.0),
@@ -287,14 +297,14 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("cite", gs.cite, stepper=step),
         Call("record", lambda: (gs.record, {
             "stepper": resolve(step), **state, **run, "out": tmp_path / "a.zarr", "steps": 3,
-            "t0": 0.0, "every": 1, "solver": "auto", "tolerance": 1e-12, "max_iterations": 50,
-            "resume": True, "seed": 1, "progress": None, "events": gs.Event("q1")})),
+            "t_end": None, "every": 1, "solver": "auto", "resume": True, "seed": 1,
+            "progress": None, "events": gs.Event("q1")})),
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
             "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
-            "steps": 2, "duration": None, "every": None, "solver": "auto", "tolerance": 1e-12,
-            "max_iterations": 50, "keep": None, "out": None, "resume": False, "workers": 1,
-            "dask": None, "progress": None, "events": gs.Event("q1")})),
+            "steps": 2, "duration": None, "every": None, "solver": "auto", "keep": None,
+            "out": None, "resume": False, "workers": 1, "dask": None, "progress": None,
+            "events": gs.Event("q1")})),
     ]
     return [*found, *recording_calls(tmp_path), *model_calls(), *multibody_calls()]
 
@@ -303,7 +313,7 @@ def recording_calls(tmp_path: Path) -> Iterator[Call]:
     """Yield calls of what a stored run offers."""
     @cache
     def stored():
-        return gs.record(systems.stepper("heavy_top"), TOP.q0, TOP.p0, dt=1e-3, steps=3,
+        return record(systems.stepper("heavy_top"), TOP.q0, TOP.p0, dt=1e-3, steps=3,
                          parameters=PARAMETERS, out=tmp_path / "kept.zarr")
 
     yield Call("Recording.trajectory", lambda: (stored().trajectory, {"first": 0, "thin": 1}))

@@ -6,12 +6,7 @@ import contextlib
 import shutil
 
 import gyrospark as gs
-from stores import (
-    Interrupted,
-    assert_same_bytes,
-    ends_after,
-    recorded,
-)
+from stores import Interrupted, assert_same_bytes, ends_after, record, recorded
 
 
 def in_pieces(step, out, calls, **arguments):
@@ -22,14 +17,14 @@ def in_pieces(step, out, calls, **arguments):
     shutil.rmtree(out, ignore_errors=True)
     for number, count in enumerate(calls):
         try:
-            gs.record(step, out=out, resume=True, progress=ends_after(count), **arguments)
+            record(step, out=out, resume=True, progress=ends_after(count), **arguments)
         except Interrupted:
             continue
         except gs.StepFailed:
             pass
         return number
     with contextlib.suppress(gs.StepFailed):
-        gs.record(step, out=out, resume=True, **arguments)
+        record(step, out=out, resume=True, **arguments)
     return len(calls)
 
 

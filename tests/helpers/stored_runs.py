@@ -6,14 +6,15 @@ from functools import partial
 
 import gyrospark as gs
 import systems
+from stores import record
 
 
 def record_case(out, name="heavy_top", real="double", steps=25, every=2, **options):
     """Return the stored run of a case of the catalogue."""
     step, case = systems.stepper(name, real=real), systems.case(name)
     q, p = systems.start(name, step)
-    return gs.record(step, q, p, out=out, dt=case.dt, t0=case.t0, steps=steps, every=every,
-                     parameters=case.parameters, **options)
+    return record(step, gs.Start(q, p, t=case.t0), out=out, dt=case.dt, steps=steps,
+                     every=every, parameters=case.parameters, **options)
 
 
 RUNS = {

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import gyrospark as gs
-from calls import PARAMETERS, TOP
+from calls import PARAMETERS, TOP, by_names
 from gyrospark.runtime.bindings.real_numbers import as_bytes
 from gyrospark.storage import array_layout, recorder
 from interruption import differences
@@ -71,10 +71,16 @@ def small_blocks(monkeypatch, rows, seconds=0.0):
     monkeypatch.setattr(recorder, "COMMIT_SECONDS", seconds)
 
 
+def record(stepper, *start, **options):
+    """Return the stored run from a start, or from q and p, also as keys of ``options``."""
+    names = dict(zip("qp", start, strict=False))
+    return by_names(gs.record, stepper, **names, **options)
+
+
 def recorded(stepper, out, **arguments):
     """Return the run of these arguments, recorded without an interruption in a new store."""
     shutil.rmtree(out, ignore_errors=True)
-    return gs.record(stepper, out=out, **arguments)
+    return record(stepper, out=out, **arguments)
 
 
 def as_files(store: Path) -> dict[str, bytes]:

@@ -386,8 +386,14 @@ def start(name: str, step: gs.Stepper) -> tuple[Array, Array]:
     return state.q, state.p
 
 
-def run(name: str, step: gs.Stepper, steps: int, **more: Any) -> gs.Trajectory:
-    """Integrate from the case's start; ``more`` overrides dt, t0 and parameters."""
+def timed_start(name: str, step: gs.Stepper) -> gs.Start:
+    """Return the case's start at its time, without parameters."""
+    return gs.Start(*start(name, step), t=case(name).t0)
+
+
+def run(name: str, step: gs.Stepper, steps: int, t: Any = None, **more: Any) -> gs.Trajectory:
+    """Integrate from the case's start; ``more`` overrides dt and parameters."""
     entry = case(name)
-    return step.integrate(*start(name, step), steps=steps, **(
-        {"dt": entry.dt, "t0": entry.t0, "parameters": entry.parameters} | more))
+    begin = timed_start(name, step) if t is None else gs.Start(*start(name, step), t=t)
+    return step.integrate(begin, steps=steps, **(
+        {"dt": entry.dt, "parameters": entry.parameters} | more))

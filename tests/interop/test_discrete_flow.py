@@ -25,8 +25,8 @@ def test_the_value_has_the_bits_of_integrate(case):
     steps = 12
     flow, x = flow_of(case, steps)
     q, p, parameters, dt, t0 = start_of(case)
-    run = stepper_of(case).integrate(q, p, dt=dt, t0=t0, steps=steps, parameters=parameters,
-                                     inputs=inputs_of(case, steps))
+    run = stepper_of(case).integrate(gs.Start(q, p, t=t0), dt=dt, steps=steps,
+                                     parameters=parameters, inputs=inputs_of(case, steps))
     assert np.array_equal(flow.value(x[None])[0], np.concatenate([run.q[-1], run.p[-1]]))
 
 
@@ -36,14 +36,14 @@ def test_one_step_has_the_derivatives_of_jvp_and_vjp(case):
     flow, x = flow_of(case, 1)
     q, p, parameters, dt, t0 = start_of(case)
     step, n, inputs = stepper_of(case), flow.n, inputs_of(case, 1)
-    more = {"dt": dt, "t0": t0, "inputs": None if inputs is None else inputs[0]}
-    *_, back = step.vjp(q, p, parameters=parameters, **more)
+    more = {"dt": dt, "inputs": None if inputs is None else inputs[0]}
+    *_, back = step.vjp(gs.Start(q, p, t=t0), parameters=parameters, **more)
     dx, w = directions(x, 1)[0, 0], np.random.default_rng(1).normal(size=2 * n)
     gradient = back(w[:n], w[n:])
     dx[: 2 * n] = gradient.basis @ (gradient.basis.T @ dx[: 2 * n])
     names = [*flow.names, "dt", "t0", *flow.input_names]
-    *_, dq1, dp1 = step.jvp(q, p, dx[:n], dx[n : 2 * n], parameters=parameters, **more,
-                            d=dict(zip(names, dx[2 * n :], strict=True)))
+    *_, dq1, dp1 = step.jvp(gs.Start(q, p, t=t0), dx[:n], dx[n : 2 * n], parameters=parameters,
+                            **more, d=dict(zip(names, dx[2 * n :], strict=True)))
     assert close(flow.tangent(x[None], dx[None, None])[0, 0], np.concatenate([dq1, dp1]), 1e-13)
     found = flow.adjoint(x[None], w[None, None])[0, 0]
     assert close(gradient.basis.T @ found[: 2 * n], gradient.start, 1e-13)
@@ -59,8 +59,8 @@ def test_a_run_has_the_derivatives_of_runs(case):
     q, p, parameters, dt, t0 = start_of(case)
     step, n = stepper_of(case), flow.n
     names = [*flow.names, "dt", "t0"]
-    run = step.integrate(q, p, dt=dt, t0=t0, steps=12, parameters=parameters, tangents=gs.Tangents(
-        start="all", parameters=flow.names, dt=True, t0=True))
+    run = step.integrate(gs.Start(q, p, t=t0), dt=dt, steps=12, parameters=parameters,
+                         tangents=gs.Tangents("all", flow.names, dt=True, t0=True))
     dx = np.zeros((1, len(run.tangents.names), flow.size))
     dx[0, :, : 2 * n] = run.tangents.start.T
     dx[0, -len(names) :, 2 * n :] = np.eye(len(names))

@@ -11,7 +11,7 @@ import pytest
 
 import gyrospark as gs
 import systems
-from systems import case, differentiable, names, run, start, stepper
+from systems import case, differentiable, names, run, start, stepper, timed_start
 
 EPS = np.finfo(float).eps
 CLOSED = ["free_body", "oscillator", "driven_oscillator", "kepler", "pendulum"]
@@ -113,8 +113,8 @@ def test_symmetric_steps_turn_back(name, scheme, stages):
     """Forward and back again: the start, to the round-off that 40 steps amplify."""
     step, entry = stepper(name, scheme, stages), case(name)
     forward = run(name, step, 20)
-    back = step.integrate(forward.q[-1], forward.p[-1], steps=20, dt=-entry.dt,
-                          t0=entry.t0 + 20 * entry.dt, parameters=entry.parameters)
+    back = step.integrate(gs.Start(forward.q[-1], forward.p[-1], t=entry.t0 + 20 * entry.dt),
+                          steps=20, dt=-entry.dt, parameters=entry.parameters)
     q, p = scales(forward)
     size = 1 + np.abs(forward.energies).max()
     assert abs(back.work[-1] + forward.work[-1]) <= 1e4 * EPS * size
@@ -127,7 +127,7 @@ def test_gauss_lobatto_is_symplectic_on_the_constraints(name):
     """MᵀJM = J on T(T*Q), with M from exact tangents."""
     step, entry = differentiable(name), case(name)
     q, p = start(name, step)
-    trajectory = step.integrate(q, p, dt=entry.dt, steps=3, t0=entry.t0,
+    trajectory = step.integrate(gs.Start(q, p, t=entry.t0), dt=entry.dt, steps=3,
                                 parameters=entry.parameters, tangents=gs.Tangents(start="all"))
     basis = trajectory.tangents.start
     M = np.concatenate([trajectory.tangents.q[-1], trajectory.tangents.p[-1]])
@@ -141,16 +141,16 @@ def test_gauss_lobatto_is_symplectic_on_the_constraints(name):
 def test_a_run_has_the_same_bits_in_pieces_lanes_and_loops(name):
     """One run, a simulation stepped by hand, and each member of an ensemble."""
     step, entry = stepper(name), case(name)
-    q, p = start(name, step)
-    options = {"dt": entry.dt, "t0": entry.t0, "parameters": entry.parameters}
-    whole = step.integrate(q, p, steps=12, **options)
+    begin = timed_start(name, step)
+    options = {"dt": entry.dt, "parameters": entry.parameters}
+    whole = step.integrate(begin, steps=12, **options)
     for split in (1, 7):
-        simulation = step.start(q, p, **options)
+        simulation = step.start(begin, **options)
         simulation.advance(split)
         simulation.advance(12 - split)
         assert np.array_equal(simulation.q, whole.q[-1])
         assert np.array_equal(simulation.p, whole.p[-1])
-    many = step.integrate_ensemble(np.array([q, q]), np.array([p, p]), steps=12, **options)
+    many = step.integrate_ensemble([begin] * 2, steps=12, **options)
     assert np.array_equal(many.q[1], many.q[0])
     close = 64 * EPS * scales(whole)[0]
     assert np.abs(np.reshape(many.q[0], (-1, step.n))[-1] - whole.q[-1]).max() <= close

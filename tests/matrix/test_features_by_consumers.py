@@ -13,7 +13,8 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from systems import case, differentiable, run, start, stepper
+from stores import record
+from systems import case, differentiable, run, start, stepper, timed_start
 
 EPS = np.finfo(float).eps
 FEATURES = {
@@ -40,7 +41,7 @@ def features(*left_out):
 def options(name, **more):
     """Return what a run of a case takes besides the number of steps."""
     entry = case(name)
-    return {"dt": entry.dt, "t0": entry.t0, "parameters": entry.parameters} | more
+    return {"dt": entry.dt, "parameters": entry.parameters} | more
 
 
 def same(found, wanted, parts=PARTS, bits=True):
@@ -74,7 +75,7 @@ def test_a_simulation_and_a_loop_of_steps_have_the_bits_of_a_run(name):
     """Also a copy that goes on alone, and what the simulation recorded."""
     step, entry = stepper(name), case(name)
     whole = run(name, step, 12)
-    held = step.start(*start(name, step), **options(name), record=True)
+    held = step.start(timed_start(name, step), **options(name), record=True)
     held.advance(5)
     copy = held.copy()
     held.advance(7)
@@ -86,7 +87,7 @@ def test_a_simulation_and_a_loop_of_steps_have_the_bits_of_a_run(name):
     assert np.array_equal(copy.p, whole.p[-1])
     q, p = whole.q[0], whole.p[0]
     for i in range(12):
-        q, p = step.step(q, p, **options(name, t0=entry.t0 + i * entry.dt))
+        q, p = step.step(gs.Start(q, p, t=entry.t0 + i * entry.dt), **options(name))
     # t₀ + i Δt is rounded; many bodies begin the next sweeps where the last step's ended
     bound = 64 * EPS * bool(entry.features & {"time", "bodies"})
     assert np.abs(q - whole.q[-1]).max() <= bound
@@ -100,30 +101,33 @@ def test_inputs_by_rows_by_names_and_one_run_a_step_are_the_same(name, scheme):
     inputs = [str(s) for s in entry.system.inputs]
     rows = np.random.default_rng(2).standard_normal((6, len(inputs))) / 4
     plain = {key: value for key, value in entry.parameters.items() if key not in inputs}
-    how = {"dt": entry.dt, "t0": entry.t0, "parameters": plain}
-    q, p = start(name, step)
-    held = step.integrate(q, p, steps=22, inputs=rows, hold=4, **how)
+    how = {"dt": entry.dt, "parameters": plain}
+    begin = timed_start(name, step)
+    q, p = begin.q, begin.p
+    held = step.integrate(begin, steps=22, inputs=gs.Inputs(rows, hold=4), **how)
     each = np.repeat(rows, 4, axis=0)[:22]
-    same(step.integrate(q, p, steps=22, inputs=each, **how), held)
-    same(step.integrate(q, p, steps=22, inputs=dict(zip(inputs, each.T, strict=True)), **how), held)
+    same(step.integrate(begin, steps=22, inputs=each, **how), held)
+    same(step.integrate(begin, steps=22, inputs=dict(zip(inputs, each.T, strict=True)), **how),
+         held)
     assert np.isnan(held.parameters[inputs[0]])  # it is no one number
-    thin = step.integrate(q, p, steps=22, inputs=rows, hold=4, every=5, **how)
+    thin = step.integrate(begin, steps=22, inputs=gs.Inputs(rows, hold=4), every=5, **how)
     assert np.array_equal(thin.q, held.q[[0, 5, 10, 15, 20, 22]])
-    fed = step.start(q, p, **how | {"parameters": entry.parameters})
+    fed = step.start(begin, **how | {"parameters": entry.parameters})
     for i, row in enumerate(each):
         fed.advance(**dict(zip(inputs, row, strict=True)))
-        one = step.integrate(held.q[i], held.p[i], steps=1, dt=entry.dt, t0=held.t[i],
+        one = step.integrate(gs.Start(held.q[i], held.p[i], t=held.t[i]), steps=1, dt=entry.dt,
                              parameters=plain | dict(zip(inputs, row, strict=True)))
         assert np.abs(one.q[-1] - held.q[i + 1]).max() <= 256 * EPS
         assert np.abs(one.p[-1] - held.p[i + 1]).max() <= 256 * EPS * (1 + np.abs(held.p).max())
     q1, p1 = q, p
     for i, row in enumerate(each):  # a step from the time of the run, with its row
-        q1, p1 = step.step(q1, p1, dt=entry.dt, t0=held.t[i], parameters=plain, inputs=row)
+        q1, p1 = step.step(gs.Start(q1, p1, t=held.t[i]), dt=entry.dt, parameters=plain,
+                           inputs=row)
         assert np.abs(q1 - held.q[i + 1]).max() <= 256 * EPS
     assert np.array_equal(fed.q, held.q[-1])
     assert fed.parameters[inputs[-1]] == each[-1][-1]
     own = np.array([rows, -rows])
-    many = step.integrate_ensemble([q] * 2, [p] * 2, steps=22, inputs=own, hold=4, **how)
+    many = step.integrate_ensemble([begin] * 2, steps=22, inputs=gs.Inputs(own, hold=4), **how)
     assert np.abs(many.q[0] - held.q).max() <= 256 * EPS
     assert np.abs(many.q[1] - held.q).max() > 1e-6
 
@@ -143,10 +147,11 @@ def test_members_of_an_ensemble_are_single_runs(name, scheme):
     times = [entry.t0 + i / 8 if "time" in entry.features else entry.t0 for i in range(5)]
     starts = [step.project(*start(name, step), parameters=numbers, t=time)
               for numbers, time in zip(sets, times, strict=True)]
-    many = step.integrate_ensemble(*map(np.array, zip(*starts, strict=True)), dt=entry.dt,
-                                   steps=20, every=3, parameters=sets, t0=times)
+    many = step.integrate_ensemble(gs.Start(*map(np.array, zip(*starts, strict=True)), t=times),
+                                   dt=entry.dt, steps=20, every=3, parameters=sets)
     for (q, p), numbers, time, member in zip(starts, sets, times, many.members, strict=True):
-        alone = step.integrate(q, p, dt=entry.dt, steps=20, every=3, parameters=numbers, t0=time)
+        alone = step.integrate(gs.Start(q, p, t=time), dt=entry.dt, steps=20, every=3,
+                               parameters=numbers)
         same(member, alone, ("t", "q", "p", "work", "quantity_values"), bits=False)
     assert np.abs(many.q[0] - many.q[4]).max() > 1e-9
 
@@ -163,8 +168,9 @@ def test_dense_output_is_a_step_of_a_part_of_dt(name):
         found = run(name, step, 8, every=every).at(entry.t0 + shares * entry.dt)
         for share, q, p in zip(shares, found.q, found.p, strict=True):
             k = int(share)
-            at = step.integrate(whole.q[k], whole.p[k], steps=int(share > k), **options(
-                name, dt=(share - k) * entry.dt or entry.dt, t0=whole.t[k]))
+            at = step.integrate(gs.Start(whole.q[k], whole.p[k], t=whole.t[k]),
+                                steps=int(share > k),
+                                **options(name, dt=(share - k) * entry.dt or entry.dt))
             assert np.abs(at.q[-1] - q).max() <= 256 * EPS * (1 + np.abs(q).max())
             assert np.abs(at.p[-1] - p).max() <= 1024 * EPS * (1 + np.abs(p).max())
 
@@ -185,8 +191,8 @@ def test_events_are_where_a_coordinate_passes_its_level(name):
     scale = 1 + abs(level)
     assert np.abs(found.events["level"].q[:, axis] - level).max() <= 64 * EPS * scale
     assert np.abs(whole.at(times).q[:, axis] - level).max() <= 64 * EPS * scale
-    q, p = start(name, step)
-    many = step.integrate_ensemble([q] * 2, [p] * 2, steps=20, events=event, **options(name))
+    many = step.integrate_ensemble([timed_start(name, step)] * 2, steps=20, events=event,
+                                   **options(name))
     np.testing.assert_allclose(many.events["level"][1].t, times, rtol=0, atol=1e-12)
     ended = run(name, step, 20, events=replace(event, terminal=True))
     assert ended.t[-1] == times[0]
@@ -199,10 +205,10 @@ def test_events_are_where_a_coordinate_passes_its_level(name):
 @features("constraint", "time", "forces", "Lagrangian")  # of others' parts
 def test_a_stored_run_in_pieces_has_the_bits_of_one_call(name, tmp_path):
     step, out = stepper(name), tmp_path / "run.zarr"
-    q, p = start(name, step)
+    begin = timed_start(name, step)
     whole = run(name, step, 20, every=2)
     for steps in (7, 20):
-        gs.record(step, q, p, steps=steps, every=2, out=out, resume=True, **options(name))
+        record(step, begin, steps=steps, every=2, out=out, resume=True, **options(name))
     stored = gs.open_recording(out).trajectory()
     loaded = gs.Trajectory.load(whole.save(tmp_path / "run.npz"))
     same(stored, whole)

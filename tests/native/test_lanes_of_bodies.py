@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import gyrospark as gs
 import systems
 from calls import equal
 
@@ -73,7 +74,7 @@ def test_a_lane_that_newton_finishes_stays_its_own(batch):
     """Steps too long for 15 sweeps: Newton takes them in that lane, mates keep their bits."""
     step, q, p, dts, parameters = batch
     dts[4] = 0.05
-    run = {"steps": 6, "parameters": parameters, "max_iterations": 15}
+    run = {"steps": 6, "parameters": parameters, "solver": gs.Solver("auto", max_iterations=15)}
     many = step.integrate_ensemble(q, p, dt=dts, **run)
     alone = step.integrate_ensemble(q[4:5], p[4:5], dt=0.05, **run)
     assert many.members[4].report == alone.members[0].report

@@ -17,8 +17,9 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from calls import PARAMETERS, TOP
+from calls import PARAMETERS, TOP, by_names
 from command_line import refused as refused_by_command
+from stores import record
 
 NO_NUMBERS = [None, "0.1", b"1", 1j, True, [0.1], np.array([0.1]), sp.Symbol("x"), mp.mpc(1),
               np.timedelta64(1)]
@@ -41,29 +42,28 @@ NO_STATES = [*NO_ARRAYS, [[1, 0, 0, 0]], [[1], [0], [0], [0]], [1, 0, np.nan, 0]
 STATE, RUN = ("q", "p", "dt", "parameters"), ("t0", "steps", "solver", "tolerance",
                                               "max_iterations")
 ENTRANCES = {
-    "integrate": (lambda step, a: step.integrate(**a), {*STATE, *RUN, "every", "progress",
+    "integrate": (lambda step, a: by_names(step.integrate, **a), {*STATE, *RUN, "every", "progress",
                                                         "events"}),
-    "integrate_ensemble": (lambda step, a: step.integrate_ensemble(**a),
+    "integrate_ensemble": (lambda step, a: by_names(step.integrate_ensemble, **a),
                            {*STATE, *RUN, "every", "workers", "events"}),
-    "start": (lambda step, a: step.start(a.pop("q"), a.pop("p"), **{
+    "start": (lambda step, a: by_names(step.start, **{
         k: v for k, v in a.items() if k != "steps"}).advance(a["steps"]), {*STATE, *RUN}),
-    "step": (lambda step, a: step.step(**a), {*STATE, "t0", "solver", "tolerance"}),
-    "record": (lambda step, a: gs.record(step, out="run.zarr", **a),
+    "step": (lambda step, a: by_names(step.step, **a), {*STATE, "t0", "solver", "tolerance"}),
+    "record": (lambda step, a: record(step, out="run.zarr", **a),
                {*STATE, *RUN, "every", "progress", "events", "seed"}),
     "sweep": (lambda step, a: gs.sweep(TOP, {"I3": [1e-3]}, scheme="G-L", stages=2, **a),
-              {"dt", "parameters", "steps", "solver", "tolerance", "max_iterations", "every",
-               "progress", "workers"}),
-    "residual": (lambda step, a: step.residual(np.zeros(18), **a), {*STATE}),
-    "jacobian": (lambda step, a: step.jacobian(np.zeros(18), **a), {*STATE}),
-    "guess": (lambda step, a: step.guess(**a), {*STATE}),
-    "project": (lambda step, a: step.project(**a), {"q", "p", "parameters"}),
-    "defects": (lambda step, a: step.defects(**a), {"q", "p", "parameters"}),
-    "energy": (lambda step, a: step.energy(**a), {"q", "p", "parameters"}),
+              {"dt", "parameters", "steps", "solver", "every", "progress", "workers"}),
+    "residual": (lambda step, a: by_names(step.residual, np.zeros(18), **a), {*STATE}),
+    "jacobian": (lambda step, a: by_names(step.jacobian, np.zeros(18), **a), {*STATE}),
+    "guess": (lambda step, a: by_names(step.guess, **a), {*STATE}),
+    "project": (lambda step, a: by_names(step.project, **a), {"q", "p", "parameters"}),
+    "defects": (lambda step, a: by_names(step.defects, **a), {"q", "p", "parameters"}),
+    "energy": (lambda step, a: by_names(step.energy, **a), {"q", "p", "parameters"}),
 }
 TABLE = [
     ("dt", NUMBERS, r"^(Trajectory 0: )?dt (=|has)"),
     ("dt", ZERO, "dt = 0 .*negative"),
-    ("t0", NUMBERS[1:], r"^(Trajectory 0: )?t0 (=|has)"),
+    ("t0", NUMBERS[1:], r"^(Trajectory 0: )?t (=|has)"),
     ("steps", [*NO_COUNTS, None], "steps"),
     ("every", [*NO_COUNTS[:-2], 0], "every = "),
     ("max_iterations", [*NO_COUNTS[:-2], 0], "max_iterations = "),

@@ -10,6 +10,7 @@ import pytest
 
 import gyrospark as gs
 from processes import DATA
+from stores import record
 
 KEPT = DATA / "stores"
 
@@ -58,6 +59,6 @@ def test_an_earlier_store_is_not_resumed_by_other_code(store: Path) -> None:
     step, q0, p0, parameters = run_again()
     before = sorted((file, file.stat().st_size) for file in store.rglob("*"))
     with pytest.raises(gs.InputError, match=r"another.*code\.source"):
-        gs.record(step, q0, p0, dt=1e-3, steps=600, every=10, parameters=parameters,
+        record(step, q0, p0, dt=1e-3, steps=600, every=10, parameters=parameters,
                   out=store, resume=True)
     assert sorted((file, file.stat().st_size) for file in store.rglob("*")) == before

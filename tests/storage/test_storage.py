@@ -8,16 +8,16 @@ import pytest
 
 import gyrospark as gs
 import systems
-from calls import LATE, PARAMETERS, TOP
+from calls import LATE, PARAMETERS, TOP, integrate
 from gyrospark.storage import recording as recordings
 from gyrospark.storage.array_layout import block_rows, fields_of
-from stores import ARRAYS, START, assert_same, bits, recorded, small_blocks
+from stores import ARRAYS, START, assert_same, bits, record, recorded, small_blocks
 
 
 def check(step, out, **arguments):
     """Check that a run is stored as ``integrate`` returns it; return its recording."""
     recording = recorded(step, out, **arguments)
-    whole = step.integrate(**arguments)
+    whole = integrate(step, **arguments)
     assert recording.status == "complete"
     assert (recording.steps_done, len(recording)) == (arguments["steps"], len(whole))
     assert recording.report == whole.report
@@ -68,7 +68,7 @@ def test_failed_step(failures, tmp_path, monkeypatch):
     out = tmp_path / "run.zarr"
     for resume in (False, True):  # a run that has failed fails again at once
         with pytest.raises(gs.StepFailed) as again:
-            gs.record(step, *LATE, out=out, steps=200, resume=resume, **options)
+            record(step, *LATE, out=out, steps=200, resume=resume, **options)
         assert (again.value.step, again.value.t) == (failure.step, failure.t)
         assert again.value.reason == failure.reason
         assert_same(again.value.trajectory, failure.trajectory)
@@ -81,7 +81,7 @@ def test_failed_step(failures, tmp_path, monkeypatch):
 
 
 def test_about_a_recording(gl3, tmp_path):
-    found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=20, every=5, seed=7)
+    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=20, every=5, seed=7)
     assert "run.zarr" in repr(found)
     assert "complete, 20 of 20" in repr(found)
     assert found.attributes["seed"] == 7
@@ -128,9 +128,9 @@ def test_rows_of_a_block():
 
 def test_what_a_killed_run_left_unfinished_is_removed(gl3, tmp_path):
     store = tmp_path / "run.zarr"
-    gs.record(gl3, **START, steps=20, out=store)
+    record(gl3, **START, steps=20, out=store)
     left = [store / ".zarr.json.1234.part", store / "q" / ".0.part"]
     for path in left:
         path.write_bytes(b"half")
-    gs.record(gl3, **START, steps=30, out=store, resume=True)
+    record(gl3, **START, steps=30, out=store, resume=True)
     assert not any(path.exists() for path in left)

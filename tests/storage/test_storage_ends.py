@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+from calls import integrate
 from processes import (
     HELPERS,
     PATIENCE,
@@ -27,7 +28,7 @@ from processes import (
     gyrospark_command,
     wait_for,
 )
-from stores import START, assert_same_bytes
+from stores import START, assert_same_bytes, record
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
@@ -80,7 +81,7 @@ def test_an_ignored_signal_does_not_end_a_run(gl3, tmp_path):
     """As under nohup; the handler stays as it was."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        run = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=100,
+        run = record(gl3, **START, out=tmp_path / "run.zarr", steps=100,
                         progress=lambda done: os.kill(os.getpid(), signal.SIGHUP))
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
@@ -97,7 +98,7 @@ def test_signal_after_the_last_step_loses_nothing(gl3, tmp_path):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(gs.errors.Stopped, match=r"5,000.*complete") as end:
-        gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=5000, progress=progress)
+        record(gl3, **START, out=tmp_path / "run.zarr", steps=5000, progress=progress)
     assert "--resume" not in str(end.value)
     assert gs.open_recording(tmp_path / "run.zarr").status == "complete"
     assert signal.getsignal(signal.SIGINT) is before
@@ -110,12 +111,12 @@ def test_stopped_says_where(gl3, tmp_path):
 
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(gs.errors.Stopped, match="16 of 20,000") as stopped:
-        gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, progress=progress)
+        record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, progress=progress)
     assert isinstance(stopped.value, KeyboardInterrupt)
     assert stopped.value.signal == signal.SIGTERM
     assert signal.getsignal(signal.SIGTERM) is before
-    found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, resume=True)
-    np.testing.assert_array_equal(found.trajectory().q, gl3.integrate(**START, steps=20_000).q)
+    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, resume=True)
+    np.testing.assert_array_equal(found.trajectory().q, integrate(gl3, **START, steps=20_000).q)
 
 
 def test_runs_in_threads(gl3, tmp_path):
@@ -125,7 +126,7 @@ def test_runs_in_threads(gl3, tmp_path):
 
     def work(store):
         try:
-            gs.record(gl3, **START, out=store, steps=5000, every=3)
+            record(gl3, **START, out=store, steps=5000, every=3)
         except BaseException as error:
             errors.append(error)
 

@@ -16,10 +16,11 @@ import zarr
 
 import gyrospark as gs
 import systems
+from calls import integrate
 from command_line import FAILS, RUN, refused
 from gyrospark.runtime.results.state_columns import headings
 from stored_runs import RUNS
-from stores import START, Interrupted, assert_same, ends_after, small_blocks
+from stores import START, Interrupted, assert_same, ends_after, record, small_blocks
 
 ENDS = [".csv", ".nc", ".npz"]
 
@@ -135,9 +136,9 @@ def test_unfinished_run(gl3, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 4)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     with pytest.raises(Interrupted):
-        gs.record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=ends_after(6))
+        record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=ends_after(6))
     found = gs.open_recording(tmp_path / "run.zarr")
-    exact = gl3.integrate(**START, steps=60).q[: found.states]
+    exact = integrate(gl3, **START, steps=60).q[: found.states]
     csv_file, netcdf, npz = (found.export(tmp_path / f"run{end}") for end in ENDS)
     np.testing.assert_array_equal(gs.Trajectory.load(npz).q, exact)
     np.testing.assert_array_equal(read_csv(csv_file)["q3"], exact[:, 3])
@@ -158,7 +159,7 @@ def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
     expected = {name, f".{name}.lock"} if name.endswith(".zarr") else {name}
     assert {path.name for path in tmp_path.iterdir()} == expected
     step = systems.stepper("heavy_top")
-    q = step.integrate(**START, steps=20, every=3).q
+    q = integrate(step, **START, steps=20, every=3).q
     if name.endswith(".csv"):
         np.testing.assert_array_equal(read_csv(Path(name))["q0"], q[:, 0])
     elif name.endswith(".nc"):

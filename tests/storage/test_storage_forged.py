@@ -19,6 +19,7 @@ from gyrospark.runtime.integration.step_loop import Rows, advance
 from gyrospark.storage import array_layout
 from gyrospark.storage.checkpoint import pack, unpack
 from processes import ROOT, environment
+from stores import record
 from work_memory import integers_of
 
 #: Integers that no step reads before it has written them: of a trajectory that is held, which
@@ -107,7 +108,7 @@ def test_more_steps_than_the_run_has_are_refused(tmp_path):
     group = array_layout.open_group(path, write=True)
     array_layout.array_of(group, array_layout.CHECKPOINT)[:] = pack(one.binding, state)
     with pytest.raises(gs.InputError, match="checkpoint"):
-        gs.record(one.stepper, **one.arguments, out=path, resume=True)
+        record(one.stepper, **one.arguments, out=path, resume=True)
 
 
 @pytest.mark.slow  # ten seconds and more; the checks above are of the same function

@@ -12,9 +12,10 @@ import pytest
 
 import gyrospark as gs
 import systems
+from calls import PARAMETERS, TOP
 from gyrospark.commands.run.outputs import Angles, integrate_to
 from gyrospark.storage.durable_files import write_durably
-from stores import START, assert_same_bytes, recorded, small_blocks
+from stores import START, assert_same_bytes, record, recorded, small_blocks
 
 
 class Disk:
@@ -54,7 +55,7 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
         shutil.rmtree(out, ignore_errors=True)
         disk.good_until, disk.done = good, 0
         try:
-            gs.record(step, out=out, **arguments)
+            record(step, out=out, **arguments)
         except gs.errors.StorageError as error:
             text = str(error)
             assert repr(str(out)) in text
@@ -68,7 +69,7 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
             gs.open_recording(out)
         else:
             assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".run")] == []
-        gs.record(step, out=out, resume=True, **arguments)
+        record(step, out=out, resume=True, **arguments)
         assert_same_bytes(tmp_path / "whole.zarr", out)
     assert good > 60
 
@@ -76,7 +77,7 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
 @pytest.mark.parametrize("end", [".csv", ".nc"])
 def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
     """The file appears complete or not at all."""
-    found = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
+    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
     disk = Disk(monkeypatch, errno.ENOSPC)
     disk.good_until = 0
     with pytest.raises(gs.errors.StorageError, match=f"run{end}'.*space"):
@@ -90,7 +91,9 @@ def test_what_a_command_leaves_on_a_full_disk_is_named(every, gl3, tmp_path, mon
     """Files that folders do not show, too; where no step is stored, none is left."""
     small_blocks(monkeypatch, 4)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
-    out, arguments = tmp_path / "run.csv", START | {"steps": 20, "every": 2}
+    out, arguments = tmp_path / "run.csv", {
+        "dt": 1e-3, "steps": 20, "every": 2}
+    begin = gs.Start(TOP.q0, TOP.p0, PARAMETERS)
     options = {"resume": False, "seed": None, "progress": None, "angles": Angles()}
     disk, left = Disk(monkeypatch, errno.ENOSPC), set()
     for good in itertools.count(0, every):
@@ -98,7 +101,7 @@ def test_what_a_command_leaves_on_a_full_disk_is_named(every, gl3, tmp_path, mon
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         disk.good_until, disk.done = good, 0
         try:
-            trouble = integrate_to(gl3, out, dict(arguments), **options).trouble
+            trouble = integrate_to(gl3, begin, out, dict(arguments), **options).trouble
         except gs.errors.StorageError as error:
             trouble = error
         disk.good_until = None

@@ -7,7 +7,6 @@ import tracemalloc
 
 import pytest
 
-import gyrospark as gs
 import systems
 from stores import START, small_blocks
 
@@ -31,7 +30,7 @@ def test_memory_is_that_of_blocks(end, tmp_path, monkeypatch):
     step, peaks = systems.stepper("heavy_top", "EMS"), []
     for rows in (200, 600, 1800):  # the first run imports and caches
         def record(rows=rows):
-            return gs.record(step, **START, steps=rows, out=tmp_path / f"{rows}.zarr", resume=True)
+            return record(step, **START, steps=rows, out=tmp_path / f"{rows}.zarr", resume=True)
 
         run = record() if end else None
         peaks.append(traced_peak(

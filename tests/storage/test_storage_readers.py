@@ -11,14 +11,14 @@ import xarray
 import zarr
 
 import gyrospark as gs
-from calls import PARAMETERS, TOP
+from calls import PARAMETERS, TOP, integrate
 from processes import FAST_TOP, python
-from stores import START, assert_same_bytes, small_blocks
+from stores import START, assert_same_bytes, record, small_blocks
 
 
 @pytest.fixture
 def opened(gl3, tmp_path):
-    gs.record(gl3, **START, steps=20, every=3, t0=1.0, out=tmp_path / "run.zarr", seed=7)
+    record(gl3, **START, steps=20, every=3, t0=1.0, out=tmp_path / "run.zarr", seed=7)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         yield xarray.open_zarr(tmp_path / "run.zarr")
@@ -40,7 +40,7 @@ def test_dimensions_and_units(opened, gl3):
 
 def test_values(opened, gl3):
     """t0 + k dt, the last one off the grid; what belongs to steps has nothing at the start."""
-    whole = gl3.integrate(**START, steps=20, every=3, t0=1.0)
+    whole = integrate(gl3, **START, steps=20, every=3, t0=1.0)
     np.testing.assert_array_equal(opened["time"], whole.t)
     np.testing.assert_array_equal(opened["q"], whole.q)
     np.testing.assert_array_equal(opened["multipliers"][1:], whole.multipliers)
@@ -73,7 +73,7 @@ def test_rows_to_come(gl3, tmp_path, monkeypatch):
             raise RuntimeError
 
     with pytest.raises(RuntimeError):
-        gs.record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=progress)
+        record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=progress)
     found = gs.open_recording(tmp_path / "run.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -100,7 +100,7 @@ import sys
 for real in ("double", "long-double"):
     step = gs.stepper("G-L", stages=2, real=real)
     q, p = step.project(top.q0, top.p0, parameters=parameters)
-    gs.record(step, q, p, dt=1e-3, steps=100, every=3, parameters=parameters, out=real + ".zarr")
+    record(step, q, p, dt=1e-3, steps=100, every=3, parameters=parameters, out=real + ".zarr")
 """
     for seed in ("1", "2"):
         (tmp_path / seed).mkdir()

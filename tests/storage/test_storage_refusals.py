@@ -19,7 +19,7 @@ from command_line import RUN, refused
 from gyrospark.storage import recorder
 from gyrospark.storage.staging import writer_lock
 from processes import cli, environment
-from stores import START, Interrupted, as_files, assert_same_bytes, small_blocks
+from stores import START, Interrupted, as_files, assert_same_bytes, record, small_blocks
 
 ARGUMENTS = START | {"steps": 100, "every": 2}
 AS_ROOT = os.geteuid() == 0
@@ -39,7 +39,7 @@ def begun(tmp_path_factory, gl3):
                 raise Interrupted
 
         with pytest.raises(Interrupted):
-            gs.record(gl3, **ARGUMENTS, out=out, progress=progress)
+            record(gl3, **ARGUMENTS, out=out, progress=progress)
     assert gs.open_recording(out).states == 42
     return out
 
@@ -66,7 +66,7 @@ def everything(store, stepper):
     assert len(recording) >= 0
     recording.trajectory()
     recording.export(store.with_name("run.csv"))
-    gs.record(stepper, **ARGUMENTS, out=store, resume=True)
+    record(stepper, **ARGUMENTS, out=store, resume=True)
 
 
 # ---------------------------------------------------------------- another run
@@ -78,8 +78,8 @@ OTHERS = [
     ({"every": 3}, ("every", "2", "3")),
     ({"t0": 1.0}, ("t0", "0.0", "1.0")),
     ({"solver": "newton"}, ("solver", "'auto'", "'newton'")),
-    ({"tolerance": 1e-12}, ("tolerance", "None", "1e-12")),
-    ({"max_iterations": 51}, ("max_iterations", "50", "51")),
+    ({"solver": gs.Solver(tolerance=1e-12)}, ("tolerance", "None", "1e-12")),
+    ({"solver": gs.Solver(max_iterations=51)}, ("max_iterations", "50", "51")),
     ({"parameters": PARAMETERS | {"mgl": np.nextafter(PARAMETERS["mgl"], 1)}},
      ("parameters.mgl", "0.3924", "0.39240000000000")),
     ({"q": -np.asarray(TOP.q0), "p": -np.asarray(TOP.p0)}, ("q0",)),
@@ -90,7 +90,7 @@ def test_another_run_is_refused(gl3, begun):
     before = as_files(begun)
     for change, words in OTHERS:
         with pytest.raises(gs.InputError, match="another run") as error:
-            gs.record(gl3, **ARGUMENTS | change, out=begun, resume=True)
+            record(gl3, **ARGUMENTS | change, out=begun, resume=True)
         said = sentence(error.value)
         assert all(word in said for word in words), said
     assert as_files(begun) == before
@@ -104,7 +104,7 @@ def test_another_stepper_is_refused(begun):
                 (systems.stepper("heavy_top", real="float"), {})]
     for step, change in steppers:
         with pytest.raises(gs.InputError, match=r"stepper.*'heavy_top_gl3_gamma'"):
-            gs.record(step, **ARGUMENTS | change, out=begun, resume=True)
+            record(step, **ARGUMENTS | change, out=begun, resume=True)
 
 
 def test_another_version_is_refused(gl3, begun, monkeypatch):
@@ -112,7 +112,7 @@ def test_another_version_is_refused(gl3, begun, monkeypatch):
     monkeypatch.setattr("gyrospark.storage.identity.__version__", "9.9")
     before = as_files(begun)
     with pytest.raises(gs.InputError) as error:
-        gs.record(gl3, **ARGUMENTS | {"dt": 2e-3}, out=begun, resume=True)
+        record(gl3, **ARGUMENTS | {"dt": 2e-3}, out=begun, resume=True)
     said = sentence(error.value)
     for word in (repr(str(begun)), f"gyrospark {gs.__version__}", "gyrospark 9.9", "0.002"):
         assert word in said
@@ -137,7 +137,7 @@ def test_store_of_another_version_that_is_not_understood(change, store, gl3):
     """It is not called damaged."""
     changed(store, run__gyrospark="7.3", **change)
     for use in (lambda: gs.open_recording(store),
-                lambda: gs.record(gl3, **ARGUMENTS, out=store, resume=True)):
+                lambda: record(gl3, **ARGUMENTS, out=store, resume=True)):
         with pytest.raises(gs.InputError, match=r"gyrospark 7\.3") as error:
             use()
         assert sentence(error.value).endswith("Use gyrospark 7.3.")
@@ -149,11 +149,11 @@ def test_last_digits_of_wide_starts(tmp_path):
         step = systems.stepper("heavy_top", real=real)
         q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
         arguments = START | {"q": q, "p": p, "steps": 2}
-        gs.record(step, **arguments, out=tmp_path / f"{real}.zarr")
+        record(step, **arguments, out=tmp_path / f"{real}.zarr")
         q[0] += eps
         assert q[0] != arguments["p"][0]
         with pytest.raises(gs.InputError, match="q0 was"):
-            gs.record(step, **arguments | {"q": q}, out=tmp_path / f"{real}.zarr", resume=True)
+            record(step, **arguments | {"q": q}, out=tmp_path / f"{real}.zarr", resume=True)
 
 
 def test_another_compiler_setting_is_refused(tmp_path):
@@ -200,7 +200,7 @@ def test_what_is_no_store(what, gl3, gyrospark, tmp_path):
             (place / "zarr.json").write_text('{"zarr_format": 3, "node_type": "array"}')
     for resume in (False, True):
         with pytest.raises((gs.InputError, gs.errors.StorageError)) as error:
-            gs.record(gl3, **ARGUMENTS, out=place, resume=resume)
+            record(gl3, **ARGUMENTS, out=place, resume=resume)
         sentence(error.value)
     with pytest.raises(gs.InputError, match="gyrospark stored"):
         gs.open_recording(place)
@@ -214,7 +214,7 @@ def test_what_is_no_store(what, gl3, gyrospark, tmp_path):
 
 @pytest.mark.parametrize("name", ["", ".", "/", "..", "a\0b", None, 3, b"run.zarr"])
 def test_what_is_no_path(name, gl3):
-    for call in (lambda: gs.open_recording(name), lambda: gs.record(gl3, **ARGUMENTS, out=name)):
+    for call in (lambda: gs.open_recording(name), lambda: record(gl3, **ARGUMENTS, out=name)):
         with pytest.raises((gs.InputError, gs.errors.StorageError)) as error:
             call()
         assert repr(name) in sentence(error.value)
@@ -224,23 +224,23 @@ def test_numbers_of_numpy(gl3, tmp_path):
     """A run is the same whichever integers and floats it is called with."""
     arguments = ARGUMENTS | {"dt": np.float64(1e-3), "steps": np.int64(100), "every": np.int32(2),
                              "parameters": {k: np.float64(v) for k, v in PARAMETERS.items()}}
-    first = gs.record(gl3, **arguments, out=tmp_path / "run.zarr", seed=np.int64(4))
+    first = record(gl3, **arguments, out=tmp_path / "run.zarr", seed=np.int64(4))
     assert first.attributes["seed"] == 4
-    assert len(gs.record(gl3, **ARGUMENTS, out=tmp_path / "run.zarr", resume=True)) == 51
+    assert len(record(gl3, **ARGUMENTS, out=tmp_path / "run.zarr", resume=True)) == 51
 
 
 @pytest.mark.parametrize("name", ["a b.zarr", "it's \"so\" γ*.zarr", "-no_ending",
                                   "new\nline.zarr", "\udcff.zarr"])
 def test_names(name, gl3, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    gs.record(gl3, **ARGUMENTS, out=name)
-    assert gs.record(gl3, **ARGUMENTS, out=tmp_path / name, resume=True).status == "complete"
+    record(gl3, **ARGUMENTS, out=name)
+    assert record(gl3, **ARGUMENTS, out=tmp_path / name, resume=True).status == "complete"
     assert gs.open_recording(name).trajectory().q.shape == (51, 4)
 
 
 def test_too_long_a_name(gl3, tmp_path):
     with pytest.raises(gs.errors.StorageError, match="name"):
-        gs.record(gl3, **ARGUMENTS, out=tmp_path / ("a" * 250 + ".zarr"))
+        record(gl3, **ARGUMENTS, out=tmp_path / ("a" * 250 + ".zarr"))
 
 
 def test_links(gl3, begun, tmp_path):
@@ -252,9 +252,9 @@ def test_links(gl3, begun, tmp_path):
     (tmp_path / "folder").symlink_to(tmp_path / "disk")
     for way in (link, tmp_path / "folder" / "run.zarr"):
         with writer_lock(place), pytest.raises(gs.errors.StorageError, match="Another process"):
-            gs.record(gl3, **ARGUMENTS, out=way, resume=True)
-    gs.record(gl3, **ARGUMENTS, out=link, resume=True)
-    gs.record(gl3, **ARGUMENTS, out=nowhere)
+            record(gl3, **ARGUMENTS, out=way, resume=True)
+    record(gl3, **ARGUMENTS, out=link, resume=True)
+    record(gl3, **ARGUMENTS, out=nowhere)
     assert link.is_symlink()
     assert nowhere.is_symlink()
     assert gs.open_recording(place).status == "complete"
@@ -269,7 +269,7 @@ def test_folder_that_cannot_be_written(gl3, begun, tmp_path):
     try:
         for resume in (False, True):
             with pytest.raises(gs.errors.StorageError, match="written"):
-                gs.record(gl3, **ARGUMENTS, out=place, resume=resume)
+                record(gl3, **ARGUMENTS, out=place, resume=resume)
         assert gs.open_recording(place).trajectory().q.shape == (42, 4)
     finally:
         place.parent.chmod(0o755)
@@ -320,7 +320,7 @@ def test_hostile_attributes(name, store, gl3):
             gs.open_recording(store)
         assert "run.zarr" in sentence(error.value), value
         with pytest.raises(gs.InputError):
-            gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+            record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
 #: Cut, empty, other kinds, groups of another format or without attributes, too deep.
@@ -339,7 +339,7 @@ def test_garbage_for_metadata(file, store, gl3):
             gs.open_recording(store)
         sentence(error.value)
         with pytest.raises(gs.InputError):
-            gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+            record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
 @pytest.mark.parametrize("name", ["q", "time", "iterations", "multipliers"])
@@ -354,7 +354,7 @@ def test_arrays_of_another_form(name, store, gl3):
             with pytest.raises(gs.InputError):
                 everything(store, gl3)
             with pytest.raises(gs.InputError):
-                gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+                record(gl3, **ARGUMENTS, out=store, resume=True)
 
 
 def test_blocks_of_other_lengths(store):
@@ -386,7 +386,7 @@ def test_missing_array(name, store, gl3):
                 gs.open_recording(store)
         for steps in (100, 200):
             with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
-                gs.record(gl3, **ARGUMENTS | {"steps": steps}, out=store, resume=True)
+                record(gl3, **ARGUMENTS | {"steps": steps}, out=store, resume=True)
         assert as_files(store) == before
 
 
@@ -431,7 +431,7 @@ def test_damaged_checkpoint(store, gl3):
     data[100] ^= 1
     file.write_bytes(data)
     with pytest.raises(gs.InputError, match=re.escape(f"{str(store)!r}")) as error:
-        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+        record(gl3, **ARGUMENTS, out=store, resume=True)
     sentence(error.value)
     assert gs.open_recording(store).trajectory().q.shape == (42, 4)
 
@@ -442,7 +442,7 @@ def test_any_byte_of_a_damaged_store(store, gl3, tmp_path):
     random = np.random.default_rng(11)
     with pytest.MonkeyPatch.context() as patch:
         small_blocks(patch, 16)
-        gs.record(gl3, **ARGUMENTS, out=whole)
+        record(gl3, **ARGUMENTS, out=whole)
         shutil.copytree(store, tmp_path / "kept.zarr")
         files = sorted(p.relative_to(store) for p in store.rglob("*") if p.is_file())
         for _ in range(15):
@@ -456,5 +456,5 @@ def test_any_byte_of_a_damaged_store(store, gl3, tmp_path):
                 sentence(error)
             shutil.rmtree(store)
             shutil.copytree(tmp_path / "kept.zarr", store)
-        gs.record(gl3, **ARGUMENTS, out=store, resume=True)
+        record(gl3, **ARGUMENTS, out=store, resume=True)
     assert_same_bytes(whole, store)

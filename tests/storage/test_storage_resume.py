@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 import systems
-from calls import LATE, PARAMETERS, TOP
+from calls import LATE, PARAMETERS, TOP, integrate
 from gyrospark.storage import array_layout, recorder
 from resumed_stores import check, in_pieces
 from stores import (
@@ -23,6 +23,7 @@ from stores import (
     assert_same_bytes,
     assert_same_states,
     ends_after,
+    record,
     recorded,
     small_blocks,
 )
@@ -55,7 +56,7 @@ def test_steps_that_newton_took(tmp_path, monkeypatch):
     step = systems.stepper("heavy_top")
     for dt in (0.03, 0.024):
         arguments = START | {"dt": dt, "steps": 40, "every": 4}
-        if step.integrate(**arguments).report.newton_steps > 3:
+        if integrate(step, **arguments).report.newton_steps > 3:
             check(step, tmp_path, [3] * 10, **arguments)
             return
     pytest.fail("no step size at which Newton takes some of the steps")
@@ -82,7 +83,7 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
         small_blocks(patch, rows, seconds)
         check(step, tmp_path, calls, **arguments)
         found = gs.open_recording(tmp_path / "pieces.zarr").trajectory()
-        assert_same(found, step.integrate(**arguments))
+        assert_same(found, integrate(step, **arguments))
 
 
 def test_pieces_of_other_sizes(gl3, tmp_path, monkeypatch):
@@ -109,7 +110,7 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
         small_blocks(patch, 4)
         for count in calls:
             with contextlib.suppress(Interrupted):
-                gs.record(gl3, **START, out=out, steps=200, every=2, resume=True,
+                record(gl3, **START, out=out, steps=200, every=2, resume=True,
                           progress=ends_after(count))
             found = gs.open_recording(out)
             if found.report is None:
@@ -118,7 +119,7 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
             assert found.status in ("running", "complete")
             assert found.states == found.steps_done // 2 + 1
             part = found.trajectory()
-            end = gl3.integrate(**START, steps=found.steps_done)
+            end = integrate(gl3, **START, steps=found.steps_done)
             np.testing.assert_array_equal(part.q, end.q[::2])
             assert found.report == end.report
             assert found.dataset.sizes["time"] == found.states
@@ -133,7 +134,7 @@ def test_store_after_each_file_that_is_written(tmp_path, monkeypatch):
     step = systems.stepper("heavy_top")
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     arguments = START | {"q": q, "p": p, "steps": 36, "every": 2}
-    whole, seen, out = step.integrate(**arguments), [], tmp_path / "run.zarr"
+    whole, seen, out = integrate(step, **arguments), [], tmp_path / "run.zarr"
     copies, one = [], threading.Lock()
 
     def copy(folder):
@@ -145,7 +146,7 @@ def test_store_after_each_file_that_is_written(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
-        gs.record(step, out=out, **arguments)
+        record(step, out=out, **arguments)
     for path in copies:
         found = gs.open_recording(path)
         seen.append(found.steps_done)
@@ -161,21 +162,21 @@ def test_before_the_first_commit(gl3, tmp_path):
     """A store without a state can be opened, says so, and is gone on with."""
     out = tmp_path / "run.zarr"
     with pytest.raises(Interrupted):
-        gs.record(gl3, **START, out=out, steps=200, progress=ends_after(0))
+        record(gl3, **START, out=out, steps=200, progress=ends_after(0))
     found = gs.open_recording(out)
     assert (found.status, found.states, found.steps_done) == ("running", 0, 0)
     assert found.report is None
     for use in (found.trajectory, lambda: found.export(tmp_path / "run.csv")):
         with pytest.raises(gs.InputError, match=r"state.*run"):
             use()
-    assert gs.record(gl3, **START, out=out, steps=200, resume=True).status == "complete"
+    assert record(gl3, **START, out=out, steps=200, resume=True).status == "complete"
 
 
 def test_done_twice(gl3, tmp_path):
     """A run that is complete is read, not written; also when it is gone on with as a new one."""
-    first = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
+    first = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")}
-    again = gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
+    again = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")} == before
     assert_same(again.trajectory(), first.trajectory())
 
@@ -186,10 +187,10 @@ def test_what_others_left_behind(gl3, tmp_path):
     (tmp_path / ".run.zarr.new" / "q").mkdir(parents=True)
     (tmp_path / ".run.zarr.new" / "q" / "rest").write_text("rest")
     with pytest.raises(Interrupted):
-        gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, progress=ends_after(0))
+        record(gl3, **START, out=tmp_path / "run.zarr", steps=50, progress=ends_after(0))
     (tmp_path / "run.zarr" / "q" / "c").mkdir(exist_ok=True)
     (tmp_path / "run.zarr" / "q" / "c" / ".0.4711.part").write_text("rest")
-    gs.record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
+    record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")
     assert not (tmp_path / ".run.zarr.new").exists()
 
@@ -201,9 +202,9 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
     with pytest.raises(Interrupted):
-        gs.record(gl3, **arguments, out=tmp_path / "run.zarr", progress=ends_after(4))
+        record(gl3, **arguments, out=tmp_path / "run.zarr", progress=ends_after(4))
     monkeypatch.setattr(array_layout, "_MOST_ROWS", 64)
-    gs.record(gl3, **arguments, out=tmp_path / "run.zarr", resume=True)
+    record(gl3, **arguments, out=tmp_path / "run.zarr", resume=True)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")
 
 
@@ -216,14 +217,14 @@ def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path,
     """As if it had been begun with them, to the bit, also from a last state between two others."""
     small_blocks(monkeypatch, 16)
     out = tmp_path / "run.zarr"
-    gs.record(gl3, **START, out=out, steps=first, every=every)
+    record(gl3, **START, out=out, steps=first, every=every)
     for steps in (second, second + 5):
-        found = gs.record(gl3, **START, out=out, steps=steps, every=every, resume=True)
-        assert_same(found.trajectory(), gl3.integrate(**START, steps=steps, every=every))
+        found = record(gl3, **START, out=out, steps=steps, every=every, resume=True)
+        assert_same(found.trajectory(), integrate(gl3, **START, steps=steps, every=every))
         assert found.dataset.sizes["time"] == found.states
         assert found.attributes["title"].endswith(f"{steps} steps of 0.001 s")
     with pytest.raises(gs.InputError, match=rf"steps.*\b{second + 5}\b.*\b{second}\b"):
-        gs.record(gl3, **START, out=out, steps=second, every=every, resume=True)
+        record(gl3, **START, out=out, steps=second, every=every, resume=True)
 
 
 def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
@@ -232,10 +233,10 @@ def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
     out, arguments = tmp_path / "run.zarr", START | {"every": 3}
     for steps, count in ((100, 0), (120, 5), (200, 4)):
         with pytest.raises(Interrupted):
-            gs.record(gl3, **arguments, out=out, steps=steps, resume=True,
+            record(gl3, **arguments, out=out, steps=steps, resume=True,
                       progress=ends_after(count))
-    found = gs.record(gl3, **arguments, out=out, steps=300, resume=True)
-    assert_same(found.trajectory(), gl3.integrate(**arguments, steps=300))
+    found = record(gl3, **arguments, out=out, steps=300, resume=True)
+    assert_same(found.trajectory(), integrate(gl3, **arguments, steps=300))
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -243,9 +244,9 @@ def test_failed_run_has_no_more_steps(failures, tmp_path):
     step, options, _ = failures[0]
     arguments = {"q": TOP.q0, "p": TOP.p0, **options, "out": tmp_path / "run.zarr"}
     with pytest.raises(gs.StepFailed):
-        gs.record(step, **arguments, steps=200)
+        record(step, **arguments, steps=200)
     with pytest.raises(gs.InputError, match=r"steps.*200.*300"):
-        gs.record(step, **arguments, steps=300, resume=True)
+        record(step, **arguments, steps=300, resume=True)
 
 
 @pytest.mark.slow  # 1 CPU s: a copy after each of many files
@@ -253,7 +254,7 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
     """The process ended after any of the files: old states are there, either number goes on."""
     small_blocks(monkeypatch, 16)
     out, copies = tmp_path / "run.zarr", []
-    old = gs.record(gl3, **START, out=out, steps=40).trajectory()
+    old = record(gl3, **START, out=out, steps=40).trajectory()
 
     def copy(folder):
         copies.append(tmp_path / f"{len(copies)}.zarr")
@@ -263,15 +264,15 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
         patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
         patch.setattr(recorder.Recorder, "run_to_end", lambda self, progress: None)
         with pytest.raises(gs.StepFailed):  # it is not complete
-            gs.record(gl3, **START, out=out, steps=90, resume=True)
-    whole = gl3.integrate(**START, steps=90)
+            record(gl3, **START, out=out, steps=90, resume=True)
+    whole = integrate(gl3, **START, steps=90)
     assert len(copies) > 8
     for number, path in enumerate(copies):
         assert_same_states(gs.open_recording(path).trajectory(), whole)
         assert gs.open_recording(path).dataset.sizes["time"] == 41
         if number < len(copies) - 1 and number % 2:
-            again = gs.record(gl3, **START, out=path, steps=40, resume=True)
+            again = record(gl3, **START, out=path, steps=40, resume=True)
             assert_same(again.trajectory(), old)
         else:
-            again = gs.record(gl3, **START, out=path, steps=90, resume=True)
+            again = record(gl3, **START, out=path, steps=90, resume=True)
             assert_same(again.trajectory(), whole)

@@ -12,6 +12,7 @@ import pytest
 
 import gyrospark as gs
 import systems
+from calls import integrate
 from event_runs import assert_same_events, in_pieces
 from gyrospark.storage import array_layout
 from stores import (
@@ -21,6 +22,7 @@ from stores import (
     assert_same_bytes,
     bits,
     ends_after,
+    record,
     recorded,
     small_blocks,
 )
@@ -58,7 +60,7 @@ def test_a_stored_run_finds_what_integrate_finds(
         ends, status, steps, chunk, rows, every, calls, tmp_path, monkeypatch) -> None:
     """Also the state where an event ends it; each run of pieces has the same files."""
     step, run = arguments(every=every, events=EVENTS + ends)
-    whole = step.integrate(**run)
+    whole = integrate(step, **run)
     small(monkeypatch, chunk, rows)
     once = recorded(step, tmp_path / "whole.zarr", **run)
     assert (once.status, once.steps_done) == (status, steps)
@@ -77,7 +79,7 @@ def test_a_wide_run_ended_often(tmp_path, monkeypatch) -> None:
     run = {"q": q, "p": p, "dt": 1e-3, "steps": 400, "every": 40, "parameters": case.parameters,
            "events": [low, gs.Event("q0", level=float(q[0]) - 0.05, terminal=True, name="stop")]}
     small(monkeypatch, 40, 4)
-    whole = step.integrate(**run)
+    whole = integrate(step, **run)
     found = in_pieces(step, tmp_path / "run.zarr", [2, 2], **run)
     assert_same(found.trajectory(), whole)
     assert_same_events(found.events, whole.events)
@@ -91,9 +93,9 @@ def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
     out, seen = tmp_path / "run.zarr", []
     for count in (1, 2, 2):
         with contextlib.suppress(Interrupted):
-            gs.record(step, out=out, resume=True, progress=ends_after(count), **run)
+            record(step, out=out, resume=True, progress=ends_after(count), **run)
         found = gs.open_recording(out)
-        part = step.integrate(**run | {"steps": found.steps_done})
+        part = integrate(step, **run | {"steps": found.steps_done})
         assert_same_events(found.events, part.events)
         assert found.dataset.sizes["event_side"] == len(part.events["side"])
         seen.append(found.steps_done)
@@ -109,9 +111,9 @@ def test_a_finished_run_goes_on_to_more_steps(first, second, tmp_path, monkeypat
     """Also from a dip in its last step, of which the neighbour behind was not known."""
     step, run = arguments()
     small(monkeypatch, 20, 16)
-    gs.record(step, out=tmp_path / "run.zarr", **run | {"steps": first})
-    found = gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": second})
-    whole = step.integrate(**run | {"steps": second})
+    record(step, out=tmp_path / "run.zarr", **run | {"steps": first})
+    found = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": second})
+    whole = integrate(step, **run | {"steps": second})
     assert_same(found.trajectory(), whole)
     assert_same_events(found.events, whole.events)
 
@@ -119,30 +121,30 @@ def test_a_finished_run_goes_on_to_more_steps(first, second, tmp_path, monkeypat
 def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
     """It is told so, whatever number of steps is asked for, and nothing is written."""
     step, run = arguments(events=[STOP, *EVENTS])
-    gs.record(step, out=tmp_path / "run.zarr", **run)
+    record(step, out=tmp_path / "run.zarr", **run)
     before = as_files(tmp_path / "run.zarr")
     for steps in (60, 200):
-        found = gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": steps})
+        found = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": steps})
         assert found.status == "ended: stop"
         assert "ended: stop, 29 of 60" in repr(found)
     assert as_files(tmp_path / "run.zarr") == before
-    assert_same(found.trajectory(), step.integrate(**run))
+    assert_same(found.trajectory(), integrate(step, **run))
 
 
 def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
     step, run = arguments(events=[*EVENTS, STOP])
     small(monkeypatch, 9, 4)
     with pytest.raises(Interrupted):
-        gs.record(step, out=tmp_path / "run.zarr", progress=ends_after(2), **run)
-    found = gs.record(step, out=tmp_path / "run.zarr", resume=True,
+        record(step, out=tmp_path / "run.zarr", progress=ends_after(2), **run)
+    found = record(step, out=tmp_path / "run.zarr", resume=True,
                       **run | {"events": [STOP, *EVENTS[::-1]]})
-    assert_same_events(found.events, step.integrate(**run).events)
+    assert_same_events(found.events, integrate(step, **run).events)
     assert found.status == "ended: stop"
 
 
 def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
     step, run = arguments(steps=3)
-    gs.record(step, out=tmp_path / "run.zarr", **run)
+    record(step, out=tmp_path / "run.zarr", **run)
     before = as_files(tmp_path / "run.zarr")
     for events, words in (
             ([], r"events .*\{.*None"),
@@ -153,9 +155,9 @@ def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
             ([*EVENTS[:3], gs.Event("side", level=5, direction=1, terminal=True, name="never")],
              r"never\.direction.*0.*1.*terminal")):
         with pytest.raises(gs.InputError, match="another run.*" + words):
-            gs.record(step, out=tmp_path / "run.zarr", resume=True, **run | {"events": events})
+            record(step, out=tmp_path / "run.zarr", resume=True, **run | {"events": events})
     with pytest.raises(gs.InputError, match=r"'\.\./side'"):  # no array can have this name
-        gs.record(step, out=tmp_path / "other.zarr", **run | {
+        record(step, out=tmp_path / "other.zarr", **run | {
             "events": gs.Event("side", name="../side")})
     assert not (tmp_path / "other.zarr").exists()
     assert as_files(tmp_path / "run.zarr") == before
@@ -167,8 +169,8 @@ def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
 def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:
     """At times on the way, and up to the event that ended it."""
     step, run = arguments(events=[STOP], every=4)
-    stored = gs.record(step, out=tmp_path / "run.zarr", **run).trajectory()
-    whole = step.integrate(**run)
+    stored = record(step, out=tmp_path / "run.zarr", **run).trajectory()
+    whole = integrate(step, **run)
     times = [0.0, 1.234, 2.8, float(whole.t[-2]) + 0.01, whole.t[-1]]
     assert_same(stored.at(times, stepper=step), whole.at(times))
     assert bits(stored.at(times, stepper=step).q[-1]) == bits(whole.events["stop"].q[0])
@@ -179,8 +181,8 @@ def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:
 def test_parts_of_a_stored_run(tmp_path) -> None:
     """From a state on there are the events behind it; thinned, there are all."""
     step, run = arguments(every=10)
-    stored = gs.record(step, out=tmp_path / "run.zarr", **run)
-    whole = step.integrate(**run).events["side"]
+    stored = record(step, out=tmp_path / "run.zarr", **run)
+    whole = integrate(step, **run).events["side"]
     assert whole.steps.tolist() == [16, 50]
     assert stored.trajectory(first=2).events["side"].steps.tolist() == [50]
     assert stored.trajectory(thin=3).events["side"].steps.tolist() == [16, 50]
@@ -188,7 +190,7 @@ def test_parts_of_a_stored_run(tmp_path) -> None:
 
 def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
     step, run = arguments(steps=9, events=gs.Event("side"))
-    gs.record(step, out=tmp_path / "run.zarr", **run)
+    record(step, out=tmp_path / "run.zarr", **run)
     path = tmp_path / "run.zarr" / "zarr.json"
     sound = json.loads(path.read_text())
     for changes, words in (
@@ -204,7 +206,7 @@ def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
 def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
     """Neither is a missing block NaN, nor a missing array no event."""
     step, run = arguments(events=gs.Event("side"))
-    stored = gs.record(step, out=tmp_path / "run.zarr", **run)
+    stored = record(step, out=tmp_path / "run.zarr", **run)
     shutil.rmtree(tmp_path / "run.zarr" / "event_side_q" / "c")
     for use in (lambda: stored.events, stored.trajectory,
                 lambda: stored.export(tmp_path / "run.csv")):
@@ -223,19 +225,19 @@ def test_events_in_arrays_of_another_form_are_damaged(real, array, types, tmp_pa
     q, p = systems.start("heavy_top", step)
     run = {"q": q, "p": p, "dt": 1e-3, "parameters": systems.case("heavy_top").parameters,
            "events": gs.Event("q1"), "out": tmp_path / "run.zarr"}
-    gs.record(step, **run, steps=20)
+    record(step, **run, steps=20)
     about = tmp_path / "run.zarr" / array / "zarr.json"
     about.write_text(about.read_text().replace(*types))
     with pytest.raises(gs.InputError, match=f"'{array}'"):
-        gs.record(step, **run, steps=30, resume=True)
+        record(step, **run, steps=30, resume=True)
 
 
 def test_an_end_before_the_first_stored_state(tmp_path) -> None:
     """One row beside the start, in memory and in a store."""
     step, run = arguments(events=STOP, every=1000)
-    whole = step.integrate(**run)
+    whole = integrate(step, **run)
     assert whole.t.tolist() == [0.0, whole.events["stop"].t[0]]
-    assert_same(gs.record(step, out=tmp_path / "run.zarr", **run).trajectory(), whole)
+    assert_same(record(step, out=tmp_path / "run.zarr", **run).trajectory(), whole)
 
 
 def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
@@ -246,7 +248,7 @@ def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
     run = {"q": q, "p": p, "dt": 0.01, "steps": 400, "every": 3,
            "parameters": systems.case("dragged_pendulum").parameters,
            "events": [gs.Event("height", level=-0.75, terminal=True)]}
-    computed = step.integrate(**run)
+    computed = integrate(step, **run)
     stored = recorded(step, tmp_path / "run.zarr", **run).trajectory()
     assert computed.report.steps < 400
     assert computed.work[-1] != 0
@@ -256,7 +258,7 @@ def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
 def test_names_that_netcdf_has_not_are_refused(tmp_path):
     for name in ("a/b", "/", "nul\0"):
         step, run = arguments(steps=20, events=[gs.Event("side", name=name)])
-        computed = step.integrate(**run)
+        computed = integrate(step, **run)
         with pytest.raises(gs.InputError, match="NetCDF"):
             computed.save(tmp_path / "run.nc")
         assert not list(tmp_path.iterdir())
@@ -268,7 +270,7 @@ def test_no_name_is_a_formula_of_spreadsheets(tmp_path):
     """Numbers, which may be negative, are as they were."""
     names = ["=1+1", "+dip", "-dip", "@SUM(A1)", "\t=1", "dip", "a-b"]
     step, run = arguments(events=[gs.Event("side", name=name) for name in names])
-    computed = step.integrate(**run)
+    computed = integrate(step, **run)
     computed.save(tmp_path / "run.csv")
     with (tmp_path / "run.events.csv").open(encoding="utf-8", newline="") as file:
         _, *rows = csv.reader(file)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
+from calls import integrate
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
@@ -259,12 +260,12 @@ def test_a_free_body_flies_and_turns_as_jacobi_says_and_as_inputs_push_it():
     place = np.array([t, 0, 5 * t - 9.81 * t**2 / 2])
     assert np.abs(run.q[-1, 4:] - place).max() <= 8 * EPS
     at_rest = {"q": model.q0, "p": np.zeros(7), "dt": 0.05, "parameters": model.parameters}
-    pushed = step.integrate(**at_rest, steps=40, inputs={"push": [2.0, -1.0]}, hold=20)
+    pushed = integrate(step, **at_rest, steps=40, inputs=gs.Inputs({"push": [2.0, -1.0]}, hold=20))
     assert pushed.body().angular_velocity()[[20, 40], 2] == pytest.approx([2, 1], rel=1e-12)
     before, *after = (Rotation.from_quat(np.roll(pushed.q[i, :4], -1)) for i in (0, 20, 40))
     turned = [(before.inv() * R).as_rotvec() for R in after]
     assert np.abs(np.array(turned) - [[0, 0, 1], [0, 0, 2.5]]).max() <= 1e-10
-    plain = step.integrate(**at_rest, steps=20)
+    plain = integrate(step, **at_rest, steps=20)
     assert plain.body().angular_velocity()[-1, 2] == pytest.approx(0.25, rel=1e-12)
     build.input("idle")
     with pytest.raises(gs.InputError, match=r"'idle'.*force"):

@@ -156,7 +156,7 @@ def test_against_the_reference(scheme, stages):
     end = method.step()
     rounding = 0.0 if stages else 8 * EPS / dt
     for solver in ("auto", "newton", "python"):
-        q1, p1 = step.step(q, p, t0=t, solver=solver, **run)
+        q1, p1 = step.step(gs.Start(q, p, t=t), solver=solver, **run)
         assert np.abs(doubles(q1 - end.q)).max() <= 64 * EPS
         assert np.abs(doubles(p1 - end.p)).max() <= 64 * EPS + rounding
 
@@ -173,12 +173,12 @@ def test_wide_numbers():
     """The same motion, and the work balance of EMS at the type's own round-off."""
     step, same = (stepper("dragged_pendulum", "EMS", None, real) for real in (
         "float128", "double"))
-    q, p = start("dragged_pendulum", step)
-    how: dict[str, Any] = {"dt": 0.0625, "steps": 8, "parameters": PARAMETERS, "t0": 0.5}
-    run = step.integrate(q, p, **how)
-    double = same.integrate(*start("dragged_pendulum", same), **how)
-    slow = step.integrate(q, p, solver="python", **how)
-    many = step.integrate_ensemble(np.array([q] * 2), np.array([p] * 2), **how)
+    begin, at = (gs.Start(*start("dragged_pendulum", each), t=0.5) for each in (step, same))
+    how: dict[str, Any] = {"dt": 0.0625, "steps": 8, "parameters": PARAMETERS}
+    run = step.integrate(begin, **how)
+    double = same.integrate(at, **how)
+    slow = step.integrate(begin, solver="python", **how)
+    many = step.integrate_ensemble([begin] * 2, **how)
     epsilon = max(step.binding.epsilon, EPS)
     for other in (double, slow, many.members[1]):
         for part in ("q", "p", "work", "quantity_values"):
@@ -193,11 +193,11 @@ def test_time_at_a_failure():
     system = gs.System((x,), (u,), (k,), H, forces=(u**2 * tau * k,), time=tau, name="runaway")
     step = gs.stepper("G-L", 2, system=system)
     with pytest.raises(gs.StepFailed) as caught:
-        step.integrate([0.0], [1.0], dt=0.25, steps=100, t0=2.0, parameters={"k": 1.0})
+        step.integrate(gs.Start([0.0], [1.0], t=2.0), dt=0.25, steps=100, parameters={"k": 1.0})
     failure = caught.value
     assert failure.t == 2.0 + (failure.step - 1) * 0.25
-    many = step.integrate_ensemble([[0.0]] * 2, [[1.0], [0.0]], dt=0.25, steps=100, t0=[2.0, 1.0],
-                                   parameters={"k": 1.0})
+    many = step.integrate_ensemble(gs.Start([[0.0]] * 2, [[1.0], [0.0]], t=[2.0, 1.0]), dt=0.25,
+                                   steps=100, parameters={"k": 1.0})
     assert list(many.failures) == [0]
     assert many.failures[0].t == 2.0 + (many.failures[0].step - 1) * 0.25
     assert np.isfinite(many.members[0].report.work)
@@ -207,10 +207,10 @@ def test_time_at_a_failure():
 def test_no_steps_and_no_forces():
     step = stepper("dragged_pendulum")
     q, p = start("dragged_pendulum", step)
-    run = step.integrate(q, p, dt=0.1, steps=0, t0=3.0, parameters=PARAMETERS)
+    run = step.integrate(gs.Start(q, p, t=3.0), dt=0.1, steps=0, parameters=PARAMETERS)
     assert run.t.tolist() == [3.0]
     assert run.work.tolist() == [0.0]
     many = step.integrate_ensemble([q], [p], dt=0.1, steps=0, parameters=PARAMETERS)
     assert many.members[0].work.tolist() == [0.0]
     with pytest.raises(gs.InputError, match="t0"):
-        step.integrate(q, p, dt=0.1, steps=1, t0=float("nan"), parameters=PARAMETERS)
+        step.integrate(gs.Start(q, p, t=float("nan")), dt=0.1, steps=1, parameters=PARAMETERS)

@@ -32,7 +32,7 @@ def test_a_cart_between_changes_is_a_closed_form():
     step, rng = cart(), np.random.default_rng(1)
     values = rng.standard_normal(5)
     run = step.integrate([0.3], [0.1], dt=0.02, steps=50, parameters={"k": 4.0},
-                         inputs=values, hold=10)
+                         inputs=gs.Inputs(values, hold=10))
     q, p = 0.3, 0.1
     for value in values:  # 10 steps each: q around 2 u / k
         rest = 2 * value / 4
@@ -74,7 +74,8 @@ def test_a_state_between_steps_is_a_step_with_its_own_inputs(scheme, stages, eve
     step = stepper("pushed_pendulum", scheme, stages)
     rows = np.random.default_rng(8).integers(-8, 8, (11, 2)) / 8
     (q, p), dt, hold = START, 0.02, 3
-    what = {"dt": dt, "steps": 31, "parameters": {"k": 2.0}, "inputs": rows, "hold": hold}
+    what = {"dt": dt, "steps": 31, "parameters": {"k": 2.0},
+            "inputs": gs.Inputs(rows, hold=hold)}
     whole = step.integrate(q, p, **what)
     shares = np.array([0.25, 3.5, 8.75, 14.125, 30.5, 2, 9.5])
     found = step.integrate(q, p, **what, every=every).at(shares * dt)
@@ -93,10 +94,11 @@ def test_a_state_between_steps_is_a_step_with_its_own_inputs(scheme, stages, eve
 def test_events_of_runs_whose_inputs_change() -> None:
     """A cart under a held push: x = 1/4 by the closed form of each step; ensembles as runs."""
     step, rows = cart(), np.array([0.5, -2.0, 1.0, 3.0, -1.5, 2.5, -3.0, 1.0])
-    what = {"dt": 0.25, "steps": 40, "parameters": {"k": 2.0}, "hold": 5}
+    what = {"dt": 0.25, "steps": 40, "parameters": {"k": 2.0}}
+    push, back = gs.Inputs(rows, hold=5), gs.Inputs(-rows, hold=5)
     event = gs.Event("x", level=0.25)
-    run = step.integrate([0.0], [0.0], inputs=rows, **what, events=event)
-    t, plain = run.events["x"].t, step.integrate([0.0], [0.0], inputs=rows, **what)
+    run = step.integrate([0.0], [0.0], inputs=push, **what, events=event)
+    t, plain = run.events["x"].t, step.integrate([0.0], [0.0], inputs=push, **what)
     assert len(t) > 3
     assert np.array_equal(run.q, plain.q)
     w = np.sqrt(2.0)
@@ -105,11 +107,11 @@ def test_events_of_runs_whose_inputs_change() -> None:
         x_then = centre + (plain.q[i, 0] - centre) * np.cos(rest) + plain.p[i, 0] / w * np.sin(rest)
         assert abs(x_then - 0.25) < 1e-9  # of order 10, with dt = 1/4
     many = step.integrate_ensemble([[0.0]] * 2, [[0.0]] * 2, **what, events=event,
-                                   inputs=np.array([rows, -rows])[:, :, None])
+                                   inputs=gs.Inputs(np.array([rows, -rows])[:, :, None], hold=5))
     assert np.abs(many.events["x"][0].t - t).max() < 1e-13
-    below = step.integrate([0.0], [0.0], inputs=-rows, **what, events=event).events["x"].t
+    below = step.integrate([0.0], [0.0], inputs=back, **what, events=event).events["x"].t
     assert np.abs(many.events["x"][1].t - below).max() < 1e-13
-    stop = step.integrate([0.0], [0.0], inputs=rows, **what,
+    stop = step.integrate([0.0], [0.0], inputs=push, **what,
                           events=gs.Event("x", level=0.25, terminal=True))
     assert stop.t[-1] == t[0]
     assert np.abs(stop.q[-1] - 0.25).max() < 1e-15
@@ -166,7 +168,7 @@ def test_inputs_of_wrong_shape_are_refused(inputs, hold, said):
     step = stepper("pushed_pendulum")
     with pytest.raises(InputError, match=said):
         step.integrate(*START, dt=0.02, steps=8, parameters={"k": 2.0},
-                       inputs=inputs, hold=hold)
+                       inputs=gs.Inputs(inputs, hold=hold))
 
 
 def test_inputs_that_nobody_declared_are_refused():

@@ -58,8 +58,9 @@ def test_motion_is_that_of_the_hamiltonian_written_out():
     other = gs.stepper("G-L", 2, system=entry.system.legendre())
     q, p = systems.start("lagrangian", step)
     for solver in ("auto", "newton", "fixed-point"):
-        run, second = (each.integrate(q, p, dt=0.01, steps=100, parameters=entry.parameters,
-                                      t0=0.3, solver=solver) for each in (step, other))
+        run, second = (each.integrate(gs.Start(q, p, t=0.3), dt=0.01, steps=100,
+                                      parameters=entry.parameters, solver=solver)
+                       for each in (step, other))
         size = np.abs(run.p).max()
         np.testing.assert_allclose(run.q, second.q, rtol=0, atol=500 * EPS)
         np.testing.assert_allclose(run.p, second.p, rtol=0, atol=5000 * EPS * size)

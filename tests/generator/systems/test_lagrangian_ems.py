@@ -77,8 +77,8 @@ def test_the_difference_of_h_between_any_two_states(seed):
 def test_energy_balances_to_rounding_where_everything_moves(solver):
     """H_k − H_0 − W_k, with the work of forces, drives and a breathing sphere; g = 0."""
     step, parameters = gs.stepper("EMS", system=lifted()), PARAMETERS["bead"]
-    run = step.integrate(*start_of_lifted(step), dt=0.01, steps=300, parameters=parameters, t0=0.3,
-                         solver=solver)
+    run = step.integrate(gs.Start(*start_of_lifted(step), t=0.3), dt=0.01, steps=300,
+                         parameters=parameters, solver=solver)
     size = np.abs(run.energies).max() + np.abs(run.work).max()
     assert run.report.energy_error_max <= 300 * EPS * size
     assert run.report.constraint_max <= 4 * EPS
@@ -87,7 +87,7 @@ def test_energy_balances_to_rounding_where_everything_moves(solver):
 
 def test_work_is_that_of_the_forces_at_the_mean():
     step, parameters = systems.stepper("bead", "EMS"), PARAMETERS["bead"]
-    run = systems.run("bead", step, 300, t0=0.3)
+    run = systems.run("bead", step, 300, t=0.3)
     v, dt = np.diff(run.q, axis=0) / 0.01, 0.01
     q_mean, k, now = (run.q[1:] + run.q[:-1]) / 2, parameters["k"], run.t[:-1] + dt / 2
     F = [-k * v[:, 0] * q_mean[:, 1]**2, -k * v[:, 1],

@@ -32,7 +32,7 @@ def test_bead_on_a_wire_that_turns():
     assert abs(run.multipliers[-1, -1] / moment - 1) < 1e-6  # of a lower order than the state
     np.testing.assert_allclose(run.work, run.energies - run.energies[0], rtol=0, atol=1e-12)
     with refused("constraint"):
-        step.integrate([0.5, 0.0], p, dt=0.01, steps=1, parameters=numbers, t0=1.0)
+        step.integrate(gs.Start([0.5, 0.0], p, t=1.0), dt=0.01, steps=1, parameters=numbers)
 
 
 
@@ -40,8 +40,8 @@ def test_motion_is_that_of_the_hamiltonian_typed_by_hand():
     step, other = systems.stepper("shaken"), gs.stepper("G-L", 2, system=shaken()[1])
     p = step.momenta([0.5], [0.1], parameters=NUMBERS, t=0.3)
     for solver in ("auto", "newton"):
-        run, same = (each.integrate([0.5], p, dt=0.01, steps=100, parameters=NUMBERS, t0=0.3,
-                                    solver=solver) for each in (step, other))
+        run, same = (each.integrate(gs.Start([0.5], p, t=0.3), dt=0.01, steps=100,
+                                    parameters=NUMBERS, solver=solver) for each in (step, other))
         for one_of, two in ((run.q, same.q), (run.p, same.p), (run.energies, same.energies),
                             (run.work, same.work)):
             np.testing.assert_allclose(one_of, two, rtol=0, atol=8 * EPS * (1 + np.abs(two).max()))

@@ -55,8 +55,8 @@ def exact(name, values):
 
 def test_every_quantity_at_every_stored_state(step):
     """16 ε of the value: a dozen operations of numbers of order one."""
-    run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.05, steps=7, parameters=PARAMETERS, every=3,
-                         t0=0.4)
+    run = step.integrate(gs.Start([0.6, -0.8], [0.8, 0.6], t=0.4), dt=0.05, steps=7,
+                         parameters=PARAMETERS, every=3)
     assert run.quantities == tuple(QUANTITIES)
     for row, time in enumerate(run.t.tolist()):
         values = dict(zip((x, y, u, v), [*run.q[row].tolist(), *run.p[row].tolist()], strict=True))
@@ -109,7 +109,7 @@ def test_unknown_names_are_refused(step):
 
 def test_kept_in_the_file(step, tmp_path):
     q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=PARAMETERS)
-    run = step.integrate(q, p, dt=0.125, steps=4, parameters=PARAMETERS, t0=0.5)
+    run = step.integrate(gs.Start(q, p, t=0.5), dt=0.125, steps=4, parameters=PARAMETERS)
     again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     assert again.quantities == run.quantities
     for name in QUANTITIES:
@@ -118,8 +118,8 @@ def test_kept_in_the_file(step, tmp_path):
     assert np.array_equal(again.t, run.t)
     assert again.report == run.report
     assert run.report.work == float(run.work[-1]) != 0
-    members = step.integrate_ensemble([q] * 2, [p] * 2, dt=0.125, steps=4, parameters=PARAMETERS,
-                                      t0=0.5).members
+    members = step.integrate_ensemble(gs.Start([q] * 2, [p] * 2, t=0.5), dt=0.125, steps=4,
+                                      parameters=PARAMETERS).members
     assert np.abs(members[1].quantity_values - run.quantity_values).max() <= 256 * EPS
 
 

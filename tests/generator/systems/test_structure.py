@@ -49,16 +49,17 @@ def compare(loops, dense, start, parameters, t0):
     del at["dt"]
     a, b = (step.project(q + 0.01, p, **at) for step in (loops, dense))
     assert np.abs(np.array(a) - np.array(b)).max() <= 64 * EPS * np.abs(b).max()
-    how = {"dt": 4e-3, "steps": 40, "parameters": parameters, "t0": t0}
-    b = dense.integrate(q, p, **how)
+    how = {"dt": 4e-3, "steps": 40, "parameters": parameters}
+    begin = gs.Start(q, p, t=t0)
+    b = dense.integrate(begin, **how)
     for solver in ("auto", "newton", "python"):
-        a = loops.integrate(q, p, solver=solver, **how)
+        a = loops.integrate(begin, solver=solver, **how)
         # 40 steps of round-off, each of some ε; of EMS that of g by Δt in p
         assert np.abs(a.q - b.q).max() <= 256 * EPS
         assert np.abs(a.p - b.p).max() <= 256 * EPS * (np.abs(b.p).max() + 4 / 4e-3)
         assert np.abs(a.work - b.work).max() <= 256 * EPS * (1 + np.abs(b.energies).max())
         assert a.report.newton_steps == 0 or solver == "newton"
-    many = loops.integrate_ensemble([q] * 2, [p] * 2, **how)
+    many = loops.integrate_ensemble([begin] * 2, **how)
     assert np.abs(many.q[1] - b.q).max() <= 256 * EPS
 
 
@@ -71,14 +72,14 @@ def test_structured_ems_balances_energy_and_work():
     """An identity of its own differences, so that no dense code is needed; by each solver."""
     step = made_beads("EMS", None, True)
     for solver in ("auto", "newton", "python"):
-        run = step.integrate(*start_of_beads(step, 0.4), dt=4e-3, steps=40, parameters=BEADS,
-                             t0=0.4, solver=solver)
+        run = step.integrate(gs.Start(*start_of_beads(step, 0.4), t=0.4), dt=4e-3, steps=40,
+                             parameters=BEADS, solver=solver)
         size = np.abs(run.energies).max() + np.abs(run.work).max()
         assert run.report.energy_error_max <= 64 * EPS * size
         assert np.abs(run.work).max() > 1e-3 * size
         assert run.report.constraint_max <= 64 * EPS
-    exact = made_beads("G-L", 2, True).integrate(
-        *start_of_beads(step, 0.4), dt=4e-3, steps=40, parameters=BEADS, t0=0.4)
+    exact = made_beads("G-L", 2, True).integrate(gs.Start(*start_of_beads(step, 0.4), t=0.4),
+                                                 dt=4e-3, steps=40, parameters=BEADS)
     assert np.abs(run.q - exact.q).max() <= 1e-4  # of order 2
 
 
@@ -104,7 +105,7 @@ def test_forms_without_constraints_have_inputs():
     source = generate(Spec.checked("G-L", 3), system=system, structured=True).source
     step = Stepper(source.name, source.files())
     pushes, start = [0.5, -1.0, 0.25], np.sin(np.arange(n))
-    run = {"dt": 0.02, "steps": 60, "parameters": {"a": 0.3}, "inputs": pushes, "hold": 20}
+    run = {"dt": 0.02, "steps": 60, "parameters": {"a": 0.3}, "inputs": gs.Inputs(pushes, hold=20)}
 
     def slope(t, y, force):
         stretch = np.diff(y[:n])

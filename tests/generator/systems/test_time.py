@@ -57,7 +57,7 @@ def test_time_as_a_coordinate_gives_the_same():
     what = {"dt": entry.dt, "steps": 40, "parameters": entry.parameters}
     n, p_tau = len(q), 0.0
     for solver in ("auto", "newton"):
-        run = step.integrate(q, p, t0=entry.t0, **what, solver=solver)
+        run = step.integrate(gs.Start(q, p, t=entry.t0), **what, solver=solver)
         same = other.integrate([*q, entry.t0], [*p, p_tau], **what, solver=solver)
         assert np.abs(run.q - same.q[:, :n]).max() <= 1e4 * EPS * np.abs(run.q).max()
         assert np.abs(run.p - same.p[:, :n]).max() <= 1e4 * EPS * np.abs(run.p).max()
@@ -93,7 +93,7 @@ def test_a_start_off_a_moving_constraint_is_refused():
     what = {"dt": 0.01, "steps": 1, "parameters": entry.parameters}
     for momenta, t0 in ((p + 0.1, entry.t0), (p, entry.t0 + 0.1)):
         with pytest.raises(InputError, match="project"):
-            step.integrate(q, momenta, t0=t0, **what)
+            step.integrate(gs.Start(q, momenta, t=t0), **what)
     for now in (entry.t0, 0.1):
         moved = gs.consistent(entry.system, q, p, entry.parameters, t=now)
         same = step.consistent(q, p, parameters=entry.parameters, t=now)

@@ -39,8 +39,9 @@ def pendulum():
 def fit_pendulum(data=None, observe=("x", "y"), free=("l", "g", "start"), guess=None, **more):
     step, model, run = pendulum()
     parameters = dict(model.parameters) | (guess or {"l": 0.6, "g": 8.0})
-    return gs.fit(step, run.t, run.q if data is None else data, observe=observe, free=free,
-                  parameters=parameters, **{"q": [0.6, 0.01], "p": [0.02, 0.1], "dt": 0.01} | more)
+    begin = more.pop("start", gs.Start([0.6, 0.01], [0.02, 0.1]))
+    return gs.fit(step, begin, run.t, run.q if data is None else data, observe=observe, free=free,
+                  parameters=parameters, **{"dt": 0.01} | more)
 
 
 # ---------------------------------------------------------------- what made the data
@@ -102,7 +103,7 @@ def test_a_start_alone_and_parameters_alone():
     assert start.q == pytest.approx([0.5, 0.0], abs=1e-9)
     assert start.names == ["start[0]", "start[1]"]
     _, model, _ = pendulum()
-    known = fit_pendulum(free="g", guess={"g": 8.0}, q=model.q0, p=model.p0)
+    known = fit_pendulum(free="g", guess={"g": 8.0}, start=model)
     assert known.names == ["g"]
     assert known.parameters["g"] == pytest.approx(9.81, rel=1e-9)
 
@@ -111,10 +112,10 @@ def test_a_fit_with_inputs():
     """Each step has its own push; without them the rate would be another."""
     step, case = systems.differentiable("pushed_pendulum"), systems.case("pushed_pendulum")
     rows = np.random.default_rng(1).normal(size=(30, 2))
-    run = step.integrate(case.q, case.p, dt=0.02, steps=60, inputs=rows, hold=2,
+    run = step.integrate(case.q, case.p, dt=0.02, steps=60, inputs=gs.Inputs(rows, hold=2),
                          parameters={"k": 2.0})
-    found = gs.fit(step, run.t[4::4], run.q[4::4], observe=("x", "y"), q=case.q, p=case.p,
-                   parameters={"k": 1.7}, free="k", dt=0.02, inputs=rows, hold=2)
+    found = gs.fit(step, gs.Start(case.q, case.p, {"k": 1.7}), run.t[4::4], run.q[4::4],
+                   observe=("x", "y"), free="k", dt=0.02, inputs=gs.Inputs(rows, hold=2))
     assert found.parameters["k"] == pytest.approx(2.0, rel=1e-9)
 
 
@@ -125,19 +126,18 @@ def test_torques_that_are_known_determine_all_moments():
     step = gs.stepper("G-L", 2, system=model)
     inputs = np.random.default_rng(1).normal(size=(40, 3))
     parameters = model.parameters | {"gamma": "m"}
-    arguments = {"dt": 0.5, "inputs": inputs, "hold": 2}
+    arguments = {"dt": 0.5, "inputs": gs.Inputs(inputs, hold=2)}
     run = step.integrate(model.q0, model.p0, steps=80, parameters=parameters, **arguments)
     guess = parameters | {"I1": 9.0, "I2": 12.0, "I3": 4.0, "gamma": 8.0}
     names = ["I1", "I2", "I3", "start"]
-    found = gs.fit(step, run.t[2::2], run.q[2::2], q=model.q0, p=model.p0, parameters=guess,
-                   free=names, **arguments)
+    found = gs.fit(step, model, run.t[2::2], run.q[2::2], parameters=guess, free=names,
+                   **arguments)
     assert not found.undetermined
     assert [found.parameters[x] for x in names[:3]] == pytest.approx(
         [12.0, 10.0, 3.0], rel=1e-4)  # another γ: the truncation of the step
     still = step.integrate(model.q0, model.p0, dt=0.5, steps=80,
                            parameters=parameters | {"u1": 0.0, "u2": 0.0, "u3": 0.0})
-    free = gs.fit(step, still.t[2::2], still.q[2::2], q=model.q0, p=model.p0, parameters=guess,
-                  free=names, dt=0.5)
+    free = gs.fit(step, model, still.t[2::2], still.q[2::2], parameters=guess, free=names, dt=0.5)
     assert [set(one) for one in free.undetermined] == [{*names}]
 
 
@@ -183,8 +183,8 @@ def test_a_damping_that_is_none_is_determined(first):
 
 def test_fewer_residuals_than_unknowns():
     step, model, run = pendulum()
-    found = gs.fit(step, run.t[1:2], run.q[1:2], observe="q", q=model.q0, p=model.p0, dt=0.01,
-                   parameters=model.parameters, free=["l", "g", "start"])
+    found = gs.fit(step, model, run.t[1:2], run.q[1:2], observe="q", dt=0.01,
+                   free=["l", "g", "start"])
     assert len(found.undetermined) == 2
 
 
@@ -284,8 +284,8 @@ WRONG = [
     ({"sigma": [1.0, 1.0, 1.0]}, "2 columns"),
     ({"horizons": [20, 10]}, "increase"),
     ({"horizons": [100]}, "up to 31"),
-    ({"t0": 0.1}, "from t0"),
-    ({"t0": "now"}, "t0"),
+    ({"start": gs.Start([0.6, 0.01], [0.02, 0.1], t=0.1)}, "start"),
+    ({"start": gs.Start([0.6, 0.01], [0.02, 0.1], t="now")}, "'now'"),
     ({"dt": "small"}, "dt"),
     ({"observe": lambda q, p: q}, "returned"),
     ({"observe": lambda q, p: (q, q, q)}, r"\(1, 2, 2\)"),
@@ -315,8 +315,8 @@ def test_data_that_are_no_measurements_are_refused():
 def test_a_first_guess_without_a_motion_fails_as_a_run_does():
     step, model, run = pendulum()
     with pytest.raises(gs.StepFailed):
-        gs.fit(step, run.t[1:] * 100, run.q[1:], observe="q", q=model.q0, p=model.p0, dt=4.0,
-               parameters=model.parameters | {"g": 900.0})
+        gs.fit(step, model, run.t[1:] * 100, run.q[1:], observe="q", dt=4.0,
+               parameters={"g": 900.0})
 
 
 def test_what_is_printed_has_values_and_deviations():

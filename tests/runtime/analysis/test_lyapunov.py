@@ -7,6 +7,7 @@ import pytest
 
 import gyrospark as gs
 import systems
+from calls import by_names
 from chaotic_pendulum import PARAMETERS, pendulum, released
 from gyrospark.runtime.analysis.unitary_frame import (
     UnitaryFrame,
@@ -136,11 +137,15 @@ def test_too_few_decompositions():
     ({"count": 5}, "4"), ({"count": 0}, "count"), ({"every": 0}, "every"), ({"steps": 0}, "steps"),
     ({"covariant": 1}, "covariant"), ({"progress": 3}, "progress"),
     ({"parameters": {"g": 9.81}}, "l"), ({"solver": "python"}, "python"),
-    ({"q": [1, 0, 3, 0]}, "constraints"), ({"stepper": "G-L"}, "stepper"),
+    ({"q": [1, 0, 3, 0]}, "constraints"),
 ])
 def test_bad_input(change, word):
     q, p = released(2, 2)
-    given = {"stepper": pendulum(), "q": q, "p": p, "dt": 0.01, "steps": 100,
-             "parameters": PARAMETERS} | change
+    given = {"q": q, "p": p, "dt": 0.01, "steps": 100, "parameters": PARAMETERS} | change
     with pytest.raises(gs.InputError, match=word):
-        gs.lyapunov(**given)
+        by_names(gs.lyapunov, pendulum(), **given)
+
+
+def test_what_is_no_stepper_is_refused():
+    with pytest.raises(gs.InputError, match="stepper"):
+        gs.lyapunov("G-L", *released(2, 2), dt=0.01, steps=100)

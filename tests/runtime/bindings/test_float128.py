@@ -218,7 +218,7 @@ def test_a_failed_member_is_nan_from_there_on():
     step = stepper("G-L", 2)
     q, p = start(step)
     many = step.integrate_ensemble([q, q], [p, p], dt=[2.0**-6, 900.0], steps=3, parameters=TOP,
-                                   max_iterations=10)
+                                   solver=gs.Solver("auto", max_iterations=10))
     assert list(many.failures) == [1]
     assert all(mp.isnan(x) for x in many.q[1, 1:].flat)
     assert all(mp.isfinite(x) for x in many.q[0].flat)

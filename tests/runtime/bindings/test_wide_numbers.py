@@ -23,7 +23,7 @@ from gyrospark.core.exact_numbers import digits_of, exact
 from gyrospark.core.warnings import capture_warnings
 from gyrospark.runtime.bindings.real_numbers import from_text, rounding
 from processes import cli
-from stores import assert_same
+from stores import assert_same, record
 from strategies import tableau_of
 
 WIDE = ["long-double", "float128"]
@@ -33,7 +33,8 @@ EPS = {"double": Fraction(1, 2**52), "long-double": Fraction(1, 2**63),
 PARAMETERS = {"m": Decimal("0.7"), "c": Fraction(11, 10)}
 T0, DT, STEPS = sp.Rational(1, 3), Fraction(1, 30), 9
 START = [Fraction(1, 5)], [mp.mpf(3) / 16]
-RUN = {"dt": DT, "t0": T0, "parameters": PARAMETERS}
+RUN = {"dt": DT, "parameters": PARAMETERS}
+BEGIN = gs.Start(*START, t=T0)
 
 
 @cache
@@ -66,7 +67,7 @@ def assert_near(found, wanted, real, count=16):
 @pytest.mark.parametrize("real", WIDE)
 @pytest.mark.parametrize("solver", ["auto", "newton", "python"])
 def test_a_run(real, solver):
-    run = pushed(real).integrate(*START, steps=STEPS, solver=solver, **RUN)
+    run = pushed(real).integrate(BEGIN, steps=STEPS, solver=solver, **RUN)
     times = [exact(T0) + k * DT for k in range(STEPS + 1)]
     states = [motion(t) for t in times]
     assert_near(run.t, times, real, 2)
@@ -112,9 +113,9 @@ def test_a_double_stepper_rounds_once():
     with mp.workdps(40):
         exact_numbers = {"k": mp.mpf("1.3"), "c": mp.mpf(1) / 3, "f": Fraction(7, 10),
                          "omega": Decimal("2.1")}
-        run = step.integrate(*START, dt=mp.mpf("0.1"), steps=4, t0=Decimal("0.3"),
+        run = step.integrate(gs.Start(*START, t=Decimal("0.3")), dt=mp.mpf("0.1"), steps=4,
                              parameters=exact_numbers)
-    again = step.integrate([0.2], [0.1875], dt=0.1, steps=4, t0=0.3,
+    again = step.integrate(gs.Start([0.2], [0.1875], t=0.3), dt=0.1, steps=4,
                            parameters={"k": 1.3, "c": 1 / 3, "f": 0.7, "omega": 2.1})
     assert equal(run, again)
     assert (type(run.dt), run.t.dtype) == (float, np.float64)
@@ -130,17 +131,17 @@ def test_an_ensemble(real, solver):
     begin = [Fraction(1, 3), Fraction(0), Fraction(-1, 7)]
     with mp.workdps(40):
         dts = [mp.mpf(x.numerator) / x.denominator for x in steps]
-    many = pushed(real).integrate_ensemble(
-        [START[0]] * 3, [START[1]] * 3, dt=dts, t0=begin, steps=3, solver=solver,
-        parameters={"m": masses, "c": PARAMETERS["c"]})
+    many = pushed(real).integrate_ensemble(gs.Start([START[0]] * 3, [START[1]] * 3, t=begin),
+                                           dt=dts, steps=3, solver=solver,
+                                           parameters={"m": masses, "c": PARAMETERS["c"]})
     for i, (dt, t0, m) in enumerate(zip(steps, begin, map(exact, masses), strict=True)):
         times = [t0 + k * dt for k in range(4)]
         assert_near(many.t[i], times, real, 2)
         assert_near(many.q[i, :, 0], [motion(t, t0, m)[0] for t in times], real, 32)
         assert_near(many.members[i].quantity("age"), times, real, 2)
-    listed = pushed(real).integrate_ensemble(
-        [START[0]] * 3, [START[1]] * 3, dt=dts, t0=begin, steps=3, solver=solver,
-        parameters=[{"m": m, "c": PARAMETERS["c"]} for m in masses])
+    sets = [{"m": m, "c": PARAMETERS["c"]} for m in masses]
+    listed = pushed(real).integrate_ensemble([gs.Start(*START, one, t) for one, t in zip(
+        sets, begin, strict=True)], dt=dts, steps=3, solver=solver)
     assert np.array_equal(listed.q, many.q)
 
 
@@ -151,7 +152,7 @@ def test_a_member_that_fails_has_no_time(real):
     top = {"I1": 0.3, "I2": 0.31, "I3": 0.2, "mgl": 5.0, "gamma": 0.27}
     q, p = step.project([0.5, 0.5, -0.5, 0.5], [0.25, 0.75, 1.5, 0.5], parameters=top)
     many = step.integrate_ensemble([q, q], [p, p], dt=[Fraction(1, 90), 900], steps=2,
-                                   parameters=top, max_iterations=10)
+                                   parameters=top, solver=gs.Solver("auto", max_iterations=10))
     assert list(many.failures) == [1]
     assert type(many.failures[1].t) is float
     assert all(x != x for x in many.t[1, 1:])
@@ -204,7 +205,7 @@ def times(a, b):
 
 @pytest.mark.parametrize("real", WIDE)
 def test_a_file(real, tmp_path):
-    run = pushed(real).integrate(*START, steps=STEPS, **RUN)
+    run = pushed(real).integrate(BEGIN, steps=STEPS, **RUN)
     again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     assert_same(again, run)
     assert type(again.dt) is type(run.dt)
@@ -212,7 +213,7 @@ def test_a_file(real, tmp_path):
 
 
 def test_a_file_from_before_times_had_all_digits(tmp_path):
-    run = pushed("float128").integrate(*START, steps=STEPS, **RUN)
+    run = pushed("float128").integrate(BEGIN, steps=STEPS, **RUN)
     path = run.save(tmp_path / "run.npz")
     with np.load(path) as file:
         content = dict(file) | {"t": run.t.astype(float)}
@@ -226,8 +227,8 @@ def test_a_file_from_before_times_had_all_digits(tmp_path):
 @pytest.mark.parametrize("real", WIDE)
 def test_a_store(real, tmp_path):
     step, out = pushed(real), tmp_path / "run.zarr"
-    recording = gs.record(step, *START, steps=STEPS, out=out, **RUN)
-    run = step.integrate(*START, steps=STEPS, **RUN)
+    recording = record(step, BEGIN, steps=STEPS, out=out, **RUN)
+    run = step.integrate(BEGIN, steps=STEPS, **RUN)
     assert_same(recording.trajectory(), run)
     said = recording.attributes["run"]
     assert (said["dt"], said["t0"]) == (digits_of(run.dt), digits_of(run.t[0]))
@@ -236,7 +237,7 @@ def test_a_store(real, tmp_path):
     with_xarray = recording.dataset
     assert np.array_equal(with_xarray.time, run.t.astype(float))
     assert with_xarray.time_bytes.shape == (STEPS + 1, 16)
-    again = gs.record(step, *START, steps=STEPS, out=out, resume=True, **RUN)
+    again = record(step, BEGIN, steps=STEPS, out=out, resume=True, **RUN)
     assert again.status == "complete"
 
 
@@ -246,10 +247,10 @@ def test_a_store(real, tmp_path):
     ("p", [exact(START[1][0]) + Fraction(1, 10**30)])])
 def test_a_run_that_differs_in_the_thirtieth_digit_is_another(name, value, tmp_path):
     step, out = pushed("float128"), tmp_path / "run.zarr"
-    run = {"q": START[0], "p": START[1], "steps": 2, **RUN}
-    gs.record(step, out=out, **run)
+    run = {"q": START[0], "p": START[1], "t0": T0, "steps": 2, **RUN}
+    record(step, out=out, **run)
     with pytest.raises(gs.InputError, match="another run") as caught:
-        gs.record(step, out=out, resume=True, **run | {name: value})
+        record(step, out=out, resume=True, **run | {name: value})
     assert f"{name}" in str(caught.value)
     assert str(caught.value).count("; ") == 0  # nothing else differs
 
@@ -260,7 +261,7 @@ def test_a_run_that_failed_is_kept_with_its_digits(tmp_path):
            "gamma": Fraction(27, 100)}
     q, p = step.project([0.5, 0.5, -0.5, 0.5], [0.25, 0.75, 1.5, 0.5], parameters=top)
     with pytest.raises(gs.StepFailed):
-        gs.record(step, q, p, dt=Fraction(2, 3), steps=9, parameters=top, out=tmp_path / "x.zarr")
+        record(step, q, p, dt=Fraction(2, 3), steps=9, parameters=top, out=tmp_path / "x.zarr")
     failure = gs.open_recording(tmp_path / "x.zarr").failure()
     run = failure.trajectory
     assert run.dt == rounding("float128")(Fraction(2, 3))

@@ -39,8 +39,8 @@ def test_tangents_are_the_limits_of_differences(name, scheme):
     step = stepper_for(name, scheme, "float128")
     case, (q, p) = case_of(name), start_of(name, step)
     every = directions(name)
-    found = step.integrate(
-        q, p, dt=case.dt, steps=1, parameters=case.parameters, t0=case.t0, tangents=gs.Tangents(
+    found = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt, steps=1,
+                           parameters=case.parameters, tangents=gs.Tangents(
             "all", [*case.parameters], dt=True, t0="t0" in every[-1],
             multipliers=step.m > 0)).tangents
     rows, start = found.together()[-1], 2 * (step.n - step.m)

@@ -12,6 +12,7 @@ import sympy as sp
 import gyrospark as gs
 import systems
 from gyrospark.generator.schemes import derivative_kernels
+from stores import record
 
 DT, T0 = 0.02, 0.3
 VALUES = systems.case("driven_pendulum").parameters
@@ -44,7 +45,8 @@ def start():
 def integrated(step, z, values=(), dt=DT, t0=T0, steps=60, **options):
     parameters = VALUES | dict(zip(NAMES, values, strict=False))
     at = step.consistent(z[:2], z[2:], parameters=parameters, t=t0)
-    return step.integrate(at.q, at.p, dt=dt, steps=steps, t0=t0, parameters=parameters, **options)
+    return step.integrate(gs.Start(at.q, at.p, t=t0), dt=dt, steps=steps, parameters=parameters,
+                          **options)
 
 
 def numbers(run):
@@ -103,7 +105,7 @@ def test_events_of_a_scheme_that_does_not_keep_the_momentum_constraint():
     step, z = systems.differentiable("driven_pendulum", "EMS"), start()
 
     def run_of(mass, push, dt, **options):
-        return step.integrate(z[:2], z[2:], dt=dt, steps=60, t0=T0, **ASKED["terminal"],
+        return step.integrate(gs.Start(z[:2], z[2:], t=T0), dt=dt, steps=60, **ASKED["terminal"],
                               parameters=VALUES | {"m": mass, "push": push}, **options)
 
     point = np.array([VALUES["m"], VALUES["push"], DT])
@@ -138,8 +140,8 @@ def test_inputs_of_the_step_that_an_event_ends_have_a_gradient():
     inputs = np.linspace(-1, 1, 20)[:, None]
 
     def run_of(inputs):
-        return step.integrate(z[:2], z[2:], dt=DT, steps=60, hold=3, inputs=inputs, t0=T0,
-                              parameters=values,
+        return step.integrate(gs.Start(z[:2], z[2:], t=T0), dt=DT, steps=60,
+                              inputs=gs.Inputs(inputs, hold=3), parameters=values,
                               events=gs.Event("x", level=-0.2, terminal=True))
 
     run = run_of(inputs)
@@ -239,14 +241,14 @@ def test_members_of_an_ensemble_have_the_derivatives_of_each_alone():
     """Bit by bit in ends of steps; events have round-off of their times. One that fails has none.
     """
     step, z, forces = stepper(), start(), np.array([0.1, 1e300, -0.2, 0.3])[:, None]
-    arguments = {"dt": DT, "steps": 40, "t0": T0, "events": EVENTS, "parameters": VALUES,
+    arguments = {"dt": DT, "steps": 40, "events": EVENTS, "parameters": VALUES,
                  "tangents": gs.Tangents("all", ["l"], dt=True, multipliers=True)}
-    many = step.integrate_ensemble(np.tile(z[:2], (4, 1)), np.tile(z[2:], (4, 1)), **arguments,
-                                   workers=2, inputs={"push": forces})
+    begin = gs.Start(z[:2], z[2:], t=T0)
+    many = step.integrate_ensemble([begin] * 4, **arguments, workers=2, inputs={"push": forces})
     assert [one is None for one in many.tangents] == [False, True, False, False]
     for i in (0, 2, 3):
         member = many.members[i]
-        alone = step.integrate(z[:2], z[2:], **arguments, inputs={"push": forces[i, 0]})
+        alone = step.integrate(begin, **arguments, inputs={"push": forces[i, 0]})
         for name in ("q", "p", "t"):
             assert (getattr(member.tangents, name) == getattr(alone.tangents, name)).all()
         assert np.abs(derivatives(member) - derivatives(alone)).max() < 1e-11
@@ -275,7 +277,7 @@ def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
     expected = run.gradient({"q": weights}, wrt=wrt).vector()
     loaded = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     assert (step.gradient(loaded, {"q": weights}, wrt=wrt).vector() == expected).all()
-    recording = gs.record(step, run.q[0], run.p[0], dt=DT, t0=T0, steps=50, every=5,
+    recording = record(step, gs.Start(run.q[0], run.p[0], t=T0), dt=DT, steps=50, every=5,
                           parameters=VALUES, out=tmp_path / "run.zarr")
     stored = recording.trajectory()
     assert (step.gradient(stored, {"q": weights}, wrt=wrt).vector() == expected).all()
@@ -295,7 +297,8 @@ def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
 def test_stored_runs_that_lack_what_gradients_need_are_refused(options, tmp_path):
     """Rows at other times, terminal events, inputs that change: files do not have them."""
     step, z = stepper(), start()
-    run = step.integrate(z[:2], z[2:], dt=DT, steps=60, t0=T0, parameters=VALUES, **options)
+    run = step.integrate(gs.Start(z[:2], z[2:], t=T0), dt=DT, steps=60, parameters=VALUES,
+                         **options)
     loaded = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(gs.InputError, match=r"not kept|not know"):
         step.gradient(loaded, {"q": [1.0, 0.0]})

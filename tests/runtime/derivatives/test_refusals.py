@@ -116,7 +116,7 @@ def test_memory_that_is_asked_for_suffices(top, run):
     assert np.isfinite(top.gradient(run, {"q": TOP.q0}, memory=f"{needed} B").vector()).all()
 
 
-@pytest.mark.parametrize("more", [{"tolerance": 1e-6}, {"solver": "python"}],
+@pytest.mark.parametrize("more", [{"solver": gs.Solver(tolerance=1e-6)}, {"solver": "python"}],
                          ids=["tolerance", "python"])
 def test_steps_whose_equations_do_not_hold(top, more):
     with pytest.raises(gs.InputError):
@@ -126,7 +126,8 @@ def test_steps_whose_equations_do_not_hold(top, more):
 def test_steps_that_fail(top):
     """As the run fails: there is no partial derivative."""
     with pytest.raises(gs.StepFailed):
-        top.integrate(TOP.q0, TOP.p0, **START, steps=20, max_iterations=2, tangents=gs.Tangents())
+        top.integrate(TOP.q0, TOP.p0, **START, steps=20,
+                      solver=gs.Solver("auto", max_iterations=2), tangents=gs.Tangents())
     for call in (top.vjp, lambda *z, **given: top.jvp(*z, ALONG, ZERO, **given)):
         with pytest.raises(gs.StepFailed):
             call(TOP.q0, TOP.p0, dt=5.0, parameters=PARAMETERS)

@@ -15,6 +15,7 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
+from calls import integrate
 from derivative_cases import case_of, difference, label, start_of, stepper_for
 from gyrospark.core.errors import InputError
 from gyrospark.runtime.derivatives.tangent_space import TangentSpace
@@ -47,7 +48,7 @@ def run_of(name, step, **moved):
     given |= moved
     if given["q"] is None:
         given["q"], given["p"] = start_of(name, step)
-    return step.integrate(steps=STEPS, every=2, **given)
+    return integrate(step, steps=STEPS, every=2, **given)
 
 
 @cache
@@ -154,7 +155,7 @@ def test_a_function_of_python_gives_the_slopes_of_its_cotangents():
     name = "driven_pendulum"
     step, case = stepper_for(name, ("G-L", 2)), case_of(name)
     q, p = start_of(name, step)
-    run = step.integrate(q, p, dt=case.dt, steps=700, every=700, t0=case.t0,
+    run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt, steps=700, every=700,
                          parameters=case.parameters)
     target = np.array([0.3, 0.1])
     last = {"q": 2 * (run.q[-1] - target)}
@@ -176,7 +177,7 @@ def test_the_last_state_counts_if_it_is_stored_beside_the_others():
     q, p = start_of(name, step)
     found = []
     for every in (1, 4, 20):
-        run = step.integrate(q, p, dt=case.dt, steps=10, every=every, t0=case.t0,
+        run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt, steps=10, every=every,
                              parameters=case.parameters)
         weight = 12 * run.q[-1] ** 2
         found.append(step.hessian(

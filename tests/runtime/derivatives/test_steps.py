@@ -55,8 +55,8 @@ def test_a_loss_may_be_an_expression():
     def value(**changes):
         here = VALUES | {k: e for k, e in changes.items() if k != "dt"}
         moved = step.consistent(start.q, start.p, parameters=here, t=0.3)
-        run = step.integrate(moved.q, moved.p, dt=changes.get("dt", 0.02), steps=12, every=5,
-                             t0=0.3, parameters=here)
+        run = step.integrate(gs.Start(moved.q, moved.p, t=0.3), dt=changes.get("dt", 0.02),
+                             steps=12, every=5, parameters=here)
         return run.gradient(loss=loss, wrt=["m", "c", "dt"])
 
     gradient = value()
@@ -64,7 +64,7 @@ def test_a_loss_may_be_an_expression():
         low, high = (value(**{name: size * (1 + s * 1e-5)}).value for s in (-1, 1))
         assert gradient[name] == pytest.approx((high - low) / (2e-5 * size), rel=1e-7)
     with pytest.raises(gs.InputError):
-        step.integrate(start.q, start.p, dt=0.02, steps=2, t0=0.3, parameters=VALUES).gradient(
+        step.integrate(gs.Start(start.q, start.p, VALUES, 0.3), dt=0.02, steps=2).gradient(
             loss=sp.Symbol("z"))
 
 
@@ -97,8 +97,8 @@ def test_a_loss_may_have_reactions():
 def test_a_file_keeps_tangents(tmp_path, real):
     step, case = systems.differentiable("driven_pendulum", real=real), systems.case(
         "driven_pendulum")
-    run = step.integrate(*systems.start("driven_pendulum", step), dt=case.dt, steps=3, t0=case.t0,
-                         parameters=case.parameters,
+    run = step.integrate(gs.Start(*systems.start("driven_pendulum", step), t=case.t0), dt=case.dt,
+                         steps=3, parameters=case.parameters,
                          tangents=gs.Tangents("all", ["m"], multipliers=True))
     read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).tangents
     assert read.names == run.tangents.names
@@ -163,8 +163,9 @@ def test_inputs_and_moving_constraints():
 
     start = step.consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=0.3)
     wrt = ["start", "inputs", "l", "m", "dt"]
-    f = step.value_and_gradient(loss, start.q, start.p, wrt=wrt, parameters=values, dt=0.02,
-                                steps=10, inputs=inputs, hold=2, t0=0.3)
+    f = step.value_and_gradient(loss, gs.Start(start.q, start.p, t=0.3), wrt=wrt,
+                                parameters=values, dt=0.02, steps=10,
+                                inputs=gs.Inputs(inputs, hold=2))
     at = np.concatenate([[0.0, 0.0], inputs[:, 0], [values["l"], values["m"], 0.02]])
     _, gradient = f(at)
     for i, size in enumerate([1, 1, 1, 1, 1, 1, 1, 1, 1, 0.02]):

@@ -30,7 +30,8 @@ def changes(values):
 
 def test_forces_that_jump_are_warned_of(step):
     with pytest.warns(gs.errors.InputWarning, match="steps"):
-        run = step.integrate([1.0], [0.02], t0=2.0, **RUN, tangents=gs.Tangents(None, ["c"]))
+        run = step.integrate(gs.Start([1.0], [0.02], t=2.0), **RUN,
+                             tangents=gs.Tangents(None, ["c"]))
     crossed = changes(run.q[:, 0])
     assert run.tangents.switched_steps == crossed > 0
     for memory in ("256 MB", "80 kB"):
@@ -41,7 +42,7 @@ def test_forces_that_jump_are_warned_of(step):
 @pytest.mark.parametrize(("t0", "count"), [(0.7, 1), (2.0, 0)])
 def test_switches_of_the_time_are_counted(step, t0, count):
     """Without one there is no warning."""
-    run = step.integrate([1.0], [0.0], **RUN | {"steps": 20}, t0=t0)
+    run = step.integrate(gs.Start([1.0], [0.0], t=t0), **RUN | {"steps": 20})
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         assert run.gradient({"q": [1.0]}).switched_steps == count

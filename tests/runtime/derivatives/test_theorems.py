@@ -42,7 +42,7 @@ def space_at(step, name, q, p, t):
 def ends_of(name, step, dt=None):
     """Return start and end of a step, as q and p each."""
     case, (q, p) = case_of(name), start_of(name, step)
-    run = step.integrate(q, p, dt=case.dt if dt is None else dt, steps=1, t0=case.t0,
+    run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt if dt is None else dt, steps=1,
                          parameters=case.parameters)
     return (q, p), (run.q[-1], run.p[-1])
 
@@ -61,16 +61,16 @@ def test_cotangents_are_transposed(name, scheme):
     """⟨w, Φ'v⟩ = ⟨Φ'ᵀw, v⟩ along start, parameters, inputs, dt and t0."""
     step, case = stepper_for(name, scheme), case_of(name)
     (q, p), rng = start_of(name, step), np.random.default_rng(3)
-    run = {"dt": case.dt, "parameters": case.parameters, "t0": case.t0}
+    begin, run = gs.Start(q, p, case.parameters, case.t0), {"dt": case.dt}
     names = [*case.parameters, "dt", "t0"]
-    _, _, back = step.vjp(q, p, **run)
+    _, _, back = step.vjp(begin, **run)
     for _ in range(4):
         w = rng.normal(size=(2, step.n))
         gradient = back(*w)
         y = rng.normal(size=gradient.basis.shape[1])
         v = gradient.basis @ y
         d = dict(zip(names, rng.normal(size=len(names)), strict=True))
-        *_, dq, dp = step.jvp(q, p, v[: step.n], v[step.n :], d=d, **run)
+        *_, dq, dp = step.jvp(begin, v[: step.n], v[step.n :], d=d, **run)
         terms = [*(w[0] * dq), *(w[1] * dp)]
         pulled = [*(gradient.start * y), *(gradient[k] * x for k, x in d.items())]
         size = np.abs(terms).sum() + np.abs(pulled).sum()
@@ -82,7 +82,7 @@ def test_cotangents_are_transposed_over_two_thousand_steps():
     name, labels = "driven_pendulum", ["m", "l", "push"]
     step, case = stepper_for(name, ("G-L", 2)), case_of(name)
     (q, p), rng = start_of(name, step), np.random.default_rng(4)
-    run = step.integrate(q, p, dt=case.dt / 10, steps=2000, every=100, t0=case.t0,
+    run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt / 10, steps=2000, every=100,
                          parameters=case.parameters,
                          tangents=gs.Tangents(start="all", parameters=labels, dt=True, t0=True))
     w = {"q": rng.normal(size=run.q.shape), "p": rng.normal(size=run.p.shape)}
@@ -116,7 +116,8 @@ def test_momenta_along_the_constraints_are_absorbed(name, scheme):
     """Φ'(0, G₀ᵀ) = 0 of SPARK steps: the first multiplier takes them up."""
     step, case = stepper_for(name, scheme), case_of(name)
     (q, p), binding = start_of(name, step), stepper_for(name, scheme).derivative_binding()
-    kept, space = step._kept_step(step._single(q, p, case.dt, case.parameters, case.t0, None))
+    kept, space = step._kept_step(step._single(
+        gs.Start(q, p, case.parameters, case.t0), None, case.dt, None, None))
     dz = np.zeros((binding.rows, step.m + 1))
     dz[step.n : 2 * step.n, : step.m] = space.g[:, : step.n].T
     dz[step.n : 2 * step.n, step.m] = np.arange(step.n) + 1.0  # any other momentum moves the end
@@ -139,12 +140,13 @@ def test_the_adjoint_is_the_tangent_of_the_step_back(name, scheme):
     step, case = stepper_for(name, scheme), case_of(name)
     (q0, p0), (q1, p1) = ends_of(name, step)
     run, n, form = {"parameters": case.parameters}, step.n, omega(step.n)
-    _, _, back = step.vjp(q0, p0, dt=case.dt, t0=case.t0, **run)
+    _, _, back = step.vjp(gs.Start(q0, p0, t=case.t0), dt=case.dt, **run)
     B1 = space_at(step, name, q1, p1, case.t0 + case.dt).basis()
     for u in B1.T:
         w = form @ u
         gradient = back(w[:n], w[n:])
-        *_, uq, up = step.jvp(q1, p1, u[:n], u[n:], dt=-case.dt, t0=case.t0 + case.dt, **run)
+        *_, uq, up = step.jvp(gs.Start(q1, p1, t=case.t0 + case.dt), u[:n], u[n:], dt=-case.dt,
+                              **run)
         expected = gradient.basis.T @ form @ np.concatenate([uq, up])
         assert np.abs(gradient.start - expected).max() <= 1e-14 * max(1, np.abs(expected).max())
 

@@ -55,9 +55,8 @@ def test_random_starts_on_the_level(real: str, level: float, dt: float, count: i
 def quadratic(first: float, second: float, ahead: int = 1):
     """A run of z = (t − first)(t − second) in steps of 1/4, which are exact, and its events."""
     start, end = (0.0, 2.0)[::ahead]
-    found = ball().integrate(
-        [(start - first) * (start - second)], [2 * start - first - second], dt=ahead / 4, steps=8,
-        t0=start, parameters={"a": -2.0}, events=[
+    begin = gs.Start([(start - first) * (start - second)], [2 * start - first - second], t=start)
+    found = ball().integrate(begin, dt=ahead / 4, steps=8, parameters={"a": -2.0}, events=[
             gs.Event("z"), gs.Event("z", direction=1, name="rising"),
             gs.Event("z", direction=-1, name="falling")])
     assert found.t[-1] == end
@@ -98,7 +97,7 @@ def test_a_ball_bounces_from_the_states_of_its_events(direction: int, t0: float)
     event = gs.Event("z", direction=direction, terminal=True)
     t, z, u = t0, 0.0, 1.0
     for bounce in range(12):
-        run = ball().integrate([z], [u], dt=0.05, steps=40, t0=t, parameters={"a": 10.0},
+        run = ball().integrate(gs.Start([z], [u], t=t), dt=0.05, steps=40, parameters={"a": 10.0},
                                events=event)
         assert run.t[-1] - t == pytest.approx(2 * u / 10, rel=1e-12), bounce
         t, z, u = float(run.t[-1]), float(run.q[-1, 0]), -0.7 * float(run.p[-1, 0])
@@ -110,8 +109,8 @@ def test_an_event_is_not_found_again_from_its_own_state() -> None:
     for u in np.linspace(2.5, 9.0, 15):
         run = {"dt": 0.05, "steps": 40, "parameters": {"a": 10.0}, "events": event}
         first = ball().integrate([0.0], [u], **run)
-        second = ball().integrate(first.q[-1], first.p[-1], t0=first.t[-1], **run)
-        third = ball().integrate(second.q[-1], second.p[-1], t0=second.t[-1], **run)
+        second = ball().integrate(gs.Start(first.q[-1], first.p[-1], t=first.t[-1]), **run)
+        third = ball().integrate(gs.Start(second.q[-1], second.p[-1], t=second.t[-1]), **run)
         assert bool(first.events["z"].rising[0])
         assert not second.events["z"].rising[0]
         assert second.t[-1] == pytest.approx((u + np.sqrt(u * u - 6)) / 10, rel=1e-13)

@@ -11,6 +11,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from calls import integrate
 from event_runs import assert_same_events, in_pieces, pendulum, start
 from stores import recorded, small_blocks
 
@@ -123,7 +124,7 @@ def test_a_stored_run_has_them(terminal: bool, tmp_path, monkeypatch) -> None:
     for phase, depth in zip(*starts(1, seed=3), strict=True):
         run = {"q": [np.sin(phase)], "p": [np.cos(phase)], "dt": 1.1, "steps": 20, "every": 3,
                "parameters": {"e": depth}, "events": events}
-        whole = step.integrate(**run)
+        whole = integrate(step, **run)
         with monkeypatch.context() as patch:
             patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK_WITH_EVENTS", 5)
             small_blocks(patch, 4, 0.0)

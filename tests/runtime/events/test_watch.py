@@ -151,8 +151,8 @@ def test_of_two_ends_in_one_step_the_first_is_the_end(t0: float, dt: float) -> N
     events = [gs.Event("side", level=0.02, terminal=True, name="late"),
               gs.Event("side", level=0.1, terminal=True, name="early")]
     for order in (events, events[::-1]):
-        run = pendulum().integrate(*start(), dt=dt, steps=20, t0=t0, parameters={"g": 1.0},
-                                   events=order)
+        run = pendulum().integrate(gs.Start(*start(), t=t0), dt=dt, steps=20,
+                                   parameters={"g": 1.0}, events=order)
         assert len(run.events["late"]) == 0
         assert run.t[-1] == run.events["early"].t[0]
         assert abs(run.q[-1, 0] - 0.1) < 1e-12

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from calls import PARAMETERS, RUN, TOP
+from calls import RUN, TOP, integrate
 from command_line import RUN as COMMAND
 from gyrospark.core.interrupts import catch_ctrl_c, catch_signals
 from gyrospark.runtime.integration import step_loop
@@ -43,29 +43,29 @@ def test_run_comes_with_what_it_has(solver, every, gl3):
     """As a KeyboardInterrupt, the caller's handler back in place."""
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match=r"step [0-9]+ of 400\.") as error:
-        gl3.integrate(**START, steps=400, every=every, solver=solver, progress=at(50))
+        integrate(gl3, **START, steps=400, every=every, solver=solver, progress=at(50))
     assert isinstance(error.value, gs.errors.Stopped)
     assert error.value.signal == signal.SIGINT
     part = error.value.trajectory
     assert 50 <= part.report.steps < 400
     assert len(part) == part.report.steps // every + 1
-    assert_same_states(part, gl3.integrate(**START, steps=400, every=every, solver=solver))
-    assert part.report.q == gl3.integrate(**START, steps=part.report.steps, solver=solver).report.q
+    assert_same_states(part, integrate(gl3, **START, steps=400, every=every, solver=solver))
+    assert part.report.q == integrate(gl3, **START, steps=part.report.steps, solver=solver).report.q
     assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_run_that_is_over_is_reported_too(gl3):
     """A loop over short runs can be ended, and the last one is whole."""
     with pytest.raises(gs.errors.Stopped, match=r"last .*20 .*complete") as error:
-        gl3.integrate(**START, steps=20, progress=at(20))
-    assert_same(error.value.trajectory, gl3.integrate(**START, steps=20))
+        integrate(gl3, **START, steps=20, progress=at(20))
+    assert_same(error.value.trajectory, integrate(gl3, **START, steps=20))
 
 
 def test_choice_of_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
     monkeypatch.setattr(step_loop, "advance",
                         lambda *arguments: (interrupt(), 0)[1])  # of the first pilot
     with pytest.raises(gs.errors.Stopped, match=r"first step.*γ") as error:
-        gl3.integrate(**START | {"parameters": TOP.parameters | {"gamma": "auto"}}, steps=20)
+        integrate(gl3, **START | {"parameters": TOP.parameters | {"gamma": "auto"}}, steps=20)
     assert error.value.trajectory is None
 
 
@@ -73,7 +73,7 @@ def test_own_handler_is_left_alone(gl3):
     heard = []
     before = signal.signal(signal.SIGINT, lambda *arguments: heard.append(arguments))
     try:
-        found = gl3.integrate(**START, steps=100, progress=at(50))
+        found = integrate(gl3, **START, steps=100, progress=at(50))
     finally:
         signal.signal(signal.SIGINT, before)
     assert found.report.steps == 100
@@ -98,7 +98,7 @@ def test_threads_hear_nothing(gl3):
     """Signals are the main thread's: a run in another one goes on."""
     seen = []
     thread = threading.Thread(target=lambda: seen.append(
-        gl3.integrate(**START, steps=8000, every=8000)))
+        integrate(gl3, **START, steps=8000, every=8000)))
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012 (raised wherever the main thread is)
         thread.start()
         interrupt()
@@ -212,7 +212,7 @@ def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
     assert said["out"] == name
     assert stderr.count("\n") == 1
     assert f"step {steps:,} of 90,000,000" in stderr
-    exact = gl3.integrate(**START, steps=steps, every=1000).q[: steps // 1000 + 1]
+    exact = integrate(gl3, **START, steps=steps, every=1000).q[: steps // 1000 + 1]
     if name.endswith(".npz"):
         assert f"in '{name}'" in stderr
         assert [path.name for path in tmp_path.iterdir()] == [name]
@@ -275,7 +275,6 @@ def test_error_of_ours_says_where_the_states_are(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Recording, "export", lambda *arguments, **columns: {}["time"])
     with pytest.raises(KeyError) as error:
-        integrate_to(gs.stepper("EMS"), tmp_path / "x.csv",
-                     {**RUN, "q": TOP.q0, "p": TOP.p0, "steps": 3, "parameters": PARAMETERS},
+        integrate_to(gs.stepper("EMS"), TOP.start, tmp_path / "x.csv", {**RUN, "steps": 3},
                      resume=False, seed=None, progress=None, angles=Angles())
     assert "gyrospark export" in error.value.__notes__[0]

@@ -22,7 +22,8 @@ EVENTS = [gs.Event("side"), gs.Event("height", level=-1 + 1e-3),
 
 
 def run_from(t0: float, **more):
-    return pendulum().integrate(*start(), dt=0.05, steps=2000, parameters={"g": 1.0}, t0=t0, **more)
+    return pendulum().integrate(gs.Start(*start(), t=t0), dt=0.05, steps=2000,
+                                parameters={"g": 1.0}, **more)
 
 
 @pytest.mark.parametrize("t0", LATE)
@@ -76,9 +77,10 @@ def test_a_late_start_of_a_driven_system_is_warned_of(t0: float, steps: int, sai
         warnings.simplefilter("always")
         warn_of_late_start(step.binding, t0, 0.01, steps)
         if steps < 10**6:
-            step.integrate_ensemble([case.q] * 2, [case.p] * 2, dt=0.01, steps=steps,
-                                    parameters=case.parameters, t0=t0)
-            step.integrate(case.q, case.p, dt=0.01, steps=steps, parameters=case.parameters, t0=t0)
+            step.integrate_ensemble(gs.Start([case.q] * 2, [case.p] * 2, t=t0), dt=0.01,
+                                    steps=steps, parameters=case.parameters)
+            step.integrate(gs.Start(case.q, case.p, t=t0), dt=0.01, steps=steps,
+                           parameters=case.parameters)
     assert [bool(re.search(r"rounds times to 2e-05 of a step", str(one.message)))
             for one in caught] == [True] * 3 * said
 
@@ -88,7 +90,7 @@ def test_a_late_start_of_a_driven_system_is_warned_of(t0: float, steps: int, sai
 def test_a_driven_run_is_as_exact_from_a_late_start(t0: float) -> None:
     """x'' = −k x − c x' + f cos(ω(t0 + τ)) in closed form, the phase with 50 digits."""
     step, case = systems.stepper("driven_oscillator", stages=5), systems.case("driven_oscillator")
-    run = step.integrate(case.q, case.p, dt=0.05, steps=200, every=20, t0=t0,
+    run = step.integrate(gs.Start(case.q, case.p, t=t0), dt=0.05, steps=200, every=20,
                          parameters=case.parameters)
     with mpmath.workdps(50):
         k, c, f, omega = (mpmath.mpf(case.parameters[name]) for name in ("k", "c", "f", "omega"))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 import input_systems
-from calls import PARAMETERS, RUN, TOP, equal
+from calls import PARAMETERS, RUN, TOP, by_names, equal
 from gyrospark.core.exact_numbers import as_double
 from gyrospark.runtime.compilation.body_columns import BodyAt
 from gyrospark.runtime.integration import lanes, run_arguments
@@ -146,7 +146,8 @@ def test_many_batches_in_one_call_have_the_bits_of_single_ones(make, arguments, 
         monkeypatch.setattr(binding, "integrate_lanes", counted)
         for together in (16, 1):
             monkeypatch.setattr(lanes, "_TOGETHER", together)
-            found.append(step.integrate_ensemble(steps=6, every=every, **given))
+            found.append(by_names(
+                step.integrate_ensemble, steps=6, every=every, **given))
         size = step.binding.lanes
         assert [max(sizes[:1]), sizes[-1]] == [size if every == 4 else 61, 61 % size]
         for name in ARRAYS:
@@ -160,7 +161,8 @@ def test_a_trajectory_that_fails_is_found_within_many_batches(gl3) -> None:
     dt[45] = 0.5
     with pytest.warns(gs.errors.InputWarning, match="rotation"):
         found = gl3.integrate_ensemble([TOP.q0] * 60, [TOP.p0] * 60, dt=dt, steps=1,
-                                       parameters=PARAMETERS, max_iterations=10)
+                                       parameters=PARAMETERS,
+                                       solver=gs.Solver("auto", max_iterations=10))
     assert list(found.failures) == [45]
     assert np.isnan(found.q[45, 1]).all()
     assert np.isfinite(np.delete(found.q, 45, axis=0)).all()

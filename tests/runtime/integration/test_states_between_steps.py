@@ -76,8 +76,8 @@ def test_order_and_direction_of_times_do_not_matter() -> None:
     sorted_ = run.at(TIMES[order])
     assert np.abs(found.q[order] - sorted_.q).max() < 16 * EPS["double"]
     assert np.array_equal(found.t, TIMES)
-    back = step.integrate(run.q[-1], run.p[-1], dt=-1e-2, steps=103, every=4, t0=run.t[-1],
-                          parameters=parameters)
+    back = step.integrate(gs.Start(run.q[-1], run.p[-1], t=run.t[-1]), dt=-1e-2, steps=103,
+                          every=4, parameters=parameters)
     # each is as near to the motion as the scheme is: O(Δt^6) there and back
     assert np.abs(back.at(TIMES).q - found.q).max() < 1e-5
     alone = run.at(float(TIMES[3]))
@@ -139,7 +139,8 @@ def test_a_run_for_times_that_fails_keeps_what_it_has() -> None:
     step, q0, p0, parameters = fast_top()
     run = {"dt": 1e-2, "steps": 50, "parameters": parameters}
     with pytest.raises(gs.StepFailed) as failed:
-        step.integrate(q0, p0, **run, t_eval=[0.105, 0.35], max_iterations=1, solver="newton")
+        step.integrate(q0, p0, **run, t_eval=[0.105, 0.35],
+                       solver=gs.Solver("newton", max_iterations=1))
     assert len(failed.value.trajectory) >= 1
     with pytest.raises(gs.InputError, match=r"every = 3.*t_eval"):
         step.integrate(q0, p0, **run, every=3, t_eval=[0.1])

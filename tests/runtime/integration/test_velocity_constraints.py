@@ -25,6 +25,7 @@ from rolling_systems import (
     stepper_of,
     transmission,
 )
+from stores import record
 from work_memory import integers_of
 
 #: Rows A H_p + a and g after a step.
@@ -102,7 +103,7 @@ def test_a_resumed_store_has_the_reactions(tmp_path):
     """Its last block is read again: multipliers of g and of the rows, side by side."""
     step, whole = stepper_of(skate_chain, 2), skates(20, every=2)
     for steps in (7, 20):
-        stored = gs.record(step, *SKATE_CHAIN_START, dt=0.02, steps=steps, every=2, resume=True,
+        stored = record(step, *SKATE_CHAIN_START, dt=0.02, steps=steps, every=2, resume=True,
                            parameters=SKATE_CHAIN, out=tmp_path / "run.zarr").trajectory()
     assert (stored.multipliers == whole.multipliers).all()
     assert (stored.reactions == whole.reactions).all()

@@ -27,9 +27,9 @@ def ensemble(real="double", **more):
 def failing():
     """The second of three fails in its first step."""
     q0, p0 = start()
-    return pendulum().integrate_ensemble(
-        [q0] * 3, [p0] * 3, dt=[0.05, 20.0, 0.05], steps=20, every=3, parameters={"g": LENGTHS},
-        solver="fixed-point", max_iterations=20)
+    return pendulum().integrate_ensemble([q0] * 3, [p0] * 3, dt=[0.05, 20.0, 0.05], steps=20,
+                                         every=3, parameters={"g": LENGTHS},
+                                         solver=gs.Solver("fixed-point", max_iterations=20))
 
 
 def test_a_dataset_has_what_the_members_have() -> None:

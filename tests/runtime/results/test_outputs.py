@@ -14,6 +14,7 @@ from calls import PARAMETERS, RUN, TOP, equal, refused
 from gyrospark.runtime.results.run_arrays import OUTPUTS, parts
 from gyrospark.runtime.results.state_columns import states_of
 from gyrospark.storage.array_layout import fields_of
+from stores import record
 
 
 def test_a_trajectory_has_a_field_for_each():
@@ -43,7 +44,7 @@ def test_a_file_without_an_output_is_refused(gl3, tmp_path):
 
 def test_a_store_without_an_output_is_read_and_not_resumed(gl3, tmp_path):
     """Of a version that had not got it; what it has can be read, but not gone on with."""
-    whole = gs.record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=4, **RUN)
+    whole = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=4, **RUN)
     assert equal(whole.trajectory(), gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN))
     shutil.rmtree(tmp_path / "run.zarr" / "f_error")
     group = zarr.open_group(tmp_path / "run.zarr", mode="r+", use_consolidated=False)
@@ -52,5 +53,5 @@ def test_a_store_without_an_output_is_read_and_not_resumed(gl3, tmp_path):
     with refused("gyrospark.*f_error"):
         found.trajectory()
     with pytest.raises(gs.InputError, match="array 'f_error'"):
-        gs.record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=8, dt=RUN["dt"],
+        record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=8, dt=RUN["dt"],
                   parameters=PARAMETERS, resume=True)

@@ -11,6 +11,7 @@ import pytest
 import gyrospark as gs
 import systems
 from calls import RUN, TOP
+from stores import record
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,7 @@ def test_without_more_it_is_what_save_writes(tops, tmp_path):
 
 def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
-    stored = gs.record(gl3, TOP.q0, TOP.p0, steps=5, **RUN, out=tmp_path / "run.zarr").dataset
+    stored = record(gl3, TOP.q0, TOP.p0, steps=5, **RUN, out=tmp_path / "run.zarr").dataset
     made = run.to_xarray()
     assert {*stored.data_vars} <= {*made.data_vars}
     for name in stored.data_vars:
@@ -136,7 +137,7 @@ def test_some_of_the_columns(tops, tmp_path):
 def test_some_columns_of_a_stored_run(gl3, tmp_path, gyrospark):
     """Those that a trajectory in memory writes, by Python and by the command."""
     how = {"steps": 12, "every": 5, "dt": 1e-3, "parameters": RUN["parameters"]}
-    kept = gs.record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", **how)
+    kept = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", **how)
     asked = ["*_error", "p", "multipliers"]
     path = gl3.integrate(TOP.q0, TOP.p0, **how).to_csv(tmp_path / "mine.csv", columns=asked)
     mine = path.read_bytes()

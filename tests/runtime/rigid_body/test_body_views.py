@@ -13,6 +13,7 @@ import systems
 from gyrospark.runtime.compilation.body_columns import bodies_of, joints_of
 from gyrospark.runtime.compilation.manifest import sizes_of
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+from stores import record
 
 VIEWS = ("rotation", "axis", "angular_velocity")
 EPS = float(np.finfo(float).eps)
@@ -65,7 +66,7 @@ def test_views_go_with_a_trajectory_into_its_file(two_tops, tmp_path):
     assert again.bodies == made.bodies
     assert np.array_equal(again.angular_velocity("b"), made.angular_velocity("b"))
     case, step = systems.case("satellite"), systems.stepper("satellite")
-    stored = gs.record(step, *systems.start("satellite", step), dt=case.dt, steps=4,
+    stored = record(step, *systems.start("satellite", step), dt=case.dt, steps=4,
                        parameters=case.parameters, out=tmp_path / "satellite.zarr")
     assert stored.trajectory().axis().shape == (5, 3)
 

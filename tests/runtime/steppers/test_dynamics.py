@@ -46,8 +46,8 @@ def test_they_are_second_differences_of_the_motion(name, scheme):
     runner, h = systems.stepper(name), case.dt / 16
 
     def states(sign):
-        run = runner.integrate(q, p, dt=sign * h, steps=2, parameters={
-            **case.parameters, **dict.fromkeys((x.name for x in step.symmetries), 0.0)}, t0=case.t0)
+        run = runner.integrate(gs.Start(q, p, t=case.t0), dt=sign * h, steps=2, parameters={
+            **case.parameters, **dict.fromkeys((x.name for x in step.symmetries), 0.0)})
         return run.q[1:], run.p[1:]
 
     (ahead, later), (p_ahead, p_later) = states(1)
@@ -77,7 +77,7 @@ def test_a_top_turns_as_euler_has_it():
     size = np.abs(wanted).max()
     assert np.abs(turning - wanted).max() <= 64 * EPS * size
     assert not linear.any()
-    M = step.mass_matrix(q, p, ["body"], **given)
+    M = step.mass_matrix(q, p, joints=["body"], **given)
     assert np.abs(M - R @ np.diag(J) @ R.T).max() <= 64 * EPS * J.max()
     hold = step.inverse_dynamics(q, p, {"body": np.zeros(3)}, **given)["body"]
     assert np.abs(hold + M @ wanted).max() <= 64 * EPS * J.max() * size
@@ -141,7 +141,7 @@ def test_two_rods_move_as_the_textbook_has_them():
         M, free, push, torque = (np.array(x.tolist(), float) for x in (M, free, push, torque))
     given, names = {"parameters": model.parameters}, ["hinge0", "hinge1"]
     close = 2**10 * EPS
-    assert np.abs(step.mass_matrix(*at, names, **given) - M).max() <= close * M.max()
+    assert np.abs(step.mass_matrix(*at, joints=names, **given) - M).max() <= close * M.max()
     found = step.accelerations(*at, **given)
     rates = np.array([found.joint(name) for name in names])
     assert np.abs(rates - free[:, 0]).max() <= close * np.abs(free).max()
@@ -176,7 +176,8 @@ def test_generalised_forces_are_those_that_were_added():
 def test_rows_and_times_are_those_of_single_states():
     """Leading axes are kept, and joints, bodies and quantities have them."""
     step, case, q, p = accelerated("driven_pendulum")
-    run = step.integrate(q, p, dt=case.dt, steps=3, parameters=case.parameters, t0=case.t0)
+    run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt, steps=3,
+                         parameters=case.parameters)
     rows = step.accelerations(run.q, run.p, parameters=case.parameters, t=run.t)
     single = [step.accelerations(*state, parameters=case.parameters, t=t)
               for *state, t in zip(run.q, run.p, run.t, strict=True)]
@@ -203,9 +204,9 @@ def test_what_cannot_be_asked_is_said():
             (lambda: found.body("rod"), ["rod", "rod0"]),
             (lambda: found.body("hinge0"), ["joint('hinge0')"]),
             (lambda: found.joint("rod0"), ["body('rod0')"]),
-            (lambda: step.mass_matrix(*at, ["elbow"], **given), ["elbow", "hinge1"]),
-            (lambda: step.mass_matrix(*at, [], **given), ["joints"]),
-            (lambda: step.mass_matrix(*at, ["hinge0", "rod0"], **given), ["hinge0", "rod0"]),
+            (lambda: step.mass_matrix(*at, joints=["elbow"], **given), ["elbow", "hinge1"]),
+            (lambda: step.mass_matrix(*at, joints=[], **given), ["joints"]),
+            (lambda: step.mass_matrix(*at, joints=["hinge0", "rod0"], **given), ["hinge0", "rod0"]),
             (lambda: step.inverse_dynamics(*at, {}, **given), ["accelerations"]),
             (lambda: step.inverse_dynamics(*at, {"hinge0": [1, 2]}, **given), ["hinge0", "[1, 2]"]),
             (lambda: step.inverse_dynamics(*at, [1.0], **given), ["(1,)", "14"]),
@@ -264,7 +265,7 @@ def test_robots_move_as_pinocchio_has_them(tmp_path, seed):
         CLOSE * np.abs(wanted).max())
     M = pin.crba(other, data, q)[np.ix_(place, place)]
     M = np.triu(M) + np.triu(M, 1).T if (np.diff(place) > 0).all() else np.maximum(M, M.T)
-    assert np.abs(step.mass_matrix(model.q0, model.p0, names, **given) - M).max() <= (
+    assert np.abs(step.mass_matrix(model.q0, model.p0, joints=names, **given) - M).max() <= (
         CLOSE * np.abs(M).max())
     goal = rng.uniform(-2, 2, other.nv)
     torques = (pin.rnea(other, data, q, v, goal) - tau)[place]
@@ -319,7 +320,7 @@ def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
     whole = np.linalg.inv(np.linalg.inv(M)[np.ix_(place, place)])
     step, model = steps[0]
     given = {"parameters": model.parameters}
-    found = step.mass_matrix(model.q0, model.p0, names, **given)
+    found = step.mass_matrix(model.q0, model.p0, joints=names, **given)
     assert np.abs(found - whole).max() <= CLOSE * np.abs(whole).max()
     goal = np.linspace(-2, 1, len(names))
     torques = whole @ (goal - free[place])

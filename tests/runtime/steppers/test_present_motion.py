@@ -238,7 +238,7 @@ def test_grid_times_are_found_in_decimals(t0, dt, steps):
 def test_steps_lead_to_the_last_time_not_beyond(dt):
     case, step = systems.case("pushed_pendulum"), systems.stepper("pushed_pendulum")
     q, p = systems.start("pushed_pendulum", step)
-    sims = [step.start(q, p, dt=dt, t0=2.0, parameters=case.parameters) for _ in range(2)]
+    sims = [step.start(gs.Start(q, p, t=2.0), dt=dt, parameters=case.parameters) for _ in range(2)]
     name = next(iter(sims[0].input))
     sims[0].advance(3, **{name: 0.2})
     sims[1].advance_to(2 + 3 * dt, **{name: 0.2})  # 2.3 and 1.7 in decimals

@@ -76,13 +76,13 @@ def test_threads_do_not_share_what_is_held(gl3):
 def test_time_goes_on_with_the_steps():
     step = systems.stepper("driven_oscillator")
     numbers = {"parameters": systems.case("driven_oscillator").parameters}
-    run = step.integrate([1.0], [0.0], dt=0.0625, steps=20, t0=2.0, **numbers)
+    run = step.integrate(gs.Start([1.0], [0.0], t=2.0), dt=0.0625, steps=20, **numbers)
     q, p = np.array([1.0]), np.array([0.0])
     for k in range(20):
-        q, p = step.step(q, p, dt=0.0625, t0=2.0 + k * 0.0625, **numbers)
+        q, p = step.step(gs.Start(q, p, t=2.0 + k * 0.0625), dt=0.0625, **numbers)
     assert np.array_equal(q, run.q[-1])
-    anew = step.step(q, p, dt=0.0625, t0=7.0, **numbers)  # not the time that follows
-    alone = step.integrate(q, p, dt=0.0625, steps=1, t0=7.0, **numbers)
+    anew = step.step(gs.Start(q, p, t=7.0), dt=0.0625, **numbers)  # not the time that follows
+    alone = step.integrate(gs.Start(q, p, t=7.0), dt=0.0625, steps=1, **numbers)
     assert np.array_equal(anew[0], alone.q[-1])
 
 
@@ -90,6 +90,7 @@ def test_time_goes_on_with_the_steps():
 def test_a_failed_call_holds_nothing(gl3):
     loop(gl3, 3)
     with pytest.raises(gs.StepFailed):
-        gl3.step(TOP.q0, TOP.p0, dt=0.2, parameters=PARAMETERS, max_iterations=1)
+        gl3.step(TOP.q0, TOP.p0, dt=0.2, parameters=PARAMETERS,
+                 solver=gs.Solver("auto", max_iterations=1))
     run = gl3.integrate(TOP.q0, TOP.p0, steps=30, **RUN)
     assert np.array_equal(loop(gl3, 30)[0], run.q[-1])

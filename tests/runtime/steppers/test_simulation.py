@@ -58,9 +58,9 @@ def test_every_type(real, solver):
     """Times of a float128 simulation have 34 digits; steps need Newton's help at this dt."""
     step = systems.stepper("heavy_top", real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
-    how = {"dt": 0.02, "parameters": PARAMETERS, "t0": 1.5, "solver": solver}
-    run = step.integrate(q, p, steps=12, **how)
-    sim = step.start(q, p, **how)
+    begin, how = gs.Start(q, p, PARAMETERS, 1.5), {"dt": 0.02, "solver": solver}
+    run = step.integrate(begin, steps=12, **how)
+    sim = step.start(begin, **how)
     sim.advance(5)
     sim.advance(7)
     assert_is(sim, run)
@@ -70,10 +70,10 @@ def test_every_type(real, solver):
 def test_forces_time_and_quantities():
     """A system of one's own, with drag and a drive; W goes on, and so does the time."""
     step = systems.stepper("dragged_pendulum")
-    q, p = systems.start("dragged_pendulum", step)
-    how = {"dt": 0.05, "parameters": systems.case("dragged_pendulum").parameters, "t0": 2.0}
-    run = step.integrate(q, p, steps=60, **how)
-    sim = step.start(q, p, **how)
+    begin = gs.Start(*systems.start("dragged_pendulum", step),
+                     systems.case("dragged_pendulum").parameters, 2.0)
+    run = step.integrate(begin, steps=60, dt=0.05)
+    sim = step.start(begin, dt=0.05)
     in_pieces(sim, 20, 3)
     assert_is(sim, run)
     assert sim.report.work == run.work[-1] != 0
@@ -218,7 +218,7 @@ def test_a_failed_step_leaves_the_last_good_state(solver, failures):
             sim.advance()
         assert np.array_equal(sim.q, done.q[-1])
         q, p = step.project(sim.q, sim.p, parameters=PARAMETERS)
-        again = step.start(q, p, dt=1e-4, parameters=PARAMETERS, t0=sim.t)
+        again = step.start(gs.Start(q, p, t=sim.t), dt=1e-4, parameters=PARAMETERS)
         again.advance(3)
         assert again.report.constraint_max < 1e-15
 
@@ -317,9 +317,9 @@ def assert_same_run(found, run):
 def test_a_history_is_that_of_integrate(scheme, stages, solver, parts):
     """With the inputs that held in each step, however the steps are shared out, and goes on."""
     step = systems.stepper("pushed_pendulum", scheme, stages)
-    how = {"dt": 0.03, "t0": 1.5, "solver": solver}
+    begin, how = gs.Start([0.6, -0.8], [0.8, 0.6], t=1.5), {"dt": 0.03, "solver": solver}
     given_ = {"push": 0.5, "pull": -1.0}
-    sim = step.start([0.6, -0.8], [0.8, 0.6], parameters={"k": 2.0} | given_, record=True, **how)
+    sim = step.start(begin, parameters={"k": 2.0} | given_, record=True, **how)
     rows = []
     for steps, pull in parts:
         given_ |= {} if pull is None else {"pull": pull}
@@ -327,7 +327,7 @@ def test_a_history_is_that_of_integrate(scheme, stages, solver, parts):
         rows += [list(given_.values())] * steps
         if steps % 2:
             sim = pickle.loads(pickle.dumps(sim))
-    whole = step.integrate([0.6, -0.8], [0.8, 0.6], parameters={"k": 2.0} | (
+    whole = step.integrate(begin, parameters={"k": 2.0} | (
         given_ if all(pull is None for _, pull in parts) else {}), steps=len(rows),
         inputs=None if all(pull is None for _, pull in parts) else np.reshape(rows, (-1, 2)), **how)
     assert_same_run(sim.trajectory, whole)
@@ -355,7 +355,7 @@ def test_a_history_of_every_type(real, tmp_path):
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_history_ends_where_a_step_fails(gl3):
     """With all until then; copies have their own."""
-    sim = begun(gl3, dt=0.08, record=True, solver="fixed-point", max_iterations=30)
+    sim = begun(gl3, dt=0.08, record=True, solver=gs.Solver("fixed-point", max_iterations=30))
     other = sim.copy()
     with pytest.raises(gs.StepFailed) as failed:
         sim.advance(10)

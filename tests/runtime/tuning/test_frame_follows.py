@@ -15,7 +15,9 @@ from numpy.testing import assert_array_equal
 
 import gyrospark as gs
 import systems
+from calls import integrate
 from gyrospark.core.registry import SYSTEMS
+from stores import record
 
 TOP = gs.problems.fast_top()
 C = sp.Symbol("c", real=True)
@@ -40,13 +42,13 @@ def stepper():
 @cache
 def exact():
     """By 2-G-L without moving the frame, at a tenth of the step: the error is a 10,000th."""
-    return stepper().integrate(
-        **START | {"dt": 5e-4, "steps": 16_000, "every": 100}, parameters=NUMBERS).q
+    return integrate(
+        stepper(), **START | {"dt": 5e-4, "steps": 16_000, "every": 100}, parameters=NUMBERS).q
 
 
 def run(frame=None, **more):
     asked = {} if frame is None else {"frame": frame}
-    return stepper().integrate(**START | more, parameters=NUMBERS | asked)
+    return integrate(stepper(), **START | more, parameters=NUMBERS | asked)
 
 
 def error(found):
@@ -96,18 +98,18 @@ def test_a_stored_run_goes_on_within_a_block_with_the_same_bits(tmp_path):
     whole, path = run("follow 70"), tmp_path / "run.zarr"
     given = START | {"parameters": NUMBERS | {"frame": "follow 70"}, "out": path}
     for steps in (100, 350, 1600):
-        found = gs.record(stepper(), **given | {"steps": steps}, resume=True)
+        found = record(stepper(), **given | {"steps": steps}, resume=True)
     assert_array_equal(found.trajectory().q, whole.q)
     assert_array_equal(found.trajectory().p, whole.p)
     with pytest.raises(gs.InputError, match="frame"):
-        gs.record(stepper(), **given | {"steps": 1700, "parameters": NUMBERS | {
+        record(stepper(), **given | {"steps": 1700, "parameters": NUMBERS | {
             "frame": "follow 71"}}, resume=True)
 
 
 def test_in_a_conservative_system_a_block_as_long_as_the_run_is_the_start():
     top = systems.stepper("heavy_top_in_frame")
     numbers = {name: x for name, x in NUMBERS.items() if name != "c"}
-    found = [top.integrate(**START, parameters=numbers | {"frame": frame}) for frame in (
+    found = [integrate(top, **START, parameters=numbers | {"frame": frame}) for frame in (
         "start", "follow 1600")]
     assert_array_equal(found[0].q, found[1].q)
     assert found[0].parameters == found[1].parameters
@@ -126,7 +128,7 @@ def test_what_cannot_follow_is_reported():
     with pytest.raises(gs.InputError, match="'follow 50'"):
         run("follow 0")
     with pytest.raises(gs.InputError, match=r"omega_body.*'follow'"):
-        stepper().integrate(**START, parameters=NUMBERS | {"frame": "follow", "omega_body": 3.0})
+        integrate(stepper(), **START, parameters=NUMBERS | {"frame": "follow", "omega_body": 3.0})
     with pytest.raises(gs.InputError, match="start"):
         stepper().integrate_ensemble(
             np.stack([TOP.q0] * 2), np.stack([TOP.p0] * 2), dt=1e-3, steps=3,

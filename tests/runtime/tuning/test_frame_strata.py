@@ -165,9 +165,10 @@ def test_a_frame_is_chosen_with_the_inputs_of_the_run(frame, hold):
     step, q, p = framed_point(), [0.6, 0.0, -0.8], [0.0, 0.7, 0.0]
     how = {"dt": 0.1, "steps": 90}
     u = 0.5 * np.sin(np.arange(90 // hold) * hold / 9)
-    fine = step.integrate(q, p, dt=0.1 / 16, steps=90 * 16, every=16, hold=16 * hold,
-                          inputs={"u": u}, parameters=WEIGHT)
-    plain, moved = (step.integrate(q, p, **how, hold=hold, inputs={"u": u}, parameters=more)
+    fine = step.integrate(q, p, dt=0.1 / 16, steps=90 * 16, every=16,
+                          inputs=gs.Inputs({"u": u}, hold=16 * hold), parameters=WEIGHT)
+    plain, moved = (step.integrate(q, p, **how, inputs=gs.Inputs({"u": u}, hold=hold),
+                                   parameters=more)
                     for more in (WEIGHT, WEIGHT | {"frame": frame}))
     worse = 1.05 if frame == "auto" else 10  # nobody has asked whether the other two are better
     assert error(moved, fine.q) <= worse * error(plain, fine.q)

@@ -59,7 +59,7 @@ def test_the_command_reports_what_was_measured(gyrospark):
 
 
 def test_backwards_and_from_another_time(gl3):
-    run = gl3.integrate(TOP.q0, TOP.p0, dt="auto", error=1e-6, t0=1, t_end=0.6,
+    run = gl3.integrate(gs.Start(TOP.q0, TOP.p0, t=1), dt="auto", error=1e-6, t_end=0.6,
                         parameters=PARAMETERS)
     assert run.dt < 0
     assert run.t[-1] == pytest.approx(0.6)
@@ -79,7 +79,8 @@ def test_what_fails_with_every_step_says_so(gl3, monkeypatch):
 
     monkeypatch.setattr(step_choice, "_MOST", 64)
     with pytest.raises(gs.StepFailed):
-        gl3.integrate(TOP.q0, TOP.p0, dt="auto", **WANTED, parameters=PARAMETERS, max_iterations=1)
+        gl3.integrate(TOP.q0, TOP.p0, dt="auto", **WANTED, parameters=PARAMETERS,
+                      solver=gs.Solver("auto", max_iterations=1))
     with refused(r"64 steps.* 32 .*dt = 0\.0125"):
         gl3.integrate(TOP.q0, TOP.p0, dt="auto", error=1e-12, t_end=0.4, parameters=PARAMETERS)
 
