@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 
 from .core.arguments import as_flag, listed, shown
 from .core.errors import InputError
-from .core.frozen_dict import NO_PARAMETERS
 from .core.inertia import RepName
 from .core.mesh_files import located_all
 from .core.progress import log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
 from .core.registry import MODELS
+from .core.start import HasStart, Start, as_start
 from .core.warnings import capture_warnings, warn
 from .engine.amalgamate import complete
 from .generator.fingerprint import generator_fingerprint
@@ -39,6 +39,7 @@ from .runtime.bindings.real_numbers import rounding
 from .runtime.compilation.build_cache import digest, read_cache, write_cache
 from .runtime.steppers.differentiation import Derive
 from .runtime.steppers.run_defaults import RunDefaults
+from .runtime.steppers.starts import start_parameters
 from .runtime.steppers.stepper import Stepper
 
 if TYPE_CHECKING:
@@ -204,11 +205,10 @@ def _profiled(spec: Spec, control: bool) -> Spec:
 
 
 def consistent(
-    system: System | Stepper, q: ArrayLike, p: ArrayLike,
-    parameters: Mapping[str, float] = NO_PARAMETERS, *,
-    t: float = 0.0,
+    system: System | Stepper, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
+    parameters: Mapping[str, float] | None = None, t: float | None = None,
 ) -> Projection:
-    """Return the projection of (q, p) on g(q) = 0 and g_q H_p = 0, with its report.
+    """Return the projection of a start, or of (q, p), on g(q) = 0 and g_q H_p = 0, with its report.
 
         q ← q − g_qᵀ (g_q g_qᵀ)⁻¹ g,   p ← p − g_qᵀ (g_q H_pp g_qᵀ)⁻¹ g_q H_p
 
@@ -218,12 +218,13 @@ def consistent(
     ----------
     system : System or Stepper
         A system needs no compiler for this.
-    q, p : array_like, shape (n,)
-        A state near the constraints.
-    parameters : mapping
-        The value of every parameter by name.
-    t : float
-        The time, where constraints depend on it; g_q H_p + g_t = 0 is then asked for.
+    start, p
+        As of ``Stepper.integrate``: a start, or q and p, near the constraints.
+    parameters : mapping, optional
+        Values that replace those of the start; together one of every parameter.
+    t : float, optional
+        The time, where constraints depend on it; g_q H_p + g_t = 0 is then asked for. By default
+        that of the start, 0 of arrays.
 
     Returns
     -------
@@ -237,14 +238,20 @@ def consistent(
         Naming the constraints that depend on each other or cannot be met from here.
     """
     if isinstance(system, Stepper):
-        return system.consistent(q, p, parameters=parameters, t=t)
+        return system.consistent(start, p, parameters=parameters, t=t)
     from .generator.systems.numeric_system import numeric
     from .generator.systems.system import System as AnySystem
 
     if not isinstance(system, AnySystem):
         raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
-    state = (as_array("q", q, (system.n,), np.float64), as_array("p", p, (system.n,), np.float64))
-    return project(numeric(system, parameters, float(as_real("t", t))), *state)
+    q: Any = start
+    begin = as_start(start) if p is None else Start(q, p)
+    names = [symbol.name for symbol in (*system.parameters, *system.inputs)]
+    values = {name: 1.0 if isinstance(value, str) else value  # the projection is free of γ
+              for name, value in start_parameters(names, begin, parameters).items()}
+    state = (as_array(name, getattr(begin, name), (system.n,), np.float64) for name in "qp")
+    return project(numeric(system, values, float(as_real("t", begin.t if t is None else t))),
+                   *state)
 
 
 @overload

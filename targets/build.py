@@ -262,7 +262,8 @@ def _refuse_off_constraints(spec: Spec, given: Any, options: Options) -> None:
     elif given is None:
         entry = {**SYSTEMS, **MODELS}[spec.system]
         given = entry.make(spec.rep) if entry.kind == "system" else entry.make()
-    found = consistent(getattr(given, "system", given), options.q, options.p, options.parameters)
+    found = consistent(getattr(given, "system", given), options.q, options.p,
+                       parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))
     if max(found.q_moved, found.p_moved) > _OFF * size:
         raise InputError(f"start is not on the constraints of {spec.model or spec.system}: it is "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from ..rigid_body.gamma_rules import has_inertia, mean_inertia
 if TYPE_CHECKING:
     from .evaluation import Evaluation
 
-__all__ = ["StartNumbers", "after_start", "merged_start", "merged_starts",
+__all__ = ["StartNumbers", "after_start", "merged_start", "merged_starts", "start_parameters",
            "steps_of_all"]
 
 
@@ -53,18 +53,24 @@ def merged_start(
     if len(shape) == 1 and shape != (stepper.n,):
         raise InputError(f"The start has {shape[0]} coordinates, and {stepper.name} has "
                          f"{stepper.n}: it is a start of another system.")
-    return StartNumbers(own.q, own.p, _with(stepper, own, parameters), own.t if t is None else t)
+    return StartNumbers(own.q, own.p,
+                        start_parameters(stepper.parameter_domains, own, parameters),
+                        own.t if t is None else t)
 
 
-def _with(stepper: Evaluation, start: Start, parameters: Any) -> dict[str, Any]:
-    """Return the parameters of a start and those that win over them, γ and α by their rules."""
-    domains = stepper.parameter_domains
+def start_parameters(
+    names: Collection[str], start: Start, parameters: Any
+) -> dict[str, Any]:
+    """Return the parameters of a start and those that win over them, γ and α by their rules.
+
+    ``names`` are the parameters of the system.
+    """
     own: dict[str, Any] = {name: value for name, value in start.parameters.items()
-                           if name in domains or name not in start._spare}
+                           if name in names or name not in start._spare}
     values = {**own, **start.inputs, **as_mapping(
         "parameters", {} if parameters is None else parameters, "{'m': 1.0}")}
     for name, inertia in start._inertias.items():
-        if name in domains and name not in values:
+        if name in names and name not in values:
             rule = start._rules.get(name, "m")
             by_number = rule in MEANS and not has_inertia(name, values)
             values[name] = mean_inertia(inertia, rule) if by_number else rule
@@ -95,9 +101,9 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
         return StartNumbers(starts, p, given, 0.0)
     if isinstance(starts, HasStart):
         start = as_start(starts)
-        own = ([_with(stepper, start, one) for one in given]
+        own = ([start_parameters(stepper.parameter_domains, start, one) for one in given]
                if isinstance(given, Sequence) and all(isinstance(one, Mapping) for one in given)
-               else _with(stepper, start, given))
+               else start_parameters(stepper.parameter_domains, start, given))
         columns = [] if isinstance(own, list) else [*own.values(), start.t]
         size = len(own) if isinstance(own, list) else max(
             (len(x) for x in columns if np.ndim(x) == 1), default=1)

@@ -73,7 +73,7 @@ def test_missing_and_surplus_arguments_are_named(gl3):
     for call, named in ((lambda: gl3.integrate(TOP.q0), "dt"),
                         (lambda: gl3.integrate(TOP.q0, TOP.p0, 1e-3, 3), "2 .* 4"),
                         (lambda: gl3.integrate(TOP.q0, q=TOP.q0), "without names"),
-                        (lambda: gs.momentum(TOP.q0, q=TOP.q0), "'q' twice")):
+                        (lambda: gs.Start.of_body(TOP.q0, attitude=TOP.q0), "'attitude' twice")):
         with pytest.raises(ArgumentError, match=named):
             call()
 

@@ -13,6 +13,7 @@ import pytest
 import gyrospark as gs
 from calls import PARAMETERS, TOP
 from gyrospark.core import progress
+from stores import record
 
 LOGGER = logging.getLogger("gyrospark")
 
@@ -54,7 +55,7 @@ def integrate(step, **options):
     return step.integrate(TOP.q0, TOP.p0, steps=3000, **START, **options)
 
 
-def record(step, **options):
+def stored(step, **options):
     pytest.importorskip("zarr")
     return record(step, TOP.q0, TOP.p0, steps=300, out="run.zarr", **START, **options)
 
@@ -75,7 +76,7 @@ def sweep(step):
 
 
 CALLS = {
-    "integrate": integrate, "record": record, "fit": fit, "sweep": sweep,
+    "integrate": integrate, "record": stored, "fit": fit, "sweep": sweep,
     "one thread": lambda s: ensemble(s, 1),
     "threads": lambda s: ensemble(s, 2),
     "lyapunov": lambda s, **o: gs.lyapunov(s, TOP.q0, TOP.p0, steps=40, **START, **o)}

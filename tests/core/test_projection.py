@@ -31,7 +31,7 @@ def step():
 @pytest.mark.parametrize("q", [(1, 0.2, 0.3), (5, 9, 1), (-3, 0.1, 40), (100, -3, 1e3)])
 def test_any_start_is_moved_onto_the_constraints(q, compiled, step):
     p = np.array([1.0, 2.0, 3.0])
-    moved = gs.consistent(step if compiled else curve(), q, p, {"w": 1.0})
+    moved = gs.consistent(step if compiled else curve(), q, p, parameters={"w": 1.0})
     assert max(moved.after.values()) <= 8 * EPS
     assert max(moved.hidden_after.values()) <= 16 * EPS * 4
     X, Y, Z = moved.q
@@ -49,12 +49,12 @@ def test_any_start_is_moved_onto_the_constraints(q, compiled, step):
 
 def test_the_move_is_the_shortest_to_first_order(step):
     """q₁ − q₀ = −G⁺ g + O(g²): halving the distance quarters what is left."""
-    near = gs.consistent(step, (0.6, 0.1, 0.8), (0, 0, 0), {"w": 1.0}).q
+    near = gs.consistent(step, (0.6, 0.1, 0.8), (0, 0, 0), parameters={"w": 1.0}).q
     push = np.array([1.0, -2.0, 0.5])
     rest = []
     for size in (1e-2, 5e-3, 2.5e-3):
         q = near + size * push
-        moved = gs.consistent(curve(), q, (0, 0, 0), {"w": 1.0}).q
+        moved = gs.consistent(curve(), q, (0, 0, 0), parameters={"w": 1.0}).q
         numeric = NumericSystem(curve(), {"w": 1.0})
         first = -np.linalg.pinv(numeric.G(q)) @ numeric.g(q)
         rest.append(np.linalg.norm(moved - q - first))
@@ -64,13 +64,13 @@ def test_the_move_is_the_shortest_to_first_order(step):
 
 def test_consistent_states_stay():
     model = gs.models.double_top()
-    moved = gs.consistent(model.system, model.q0, model.p0, model.parameters)
+    moved = gs.consistent(model.system, model.q0, model.p0, parameters=model.parameters)
     assert moved.q_moved <= 2 * EPS
     assert moved.p_moved <= 4 * EPS * np.abs(model.p0).max()
 
 
 def test_report_reads_as_a_table(step):
-    text = str(gs.consistent(step, (1, 0.2, 0.3), (1, 2, 3), {"w": 1.0}))
+    text = str(gs.consistent(step, (1, 0.2, 0.3), (1, 2, 3), parameters={"w": 1.0}))
     assert "1.97" in text.splitlines()[0]
     assert "sphere" in text
     assert "|g_q H_p|" in text
@@ -81,21 +81,21 @@ def test_report_reads_as_a_table(step):
 def test_failures_name_the_constraint(compiled, step):
     where = step if compiled else curve()
     with pytest.raises(gs.InputError, match=r"'sphere'.*vanishes"):
-        gs.consistent(where, (0, 0, 0), (0, 0, 0), {"w": 1.0})
+        gs.consistent(where, (0, 0, 0), (0, 0, 0), parameters={"w": 1.0})
     apart = gs.System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2,
                       (x**2 + y**2 + z**2 - 1, z + 2), name="apart",
                       constraint_names=("sphere", "plane"))
     with pytest.raises(gs.InputError, match=r"'(sphere|plane)' stays at|'sphere', 'plane'"):
-        gs.consistent(apart, (1, 2, 3), (0, 0, 0), {})
+        gs.consistent(apart, (1, 2, 3), (0, 0, 0), parameters={})
 
 
 def test_arguments_are_checked(step):
     with pytest.raises(gs.InputError, match=r"'w'.*value"):
-        gs.consistent(curve(), (1, 0, 0), (0, 0, 0), {})
+        gs.consistent(curve(), (1, 0, 0), (0, 0, 0), parameters={})
     with pytest.raises(gs.InputError, match="give shape"):
-        gs.consistent(curve(), (1, 0), (0, 0, 0), {"w": 1})
+        gs.consistent(curve(), (1, 0), (0, 0, 0), parameters={"w": 1})
     with pytest.raises(gs.InputError, match=r"neither a gyrospark\.System"):
-        gs.consistent("curve", (1, 0, 0), (0, 0, 0), {"w": 1})
+        gs.consistent("curve", (1, 0, 0), (0, 0, 0), parameters={"w": 1})
 
 
 def test_complex_steps_agree_with_derived_formulas():
@@ -127,6 +127,6 @@ def test_an_angle_may_be_a_constraint():
     x, y, a, b = sp.symbols("x y a b", real=True)
     ray = gs.System((x, y), (a, b), (), (a**2 + b**2) / 2, (sp.atan2(y, x) - sp.Rational(1, 2),),
                     name="ray")
-    found = gs.consistent(ray, [1.0, 0.5], [0.1, 0.2], {})
+    found = gs.consistent(ray, [1.0, 0.5], [0.1, 0.2], parameters={})
     assert abs(np.arctan2(found.q[1], found.q[0]) - 0.5) <= 4 * np.finfo(float).eps
     assert abs(found.q[0] * found.p[1] - found.q[1] * found.p[0]) <= 1e-16

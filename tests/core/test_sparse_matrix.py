@@ -60,9 +60,9 @@ def test_models_are_the_same_with_sparse_matrices(monkeypatch, make):
     assert np.allclose(sparse.q0, dense.q0, atol=1e-14)
     assert np.allclose(sparse.p0, dense.p0, atol=1e-12 * abs(dense.p0).max())
     numbers = {**dense.parameters, **dict.fromkeys(dense.bodies, 0.02)}
-    moved = gs.consistent(sparse.system, dense.q0 + 1e-3, dense.p0 + 1e-3, numbers)
+    moved = gs.consistent(sparse.system, dense.q0 + 1e-3, dense.p0 + 1e-3, parameters=numbers)
     monkeypatch.undo()
-    expected = gs.consistent(dense.system, dense.q0 + 1e-3, dense.p0 + 1e-3, numbers)
+    expected = gs.consistent(dense.system, dense.q0 + 1e-3, dense.p0 + 1e-3, parameters=numbers)
     assert np.allclose(moved.q, expected.q, atol=1e-13)
     assert np.allclose(moved.p, expected.p, atol=1e-12)
     assert np.abs(moved.q - dense.q0).max() > 1e-5

@@ -251,7 +251,7 @@ def test_every_model_starts_on_its_constraints(name):
         model = getattr(gs.models, name)(rep=rep)
         assert {key.split("_")[-1] for key in model.bodies} == {rep}
         state = [model.q0, model.p0]
-        moved = gs.consistent(model.system, *state, model.parameters)
+        moved = gs.consistent(model.system, *state, parameters=model.parameters)
         assert moved.q_moved <= 4 * EPS
         assert moved.p_moved <= 64 * EPS * max(1, np.abs(model.p0).max())
         assert model.dt > 0

@@ -40,5 +40,5 @@ def test_eigenvalues_of_the_benchmark(speed, printed):
 def test_it_starts_on_all_its_constraints():
     model = BICYCLE["bicycle"](5.0)
     assert (model.system.n, model.system.m, model.system.velocity_count) == (28, 21, 4)
-    moved = gs.consistent(model.system, model.q0, model.p0, model.parameters)
+    moved = gs.consistent(model.system, model.q0, model.p0, parameters=model.parameters)
     assert max(moved.q_moved, moved.p_moved) < 1e-12

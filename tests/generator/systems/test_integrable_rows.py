@@ -58,7 +58,7 @@ def test_an_integral_takes_the_place_of_a_row():
     values = {"b": 0.4, "r": 0.1, "left_rim_0": 0.0}
     rng = np.random.default_rng(3)
     at, momenta = rng.standard_normal((2, 5))
-    moved = gs.consistent(made, at, momenta, values)
+    moved = gs.consistent(made, at, momenta, parameters=values)
     before = numeric(held, values)  # the same velocities
     assert np.abs(before.A(moved.q) @ moved.p).max() < 1e-14
 

@@ -268,7 +268,7 @@ def test_consistent_starts_without_a_compiler():
     system, parameters, q, v = case(bead)
     step = systems.stepper("bead")
     p = step.momenta(q + 0.01, v, parameters=parameters)
-    found = gs.consistent(system, q + 0.01, p, parameters)
+    found = gs.consistent(system, q + 0.01, p, parameters=parameters)
     again = step.project(q + 0.01, p, parameters=parameters)
     np.testing.assert_allclose(found.q, again[0], rtol=0, atol=16 * EPS)
     np.testing.assert_allclose(found.p, again[1], rtol=0, atol=64 * EPS)

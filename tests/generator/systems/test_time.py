@@ -95,7 +95,7 @@ def test_a_start_off_a_moving_constraint_is_refused():
         with pytest.raises(InputError, match="project"):
             step.integrate(gs.Start(q, momenta, t=t0), **what)
     for now in (entry.t0, 0.1):
-        moved = gs.consistent(entry.system, q, p, entry.parameters, t=now)
+        moved = gs.consistent(entry.system, q, p, parameters=entry.parameters, t=now)
         same = step.consistent(q, p, parameters=entry.parameters, t=now)
         assert np.allclose(moved.q, same.q, atol=8 * EPS)
         assert np.allclose(moved.p, same.p, atol=8 * EPS)

@@ -137,7 +137,7 @@ def test_momenta_are_projected_onto_the_rows():
     system = sleigh(SKATE + sp.Rational(1, 2))
     q, p = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
     values = {"m": 1.0, "J": 1.0, "d": 0.4}
-    moved = gs.consistent(system, q, p, values)
+    moved = gs.consistent(system, q, p, parameters=values)
     A = np.array([-np.sin(0.3), np.cos(0.3), -0.4])
     np.testing.assert_allclose(moved.p, p - A * (A @ p + 0.5) / (A @ A), rtol=1e-14)
     assert moved.hidden_before["A0"] == pytest.approx(abs(A @ p + 0.5), rel=1e-14)

@@ -230,7 +230,8 @@ def one(k):
     elif kind == 17:
         try:
             with warnings.catch_warnings(action="ignore"):
-                step.step(top.q0, top.p0, dt=1e3, parameters=parameters, max_iterations=3)
+                step.step(top.q0, top.p0, dt=1e3, parameters=parameters,
+                          solver=gs.Solver("auto", max_iterations=3))
         except gs.StepFailed:
             pass
     elif kind == 18:
