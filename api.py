@@ -37,9 +37,9 @@ from .generator.spec import Spec
 from .runtime.bindings.array_checks import as_array, as_real
 from .runtime.bindings.real_numbers import rounding
 from .runtime.compilation.build_cache import digest, read_cache, write_cache
+from .runtime.integration.starts import start_parameters
 from .runtime.steppers.differentiation import Derive
 from .runtime.steppers.run_defaults import RunDefaults
-from .runtime.steppers.starts import start_parameters
 from .runtime.steppers.stepper import Stepper
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import re
 import tempfile
@@ -163,6 +164,8 @@ def real_number(name: str, text: str) -> float:
     number = decimal(text)
     if number is None:
         raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.")
+    if not math.isfinite(number):
+        raise InputError(f"{name} {text!r} is not finite; write for example 1e-3.")
     return number if isinstance(number, float) else Rounded(number)
 
 

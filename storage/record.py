@@ -21,7 +21,7 @@ from ..core.progress import Progress, as_progress, log_progress
 from ..core.solver import Solver, SolverName
 from ..core.start import HasStart
 from ..runtime.integration.run_arguments import RunArguments, step_count
-from ..runtime.steppers.starts import merged_start
+from ..runtime.integration.starts import merged_start
 from ..runtime.steppers.stepper import Stepper
 from .array_layout import (
     EXTENDS,

@@ -29,8 +29,8 @@ from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..derivatives.kept_steps import refuse_run
 from ..derivatives.tangent_run import tangents_of
 from ..derivatives.tangent_space import Tangents
+from ..integration.starts import StartNumbers, merged_start
 from ..rigid_body.gamma_rules import is_inertia_parameter
-from ..steppers.starts import StartNumbers, merged_start
 from .fit_coordinates import Coordinates
 from .least_squares import SHARE, Linear, determined, minimise, reduced
 from .observations import Observation, Observe, observation_of

@@ -33,7 +33,7 @@ from ..bindings.array_checks import as_positive_count
 from ..bindings.inputs import Inputs
 from ..derivatives.kept_steps import pieces, refuse_run, singular
 from ..integration.run_arguments import step_count
-from ..steppers.starts import merged_start
+from ..integration.starts import merged_start
 from .unitary_frame import UnitaryFrame, canonical_form, isotropic_flag
 
 if TYPE_CHECKING:

@@ -37,7 +37,7 @@ from ...core.exact_numbers import Number
 from ...core.start import HasStart, Start
 from ..bindings.array_checks import as_positive_count
 from ..derivatives.tangent_space import Tangents
-from ..steppers.starts import StartNumbers, merged_start
+from ..integration.starts import StartNumbers, merged_start
 from .unitary_frame import canonical_form, tangent_projection
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from .gradient import loss_of
 from .tangent_space import TangentSpace
 
 if TYPE_CHECKING:
-    from ..steppers.starts import StartNumbers
+    from ..integration.starts import StartNumbers
     from ..steppers.stepper import Stepper
 
 __all__ = ["objective"]

@@ -17,7 +17,7 @@ from ...core.event import Event
 from ...core.exact_numbers import Number
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart, Start
-from ..steppers.starts import merged_starts, steps_of_all
+from ..integration.starts import merged_starts, steps_of_all
 
 if TYPE_CHECKING:
     from ..derivatives.tangent_space import Tangents

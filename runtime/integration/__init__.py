@@ -6,6 +6,7 @@
     linear_frequency the frequency of the linearised motion at the start of a run
     newton           T1 driven from Python, open to inspection
     failure          why a step failed, and what would do
+    starts           what an integration starts from: a start, and the call's arguments
     run_arguments    arguments of one run and of many, checked; the number of steps to a time
     lanes            trajectories side by side in a vector register
     dense_output     states of a run between its steps

@@ -6,6 +6,5 @@
     dynamics         accelerations, inverse dynamics, mass matrices
     run_defaults     parameters and start of a model, for its runs
     simulation       a trajectory that is held between calls
-    starts           what an integration starts from: a start and what a call gives beside it
     ensemble         many trajectories on threads
 """

@@ -37,9 +37,9 @@ from ..derivatives.second_order import Hessian, SecondBinding, Slopes, hessian_o
 from ..derivatives.tangent_space import TangentSpace
 from ..integration.dense_output import refuse_forgotten, refuse_of_another
 from ..integration.run_arguments import Origin, step_count
+from ..integration.starts import after_start, merged_start
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
-from .starts import after_start, merged_start
 
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments

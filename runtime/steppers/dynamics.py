@@ -17,8 +17,8 @@ from ...core.start import HasStart
 from ..bindings.array_checks import as_numbers
 from ..compilation.stepper_module import load_module
 from ..derivatives.motion import Accelerations, MotionBinding, StateMotion, joint_inertia
+from ..integration.starts import StartNumbers, after_start, merged_start
 from .differentiation import Differentiation
-from .starts import StartNumbers, after_start, merged_start
 
 __all__ = ["Dynamics"]
 

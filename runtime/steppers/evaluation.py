@@ -23,8 +23,8 @@ from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
 from ..integration.run_arguments import ParameterCheck, warn_of_negative
+from ..integration.starts import merged_start
 from ..tuning.manifest_symmetries import symmetries_of
-from .starts import merged_start
 
 __all__ = ["Evaluation"]
 

@@ -43,6 +43,7 @@ from ..integration.run_arguments import (
     warn_of_late_start,
     warn_of_negative,
 )
+from ..integration.starts import merged_start, merged_starts, steps_of_all
 from ..integration.step_loop import integrate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
@@ -52,7 +53,6 @@ from .differentiation import Derive
 from .dynamics import Dynamics
 from .ensemble import Ensemble, integrate_members
 from .simulation import ContinuedStep, Simulation
-from .starts import merged_start, merged_starts, steps_of_all
 
 __all__ = ["SOLVERS", "Stepper"]
 

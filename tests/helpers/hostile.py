@@ -202,8 +202,8 @@ def calls(tmp_path: Path) -> list[Call]:
               wrt=["I1"], memory="1 MB", solver="auto"),
         plain("Trajectory.hessian", made.hessian, cotangents={"q": q}, stepper=step),
         Call("value_and_gradient", lambda: (value_and_gradient(resolve(step)), {
-            "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "t_end": None,
-            "memory": "1 MB"}),
+            "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "t_end": None, "inputs": None,
+            "every": 1, "t_eval": None, "events": (), "solver": "auto", "memory": "1 MB"}),
             kept=("loss",)),
         plain("fit", gs.fit, stepper=step, start=TOP, t=made.t, data=made.q,
               parameters=PARAMETERS, observe="attitude", dt=1e-3, free=["I1"], fixed=["I2"],

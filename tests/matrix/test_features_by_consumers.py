@@ -337,7 +337,8 @@ def test_tangents_are_differences_of_runs(name):
     """Central differences with Richardson's step, along the tangents of the start."""
     step, entry = differentiable(name), case(name)
     q, p = start(name, step)
-    found = step.integrate(q, p, steps=5, tangents=gs.Tangents(start="all"), **options(name))
+    found = step.integrate(gs.Start(q, p, t=entry.t0), steps=5, tangents=gs.Tangents(start="all"),
+                           **options(name))
     basis, n = found.tangents.start, step.n
     direction = basis @ np.random.default_rng(1).standard_normal(basis.shape[1])
     along = np.linalg.lstsq(basis, direction, rcond=None)[0]
@@ -346,7 +347,7 @@ def test_tangents_are_differences_of_runs(name):
     def end(h):
         begin = step.project(q + h * direction[:n], p + h * direction[n:],
                              parameters=entry.parameters, t=entry.t0)
-        one = step.integrate(*begin, steps=5, **options(name))
+        one = step.integrate(gs.Start(*begin, t=entry.t0), steps=5, **options(name))
         return np.concatenate([one.q[-1], one.p[-1]])
 
     h = 1e-3 * min(1.0, np.abs(p).max() or 1.0)

@@ -90,7 +90,7 @@ def test_python_calls(tmp_path):
     python(without(OPTIONAL) + FAST_TOP + """
 import numpy as np
 step = gs.stepper("EMS")
-stored = record(step, top.q0, top.p0, dt=1e-3, steps=20, parameters=parameters, out="a.zarr")
+stored = gs.record(step, top.q0, top.p0, dt=1e-3, steps=20, parameters=parameters, out="a.zarr")
 assert np.array_equal(stored.dataset.q, stored.trajectory().q)
 stored.trajectory().save("a.csv")
 over = {"gamma": [8e-4, 1e-3], "dt": [1e-3, 2e-3]}

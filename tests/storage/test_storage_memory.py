@@ -8,7 +8,7 @@ import tracemalloc
 import pytest
 
 import systems
-from stores import START, small_blocks
+from stores import START, record, small_blocks
 
 
 def traced_peak(call):
@@ -29,11 +29,11 @@ def test_memory_is_that_of_blocks(end, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 128, seconds=1e9)
     step, peaks = systems.stepper("heavy_top", "EMS"), []
     for rows in (200, 600, 1800):  # the first run imports and caches
-        def record(rows=rows):
+        def stored(rows=rows):
             return record(step, **START, steps=rows, out=tmp_path / f"{rows}.zarr", resume=True)
 
-        run = record() if end else None
+        run = stored() if end else None
         peaks.append(traced_peak(
-            lambda run=run, record=record, rows=rows:
-            run.export(tmp_path / f"{rows}{end}") if end else record()))
+            lambda run=run, stored=stored, rows=rows:
+            run.export(tmp_path / f"{rows}{end}") if end else stored()))
     assert peaks[2] - peaks[1] < 120_000

@@ -212,5 +212,5 @@ def test_no_steps_and_no_forces():
     assert run.work.tolist() == [0.0]
     many = step.integrate_ensemble([q], [p], dt=0.1, steps=0, parameters=PARAMETERS)
     assert many.members[0].work.tolist() == [0.0]
-    with pytest.raises(gs.InputError, match="t0"):
+    with pytest.raises(gs.InputError, match="t = nan"):
         step.integrate(gs.Start(q, p, t=float("nan")), dt=0.1, steps=1, parameters=PARAMETERS)

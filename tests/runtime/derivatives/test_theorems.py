@@ -177,7 +177,7 @@ def node_sum(name, step, scheme, u, shift):
     (q, p), n = start_of(name, step), step.n
     found = step.consistent(q + shift * u[:n], p + shift * u[n:], parameters=case.parameters)
     q, p = found.q, found.p
-    x = step._kept_step(step._single(q, p, case.dt, case.parameters, 0.0, None))[0].unknowns
+    x = step._kept_step(step._single(q, p, case.dt, case.parameters, None))[0].unknowns
     run = step.integrate(q, p, dt=case.dt, steps=1, parameters=case.parameters)
     one, Lambda = q[0] - q[0] + 1, run.multipliers[0]
     table = gs.tableau(scheme[0], stages=scheme[1]).numeric(digits=40)

@@ -75,7 +75,7 @@ def test_wrong_use_is_refused(gl3, gyrospark):
     for more in ({}, {"steps": 3, "t_end": 1}):
         with refused("steps.*t_end"):
             gl3.integrate(TOP.q0, TOP.p0, **more, **RUN)
-    with refused(r"t_end = -1\.0.*t0 = 0\.0.*dt = -0\.001"):
+    with refused(r"t_end = -1\.0.*t = 0\.0.*dt = -0\.001"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=-1, **RUN)
     with refused("t_end = nan"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=float("nan"), **RUN)

@@ -12,7 +12,6 @@ import pytest
 import gyrospark as gs
 import systems
 from gyrospark.runtime.results.rotation_rate import fastest_rotation, phase_error
-from stores import record
 
 RUN = ("run", "fast-top", "--json", "--steps", "20")
 SCHEMES = [("EMS",), ("G-L", "--stages", "2")]
@@ -134,7 +133,7 @@ def test_python_warns_as_the_command_does(gl3, tmp_path):
         "one": lambda how: gl3.integrate_ensemble(*(x[:1] for x in many), steps=4, **how),
         "differ": lambda how: gl3.integrate_ensemble(
             *many, steps=4, **how | {"dt": [1e-3, how["dt"]]}),
-        "record": lambda how: record(gl3, *start, steps=4, **how,
+        "record": lambda how: gs.record(gl3, *start, steps=4, **how,
                                         out=tmp_path / f"{how['dt']}.zarr"),
         "sweep": lambda how: gs.sweep("fast-top", {"dt": [1e-3, how["dt"]]}, scheme="G-L",
                                       stages=3, steps=4, parameters={"gamma": 4e-4}),

@@ -12,11 +12,11 @@ from ...core.arguments import as_mapping, shown
 from ...core.errors import InputError
 from ...core.registry import MEANS
 from ...core.start import HasStart, Start, as_start
-from ..integration.run_arguments import step_count
 from ..rigid_body.gamma_rules import has_inertia, mean_inertia
+from .run_arguments import step_count
 
 if TYPE_CHECKING:
-    from .evaluation import Evaluation
+    from ..steppers.evaluation import Evaluation
 
 __all__ = ["StartNumbers", "after_start", "merged_start", "merged_starts", "start_parameters",
            "steps_of_all"]
