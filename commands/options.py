@@ -164,7 +164,7 @@ def real_number(name: str, text: str) -> float:
     number = decimal(text)
     if number is None:
         raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.")
-    if not math.isfinite(number):
+    if isinstance(number, float) and not math.isfinite(number):
         raise InputError(f"{name} {text!r} is not finite; write for example 1e-3.")
     return number if isinstance(number, float) else Rounded(number)
 
