@@ -19,6 +19,7 @@ from .options import (
     completing,
     json_option,
     real_number,
+    start_time,
     stepper_options,
     with_default_scheme,
 )
@@ -82,7 +83,7 @@ def fit(
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
-    begin = real_number("--t0", t0)
+    begin = start_time(t0)
     parameters = parameters_for(step, start, None, None)
     q, p, _ = projected(step, start, parameters, begin)
     found = fitted(

@@ -15,7 +15,7 @@ from .options import (
     check_picture,
     completing,
     json_option,
-    real_number,
+    start_time,
     stepper_options,
     whole_number,
     with_default_scheme,
@@ -76,7 +76,7 @@ def lyapunov(
     if not as_json:
         for line in note:
             click.echo(line)
-    parameters, begin = parameters_for(step, start, None, None), real_number("--t0", t0)
+    parameters, begin = parameters_for(step, start, None, None), start_time(t0)
     q, p, _ = projected(step, start, parameters, begin)
     size, number, _ = step_for(
         step, start, {"q": q, "p": p, "t0": begin, "parameters": parameters},

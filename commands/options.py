@@ -29,7 +29,8 @@ from ..generator.tableaux.compositions import COMPOSITIONS
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
            "check_writable", "completing", "euler_options", "frame_option", "json_option",
-           "real_number", "spec_from", "stepper_options", "whole_number", "with_default_scheme"]
+           "real_number", "spec_from", "start_time", "stepper_options", "whole_number",
+           "with_default_scheme"]
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
@@ -164,9 +165,15 @@ def real_number(name: str, text: str) -> float:
     number = decimal(text)
     if number is None:
         raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.")
-    if isinstance(number, float) and not math.isfinite(number):
-        raise InputError(f"{name} {text!r} is not finite; write for example 1e-3.")
     return number if isinstance(number, float) else Rounded(number)
+
+
+def start_time(text: str) -> float:
+    """Return the time of a start that --t0 says."""
+    number = real_number("--t0", text)
+    if isinstance(number, float) and not math.isfinite(number):
+        raise InputError(f"--t0 {text!r} is not finite; write for example 0.5.")
+    return number
 
 
 def check_writable(option: str, path: Path, *, folder: bool = False) -> None:

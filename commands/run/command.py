@@ -29,6 +29,7 @@ from ..options import (
     euler_options,
     json_option,
     real_number,
+    start_time,
     stepper_options,
     whole_number,
     with_default_scheme,
@@ -179,7 +180,7 @@ def run(
         for line in (*note, *map(": ".join, manifest_warnings(step.manifest))):
             click.echo(line)
     parameters = parameters_for(step, start, gamma, alpha)
-    begin = real_number("--t0", t0)
+    begin = start_time(t0)
     (q0, p0), moved = start.state, 0.0
     if chosen is None or REALS[step.manifest["real"]].wide:
         # The problem's start is on the constraints to double only, a file's to its own digits.
