@@ -14,13 +14,11 @@ import platform
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-
-from gyrospark.api import files_of
-from gyrospark.generator.spec import Spec
 
 __all__ = ["ALLOWED", "FLAGS", "PATH", "STEPPERS", "Counter", "count_step", "find_counter",
            "recorded", "write"]
@@ -32,7 +30,7 @@ FLAGS = ("-std=c11", "-O2", "-ffp-contract=off")
 #: Relative change of a count that is no regression.
 ALLOWED = 0.05
 _FEW, _MANY = 20, 120
-#: Scheme, stages, representation; all are checked in, so that no SymPy is needed.
+#: Scheme, stages, representation.
 STEPPERS = (
     ("G-L", 1, "gamma"), ("G-L", 2, "gamma"), ("G-L", 3, "gamma"), ("G-L", 4, "gamma"),
     ("G-L", 3, "alpha"), ("LIIIA-B", 3, "gamma"), ("EMS", None, "gamma"),
@@ -81,16 +79,17 @@ def write(counter: Counter, steps: dict[str, float]) -> None:
 
 def count_step(counter: Counter, scheme: str, stages: int | None, rep: str) -> tuple[str, float]:
     """Return a stepper's name and the instructions of one of its steps."""
-    spec = Spec.checked(scheme, stages, rep)
-    with TemporaryDirectory(prefix="gyrospark-count-") as name:
-        program = _build(counter, spec.name, files_of(spec), rep, Path(name))
+    with TemporaryDirectory(prefix="gyrospark-count-") as folder:
+        number = [] if stages is None else ["--stages", str(stages)]
+        _output([sys.executable, "-m", "gyrospark", "generate", "--scheme", scheme, *number,
+                 "--rep", rep, "--standalone", "--no-compile", "--out", folder])
+        header, = Path(folder).glob("*.h")
+        program = _build(counter, header.stem, rep, Path(folder))
         few, many = (_count(program, steps) for steps in (_FEW, _MANY))
-    return spec.name, (many - few) / (_MANY - _FEW)
+    return header.stem, (many - few) / (_MANY - _FEW)
 
 
-def _build(counter: Counter, name: str, files: dict[str, str], rep: str, folder: Path) -> Path:
-    for file, text in files.items():
-        (folder / file).write_text(text, encoding="utf-8")
+def _build(counter: Counter, name: str, rep: str, folder: Path) -> Path:
     program = folder / "count"
     about = [f"-DSTEPPER={name}", f'-DHEADER="{name}.h"', *(["-DALPHA"] if rep == "alpha" else [])]
     _output([counter.gcc, *FLAGS, *about, f"-I{folder}", str(_MAIN), str(folder / f"{name}.c"),

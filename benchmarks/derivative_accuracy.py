@@ -25,20 +25,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gyrospark import references
-from gyrospark.api import stepper
-from gyrospark.core.errors import InputWarning
-from gyrospark.core.start import Start
-from gyrospark.generator.multibody import models
-from gyrospark.generator.multibody.model import Model
-from gyrospark.runtime.derivatives.tangent_space import Tangents
-from gyrospark.runtime.steppers.stepper import Stepper
+import gyrospark as gs
+
+from .attitudes import Array
 
 __all__ = ["Accuracy", "Subject", "measure", "subjects"]
-
-Array = NDArray[Any]
 
 #: Relative changes of central differences.
 _SHIFT = {"double": 2.0**-9, "float128": 2.0**-36}
@@ -51,12 +43,12 @@ class Subject:
     name: str
     scheme: str
     stages: int
-    model: Model
+    model: gs.Model
     dt: float
 
-    def stepper(self, real: Any) -> Stepper:
+    def stepper(self, real: Any) -> gs.Stepper:
         """Return the compiled stepper."""
-        return stepper(self.scheme, self.stages, system=self.model,  # type: ignore[arg-type]
+        return gs.stepper(self.scheme, self.stages, system=self.model,  # type: ignore[arg-type]
                           real=real)
 
     @property
@@ -84,14 +76,14 @@ class Accuracy:
 
 def subjects(names: Sequence[str] = ()) -> Iterator[Subject]:
     """Yield the reference problems and the models, or those of the names."""
-    for name in references.names():
+    for name in gs.references.names():
         if not names or name in names:
-            problem = references.reference(name)
+            problem = gs.references.reference(name)
             first = problem.attempts[0]
             yield Subject(name, first.scheme, first.stages or 0, problem.make(),
                           float(problem.seconds) / first.steps[-1])
-    for name in models.__all__:
-        if (not names or name in names) and callable(make := getattr(models, name)):
+    for name in gs.models.__all__:
+        if (not names or name in names) and callable(make := getattr(gs.models, name)):
             model = make()
             yield Subject(name, "G-L", 2, model, model.dt or 1e-3)
 
@@ -126,14 +118,14 @@ def measure(subject: Subject, real: str = "double") -> Accuracy:
 class _Step:
     """One step and its derivatives."""
 
-    def __init__(self, step: Stepper, q: Array, p: Array, values: Mapping[str, Any], dt: Any,
+    def __init__(self, step: gs.Stepper, q: Array, p: Array, values: Mapping[str, Any], dt: Any,
                  t0: Any) -> None:
         self.step, self.q, self.p, self.values, self.dt, self.t0 = step, q, p, values, dt, t0
 
     def tangents(self) -> tuple[Array, Array]:
         """Return the basis at the start and its images."""
-        run = self.step.integrate(Start(self.q, self.p, t=self.t0), dt=self.dt, steps=1,
-                                  parameters=self.values, tangents=Tangents())
+        run = self.step.integrate(gs.Start(self.q, self.p, t=self.t0), dt=self.dt, steps=1,
+                                  parameters=self.values, tangents=gs.Tangents())
         return run.tangents.start, np.concatenate([run.tangents.q[-1], run.tangents.p[-1]])
 
     def basis(self) -> Array:
@@ -144,13 +136,13 @@ class _Step:
 
     def back(self) -> Any:
         """Return the transposed derivative."""
-        return self.step.vjp(Start(self.q, self.p, t=self.t0), dt=self.dt,
+        return self.step.vjp(gs.Start(self.q, self.p, t=self.t0), dt=self.dt,
                              parameters=self.values)[2]
 
     def forth(self, v: Array, d: Mapping[str, Any] | None = None, sign: int = 1) -> Array:
         """Return the derivative along v and d, of the step back where ``sign`` is −1."""
         n = self.step.n
-        made = self.step.jvp(Start(self.q, self.p, t=self.t0), v[:n], v[n:], dt=sign * self.dt,
+        made = self.step.jvp(gs.Start(self.q, self.p, t=self.t0), v[:n], v[n:], dt=sign * self.dt,
                              d=d, parameters=self.values)
         return np.concatenate(made[2:])
 
@@ -165,7 +157,7 @@ class _Step:
             found = self.step.consistent(q, p, parameters=values, t=self.t0)
             q = found.q
             p = found.p if self.step.manifest["scheme"]["keeps_momentum_constraint"] else p
-        run = self.step.integrate(Start(q, p, t=self.t0), dt=self.dt + shift * d.get("dt", 0),
+        run = self.step.integrate(gs.Start(q, p, t=self.t0), dt=self.dt + shift * d.get("dt", 0),
                                   steps=1, parameters=values)
         return run.q[-1], run.p[-1]
 
@@ -244,7 +236,7 @@ def main() -> None:
     found = []
     for subject in subjects(given.names):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", InputWarning)  # of rotations a step
+            warnings.simplefilter("ignore", gs.errors.InputWarning)  # of rotations a step
             one = measure(subject, given.real)
         found.append(asdict(one))
         cells = ("–" if (x := getattr(one, name)) is None else f"{x:.1e}" for name in columns)

@@ -10,36 +10,25 @@ medians. Every program has its own state at these times, heyoka its dense output
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
 import mpmath
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
-from gyrospark.api import stepper
-from gyrospark.core.errors import GyrosparkError
-from gyrospark.core.event import Event
-from gyrospark.generator.multibody import symbols
-from gyrospark.generator.multibody.rigid_body import body_system, gravity_potential, mgl
-from gyrospark.generator.systems.system import System
-from gyrospark.runtime.results.trajectory import Trajectory
+import gyrospark as gs
 
+from .attitudes import Array
 from .peers import heyoka_taylor, scipy_dop853
-from .peers.optional import Unavailable, need, version
-from .timing import Sample, alternate, repeated
+from .peers.optional import need
+from .rows import Choice, Entry, Prepared, Row, contest
 from .tops import LEVER, axis, parameters, state_of, tops
 
-__all__ = ["PEERS", "EventRow", "FastTop", "Pendulum", "compare_events"]
+__all__ = ["FastTop", "Pendulum", "events"]
 
-Array = NDArray[Any]
-
-#: Programs with events and states between steps.
-PEERS = ("gyrospark", "heyoka", "scipy")
 #: Seed of the times between steps, and how many they are.
 _SEED, _TIMES = 20250101, 1000
 #: Bits of what is computed by mpmath.
@@ -53,45 +42,6 @@ class EventJob:
     alone: Callable[[], object]
     events: Callable[[], Array]
     dense: Callable[[], Array]
-
-
-@dataclass(frozen=True)
-class EventRow:
-    """What was found of one program and setting; numbers are None where there is none.
-
-    Attributes
-    ----------
-    alone, events, dense
-        CPU seconds of each round: the run, the run with its event, the run and the states.
-    found
-        How often the event happened.
-    time_error
-        Largest error of these times, relative to them.
-    dense_error
-        Largest error of the states: the angle in rad, the mass centre in m.
-    """
-
-    case: str
-    peer: str
-    version: str
-    setting: str
-    alone: tuple[float, ...] = ()
-    events: tuple[float, ...] = ()
-    dense: tuple[float, ...] = ()
-    found: int | None = None
-    time_error: float | None = None
-    dense_error: float | None = None
-    note: str = ""
-    failed: bool = False
-
-    def median(self, what: str) -> float | None:
-        """Return the median seconds of "alone", "events" or "dense"."""
-        seconds: tuple[float, ...] = getattr(self, what)
-        return Sample(seconds).median if seconds else None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what JSON holds of it."""
-        return asdict(self)
 
 
 class Pendulum:
@@ -134,10 +84,10 @@ class Pendulum:
 
     def _our_job(self, stages: int, dt: float) -> EventJob:
         x, y, u, v, g = sp.symbols("x y u v g")
-        step = stepper("G-L", stages, system=System(
+        step = gs.stepper("G-L", stages, system=gs.System(
             (x, y), (u, v), (g,), (u**2 + v**2) / 2 + g * y, (x**2 + y**2 - 1,), name="pendulum"))
         q, p = [np.sin(self.angle), -np.cos(self.angle)], [0.0, 0.0]
-        return _our_job(step, q, p, dt, self.t_end, {"g": 1.0}, Event("x"), self.times,
+        return _our_job(step, q, p, dt, self.t_end, {"g": 1.0}, gs.Event("x"), self.times,
                         lambda q: np.arctan2(q[:, 0], -q[:, 1]))
 
     def heyoka(self) -> EventJob:
@@ -171,16 +121,15 @@ class FastTop:
                                "parameters": parameters()}
         heights = step.integrate(q, p, **run).quantity("height").astype(float)
         level = float((heights.min() + heights.max()) / 2)
-        found = step.integrate(q, p, **run, events=Event("height", level, -1))
+        found = step.integrate(q, p, **run, events=gs.Event("height", level, -1))
         between = step.at(found, self.times)
         return level, found.events["height"].t.astype(float), LEVER * axis(between.q).astype(float)
 
     @staticmethod
     def _stepper(stages: int, real: Any = "double") -> Any:
-        height = LEVER * symbols.R[2, 2]
-        return stepper("G-L", stages, real=real, system=body_system(
-            "watched_top", "gamma", gravity_potential(), (mgl,),
-            quantities={"height": height}))
+        mgl, R33 = sp.Symbol("mgl", positive=True), gs.symbols.R[2, 2]
+        return gs.stepper("G-L", stages, real=real, system=gs.body_system(
+            "watched_top", "gamma", mgl * R33, (mgl,), quantities={"height": LEVER * R33}))
 
     def errors(self, times: Array, positions: Array) -> tuple[float, float]:
         """Return the largest relative error of times, and how far mass centres are off."""
@@ -196,7 +145,7 @@ class FastTop:
     def _our_job(self, stages: int, dt: float) -> EventJob:
         top = tops()[0]
         return _our_job(self._stepper(stages), top.q, top.p, dt, self.t_end, parameters(),
-                        Event("height", self._reference[0], -1), self.times, lambda q: q)
+                        gs.Event("height", self._reference[0], -1), self.times, lambda q: q)
 
     def heyoka(self) -> EventJob:
         """Return the run of heyoka, by Euler's equations."""
@@ -229,14 +178,14 @@ def _worst(times: Array, exact: Array) -> float:
 
 
 def _our_job(
-    step: Any, q: Any, p: Any, dt: float, t_end: float, values: dict[str, float], event: Event,
+    step: Any, q: Any, p: Any, dt: float, t_end: float, values: dict[str, float], event: gs.Event,
     times: Array, position: Callable[[Array], Array],
 ) -> EventJob:
     steps = int(np.ceil(t_end / dt))
     run: dict[str, Any] = {"dt": dt, "steps": steps, "parameters": values}
 
     def events() -> Array:
-        found: Trajectory = step.integrate(q, p, **run, every=steps, events=event)
+        found: gs.Trajectory = step.integrate(q, p, **run, every=steps, events=event)
         t: Array = found.events[event.name].t
         return t[t <= t_end]
 
@@ -290,55 +239,28 @@ def _scipy_job(
                     lambda: position(run(t_eval=times).y))
 
 
-def compare_events(
-    cases: Sequence[Pendulum | FastTop], peers: Sequence[str], rounds: int, least: float,
-    watch: Callable[[str], None] = lambda name: None,
-) -> list[EventRow]:
-    """Return a row for each case, program and setting; those of a case take turns."""
+def events(choice: Choice) -> list[Row]:
+    """Return a row for each case, program and setting."""
     rows = []
-    for case in cases:
-        makers: dict[tuple[str, str], Callable[[], EventJob]] = {}
-        if "gyrospark" in peers:
-            makers |= {("gyrospark", name): make for name, make in case.ours().items()}
-        if "heyoka" in peers:
-            makers["heyoka", "default"] = case.heyoka
-        if "scipy" in peers:
-            makers["scipy", "DOP853 tol 1e-12"] = case.scipy
-        rows += _rows_of(case, makers, rounds, least, watch)
+    for case in (Pendulum(20 if choice.quick else 1000),
+                 FastTop(choice.t_end or (1.0 if choice.quick else 10.0))):
+        if choice.only in case.name:
+            rows += contest(case.name, [
+                *(Entry("gyrospark", name, partial(_prepared, case, make))
+                  for name, make in case.ours().items()),
+                Entry("heyoka", "default", partial(_prepared, case, case.heyoka)),
+                Entry("scipy", "DOP853 tol 1e-12", partial(_prepared, case, case.scipy))], choice)
     return rows
 
 
-def _rows_of(
-    case: Pendulum | FastTop, makers: dict[tuple[str, str], Callable[[], EventJob]], rounds: int,
-    least: float, watch: Callable[[str], None],
-) -> list[EventRow]:
-    found: dict[tuple[str, str], EventRow] = {}
-    jobs: dict[str, Callable[[], object]] = {}
-    often: dict[str, int] = {}
-    for (peer, setting), make in makers.items():
-        watch(f"{case.name}: {peer} {setting}")
-        row = EventRow(case.name, peer, version(peer), setting)
-        try:
-            job = make()
-            times = job.events()
-            time_error, dense_error = case.errors(times, job.dense())
-        except (Unavailable, GyrosparkError) as error:
-            found[peer, setting] = replace(row, note=str(error),
-                                           failed=not isinstance(error, Unavailable))
-            continue
-        found[peer, setting] = replace(row, found=len(times), time_error=time_error,
-                                       dense_error=dense_error)
-        for what in ("alone", "events", "dense"):
-            name = f"{peer} {setting} {what}"
-            jobs[name], often[name] = repeated(getattr(job, what), least)
-    watch(f"{case.name}: all in turn")
-    samples = alternate(jobs, rounds, time.process_time)  # what worker threads do counts too
-    return [_timed(row, samples, often) for row in found.values()]
-
-
-def _timed(row: EventRow, samples: dict[str, Sample], often: dict[str, int]) -> EventRow:
-    names = {what: f"{row.peer} {row.setting} {what}" for what in ("alone", "events", "dense")}
-    if names["alone"] not in samples:
-        return row
-    timed = {what: samples[name].per(often[name]).seconds for what, name in names.items()}
-    return EventRow(**asdict(row) | timed)
+def _prepared(case: Pendulum | FastTop, make: Callable[[], EventJob]) -> Prepared:
+    job = make()
+    times = job.events()
+    time_error, dense_error = case.errors(times, job.dense())
+    return Prepared(
+        {"events": float(len(times)), "error of times": time_error,
+         "error of states": dense_error},
+        {"alone": job.alone, "events": job.events, "dense": job.dense},
+        lambda seconds: {"run (ms)": seconds["alone"].median * 1e3,
+                         "with event (ms)": seconds["events"].median * 1e3,
+                         "with states (ms)": seconds["dense"].median * 1e3})

@@ -21,18 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gyrospark.api import load_model, stepper
-from gyrospark.core.start import Start
-from gyrospark.generator.multibody.multibody import Multibody
-from gyrospark.runtime.analysis.fit import Fit, fit
-from gyrospark.runtime.rigid_body.quaternion import left_matrix
-from gyrospark.runtime.steppers.stepper import Stepper
+import gyrospark as gs
+
+from .attitudes import Array, left_matrix
 
 __all__ = ["FitCase", "Recovery", "damped_top", "double_body", "recover"]
-
-Array = NDArray[np.float64]
 
 #: Standard deviation of each component of the rotation vector of the noise, in rad.
 NOISE = 2e-3
@@ -44,7 +38,7 @@ class FitCase:
 
     Attributes
     ----------
-    step, dt : Stepper and float
+    step, dt : gs.Stepper and float
         What fits.
     t, attitudes : array
         Times of the samples and exact quaternions, four columns for each body.
@@ -56,7 +50,7 @@ class FitCase:
         Names that are fitted, beside the start.
     """
 
-    step: Stepper
+    step: gs.Stepper
     dt: float
     t: Array
     attitudes: Array
@@ -75,9 +69,9 @@ class FitCase:
             made[:, k : k + 4] = turned(made[:, k : k + 4], angles)
         return made
 
-    def fit(self, data: Array, **more: Any) -> Fit:
+    def fit(self, data: Array, **more: Any) -> Any:
         """Return the fit to data."""
-        return fit(self.step, Start(self.q, self.p, self.guess), self.t, data, **{
+        return gs.fit(self.step, gs.Start(self.q, self.p, self.guess), self.t, data, **{
             "dt": self.dt, "free": [*self.free, "start"], **more})
 
 
@@ -90,20 +84,21 @@ def turned(q: Array, angles: Array) -> Array:
 
 def damped_top() -> FitCase:
     """Return the top of examples/damped_top.toml, m g l known, its first guess far off."""
-    model = load_model(Path(__file__).parents[1] / "examples" / "damped_top.toml")
-    fine = stepper("G-L", 3, system=model)
+    model = gs.load_model(Path(__file__).parents[1] / "examples" / "damped_top.toml")
+    fine = gs.stepper("G-L", 3, system=model)
     run = fine.integrate(model.q0, model.p0, dt=2.5e-3, steps=480, every=8,
                          parameters={**model.parameters, "gamma": "m"})
     true = {name: float(x) for name, x in run.parameters.items()}
     guess = true | {"I1": 2.7e-3, "I2": 1e-3, "I3": 1.1e-3, "c": 1e-4, "gamma": 1.4e-3}
     q = turned(run.q[0], np.array([0.04, -0.06, 0.04]))
-    return FitCase(stepper("G-L", 2, system=model), 5e-3, run.t[1:], run.q[1:], q, 1.15 * run.p[0],
-                   guess, true, ["I1", "I2", "I3", "c"])
+    step = gs.stepper("G-L", 2, system=model)
+    return FitCase(step, 5e-3, run.t[1:], run.q[1:], q, 1.15 * run.p[0], guess, true,
+                   ["I1", "I2", "I3", "c"])
 
 
 def double_body() -> FitCase:
     """Return an unknown body on a ball joint at the end of a known one with a fixed point."""
-    build = Multibody("damped_double_body")
+    build = gs.Multibody("damped_double_body")
     c = build.parameter("c", 2e-3)
     lower = build.body("lower", mass=1.0, inertia=(4e-3, 4e-3, 2e-3),
                        quaternion=(np.cos(0.2), np.sin(0.2), 0, 0), angular_velocity=(1, 0.5, 8))
@@ -115,7 +110,7 @@ def double_body() -> FitCase:
     for body in (lower, upper):
         build.torque(body, [-c * omega for omega in body.angular_velocity])
     model = build.model()
-    step = stepper("G-L", 2, system=model)
+    step = gs.stepper("G-L", 2, system=model)
     run = step.integrate(model.q0, model.p0, dt=2.5e-3, steps=400, every=4, parameters={
         **model.parameters, "lower_gamma": "m", "upper_gamma": "m"})
     true = {name: float(x) for name, x in run.parameters.items()}

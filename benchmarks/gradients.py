@@ -11,100 +11,31 @@ timed is value and gradient together, and beside it a run alone: CPU time, conte
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+import math
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+import sympy as sp
 
-from gyrospark._version import __version__
-from gyrospark.api import stepper
-from gyrospark.core.errors import GyrosparkError
-from gyrospark.runtime.derivatives.tangent_space import Tangents, TangentSpace
-from gyrospark.runtime.steppers.stepper import Stepper
+import gyrospark as gs
+from gyrospark.runtime.derivatives.tangent_space import TangentSpace
 
-from .peer_linkages import Linkage, chain_of, closed_loop
+from .attitudes import Array
 from .peers import casadi_gradients, diffrax_gradients, heyoka_gradients, mujoco_gradients
 from .peers.gradient_job import GradientJob, Job
-from .peers.optional import Unavailable, version
-from .timing import Sample, alternate, repeated, with_children
-from .tops import parameters, tops
+from .rows import Choice, Entry, Prepared, Row, contest
+from .scenes import scene_of
+from .timing import with_children
+from .tops import INERTIA, MGL, parameters, tops
 
-__all__ = ["PEERS", "FastTopGradient", "GradientRow", "LinkageGradient", "compare_gradients",
-           "gradient_cases"]
+__all__ = ["FastTopGradient", "LinkageGradient", "derivatives", "gradients"]
 
-Array = NDArray[Any]
-
-#: Programs with gradients; of some pip knows another name.
-PEERS = ("gyrospark", "heyoka", "diffrax", "casadi", "mujoco")
 #: Stages → time steps.
 _OURS = {3: (1e-3, 2e-3, 4e-3), 4: (1e-3, 2e-3, 4e-3), 5: (8e-3,), 6: (5e-3, 1e-2)}
 #: Stages and time step of the truth; half the step tells its error.
 _TRUTH = (6, 4e-3)
-
-
-@dataclass(frozen=True)
-class GradientRow:
-    """One program with one setting; numbers are None where there is none.
-
-    Attributes
-    ----------
-    gradient, primal
-        CPU seconds of each round: value and gradient, and a run alone.
-    built
-        CPU seconds until the first gradient, of compilers too; what was compiled before is not
-        again.
-    by_start, by_parameters
-        Largest errors of the gradient by the start, and of θ ∂/∂θ, relative to the largest entry.
-    truth_error
-        The larger of these two between the truth and itself with half the time step.
-    """
-
-    case: str
-    peer: str
-    version: str
-    setting: str
-    gradient: tuple[float, ...] = ()
-    primal: tuple[float, ...] = ()
-    built: float | None = None
-    by_start: float | None = None
-    by_parameters: float | None = None
-    truth_error: float | None = None
-    note: str = ""
-    failed: bool = False
-
-    @property
-    def name(self) -> str:
-        """Program and setting."""
-        return f"{self.peer} {self.setting}"
-
-    @property
-    def family(self) -> str:
-        """Program and method, without time step and tolerance."""
-        return " ".join(word for word in self.name.split()
-                        if not word.startswith(("Δt=", "tol", "1e-")))
-
-    @property
-    def error(self) -> float | None:
-        """The larger error."""
-        return max((x for x in (self.by_start, self.by_parameters) if x is not None), default=None)
-
-    def median(self, what: str) -> float | None:
-        """Return the median seconds of "gradient" or "primal"."""
-        seconds: tuple[float, ...] = getattr(self, what)
-        return Sample(seconds).median if seconds else None
-
-    @property
-    def spread(self) -> float | None:
-        """Median distance of the gradient's seconds from their median, relative to it."""
-        return Sample(self.gradient).spread if self.gradient else None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what JSON holds of it."""
-        return asdict(self)
 
 
 class _Case:
@@ -121,13 +52,31 @@ class _Case:
     watched: slice
     target: Array
 
-    def make(self, stages: int, real: Any = "double") -> Stepper:
+    def make(self, stages: int, real: Any = "double") -> gs.Stepper:
         """Return our stepper."""
         raise NotImplementedError
 
-    def others(self, *, quick: bool) -> Iterator[tuple[str, str, Callable[[], Job]]]:
-        """Yield program, setting, and what prepares its gradient."""
+    def others(self) -> Iterator[tuple[str, Mapping[str, Callable[[], Job]]]]:
+        """Yield each program with its settings and what prepares their gradients."""
         raise NotImplementedError
+
+    def prepared(self, make: Callable[[], Job]) -> Prepared:
+        """Return a gradient with its errors, relative to the largest entry."""
+        begin = with_children()
+        job = make()
+        found = job.gradient()
+        built = with_children() - begin
+        (start, scaled), off = self.truth
+        mine = self.vector(found)
+        errors = {"by start": _off(mine[0], start)}
+        if found.parameters is not None:
+            errors["by parameters"] = _off(mine[1], scaled)
+        return Prepared(
+            {"error": max(errors.values()), **errors, "truth off by": off, "built in (s)": built},
+            {"gradient": job.gradient, "run": job.primal},
+            lambda seconds: {"gradient (ms)": seconds["gradient"].median * 1e3,
+                             "run (ms)": seconds["run"].median * 1e3,
+                             "ratio": seconds["gradient"].median / seconds["run"].median})
 
     def loss(self, run: Any) -> tuple[Any, dict[str, Array]]:
         """Return the loss of a run and its cotangents."""
@@ -140,7 +89,7 @@ class _Case:
         steps = round(self.t_end / dt)
         return {"dt": dt, "steps": steps, "every": steps, "parameters": self.values}
 
-    def _start(self, step: Stepper) -> tuple[Array, Array]:
+    def _start(self, step: gs.Stepper) -> tuple[Array, Array]:
         return step.project(self.q0, self.p0, parameters=self.values)
 
     def ours(self, stages: int, dt: float, real: Any = "double") -> Job:
@@ -158,7 +107,7 @@ class _Case:
         """Return our gradient by tangents along all directions of the start and parameters."""
         step = self.make(stages)
         q, p = self._start(step)
-        wanted, space = Tangents(parameters=self.wrt), self._space
+        wanted, space = gs.Tangents(parameters=self.wrt), self._space
         basis = space.basis()
 
         def gradient() -> GradientJob:
@@ -180,10 +129,9 @@ class _Case:
         step = self.make(3)
         q, p = self._start(step)
         binding = step.derivative_binding()
-        given = step.resolved(step.run_arguments(q, p, dt=1e-3, steps=0, t0=0.0,
-                                                 parameters=dict(self.values)))
+        numbers = step.integrate(q, p, dt=1e-3, steps=0, parameters=self.values).parameters
         self._names = binding.own.parameter_names
-        return TangentSpace(binding, binding.own.parameters(given.parameters, given.t0), q, p,
+        return TangentSpace(binding, binding.own.parameters(numbers, 0.0), q, p,
                             step.constraint_names)
 
     def vector(self, found: GradientJob) -> tuple[Array, Array]:
@@ -209,12 +157,6 @@ class _Case:
                         for h in (dt, dt / 2))
         return fine, max(_off(x, y) for x, y in zip(coarse, fine, strict=True))
 
-    def errors(self, found: GradientJob) -> tuple[float, float | None]:
-        """Return the relative errors by the start, and by the parameters where it has these."""
-        (start, scaled), _ = self.truth
-        mine = self.vector(found)
-        return _off(mine[0], start), (
-            None if found.parameters is None else _off(mine[1], scaled))
 
 
 def _off(found: Array, truth: Array) -> float:
@@ -233,17 +175,15 @@ class FastTopGradient(_Case):
         top = tops()[0]
         self.t_end, self.q0, self.p0, self.values = t_end, top.q, top.p, parameters()
 
-    def make(self, stages: int, real: Any = "double") -> Stepper:
+    def make(self, stages: int, real: Any = "double") -> gs.Stepper:
         """Return the heavy top's stepper."""
-        return stepper("G-L", stages, "gamma", real=real)
+        return gs.stepper("G-L", stages, "gamma", real=real)
 
-    def others(self, *, quick: bool) -> Iterator[tuple[str, str, Callable[[], Job]]]:
+    def others(self) -> Iterator[tuple[str, Mapping[str, Callable[[], Job]]]]:
         """Yield heyoka, diffrax, CasADi and MuJoCo."""
-        for peer, module in (("heyoka", heyoka_gradients), ("diffrax", diffrax_gradients),
-                             ("casadi", casadi_gradients), ("mujoco", mujoco_gradients)):
-            settings = module.of_top(self.t_end, self.target)
-            for setting in list(settings)[: 1 if quick else None]:
-                yield peer, setting, settings[setting]
+        for program, module in (("heyoka", heyoka_gradients), ("diffrax", diffrax_gradients),
+                                ("casadi", casadi_gradients), ("mujoco", mujoco_gradients)):
+            yield program, module.of_top(self.t_end, self.target)
 
 
 class LinkageGradient(_Case):
@@ -251,98 +191,116 @@ class LinkageGradient(_Case):
 
     target = np.zeros(3)
 
-    def __init__(self, linkage: Linkage, t_end: float = 1.0) -> None:
-        model = linkage.model
-        self.linkage, self.name, self.t_end = linkage, linkage.name, t_end
+    def __init__(self, name: str, model: gs.Model, t_end: float = 1.0) -> None:
+        self.model, self.name, self.t_end = model, name, t_end
         self.q0, self.p0, self.values = model.q0, model.p0, model.parameters
         n = len(self.q0)
         self.watched = slice(n - 3, n)
         self.wrt = tuple(name for name in model.parameters
                          if name.startswith("gravity") or name.endswith("_m"))
 
-    def make(self, stages: int, real: Any = "double") -> Stepper:
+    def make(self, stages: int, real: Any = "double") -> gs.Stepper:
         """Return the model's stepper."""
-        return stepper("G-L", stages, system=self.linkage.model, real=real)
+        return gs.stepper("G-L", stages, system=self.model, real=real)
 
-    def others(self, *, quick: bool) -> Iterator[tuple[str, str, Callable[[], Job]]]:
+    def others(self) -> Iterator[tuple[str, Mapping[str, Callable[[], Job]]]]:
         """Yield CasADi and MuJoCo."""
-        for peer, module in (("casadi", casadi_gradients), ("mujoco", mujoco_gradients)):
-            settings = module.of_linkage(self.linkage, self.wrt, self.t_end)
-            for setting in list(settings)[: 1 if quick else None]:
-                yield peer, setting, settings[setting]
+        yield "casadi", casadi_gradients.of_model(self.model, self.wrt, self.t_end)
+        yield "mujoco", mujoco_gradients.of_scene(scene_of(self.model), self.t_end)
 
 
-def gradient_cases(*, quick: bool = False) -> list[_Case]:
-    """Return the three; in a quick run a fifth of a second of the fast top."""
-    if quick:
-        return [FastTopGradient(0.2)]
-    return [FastTopGradient(), LinkageGradient(closed_loop()), LinkageGradient(chain_of(8))]
-
-
-def compare_gradients(
-    cases: Sequence[_Case], peers: Sequence[str], rounds: int, least: float, *,
-    quick: bool = False, watch: Callable[[str], None] = lambda name: None,
-) -> list[GradientRow]:
-    """Return a row for each case, program and setting; those of a case take turns."""
+def gradients(choice: Choice) -> list[Row]:
+    """Return a row for each case, program and setting; in a quick run of 0.2 s of the top."""
+    cases: list[_Case] = [FastTopGradient(0.2)] if choice.quick else [
+        FastTopGradient(), LinkageGradient("four-bar", gs.models.four_bar()),
+        LinkageGradient("chain of 8", gs.models.chain(8))]
     rows = []
     for case in cases:
-        makers: dict[tuple[str, str], Callable[[], Job]] = {}
-        if "gyrospark" in peers:
-            makers |= {("gyrospark", name): make for name, make in _ours(case, quick=quick)}
-        makers |= {(peer, setting): make for peer, setting, make in case.others(quick=quick)
-                   if peer in peers}
-        rows += _rows_of(case, makers, rounds, least, watch)
+        if choice.only in case.name:
+            choice.watch(f"{case.name}: truth")
+            rows += contest(case.name, [*_ours(case), *(
+                Entry(program, setting, partial(case.prepared, make), number == 0)
+                for program, settings in case.others()
+                for number, (setting, make) in enumerate(settings.items()))], choice)
     return rows
 
 
-def _ours(case: _Case, *, quick: bool) -> Iterator[tuple[str, Callable[[], Job]]]:
-    for stages, dts in ({3: (4e-3,)} if quick else _OURS).items():
+def _ours(case: _Case) -> Iterator[Entry]:
+    for stages, dts in _OURS.items():
         for dt in dts:
-            yield f"G-L s={stages} Δt={dt:g} adjoint", partial(case.ours, stages, dt)
-    dt = 4e-3 if quick else 1e-3
-    yield f"G-L s=3 Δt={dt:g} tangents", partial(case.our_tangents, 3, dt)
+            yield Entry("gyrospark", f"G-L s={stages} adjoint Δt={dt:g}",
+                        partial(case.prepared, partial(case.ours, stages, dt)),
+                        (stages, dt) == (3, 4e-3))
+    for dt in (1e-3, 4e-3):
+        yield Entry("gyrospark", f"G-L s=3 tangents Δt={dt:g}",
+                    partial(case.prepared, partial(case.our_tangents, 3, dt)), dt == 4e-3)
 
 
-def _rows_of(
-    case: _Case, makers: Mapping[tuple[str, str], Callable[[], Job]], rounds: int, least: float,
-    watch: Callable[[str], None],
-) -> list[GradientRow]:
-    rows: dict[str, GradientRow] = {}
-    jobs: dict[str, Callable[[], object]] = {}
-    often: dict[str, int] = {}
-    watch(f"{case.name}: truth")
-    truth_error = case.truth[1]
-    for (peer, setting), make in makers.items():
-        number = __version__ if peer == "gyrospark" else version(peer)
-        row = GradientRow(case.name, peer, number, setting, truth_error=truth_error)
-        watch(f"{case.name}: {row.name}")
-        start = with_children()
-        try:
-            job = make()
-            found = job.gradient()
-            built = with_children() - start
-            by_start, by_parameters = case.errors(found)
-            for what in ("gradient", "primal"):
-                name = f"{row.name} {what}"
-                jobs[name], often[name] = repeated(getattr(job, what), least)
-        except Unavailable as reason:
-            row = replace(row, note=str(reason))
-        except Exception as error:  # other programs raise what they like; it is their row
-            note = str(error) if isinstance(error, GyrosparkError) else f"failed: {error!r}"
-            row = replace(row, note=note, failed=True)
-        else:
-            row = replace(row, built=built, by_start=by_start, by_parameters=by_parameters)
-        rows[row.name] = row
-    watch(f"{case.name}: all in turn")
-    samples = alternate(jobs, rounds, time.process_time)  # what worker threads do counts too
-    return [_timed(row, samples, often) for row in rows.values()]
+# ---------------------------------------------------------------- over the run itself
+
+#: Directions of the start that tangents are taken along.
+COUNTS = (1, 8, 16)
 
 
-def _timed(
-    row: GradientRow, samples: Mapping[str, Sample], often: Mapping[str, int]
-) -> GradientRow:
-    if row.by_start is None:
-        return row
-    gradient, primal = (samples[name].per(often[name]).seconds for name in (
-        f"{row.name} gradient", f"{row.name} primal"))
-    return replace(row, gradient=gradient, primal=primal)
+def derivatives(choice: Choice) -> list[Row]:
+    """Return what gradients by the adjoint and tangents take over the run; in a quick run of a top.
+
+    A gradient is from a run that is there: its steps done again, and a cotangent of the end taken
+    backwards. Tangents are along directions of the start, together with the run.
+    """
+    cases: list[tuple[str, Callable[[], _Motion], float, int]] = [
+        ("top, quaternions", _top, 1e-3, 100 if choice.quick else 2000)]
+    if not choice.quick:
+        cases += [("top, angles", _in_angles, 1e-3, 2000),
+                  ("chain of 8", partial(_chain, 8), 2e-3, 200),
+                  ("chain of 100", partial(_chain, 100), 2e-3, 20)]
+    return [row for name, make, dt, steps in cases if choice.only in name for row in contest(
+        name, [Entry("gyrospark", f"3-G-L Δt={dt:g}", partial(_costs, make, dt, steps))], choice)]
+
+
+#: A stepper and the start of a run: q, p, parameters.
+_Motion = tuple[gs.Stepper, Array, Array, Mapping[str, float]]
+
+
+def _costs(make: Callable[[], _Motion], dt: float, steps: int) -> Prepared:
+    step, q, p, values = make()
+    run: dict[str, Any] = {"dt": dt, "steps": steps, "every": steps, "parameters": values}
+    begin = with_children()
+    random, end = np.random.default_rng(1), step.integrate(q, p, **run)
+    ends = {"q": random.normal(size=step.n), "p": random.normal(size=step.n)}
+    step.gradient(end, ends)
+    built = with_children() - begin
+    jobs: dict[str, Callable[[], object]] = {
+        "run": partial(step.integrate, q, p, **run), "gradient": partial(step.gradient, end, ends)}
+    for count in COUNTS:
+        along = gs.Tangents(random.normal(size=(2 * step.n, count)), project=True)
+        jobs[f"{count} tangents"] = partial(step.integrate, q, p, **run, tangents=along)
+    return Prepared(
+        {"derivatives built in (s)": built}, jobs,
+        lambda seconds: {"µs/step": seconds["run"].median / steps * 1e6, **{
+            f"{name} / run": sample.median / seconds["run"].median
+            for name, sample in seconds.items() if name != "run"}})
+
+
+def _top() -> _Motion:
+    step, top = gs.stepper("G-L", 3, "gamma"), tops()[0]
+    return step, *step.project(top.q, top.p, parameters=parameters()), parameters()
+
+
+def _in_angles() -> _Motion:
+    q, v = sp.symbols("phi theta psi"), sp.symbols("dphi dtheta dpsi")
+    I1, I3, mgl = sp.symbols("I1 I3 mgl", positive=True)
+    kinetic = (I1 * (v[1]**2 + v[0]**2 * sp.sin(q[1])**2)
+               + I3 * (v[2] + v[0] * sp.cos(q[1]))**2) / 2
+    step = gs.stepper("G-L", 3, system=gs.System.from_lagrangian(
+        kinetic - mgl * sp.cos(q[1]), q, v, [I1, I3, mgl], name="top_in_angles"))
+    start = np.array([0.0, math.pi / 6, 0.0])
+    values = {"I1": INERTIA[0], "I3": INERTIA[2], "mgl": MGL}
+    return step, start, step.momenta(start, [0, 0, 40 * math.pi], parameters=values), values
+
+
+def _chain(rods: int) -> _Motion:
+    model = gs.models.chain(rods)
+    step = gs.stepper("G-L", 3, system=model)
+    return (step, *step.project(model.q0, model.p0, parameters=model.parameters),
+            model.parameters)

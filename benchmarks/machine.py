@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import platform
+import shlex
+import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from gyrospark._version import __version__
-from gyrospark.runtime.compilation.compiler import find_compiler
+import gyrospark as gs
 
 from .peers.optional import version
 from .reference_states import about as reference_about
@@ -19,16 +20,16 @@ __all__ = ["about"]
 
 def about(packages: Iterable[str]) -> dict[str, Any]:
     """Return machine, compiler and the versions of the packages that are installed."""
-    compiler = find_compiler()
+    compiler = shlex.split(os.environ.get("CC", "cc"))
+    said = subprocess.run([*compiler, "--version"], check=True, capture_output=True, text=True)
     found = {name: version(name) for name in ("numpy", *packages)}
     return {
-        "gyrospark": __version__,
+        "gyrospark": gs.__version__,
         "python": platform.python_version(),
         "system": platform.platform(),
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "compiler": compiler.version.splitlines()[0],
-        "flags": " ".join(compiler.flags),
+        "compiler": said.stdout.splitlines()[0],
         "packages": {name: number for name, number in found.items() if number},
         "reference": reference_about(),
     }

@@ -24,7 +24,7 @@ from typing import Any
 
 import mpmath as mp
 
-from gyrospark.api import stepper
+import gyrospark as gs
 from gyrospark.references.problem import Reference
 from gyrospark.references.problem_registry import REFERENCES, reference
 from gyrospark.references.true_digits import PATH
@@ -84,7 +84,7 @@ def _apart(values: Sequence[Any], second: Sequence[Any]) -> float:
 def _run(problem: Reference, steps: int) -> Numbers:
     """Return the end by eight stages in float128, every number of the model rounded once."""
     model = problem.make().in_type(rounding("float128"))
-    step = stepper("G-L", 8, system=model.system, real="float128")
+    step = gs.stepper("G-L", 8, system=model.system, real="float128")
     q, p = step.project(model.q0, model.p0, parameters=dict(model.parameters))
     if any(abs(a - b) > 1e-28 for a, b in zip((*q, *p), (*model.q0, *model.p0), strict=True)):
         raise ArithmeticError(f"{problem.name} does not start on its constraints.")

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from gyrospark.api import stepper
+import gyrospark as gs
 
+from .attitudes import Array
 from .peers.heyoka_taylor import equations
 from .peers.optional import need
 from .reference_states import PATH, TIMES
-from .tops import INERTIA, LEVER, Array, Top, axis, parameters, spin_of, tops
+from .tops import INERTIA, LEVER, Top, axis, parameters, spin_of, tops
 
 __all__ = ["main"]
 
@@ -64,7 +65,7 @@ def _start(top: Top) -> tuple[Array, Array]:
 
 def _own(top: Top) -> Array:
     """Return q at the time of the check by our own stepper in long double."""
-    step = stepper("G-L", 6, "gamma", real="long-double")
+    step = gs.stepper("G-L", 6, "gamma", real="long-double")
     q, omega = _start(top)
     q0, q1, q2, q3 = q
     L = np.array([[-q1, q0, q3, -q2], [-q2, -q3, q0, q1], [-q3, q2, -q1, q0]])

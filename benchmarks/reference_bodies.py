@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from fractions import Fraction
 from functools import partial
+from typing import Any
 
-from gyrospark.references.problem import Reference, largest_error
-from gyrospark.references.work_precision import WorkPrecisionRun
+from gyrospark.references import Reference, WorkPrecisionRun
 
 from .peers import exudyn_scenes, mujoco_scenes
 from .peers.optional import Unavailable
@@ -22,7 +23,7 @@ from .reference_scenes import SceneReference, scene_reference
 from .scenes import ReferenceScene, SceneMotion
 from .timing import stopwatch
 
-__all__ = ["measure_bodies"]
+__all__ = ["largest_error", "measure_bodies"]
 
 Go = Callable[[], Mapping[str, SceneMotion]]
 #: Steps and seconds → what goes.
@@ -114,3 +115,9 @@ def _error(problem: Reference, scene: SceneReference, end: Mapping[str, SceneMot
     found = scene.read(end)
     return max(largest_error(found[group], [problem.truth.value(name) for name in names])
                for group, names in problem.groups.items())
+
+
+def largest_error(found: Sequence[Any], true: Sequence[Fraction]) -> float:
+    """Return the largest difference of numbers, relative to the largest true one."""
+    apart = [abs(Fraction(float(x)) - y) for x, y in zip(found, true, strict=True)]
+    return float(max(apart) / max(map(abs, true)))

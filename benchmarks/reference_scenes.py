@@ -11,23 +11,22 @@ import math
 import runpy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from gyrospark.generator.multibody.model import Model
-from gyrospark.generator.multibody.multibody import Multibody
-from gyrospark.references.mechanisms import EXAMPLES
-from gyrospark.references.problem import Reference
-from gyrospark.references.problem_registry import reference
-from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
+import gyrospark as gs
+from gyrospark.references import Reference, reference
 
+from .attitudes import rotation_matrix
 from .peers.optional import Unavailable
 from .scenes import GROUND, ReferenceScene, SceneBody, SceneJoint, SceneMotion, scene_of
 
 __all__ = ["SceneReference", "andrews", "andrews_released", "at_start", "scene_reference"]
 
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 Motions = Mapping[str, SceneMotion]
 Numbers = Mapping[str, Sequence[float]]
 #: ε of derivatives by complex numbers.
@@ -72,7 +71,7 @@ def _signed(problem: Reference, found: Numbers) -> Numbers:
 # ---------------------------------------------------------------- a point on a rod
 
 
-def _pendulum(model: Model) -> ReferenceScene:
+def _pendulum(model: gs.Model) -> ReferenceScene:
     """Return a point on a rod, its mass and weight those of H.
 
     Raises
@@ -102,7 +101,7 @@ def _pendulum(model: Model) -> ReferenceScene:
 
 def andrews(
     values: Mapping[str, float], angles: Sequence[float], rates: Sequence[float] = (0.0,) * 7
-) -> Multibody:
+) -> gs.Multibody:
     """Return the seven bodies of Andrews' mechanism in a plane, K1 to K7, without its torque.
 
     Parameters
@@ -115,7 +114,7 @@ def andrews(
     beta, theta, gamma, phi, delta, omega, epsilon = (
         np.asarray(angles) + 1j * _STEP * np.asarray(rates))
     A, B = (v["xa"], v["ya"]), (v["xb"], v["yb"])
-    build = Multibody("andrews_of_bodies", gravity=(0, 0, 0))
+    build = gs.Multibody("andrews_of_bodies", gravity=(0, 0, 0))
     at: dict[str, tuple[Any, Any]] = {}
 
     def link(number: int, hinge: Any, turn: complex, centre: tuple[float, float]) -> None:
@@ -152,7 +151,7 @@ def andrews(
     return build
 
 
-def andrews_released() -> Model:
+def andrews_released() -> gs.Model:
     """Return Andrews' mechanism at t = 0.03 s of the reference solution, its torque then off."""
     problem = reference("andrews")
     angles, rates = ([float(problem.truth.value(name)) for name in problem.groups[group]]
@@ -161,7 +160,7 @@ def andrews_released() -> Model:
     return build.model(redundant="leave out")
 
 
-def _andrews(problem: Reference, model: Model) -> SceneReference:
+def _andrews(problem: Reference, model: gs.Model) -> SceneReference:
     build = andrews(model.parameters, model.q0.tolist())
     scene = replace(scene_of(build.model(redundant="leave out")),
                     torques={"K1": np.array([0.0, 0.0, model.parameters["mom"]])})
@@ -187,7 +186,7 @@ def _next_to(angle: float, true: float) -> float:
 # ---------------------------------------------------------------- the governors
 
 
-def _governor(model: Model) -> SceneReference:
+def _governor(model: gs.Model) -> SceneReference:
     governor = runpy.run_path(str(EXAMPLES / "flyball_governor.py"))["governor"]
     slide = model.p0[2] / model.parameters["M"]
     return SceneReference(scene_of(governor(model.parameters["C"], slide)), _governor_end)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from .tops import LEVER, Array, axis
+from .attitudes import Array
+from .tops import LEVER, axis
 
 __all__ = ["PATH", "TIMES", "about", "distance", "has", "reference_axes"]
 

@@ -14,19 +14,15 @@ from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
-from gyrospark.core.inertia import inertia_matrix, tensor_of_inverse
-from gyrospark.generator.multibody.model import Model
-from gyrospark.generator.systems.body_layout import BodyLayout, JointLayout
-from gyrospark.runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
+import gyrospark as gs
 
+from .attitudes import Array, angular_velocity, left_matrix, rotation_matrix
 from .peers.optional import Unavailable
 
 __all__ = ["GROUND", "ReferenceScene", "SceneBody", "SceneJoint", "SceneMotion", "SceneSpring",
            "bodies_of", "scene_of"]
 
-Array = NDArray[np.float64]
 GROUND = ""
 
 
@@ -110,7 +106,7 @@ class ReferenceScene:
     """All of it; ``torques`` are constant ones in space."""
 
     name: str
-    model: Model
+    model: gs.Model
     gravity: Array
     bodies: Mapping[str, SceneBody]
     joints: tuple[SceneJoint, ...] = ()
@@ -157,7 +153,7 @@ class FinalState:
     p: Array
 
 
-def scene_of(model: Model) -> ReferenceScene:
+def scene_of(model: gs.Model) -> ReferenceScene:
     """Return what a model's bodies, joints, springs and gravity are.
 
     Raises
@@ -184,16 +180,20 @@ def scene_of(model: Model) -> ReferenceScene:
 # ---------------------------------------------------------------- bodies
 
 
-def bodies_of(model: Model) -> dict[str, SceneBody]:
+def bodies_of(model: gs.Model) -> dict[str, SceneBody]:
     """Return the bodies of a model in double precision at t = 0."""
     return {at.name: _body(at, model) for at in model.system.bodies}
 
 
-def _body(at: BodyLayout, model: Model) -> SceneBody:
+def _body(at: Any, model: gs.Model) -> SceneBody:
     values, places = model.parameters, {x: i for i, x in enumerate(model.system.q)}
     entries = [float(values[str(x)]) for x in at.inertia]
-    inertia = inertia_matrix((entries[0], entries[1], entries[2]) if len(entries) == 3
-                             else tensor_of_inverse(entries))
+    if len(entries) == 3:
+        inertia = np.diag(entries)
+    else:  # the upper triangle of J⁻¹
+        inverse = np.zeros((3, 3))
+        inverse[np.triu_indices(3)] = entries
+        inertia = np.linalg.inv(inverse + np.triu(inverse, 1).T)
     turn, move = [places[x] for x in at.q], [places[x] for x in at.x]
     q, p = (np.asarray(state, dtype=float) for state in (model.q0, model.p0))
     omega = angular_velocity(q[turn], p[turn], inertia)
@@ -211,7 +211,7 @@ def _body(at: BodyLayout, model: Model) -> SceneBody:
     return SceneBody(mass, 2 * inertia - body.about_origin, centre, start, held=True)
 
 
-def _moment(model: Model) -> Array:
+def _moment(model: gs.Model) -> Array:
     """Return w of V = w · (R₃₁, R₃₂, R₃₃), mass times gravity times the centre of mass.
 
     Raises
@@ -234,7 +234,7 @@ def _moment(model: Model) -> Array:
     return np.where(np.abs(w) < 1e-12 * np.abs(w).max(), 0.0, w)
 
 
-def _pull(model: Model) -> float:
+def _pull(model: gs.Model) -> float:
     """Return the gravity that gives a body of 1 kg its weight's moment, of all that move it alike.
 
     Its centre is so near the point that m |c|² is a hundredth of the least moment of inertia: there
@@ -248,7 +248,7 @@ def _pull(model: Model) -> float:
 
 
 def _joint(
-    at: JointLayout, bodies: Mapping[str, SceneBody], values: Mapping[str, float]
+    at: Any, bodies: Mapping[str, SceneBody], values: Mapping[str, float]
 ) -> SceneJoint:
     there = {name.partition(": ")[2]: pull for name, pull in at.constraint_forces}
     where = _in_space(at.a, _vector(at.on_a, values), bodies)
@@ -273,7 +273,7 @@ def _joint(
                       (*points, "axis 1" in there, "axis 2" in there))
 
 
-def _spring(at: JointLayout, values: Mapping[str, float]) -> SceneSpring:
+def _spring(at: Any, values: Mapping[str, float]) -> SceneSpring:
     return SceneSpring(at.a, at.b, _vector(at.on_a, values), _vector(at.on_b, values),
                        values[f"{at.name}_stiffness"], values.get(f"{at.name}_length", 0.0),
                        values.get(f"{at.name}_damping", 0.0))

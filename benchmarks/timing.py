@@ -10,21 +10,22 @@ from __future__ import annotations
 import os
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-
-from gyrospark.runtime.compilation.call_stack import thread_seconds
+from typing import TypeVar
 
 __all__ = ["Clock", "Sample", "alternate", "repeated", "stopwatch", "with_children"]
 
 Clock = Callable[[], float]
+Name = TypeVar("Name", bound=Hashable)
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Seconds of each round, as measured."""
+    """Seconds of each round by the clock, and by that on the wall."""
 
     seconds: tuple[float, ...]
+    wall_seconds: tuple[float, ...] = ()
 
     @property
     def median(self) -> float:
@@ -32,15 +33,20 @@ class Sample:
         return statistics.median(self.seconds)
 
     @property
+    def wall(self) -> float:
+        """Median of the rounds by the clock on the wall."""
+        return statistics.median(self.wall_seconds)
+
+    @property
     def spread(self) -> float:
         """Median distance from the median, relative to it."""
-        middle = self.median
-        away = statistics.median(abs(x - middle) for x in self.seconds)
-        return away / middle if middle else 0.0
+        away = statistics.median(abs(x - self.median) for x in self.seconds)
+        return away / self.median if self.median else 0.0
 
     def per(self, amount: float) -> Sample:
         """Return the seconds for each of ``amount`` equal parts."""
-        return Sample(tuple(x / amount for x in self.seconds))
+        return Sample(tuple(x / amount for x in self.seconds),
+                      tuple(x / amount for x in self.wall_seconds))
 
 
 def with_children() -> float:
@@ -48,19 +54,20 @@ def with_children() -> float:
     return time.process_time() + sum(os.times()[2:4])
 
 
-def stopwatch(job: Callable[[], object], clock: Clock = thread_seconds) -> float:
-    """Return the CPU seconds that this thread spends on a job."""
+def stopwatch(job: Callable[[], object], clock: Clock = time.process_time) -> float:
+    """Return the seconds that a job takes by a clock."""
     start = clock()
     job()
     return clock() - start
 
 
-def repeated(job: Callable[[], object], least: float) -> tuple[Callable[[], object], int]:
-    """Return a job done so often that it takes ``least`` CPU seconds, and how often that is."""
+def repeated(job: Callable[[], object], least: float, clock: Clock = time.process_time
+             ) -> tuple[Callable[[], object], int]:
+    """Return a job done so often that it takes ``least`` seconds, and how often that is."""
     times = 1
-    while stopwatch(again := _often(job, times)) < least:
+    while stopwatch(_often(job, times), clock) < least:
         times *= 2
-    return again, times
+    return _often(job, times), times
 
 
 def _often(job: Callable[[], object], times: int) -> Callable[[], object]:
@@ -68,12 +75,14 @@ def _often(job: Callable[[], object], times: int) -> Callable[[], object]:
 
 
 def alternate(
-    jobs: Mapping[str, Callable[[], object]], rounds: int, clock: Clock = thread_seconds
-) -> dict[str, Sample]:
+    jobs: Mapping[Name, Callable[[], object]], rounds: int, clock: Clock = time.process_time
+) -> dict[Name, Sample]:
     """Run all jobs once a round, forwards and backwards by turns; return each job's times."""
-    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    times: dict[Name, list[tuple[float, float]]] = {name: [] for name in jobs}
     names = list(jobs)
     for number in range(rounds):
         for name in names if number % 2 == 0 else reversed(names):
-            seconds[name].append(stopwatch(jobs[name], clock))
-    return {name: Sample(tuple(times)) for name, times in seconds.items()}
+            began = time.perf_counter()
+            seconds = stopwatch(jobs[name], clock)
+            times[name].append((seconds, time.perf_counter() - began))
+    return {name: Sample(*zip(*rows, strict=True)) for name, rows in times.items()}

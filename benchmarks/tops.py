@@ -12,21 +12,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gyrospark import gamma as gamma_of
-from gyrospark.runtime.rigid_body.problems import fast_top
-from gyrospark.runtime.rigid_body.quaternion import euler_quaternion, momentum
+import gyrospark as gs
+
+from .attitudes import Array, angular_velocity, left_matrix
 
 __all__ = ["FREE_RATE", "INERTIA", "LANES", "LEVER", "MGL", "Top", "TopState", "axis", "energy",
            "euler_equations", "parameters", "spin_of", "state_of", "tops"]
 
-Array = NDArray[Any]
-
 #: Distance of the mass centre from the fixed point, in metres.
 LEVER = 0.04
-INERTIA = fast_top().inertia
-MGL = fast_top().parameters["mgl"]
+INERTIA = gs.problems.fast_top().inertia
+MGL = gs.problems.fast_top().parameters["mgl"]
 #: (1/I₃ − 1/I₁) I₃ Ω₃: what a free body turns by about its own axis beside l, for frames.
 FREE_RATE = (1 - INERTIA[2] / INERTIA[0]) * 40 * math.pi
 #: Tops in the ensemble; the first is the paper's.
@@ -54,25 +51,24 @@ def tops(count: int = 1) -> list[Top]:
 
     More than eight repeat the first eight.
     """
-    first = fast_top()
+    first = gs.problems.fast_top()
     made = [Top(first.q0, first.p0)]
     for i in range(1, LANES):
-        q = euler_quaternion(0.0, math.pi / 6 + math.radians(2 * i), 0.0)
-        made.append(Top(q, momentum(q, [0.0, 0.0, 40 * math.pi * (1 + 0.02 * i)], INERTIA)))
+        half = (math.pi / 6 + math.radians(2 * i)) / 2
+        q = np.array([math.cos(half), math.sin(half), 0.0, 0.0])
+        spin = np.array([0.0, 0.0, 40 * math.pi * (1 + 0.02 * i)])
+        made.append(Top(q, 2 * left_matrix(q).T @ (np.array(INERTIA) * spin)))
     return [made[i % LANES] for i in range(count)]
 
 
-def parameters(gamma: float | None = None) -> dict[str, float]:
-    """Return the heavy top's parameters with γ, γ_m by default."""
-    return fast_top().parameters | {"gamma": gamma_of(INERTIA) if gamma is None else gamma}
+def parameters() -> dict[str, float]:
+    """Return the heavy top's parameters with γ_m."""
+    return gs.problems.fast_top().parameters | {"gamma": gs.gamma(INERTIA)}
 
 
 def spin_of(top: Top, real: Any = np.float64) -> Array:
     """Return Ω = ½ J⁻¹ L(q) p of a start, in any floating-point type."""
-    q0, q1, q2, q3 = top.q.astype(real)
-    L = np.array([[-q1, q0, q3, -q2], [-q2, -q3, q0, q1], [-q3, q2, -q1, q0]])
-    spin: Array = L @ top.p.astype(real) / 2 / np.array(INERTIA, dtype=real)
-    return spin
+    return angular_velocity(top.q.astype(real), top.p.astype(real), np.array(INERTIA, dtype=real))
 
 
 def state_of(top: Top) -> TopState:

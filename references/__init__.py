@@ -30,10 +30,12 @@ Modules::
 
 from .problem import Published, Reference
 from .problem_registry import names, reference
+from .results_page import page
 from .true_digits import Truth
 from .work_precision import WorkPrecisionRun, measure
 
-__all__ = ["Published", "Reference", "Truth", "WorkPrecisionRun", "measure", "names", "reference"]
+__all__ = ["Published", "Reference", "Truth", "WorkPrecisionRun", "measure", "names", "page",
+           "reference"]
 
 
 def __dir__() -> list[str]:

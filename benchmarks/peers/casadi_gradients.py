@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..peer_linkages import Linkage
-from ..tops import Array, euler_equations
+import gyrospark as gs
+
+from ..attitudes import Array
+from ..tops import euler_equations
 from .gradient_job import TOP_VALUES, GradientJob, Job, of_euler, top_start
 from .optional import need
 
-__all__ = ["PACKAGE", "of_linkage", "of_top"]
+__all__ = ["PACKAGE", "of_model", "of_top"]
 
 PACKAGE = "casadi"
 _TIGHT = {"quad_err_con": True, "interpolation_type": "polynomial"}
@@ -43,11 +45,9 @@ def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
     return {name: partial(_top, *what, t_end, target) for name, what in _settings().items()}
 
 
-def of_linkage(
-    linkage: Linkage, wrt: Sequence[str], t_end: float
-) -> dict[str, Callable[[], Job]]:
+def of_model(model: gs.Model, wrt: Sequence[str], t_end: float) -> dict[str, Callable[[], Job]]:
     """Return settings of bodies on joints, and what prepares them."""
-    return {name: partial(_linkage, linkage, wrt, *what, t_end)
+    return {name: partial(_constrained, model, wrt, *what, t_end)
             for name, what in _settings().items() if what[0] == "idas" and "tight" in name}
 
 
@@ -62,11 +62,11 @@ def _top(plugin: str, options: Mapping[str, Any], t_end: float, target: Array) -
     return Job(lambda: of_euler(*gradient()), primal)
 
 
-def _linkage(
-    linkage: Linkage, wrt: Sequence[str], plugin: str, options: Mapping[str, Any], t_end: float
+def _constrained(
+    model: gs.Model, wrt: Sequence[str], plugin: str, options: Mapping[str, Any], t_end: float
 ) -> Job:
     casadi = need(PACKAGE)
-    system, known = linkage.model.system, linkage.model.parameters
+    system, known = model.system, model.parameters
     n, m = len(system.q), len(system.constraints)
     x, forces, values = (casadi.SX.sym(name, size) for name, size in (
         ("x", 2 * n), ("forces", m), ("values", len(wrt))))
@@ -84,7 +84,7 @@ def _linkage(
         "x": x, "z": forces, "p": values, "ode": right, "alg": rate}, 0.0, t_end, dict(options))
     gradient, primal = _differentiated(
         motion, lambda end: casadi.sumsqr(end[n - 3 : n]),
-        np.concatenate([linkage.model.q0, linkage.model.p0]), np.array([known[i] for i in wrt]))
+        np.concatenate([model.q0, model.p0]), np.array([known[i] for i in wrt]))
 
     def job() -> GradientJob:
         by_state, by_values = gradient()

@@ -8,6 +8,7 @@ nothing else. The guess for a step is the last step's solution. The steps of a r
 
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 from collections.abc import Callable
@@ -18,22 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from gyrospark.api import tableau
-from gyrospark.runtime.compilation.compiler import find_compiler
-from gyrospark.runtime.rigid_body.quaternion import angular_velocity
+import gyrospark as gs
 
-from ..tops import (
-    INERTIA,
-    MGL,
-    Array,
-    TopState,
-    euler_equations,
-    parameters,
-    state_of,
-    tops,
-)
+from ..attitudes import Array, angular_velocity
+from ..tops import INERTIA, MGL, TopState, euler_equations, parameters, state_of, tops
 from .entry import PeerEntry, Run
-from .optional import Unavailable, need, version
+from .optional import Unavailable, need
 
 __all__ = ["PACKAGE", "entries"]
 
@@ -47,11 +38,10 @@ _COLLOCATION = ((2, 1e-3, True), (4, 1e-2, False), (8, 1e-2, False))
 
 def entries() -> list[PeerEntry]:
     """Return SPARK and collocation with several stages."""
-    number = version(PACKAGE)
     return [
-        *(PeerEntry("casadi", number, f"SPARK G-L s={s} Δt={dt:g} generated C",
+        *(PeerEntry("casadi", f"SPARK G-L s={s} Δt={dt:g} generated C",
                     partial(_prepare, _spark, s, dt), dt, quick) for s, dt, quick in _SPARK),
-        *(PeerEntry("casadi", number, f"collocation s={s} Δt={dt:g} generated C",
+        *(PeerEntry("casadi", f"collocation s={s} Δt={dt:g} generated C",
                     partial(_prepare, _collocation, s, dt), dt, quick)
           for s, dt, quick in _COLLOCATION),
     ]
@@ -94,7 +84,7 @@ def _compiled(function: Any, name: str) -> Any:
     generator.add(function)
     generator.generate(f"{folder}/")
     library = folder / f"{name}.so"
-    command = [*find_compiler().command, "-O3", "-march=native", "-fPIC", "-shared",
+    command = [*shlex.split(os.environ.get("CC", "cc")), "-O3", "-march=native", "-fPIC", "-shared",
                str(folder / f"{name}.c"), "-o", str(library), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -145,7 +135,7 @@ def _derivatives() -> tuple[Any, Any]:
 def _equations(s: int, h: float) -> tuple[Any, Any]:
     """Return the residual r(z, (q, p)) of (B.2) and the end of the step from its solution."""
     casadi = need("casadi")
-    numbers = tableau("G-L", s)
+    numbers = gs.tableau("G-L", s)
     A, A_hat, A_tilde, A_bar = (np.array(getattr(numbers.numeric(30), name), dtype=float)
                                 for name in ("A", "A_hat", "A_tilde", "A_bar"))
     b, b_tilde = (np.array(getattr(numbers.numeric(30), n), dtype=float) for n in ("b", "b_tilde"))

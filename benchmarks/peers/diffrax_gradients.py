@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import Array, euler_equations
+from ..attitudes import Array
+from ..tops import euler_equations
 from .gradient_job import TOP_VALUES, GradientJob, Job, of_euler, top_start
 from .optional import need
 

@@ -19,7 +19,7 @@ class PeerEntry:
 
     Attributes
     ----------
-    peer, version, setting
+    program, setting
         What the table says of it.
     prepare
         Imports, compiles and returns what is timed; raises ``Unavailable``.
@@ -29,8 +29,7 @@ class PeerEntry:
         Whether it belongs to a quick run.
     """
 
-    peer: str
-    version: str
+    program: str
     setting: str
     prepare: Callable[[], Run]
     dt: float | None = None
@@ -38,5 +37,5 @@ class PeerEntry:
 
     @property
     def name(self) -> str:
-        """Peer and setting."""
-        return f"{self.peer} {self.setting}"
+        """Program and setting."""
+        return f"{self.program} {self.setting}"

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import INERTIA, LEVER, Array, TopState, state_of, tops
+from ..attitudes import Array
+from ..tops import INERTIA, LEVER, TopState, state_of, tops
 from .entry import PeerEntry, Run
-from .optional import need, version
+from .optional import need
 
 __all__ = ["PACKAGE", "entries"]
 
@@ -23,7 +24,7 @@ _MASS, _GRAVITY = 1.0, 9.81
 def entries() -> list[PeerEntry]:
     """Return two implicit integrators."""
     dt = 1e-3
-    return [PeerEntry("exudyn", version(PACKAGE), f"{text} Δt={dt:g}",
+    return [PeerEntry("exudyn", f"{text} Δt={dt:g}",
                       partial(_prepare, name, dt), dt,
                       quick=name == "TrapezoidalIndex2")
             for text, name in (("trapezoidal index 2", "TrapezoidalIndex2"),

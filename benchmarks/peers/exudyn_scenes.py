@@ -17,10 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from gyrospark.core.inertia import quaternion_of_matrix
-from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
-
-from ..scenes import GROUND, Array, ReferenceScene, SceneBody, SceneJoint, SceneMotion, SceneSpring
+from ..attitudes import Array, quaternion_of, rotation_matrix
+from ..scenes import GROUND, ReferenceScene, SceneBody, SceneJoint, SceneMotion, SceneSpring
 from .optional import Unavailable, need
 
 __all__ = ["EXPLICIT", "IMPLICIT", "PACKAGE", "ExudynScene"]
@@ -113,7 +111,7 @@ class ExudynScene:
         if not body.inertia.any():
             return SceneMotion(body.start.q, x, v, body.start.omega)
         left, _, right = np.linalg.svd(output("RotationMatrix").reshape(3, 3))
-        q = quaternion_of_matrix(left @ right)  # Euler parameters of index 2 leave |q| = 1
+        q = quaternion_of(left @ right)  # Euler parameters of index 2 leave |q| = 1
         return SceneMotion(q, x, v, output("AngularVelocityLocal"))
 
     # ------------------------------------------------------------ parts

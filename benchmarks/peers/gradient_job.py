@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import INERTIA, MGL, Array, state_of, tops
+from ..attitudes import Array
+from ..tops import INERTIA, MGL, state_of, tops
 
 __all__ = ["TOP_VALUES", "GradientJob", "Job", "of_euler", "top_start"]
 

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ..tops import Array, euler_equations
+from ..attitudes import Array
+from ..tops import euler_equations
 from .gradient_job import TOP_VALUES, GradientJob, Job, of_euler, top_start
 from .optional import need
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import INERTIA, MGL, Array, TopState, euler_equations, state_of, tops
+from ..attitudes import Array
+from ..tops import INERTIA, MGL, TopState, euler_equations, state_of, tops
 from .entry import PeerEntry, Run
-from .optional import need, version
+from .optional import need
 
 __all__ = ["PACKAGE", "entries", "equations", "prepare_batch"]
 
@@ -29,7 +30,7 @@ _SETTINGS: dict[str, dict[str, Any]] = {
 
 def entries() -> list[PeerEntry]:
     """Return the scalar integrator at several tolerances."""
-    return [PeerEntry("heyoka", version(PACKAGE), setting, partial(_prepare, options),
+    return [PeerEntry("heyoka", setting, partial(_prepare, options),
                       quick=setting in ("default", "tol 1e-12"))
             for setting, options in _SETTINGS.items()]
 

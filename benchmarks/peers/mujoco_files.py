@@ -6,15 +6,14 @@ Equality constraints have the largest stiffness that MuJoCo allows at a time ste
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from gyrospark.generator.models.robot_builder import plain_name
-from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
-
-from ..scenes import Array, ReferenceScene, SceneMotion
+from ..attitudes import Array, rotation_matrix
+from ..scenes import ReferenceScene, SceneMotion
 from .mujoco_scenes import configure, moved, mujoco_module
 from .optional import Unavailable
 
@@ -102,7 +101,7 @@ class MujocoFile:
         for j in range(model.njnt):
             v = model.jnt_dofadr[j]
             if model.dof_armature[v]:  # a coordinate of its own
-                at = end.coordinates.index(f"{plain_name(model.joint(j).name)}_rotor_phi")
+                at = end.coordinates.index(re.sub(r"\W", "_", model.joint(j).name) + "_rotor_phi")
                 q[at] = data.qpos[model.jnt_qposadr[j]]
                 p[at] = model.dof_armature[v] * data.qvel[v]
         return q, p

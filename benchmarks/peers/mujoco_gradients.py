@@ -12,16 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from gyrospark.runtime.rigid_body.quaternion import angular_velocity, left_matrix, rotation_matrix
-
-from ..peer_linkages import Linkage
-from ..tops import Array
+from ..attitudes import Array, angular_velocity, left_matrix, rotation_matrix
+from ..scenes import ReferenceScene
 from .gradient_job import GradientJob, Job, of_euler, top_start
-from .mujoco_bodies import MujocoBodies
 from .mujoco_rk4 import model_of_top
+from .mujoco_scenes import MujocoScene
 from .optional import need
 
-__all__ = ["PACKAGE", "of_linkage", "of_top"]
+__all__ = ["PACKAGE", "of_scene", "of_top"]
 
 PACKAGE = "mujoco"
 _STEPS = (1e-3,)
@@ -34,11 +32,9 @@ def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
     return {f"transitionFD implicit Δt={dt:g}": partial(_top, dt, t_end, target) for dt in _STEPS}
 
 
-def of_linkage(
-    linkage: Linkage, wrt: object, t_end: float
-) -> dict[str, Callable[[], Job]]:
+def of_scene(scene: ReferenceScene, t_end: float) -> dict[str, Callable[[], Job]]:
     """Return settings of bodies on joints, and what prepares them."""
-    return {f"transitionFD implicit Δt={dt:g}": partial(_linkage, linkage, dt, t_end)
+    return {f"transitionFD implicit Δt={dt:g}": partial(_joined, scene, dt, t_end)
             for dt in _STEPS}
 
 
@@ -97,13 +93,12 @@ def _steps(
     return gradient, primal
 
 
-def _linkage(linkage: Linkage, dt: float, t_end: float) -> Job:
+def _joined(scene: ReferenceScene, dt: float, t_end: float) -> Job:
     mujoco = need(PACKAGE)
-    bodies = MujocoBodies(linkage)
     steps = round(t_end / dt)
-    model = bodies.model("implicit", dt)
-    nv, last = model.nv, model.nbody - 1
-    start, coordinates = mujoco.MjData(model), _Coordinates(linkage, model)
+    model = MujocoScene(scene).model("implicit", dt)
+    nv, last = model.nv, model.body(list(scene.bodies)[-1]).id
+    start, coordinates = mujoco.MjData(model), _Coordinates(scene, model)
     mujoco.mj_forward(model, start)
 
     def by_end(data: Any) -> Array:
@@ -112,7 +107,7 @@ def _linkage(linkage: Linkage, dt: float, t_end: float) -> Job:
         mujoco.mj_jacBodyCom(model, data, jacobian, None, last)
         return np.concatenate([2 * data.xipos[last] @ jacobian, np.zeros(nv)])
 
-    z = np.concatenate([linkage.model.q0, linkage.model.p0])
+    z = np.concatenate([scene.model.q0, scene.model.p0])
     back, primal = _steps(model, start.qpos.copy(), coordinates(z)[nv:], steps, by_end)
     matrix = np.array([(coordinates(z + e) - coordinates(z - e)) / (2 * _DIFFERENCE)
                        for e in np.eye(len(z)) * _DIFFERENCE])
@@ -127,21 +122,20 @@ def _linkage(linkage: Linkage, dt: float, t_end: float) -> Job:
 class _Coordinates:
     """Turns and moves of MuJoCo's joints from the start, and speeds, of our (q, p)."""
 
-    def __init__(self, linkage: Linkage, model: Any) -> None:
-        self._mujoco, self._linkage, self._model = need(PACKAGE), linkage, model
-        self._starts = linkage.starts()
+    def __init__(self, scene: ReferenceScene, model: Any) -> None:
+        self._mujoco, self._scene, self._model = need(PACKAGE), scene, model
         self._base = self._mujoco.MjData(model).qpos.copy()
         self._at_start = self._jacobian(self._base)
 
     def __call__(self, z: Array) -> Array:
         rows = z.reshape(2, -1, 7)
         moved, rates = list[Array](), list[Array]()
-        for body, q, p in zip(self._starts, *rows, strict=True):
-            turn = 2 * left_matrix(body.q) @ q[:4]
-            moved += [q[4:] - body.x, rotation_matrix(body.q) @ turn]
+        for body, q, p in zip(self._scene.bodies.values(), *rows, strict=True):
+            turn = 2 * left_matrix(body.start.q) @ q[:4]
+            moved += [q[4:] - body.start.x, rotation_matrix(body.start.q) @ turn]
             unit = q[:4] / np.linalg.norm(q[:4])
             rates += [p[4:] / body.mass,
-                      rotation_matrix(unit) @ angular_velocity(q[:4], p[:4], body.moments)]
+                      rotation_matrix(unit) @ angular_velocity(q[:4], p[:4], body.inertia)]
         move = np.linalg.lstsq(self._at_start, np.concatenate(moved))[0]
         qpos = self._base.copy()
         self._mujoco.mj_integratePos(self._model, qpos, move, 1.0)
@@ -154,8 +148,8 @@ class _Coordinates:
         data.qpos[:] = qpos
         self._mujoco.mj_forward(self._model, data)
         rows = []
-        for i in range(1, self._model.nbody):
+        for name in self._scene.bodies:
             move, turn = np.zeros((2, 3, self._model.nv))
-            self._mujoco.mj_jacBodyCom(self._model, data, move, turn, i)
+            self._mujoco.mj_jacBodyCom(self._model, data, move, turn, self._model.body(name).id)
             rows += [move, turn]
         return np.vstack(rows)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..tops import INERTIA, LEVER, MGL, TopState, state_of, tops
 from .entry import PeerEntry, Run
-from .optional import need, version
+from .optional import need
 
 __all__ = ["PACKAGE", "entries", "model_of_top"]
 
@@ -34,7 +34,7 @@ _MODEL = """
 
 def entries() -> list[PeerEntry]:
     """Return RK4 at three time steps."""
-    return [PeerEntry("mujoco", version(PACKAGE), f"RK4 Δt={dt:g}", partial(_prepare, dt), dt,
+    return [PeerEntry("mujoco", f"RK4 Δt={dt:g}", partial(_prepare, dt), dt,
                       quick=dt == 1e-3)
             for dt in (2e-3, 1e-3, 5e-4)]
 

@@ -14,12 +14,10 @@ from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from gyrospark.core.inertia import quaternion_of_matrix
-from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
-
-from ..scenes import GROUND, Array, ReferenceScene, SceneJoint, SceneMotion
-from .mujoco_bodies import STIFFEST, text
+from ..attitudes import Array, quaternion_of, rotation_matrix
+from ..scenes import GROUND, ReferenceScene, SceneJoint, SceneMotion
 from .optional import Unavailable, need
 
 __all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene", "configure", "moved", "mujoco_module",
@@ -27,6 +25,8 @@ __all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene", "configure", "moved", "mujoc
 
 PACKAGE = "mujoco"
 INTEGRATORS = ("RK4", "implicit")
+#: The largest impedance that it takes; what is left of 1 is how soft a closed loop is.
+_STIFFEST = (0.9999, 0.9999, 0.001, 0.5, 2)
 Run = Callable[[], Mapping[str, SceneMotion]]
 #: Which joints make the tree, before others.
 _FIRST = ("slide", "hinge", "cross", "rod", "ball")
@@ -49,7 +49,7 @@ class MujocoScene:
 
         It raises ``Unavailable`` where MuJoCo finds the motion unstable.
         """
-        model = self._model(integrator, seconds / steps)
+        model = self.model(integrator, seconds / steps)
         data = self._mujoco.MjData(model)
         speeds = self._speeds(model, data)
         return lambda: next(self._moved(integrator, model, data, speeds, steps))
@@ -61,7 +61,7 @@ class MujocoScene:
 
         It raises ``Unavailable`` as ``prepare`` does.
         """
-        model = self._model(integrator, dt)
+        model = self.model(integrator, dt)
         data = self._mujoco.MjData(model)
         moved = self._moved(integrator, model, data, self._speeds(model, data), steps)
         return itertools.islice(moved, count)
@@ -77,7 +77,8 @@ class MujocoScene:
         for seen in moved(mujoco, model, data, integrator, steps):
             yield {name: self._read(model, seen, name) for name in self._scene.bodies}
 
-    def _model(self, integrator: str, dt: float) -> Any:
+    def model(self, integrator: str, dt: float) -> Any:
+        """Return MuJoCo's model with an integrator and a time step."""
         mujoco = self._mujoco
         model = mujoco.MjModel.from_xml_string(self._text)
         configure(mujoco, model, integrator, dt)
@@ -129,7 +130,7 @@ class MujocoScene:
         body, R = self._scene.bodies[name], self._attitudes[name]
         element = SubElement(parent, "body", name=name,
                              pos=text(self._seen(above, body.start.x)),
-                             quat=text(quaternion_of_matrix(self._attitudes[above].T @ R)))
+                             quat=text(quaternion_of(self._attitudes[above].T @ R)))
         if joint is None:
             SubElement(element, "joint", type="ball", pos="0 0 0") if body.held else SubElement(
                 element, "freejoint")
@@ -141,7 +142,7 @@ class MujocoScene:
             if joint.kind == "ball":
                 SubElement(element, "joint", type="ball", pos=pos)
         SubElement(element, "inertial", pos=text(body.centre), mass=repr(float(body.mass)),
-                   quat=text(quaternion_of_matrix(_principal(body.inertia)[1])),
+                   quat=text(quaternion_of(_principal(body.inertia)[1])),
                    diaginertia="1 1 1")
         return element
 
@@ -194,6 +195,11 @@ class MujocoScene:
         return where
 
 
+def text(numbers: ArrayLike) -> str:
+    """Return numbers as its XML has them, to the last digit."""
+    return " ".join(repr(float(x)) for x in np.ravel(numbers))
+
+
 def mujoco_module() -> Any:
     """Return MuJoCo, whose warnings are counted and not written to a file."""
     mujoco = need(PACKAGE)
@@ -207,7 +213,7 @@ def configure(mujoco: Any, model: Any, integrator: str, dt: float) -> None:
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     model.eq_solref[:] = 2 * dt, 1  # smaller time constants are raised to it
-    model.eq_solimp[:] = [float(e) for e in STIFFEST.split()]
+    model.eq_solimp[:] = _STIFFEST
 
 
 def moved(

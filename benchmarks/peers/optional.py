@@ -6,7 +6,7 @@ import importlib
 import importlib.metadata
 from typing import Any
 
-from gyrospark.core.errors import GyrosparkError
+from gyrospark import GyrosparkError
 
 __all__ = ["Unavailable", "need", "version"]
 

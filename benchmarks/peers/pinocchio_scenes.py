@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
-
-from ..scenes import GROUND, Array, ReferenceScene, SceneJoint, SceneMotion
+from ..attitudes import Array, rotation_matrix
+from ..scenes import GROUND, ReferenceScene, SceneJoint, SceneMotion
 from .mujoco_scenes import tree_of
 from .optional import Unavailable, need
 

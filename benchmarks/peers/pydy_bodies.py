@@ -14,9 +14,8 @@ import numpy as np
 import sympy as sp
 from sympy.physics import mechanics as me
 
-from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
-
-from ..peer_linkages import Array, Hold, Linkage
+from ..attitudes import Array, rotation_matrix
+from ..scenes import GROUND, ReferenceScene, SceneJoint
 from .optional import Unavailable, need
 
 __all__ = ["PACKAGE", "TOLERANCES", "PydyBodies"]
@@ -29,25 +28,25 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 class PydyBodies:
     """Bodies that hang on ball joints, derived and compiled once."""
 
-    def __init__(self, linkage: Linkage) -> None:
-        if any(hold.kind != "ball" or hold.b is None for hold in linkage.holds):
+    def __init__(self, scene: ReferenceScene) -> None:
+        self._joints = {joint.b: joint for joint in scene.joints}
+        if (any(joint.kind != "ball" for joint in scene.joints)
+                or list(self._joints) != list(scene.bodies)):
             raise Unavailable("derived here for bodies on ball joints that close no loop")
         need("Cython", "cython")
         make = need("pydy.codegen.ode_function_generators", PACKAGE).generate_ode_function
         self._solve = need("scipy.integrate", "scipy").solve_ivp
-        self._starts = linkage.starts()
-        self._holds = {hold.b: hold for hold in linkage.holds if hold.b is not None}
-        self._gravity = np.array(linkage.gravity)
+        self._bodies, self._gravity = scene.bodies, np.array(scene.gravity)
         self._rates = make(*self._equations(), generator="cython", time_first=True,
                            constants_arg_type="array")
 
     def run(self, tolerance: float, t_end: float) -> Array:
         """Return the centres of mass at ``t_end``."""
-        bodies = [self._starts[i] for i in self._holds]
-        state = np.concatenate([*(body.q for body in bodies), *(body.omega for body in bodies)])
-        found = self._solve(self._slopes, (0.0, t_end), state, method="DOP853", rtol=tolerance,
-                            atol=tolerance, t_eval=[t_end])
-        return self._centres(found.y[:4 * len(bodies), -1].reshape(-1, 4))
+        starts = [body.start for body in self._bodies.values()]
+        state = np.concatenate([*(at.q for at in starts), *(at.omega for at in starts)])
+        end = self._solve(self._slopes, (0.0, t_end), state, method="DOP853", rtol=tolerance,
+                          atol=tolerance, t_eval=[t_end])
+        return self._centres(end.y[:4 * len(starts), -1].reshape(-1, 4))
 
     def _slopes(self, t: float, state: Array) -> Array:
         """Return the rates in an array of their own: PyDy's is one for all calls, SciPy keeps it.
@@ -56,44 +55,47 @@ class PydyBodies:
         return slopes.copy()
 
     def _centres(self, attitudes: Array) -> Array:
-        """Return the centres of mass of attitudes in the order of the joints."""
-        x: dict[int | None, Array] = {None: np.zeros(3)}
-        R = {None: np.eye(3)} | {i: rotation_matrix(q / np.linalg.norm(q))
-                                 for i, q in zip(self._holds, attitudes, strict=True)}
-        for i, hold in self._holds.items():
-            at = x[hold.a] + R[hold.a] @ self._seen(hold.a, hold)
-            x[i] = at - R[i] @ self._seen(i, hold)
-        return np.array([x[i] for i in range(len(self._starts))])
+        """Return the centres of mass of attitudes in the order of the bodies."""
+        x = {GROUND: np.zeros(3)}
+        R = {GROUND: np.eye(3)} | {name: rotation_matrix(q / np.linalg.norm(q))
+                                   for name, q in zip(self._bodies, attitudes, strict=True)}
+        for name, joint in self._joints.items():
+            at = x[joint.a] + R[joint.a] @ self._seen(joint.a, joint)
+            x[name] = at - R[name] @ self._seen(name, joint)
+        return np.array([x[name] for name in self._bodies])
 
-    def _seen(self, i: int | None, hold: Hold) -> Array:
-        """Return where a joint is in body i, from its mass centre; None is the ground."""
-        at = np.array(hold.at)
-        return at if i is None else rotation_matrix(self._starts[i].q).T @ (at - self._starts[i].x)
+    def _seen(self, name: str, joint: SceneJoint) -> Array:
+        """Return where a joint is in a body, from its mass centre."""
+        if name == GROUND:
+            return joint.at
+        start = self._bodies[name].start
+        at: Array = rotation_matrix(start.q).T @ (joint.at - start.x)
+        return at
 
     def _equations(self) -> tuple[Any, ...]:
         """Return M u' = F, q' and the gravity as PyDy takes them."""
         space, origin = me.ReferenceFrame("N"), me.Point("O")
         origin.set_vel(space, 0)
         gravity = sp.symbols("gx gy gz")
-        placed: dict[int | None, Any] = {None: me.RigidBody("ground", origin, space)}
+        placed: dict[str, Any] = {GROUND: me.RigidBody("ground", origin, space)}
         q, u, turning = [], [], []
-        for i, hold in self._holds.items():
+        for i, (name, joint) in enumerate(self._joints.items()):
             attitude, speeds = me.dynamicsymbols(f"q{i}_:4"), me.dynamicsymbols(f"u{i}_:3")
-            frame = _turned(space, f"A{i}", attitude, speeds)
-            joint = placed[hold.a].masscenter.locatenew(
-                f"J{i}", _vector(placed[hold.a].frame, self._seen(hold.a, hold)))
-            joint.v2pt_theory(placed[hold.a].masscenter, space, placed[hold.a].frame)
-            centre = joint.locatenew(f"C{i}", -_vector(frame, self._seen(i, hold)))
-            centre.v2pt_theory(joint, space, frame)
-            start = self._starts[i]
-            placed[i] = me.RigidBody(f"B{i}", centre, frame, start.mass,
-                                     (me.inertia(frame, *start.moments), centre))
+            frame, above = _turned(space, f"A{i}", attitude, speeds), placed[joint.a]
+            point = above.masscenter.locatenew(
+                f"J{i}", _vector(above.frame, self._seen(joint.a, joint)))
+            point.v2pt_theory(above.masscenter, space, above.frame)
+            centre = point.locatenew(f"C{i}", -_vector(frame, self._seen(name, joint)))
+            centre.v2pt_theory(point, space, frame)
+            body = self._bodies[name]
+            placed[name] = me.RigidBody(f"B{i}", centre, frame, body.mass,
+                                        (me.inertia(frame, *np.diag(body.inertia)), centre))
             q += attitude
             u += speeds
             turning += _quaternion_rates(attitude, speeds)
         kane = me.KanesMethod(space, q, u, kd_eqs=[
             x.diff() - rate for x, rate in zip(q, turning, strict=True)])
-        bodies = [body for i, body in placed.items() if i is not None]
+        bodies = [body for name, body in placed.items() if name != GROUND]
         kane.kanes_equations(bodies, [
             (body.masscenter, body.mass * _vector(space, gravity)) for body in bodies])
         return kane.forcing, q, u, gravity, kane.mass_matrix, sp.Matrix(turning)

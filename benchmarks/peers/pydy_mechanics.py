@@ -15,15 +15,13 @@ import numpy as np
 import sympy as sp
 from sympy.physics import mechanics as me
 
-from ..peer_linkages import Array
+from ..attitudes import Array
 from ..timing import with_children
 from .optional import Unavailable, need
 
-__all__ = ["LIMIT", "PACKAGE", "TOLERANCES", "PydyMechanics"]
+__all__ = ["LIMIT", "PACKAGE", "PydyMechanics"]
 
 PACKAGE = "pydy"
-#: What DOP853 is asked for, relative and absolute.
-TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 #: Seconds after which deriving and compiling are given up.
 LIMIT = 600.0
 

@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from gyrospark.runtime.rigid_body.quaternion import angular_velocity
-
-from ..tops import INERTIA, MGL, Array, TopState, tops
+from ..attitudes import Array, angular_velocity
+from ..tops import INERTIA, MGL, TopState, tops
 from .entry import PeerEntry, Run
-from .optional import need, version
+from .optional import need
 
 __all__ = ["PACKAGE", "entries"]
 
@@ -26,7 +25,7 @@ _SIGNS = np.array([1.0, -1.0, -1.0, 1.0])
 def entries() -> list[PeerEntry]:
     """Return the midpoint rule."""
     dt = 1e-3
-    return [PeerEntry("pydykit", version(PACKAGE), f"midpoint Δt={dt:g}", partial(_prepare, dt), dt,
+    return [PeerEntry("pydykit", f"midpoint Δt={dt:g}", partial(_prepare, dt), dt,
                       quick=True)]
 
 

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..tops import INERTIA, MGL, Array, TopState, euler_equations, state_of, tops
+from ..attitudes import Array
+from ..tops import INERTIA, MGL, TopState, euler_equations, state_of, tops
 from .entry import PeerEntry, Run
-from .optional import Unavailable, need, version
+from .optional import Unavailable, need
 
 __all__ = ["PACKAGE", "entries", "right_hand_side"]
 
@@ -21,7 +22,7 @@ PACKAGE = "scipy"
 
 def entries() -> list[PeerEntry]:
     """Return DOP853 at three tolerances."""
-    return [PeerEntry("scipy", version(PACKAGE), f"DOP853 tol {text}",
+    return [PeerEntry("scipy", f"DOP853 tol {text}",
                       partial(_prepare, float(text)),
                       quick=text == "1e-9")
             for text in ("1e-12", "1e-9", "1e-6")]

@@ -1,62 +1,85 @@
-"""The benchmarks' machinery: fair turns, medians, errors, rows, files. No times are asserted."""
+"""The benchmarks: fair turns, medians, errors, rows, tables, files. No times are asserted."""
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import json
 import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import gyrospark as gs
 from benchmarks import (
-    drift,
-    ensembles,
+    attitudes,
+    bodies,
     events,
-    growth,
-    joined_bodies,
-    peer_linkages,
+    fast_top,
+    gradients,
     peers,
-    pictures,
     reference_states,
-    scaling,
-    steps,
-    storing,
-    sweeping,
+    rows,
+    scale,
+    stores,
+    sweeps,
     timing,
     tops,
 )
-from benchmarks.__main__ import _print_accuracies, main
-from benchmarks.contest import ContestRow, Limits, compete, judged, with_ratios
-from benchmarks.peers import optional, ours
+from benchmarks.__main__ import BENCHMARKS, main, tables
+from benchmarks.peers import optional, ours, pydy_mechanics
 from benchmarks.peers.entry import PeerEntry
-from gyrospark.core.extras import install
-from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
-from gyrospark.sweeps.run_sweep import run_study
+from benchmarks.peers.gradient_job import of_euler, top_start
+from benchmarks.rows import Choice, Entry, Prepared, Row
+from benchmarks.scenes import scene_of
+from processes import ROOT
 
-SHORT = Limits(t_end=1.0, rounds=3, least=1e-4, most=60.0)
-
-
-def entry(name: str, run, dt: float | None = None) -> PeerEntry:
-    return PeerEntry(name, "1.0", "as it is", lambda: run, dt)
+QUICK = Choice(quick=True, rounds=1)
+EPS = float(np.finfo(float).eps)
 
 
-def still(t_end: float) -> tops.TopState:
+def still(t_end):
     """A top that does not move."""
     return tops.state_of(tops.tops()[0])
 
 
-def is_picture(path) -> bool:
-    return path.read_bytes().startswith(b"\x89PNG")
+def prepared(run, dt=None, t_end=1.0, most=60.0):
+    return fast_top._prepared(PeerEntry("still", "as it is", lambda: run, dt), t_end, most)
 
 
-def drawn(draw, rows, folder) -> bool:
-    """Whether a picture of rows is written; True without matplotlib."""
-    if importlib.util.find_spec("matplotlib") is None:
-        return True
-    draw(rows, folder / "drawn.png")
-    return is_picture(folder / "drawn.png")
+# ---------------------------------------------------------------- what is imported
+
+
+#: What has no public name: how derivatives of two extensions of a loss are compared, and what
+#: writes digits into the package.
+INSIDE = {"gradients.py": {"gyrospark.runtime.derivatives.tangent_space"}, "make_digits.py": {
+    "gyrospark.references.problem", "gyrospark.references.problem_registry",
+    "gyrospark.references.true_digits", "gyrospark.references.work_precision",
+    "gyrospark.runtime.bindings.binary128", "gyrospark.runtime.bindings.real_numbers"}}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").rglob("*.py")),
+                         ids=lambda path: path.stem)
+def test_what_comes_in_is_public(path):
+    """``import gyrospark``, and names of its public modules."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.add(node.module)
+    inside = {name for name in found if name.startswith("gyrospark.")}
+    assert inside - {"gyrospark.references", "gyrospark.errors"} == INSIDE.get(path.name, set())
+
+
+def test_package_does_not_know_the_benchmarks():
+    for folder in ("commands", "core", "references", "runtime", "studies"):
+        assert not any("benchmarks" in line and "import" in line
+                       for path in (ROOT / folder).rglob("*.py")
+                       for line in path.read_text(encoding="utf-8").splitlines())
 
 
 # ---------------------------------------------------------------- timing
@@ -76,144 +99,8 @@ def test_times_are_the_clocks():
     assert sample.median == 2.0
     assert sample.spread == 0.5
     assert sample.per(2.0).median == 1.0
-
-
-# ---------------------------------------------------------------- reference
-
-
-def test_reference_knows_its_times():
-    assert all(reference_states.reference_axes(t).shape == (8, 3) for t in reference_states.TIMES)
-    assert reference_states.has(10.0)
-    assert not reference_states.has(3.0)
-    assert {"made with", "checked with"} <= reference_states.about().keys()
-
-
-def test_peers_begin_where_we_do():
-    """Energy and Euler's equations against the stepper's own H and against Ω' of a short step."""
-    top = tops.tops()[0]
-    state, step = tops.state_of(top), gs.stepper("G-L", stages=2, rep="gamma")
-    H = step.energy(top.q, top.p, parameters=tops.parameters())
-    assert tops.energy(state) == pytest.approx(H, rel=1e-15)
-    h = 1e-4
-    ahead = step.integrate(top.q, top.p, dt=h, steps=1, parameters=tops.parameters())
-    back = step.integrate(top.q, top.p, dt=-h, steps=1, parameters=tops.parameters())
-    slope = (ahead.angular_velocity()[-1] - back.angular_velocity()[-1]) / (2 * h)
-    found = tops.euler_equations(*state.q, *state.omega, *tops.INERTIA, tops.MGL)
-    np.testing.assert_allclose(found[4:], slope, rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose(found[:4], (ahead.q[-1] - back.q[-1]) / (2 * h), rtol=1e-3,
-                               atol=1e-3)
-
-
-# ---------------------------------------------------------------- contest
-
-
-def test_a_row_of_each_entry():
-    rows = compete([entry("still", still, 0.1)], SHORT)
-    assert [row.name for row in rows] == ["still as it is"]
-    assert rows[0].error == pytest.approx(reference_states.distance(tops.tops()[0].q[None], 1)[0])
-    assert rows[0].energy_error < 1e-15
-    assert rows[0].norm_error < 1e-15
-    assert len(rows[0].samples) == 3
-    assert rows[0].ns_per_step == pytest.approx(rows[0].us_per_second * 100)
-
-
-def test_a_missing_peer_is_a_row():
-    with pytest.raises(optional.Unavailable, match=r"pip install no-such\)"):
-        optional.need("no_such_module", "no-such")
-    missing = PeerEntry("gone", "", "x", lambda: optional.need("no_such_module"))
-    rows = compete([missing, entry("still", still)], SHORT)
-    assert rows[0].us_per_second is None
-    assert "pip install no_such_module)" in rows[0].note
-    assert not rows[0].failed
-    assert rows[1].us_per_second is not None
-
-
-def test_a_peer_that_breaks_is_a_row():
-    def broken(t_end):
-        raise ZeroDivisionError("oh")
-
-    row, run = judged(entry("broken", broken), SHORT)
-    assert run is None
-    assert row.failed
-    assert "ZeroDivisionError('oh')" in row.note
-
-
-def test_a_dear_entry_is_not_run_to_its_end():
-    asked = []
-
-    def dear(t_end):
-        asked.append(t_end)
-        return still(t_end)
-
-    row, run = judged(entry("dear", dear), Limits(t_end=1000.0, most=0.0))
-    assert run is None
-    assert max(asked) < 1000
-    assert "its end" in row.note
-    assert row.us_per_second > 0
-    assert row.error is None
-
-
-def test_ratios_are_over_the_base():
-    rows = [ContestRow("a", "", "x", 1.0, us_per_second=4.0), ContestRow("b", "", "x", 1.0),
-            ContestRow("c", "", "y", 1.0, us_per_second=2.0)]
-    assert [row.ratio for row in with_ratios(rows)] == [1.0, None, 0.5]
-    assert [row.ratio for row in with_ratios(rows, "c y")] == [2.0, None, 1.0]
-    assert [row.ratio for row in with_ratios(rows[1:2])] == [None]
-
-
-@pytest.mark.slow  # other programs, which few machines have
-@pytest.mark.parametrize("name", sorted(set(peers.PEERS) - {"gyrospark"}))
-def test_quick_peers_arrive(name):
-    """Each peer that is installed goes where the reference is; the others say what is missing."""
-    first = peers.entries([name], quick=True)[0]
-    try:
-        end = first.prepare()(0.1)
-    except optional.Unavailable as reason:
-        pytest.skip(str(reason))
-    exact = ours.prepare(ours.Method("G-L", 3, 1e-3), "newton")(0.1)
-    assert np.linalg.norm(tops.axis(end.q) - tops.axis(exact.q)) < 1e-3
-    np.testing.assert_allclose(end.omega, exact.omega, atol=0.2)
-
-
-# ---------------------------------------------------------------- steps, ensembles, drift
-
-
-def test_solvers_of_a_step_agree():
-    variant = steps.Variant("G-L γ", "G-L", "gamma", gs.problems.fast_top, (2,))
-    cell, = steps.compare_steps([variant], [1e-3], 2, 1e-4)
-    assert cell.ns.keys() == {s for s in ours.SOLVERS if ours.available(s)}
-    assert all(size < 1e-12 for size in cell.difference.values())
-    assert cell.notes.keys() == set(ours.SOLVERS) - cell.ns.keys()
-    assert cell.ratio["auto"] == pytest.approx(cell.ns["newton"] / cell.ns["auto"])
-
-
-def test_ensembles_report_the_worst():
-    found = [e for e in ensembles.ensemble_entries(8) if e.name == "gyrospark G-L s=4 Δt=0.01, "
-             "1 worker"]
-    row, = ensembles.compare_ensembles(found, Limits(t_end=1.0, rounds=1), 8)
-    assert row.trajectories == 8
-    assert 1e-12 < row.row.error < 1e-7
-    assert row.wall_us_per_second is not None
-
-
-def test_drift_goes_through_the_decades(tmp_path):
-    assert drift.drift_times(10) == [1, 2, 5, 10]
-    assert drift.drift_times(1000)[-3:] == [200, 500, 1000]
-    course, = drift.follow([entry("still", still)], Limits(t_end=10.0))
-    assert [point.t for point in course.points] == [1, 2, 5, 10]
-    assert [point.error is None for point in course.points] == [False, True, True, False]
-    assert drawn(pictures.draw_drift, [course], tmp_path)
-    stopped, = drift.follow([entry("still", still)], Limits(t_end=10.0, most=0.0))
-    assert stopped.points == ()
-    assert "its end" in stopped.note
-
-
-def test_a_line_joins_what_nothing_beats():
-    points = [(1e-15, 9.0), (1e-12, 20.0), (1e-10, 4.0), (1e-8, 4.0), (1e-6, 1.0)]
-    assert pictures._best(points) == [points[0], points[2], points[4]]
-
-
-# ---------------------------------------------------------------- bodies
+    assert len(sample.wall_seconds) == 3
+    assert sample.per(2.0).wall == sample.wall / 2
 
 
 def test_a_job_is_repeated_until_it_takes_long_enough():
@@ -225,148 +112,289 @@ def test_a_job_is_repeated_until_it_takes_long_enough():
     assert len(done) == times
 
 
-@pytest.fixture
-def quick_builds(monkeypatch):
-    """Nothing is asserted of times: what is made for these tests alone is not optimised."""
+# ---------------------------------------------------------------- rows
+
+
+def entry(program, setting, cost=1.0, error=0.0, quick=True):
+    return Entry(program, setting, lambda: Prepared(
+        {"error": error}, {"run": lambda: sum(range(100))}, lambda seconds: {"cost": cost}), quick)
+
+
+def test_each_entry_has_a_row():
+    """One that is missing says how to install it; one that breaks, and is ours, has failed."""
+    def broken():
+        raise ZeroDivisionError("oh")
+
+    with pytest.raises(optional.Unavailable, match=r"pip install no-such\)"):
+        optional.need("no_such_module", "no-such")
+    choice = Choice(("gyrospark", "gone", "odd"), quick=True, rounds=2)
+    found = rows.contest("case", [
+        entry("gyrospark", "a", 3.0, 1e-9), entry("gyrospark", "slow", quick=False),
+        entry("elsewhere", "b"), Entry("gyrospark", "c", broken), Entry("odd", "d", broken),
+        Entry("gone", "e", lambda: optional.need("no_such_module"))], choice)
+    assert [row.setting for row in found] == ["a", "c", "d", "e"]
+    assert found[0].numbers["cost"] == 3.0
+    assert found[0].numbers["error"] == 1e-9
+    assert found[0].numbers["±"] >= 0
+    assert len(found[0].samples["run"]) == 2
+    assert found[0].program == f"gyrospark {gs.__version__}"
+    assert [row.failed for row in found] == [False, True, False, False]
+    assert "ZeroDivisionError('oh')" in found[1].note
+    assert "pip install no_such_module)" in found[3].note
+
+
+def test_a_table_divides_costs_by_those_of_its_base():
+    some = [Row("x", "a 1", "s=2 Δt=0.1", {"cost": 4.0, "error": 1e-9}),
+            Row("x", "b 1", "tol 1e-9", {"cost": 2.0}), Row("x", "c", "", note="not installed"),
+            Row("y", "b 1", "tol 1e-9", {"cost": 5.0})]
+    head, *lines = rows.table(some)
+    assert head == ["case", "program", "setting", "cost", "error", "× base"]
+    assert [line[-1] for line in lines] == ["1", "0.5", "–", "1"]
+    assert [line[-1] for line in rows.table(some, "b tol")[1:]] == ["2", "1", "–", "1"]
+    assert lines[2][2:5] == [" (not installed)", "–", "–"]
+    assert rows.markdown([head, *lines]).count("\n") == 6
+    assert [row.family for row in some[:2]] == ["a s=2", "b"]
+
+
+def test_numbers_have_three_digits():
+    assert [rows.text_of(x) for x in (12345.6, 1.23456e-9, 0.5, 0.0, 1e-3, float("inf"), 2e7)] == [
+        "12,300", "1.2e-09", "0.5", "0", "0.001", "inf", "2.0e+07"]
+
+
+def test_the_cheapest_is_exact_enough():
+    some = [Row("x", "a", f"{i}", {"ms": cost, "m": error})
+            for i, (cost, error) in enumerate(((1, 1e-3), (2, 1e-5), (3, 1e-6)))]
+    assert rows.cheapest(some, "ms", "m", 1e-4) is some[1]
+    assert rows.cheapest(some, "ms", "m", 1e-7) is None
+
+
+def test_a_law_is_the_slope_of_the_logarithms():
+    """From 8 bodies on; a cost of one size has none."""
+    points = {float(N): {"step": 2e-6 * N**1.5, "model": 3.0} for N in (8, 16, 90)} | {
+        2.0: {"step": 1.0, "model": 1.0}}
+    assert rows.power_laws(points, 8) == pytest.approx({"step": 1.5, "model": 0.0}, abs=1e-12)
+    assert rows.power_laws({1.0: {"step": 1.0}}) == {}
+    some = [Row("bodies", "gyrospark", f"{N}", {"size": float(N), "step (s)": N**2.0})
+            for N in (1, 8, 16)]
+    law, = scale.laws(some)
+    assert law.numbers == pytest.approx({"step (s)": 2.0}, abs=1e-12)
+
+
+def test_a_picture_is_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    some = [Row(case, "a 1", f"s=2 Δt={dt:g}", {"x": dt, "y": dt**4}) for case in "uv"
+            for dt in (0.1, 0.2)] + [Row("u", "b", "", {"x": 0.0, "y": 1.0}), Row("u", "c", "")]
+    rows.draw(some, "x", "y", tmp_path / "drawn.png")
+    assert (tmp_path / "drawn.png").read_bytes().startswith(b"\x89PNG")
+
+
+# ---------------------------------------------------------------- the fast top
+
+
+def test_reference_knows_its_times():
+    assert all(reference_states.reference_axes(t).shape == (8, 3) for t in reference_states.TIMES)
+    assert {"made with", "checked with"} <= reference_states.about().keys()
+    with pytest.raises(gs.InputError, match="1, 10, 100 or 1000"):
+        fast_top.peers(Choice(t_end=3.0))
+
+
+def test_rotations_are_those_of_other_code():
+    """By SciPy, by q' of a turning body, and back from the matrix."""
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+    q = np.random.default_rng(0).normal(size=(9, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    R = attitudes.rotation_matrix(q)
+    assert np.abs(R - rotation.from_quat(q, scalar_first=True).as_matrix()).max() < 4 * EPS
+    for one, matrix in zip(q, R, strict=True):
+        assert np.abs(np.abs(attitudes.quaternion_of(matrix) @ one) - 1) < 8 * EPS
+    J, omega = np.diag([1.0, 2.0, 3.0]), np.array([0.3, -0.2, 0.9])
+    p = 2 * np.swapaxes(attitudes.left_matrix(q), -1, -2) @ (J @ omega)
+    for inertia in (J, np.diag(J)):
+        assert np.abs(attitudes.angular_velocity(q, p, inertia) - omega).max() < 8 * EPS
+
+
+def test_peers_begin_where_we_do():
+    """Energy and Euler's equations against the stepper's own H and against Ω' of a short step."""
+    top = tops.tops()[0]
+    state, step = tops.state_of(top), gs.stepper("G-L", stages=2, rep="gamma")
+    H = step.energy(top.q, top.p, parameters=tops.parameters())
+    assert tops.energy(state) == pytest.approx(H, rel=1e-15)
+    h = 1e-4
+    ahead, back = (step.integrate(top.q, top.p, dt=dt, steps=1, parameters=tops.parameters())
+                   for dt in (h, -h))
+    slope = (ahead.angular_velocity()[-1] - back.angular_velocity()[-1]) / (2 * h)
+    found = tops.euler_equations(*state.q, *state.omega, *tops.INERTIA, tops.MGL)
+    np.testing.assert_allclose(found[4:], slope, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(found[:4], (ahead.q[-1] - back.q[-1]) / (2 * h), rtol=1e-3,
+                               atol=1e-3)
+
+
+def test_errors_are_those_at_the_end():
+    made = prepared(still, 0.1)
+    away = reference_states.distance(tops.tops()[0].q[None], 1)[0]
+    assert made.errors["dx (m)"] == pytest.approx(away)
+    assert max(made.errors["ΔH/H"], made.errors["|q| − 1"]) < 4 * EPS
+    costs = made.costs({"run": timing.Sample((2e-6,), (1.0,))})
+    assert costs == pytest.approx({"CPU µs/s": 2.0, "ns/step": 200.0})
+
+
+def test_a_dear_entry_is_not_run_to_its_end():
+    asked = []
+
+    def dear(t_end):
+        asked.append(t_end)
+        return still(t_end)
+
+    with pytest.raises(optional.Unavailable, match="its end"):
+        prepared(dear, t_end=1000.0, most=0.0)
+    assert max(asked) < 1000
+
+
+@pytest.mark.slow  # other programs, which few machines have
+@pytest.mark.parametrize("name", sorted(set(peers.PEERS) - {"gyrospark"}))
+def test_quick_peers_arrive(name):
+    """Each peer that is installed goes where the reference is; the others say what is missing."""
+    first = next(one for one in peers.entries([name]) if one.quick)
+    try:
+        end = first.prepare()(0.1)
+    except optional.Unavailable as reason:
+        pytest.skip(str(reason))
+    exact = ours.prepare("G-L", 3, 1e-3)(0.1)
+    assert np.linalg.norm(tops.axis(end.q) - tops.axis(exact.q)) < 1e-3
+    np.testing.assert_allclose(end.omega, exact.omega, atol=0.2)
+
+
+def test_solvers_of_a_step_agree():
+    step = gs.stepper("G-L", 2)
+    for solver in ("newton", "auto", "fixed-point"):
+        made = fast_top._solved(step, gs.problems.fast_top(), 1e-3, solver)
+        assert made.errors["differs by"] < 1e-12
+        assert 1 <= made.errors["iterations"] < 20
+
+
+def test_ensembles_report_the_worst():
+    one = next(e for e in fast_top._ensembles(8) if e.setting == "G-L s=4 1 workers Δt=0.01")
+    made = fast_top._prepared(one, 1.0, 60.0, 8)
+    assert 1e-12 < made.errors["dx (m)"] < 1e-7
+    assert made.costs({"run": timing.Sample((8e-6,), (4e-6,))}) == pytest.approx(
+        {"CPU µs/s": 1.0, "wall µs/s": 0.5, "ns/step": 10.0})
+
+
+def test_drift_goes_through_the_decades(monkeypatch):
+    assert fast_top.drift_times(10) == [1, 2, 5, 10]
+    assert fast_top.drift_times(1000)[-3:] == [200, 500, 1000]
+    one = PeerEntry("gyrospark", "x", lambda: still, quick=True)
+    monkeypatch.setattr(fast_top, "entries", lambda programs: [one])
+    found = fast_top.drift(Choice(t_end=10.0))
+    assert [row.numbers["t (s)"] for row in found] == [1, 2, 5, 10]
+    assert ["dx (m)" in row.numbers for row in found] == [True, False, False, True]
+
+
+# ---------------------------------------------------------------- bodies
+
+
+@pytest.mark.parametrize("model", [gs.models.chain(3), gs.models.four_bar()], ids=lambda m: m.name)
+def test_joints_hold_both_bodies(model):
+    """A point of two bodies does not move at the start, seen from either: ẋ + ω × r agree."""
+    scene = scene_of(model)
+
+    def velocity(name, at):
+        if not name:
+            return np.zeros(3)
+        start = scene.bodies[name].start
+        omega = attitudes.rotation_matrix(start.q) @ start.omega
+        return start.v + np.cross(omega, at - start.x)
+
+    for joint in scene.joints:
+        assert velocity(joint.a, joint.at) == pytest.approx(velocity(joint.b, joint.at), abs=1e-13)
+
+
+@pytest.mark.slow  # derives and compiles a chain
+def test_ours_arrives_on_bodies(monkeypatch):
+    """Two time steps, of fourth order; a limit says how far the reference is right."""
+    monkeypatch.setattr(bodies, "scenes", lambda choice: [scene_of(gs.models.chain(2))])
+    coarse, fine = bodies.bodies(QUICK)
+    assert fine.numbers[bodies.ERROR] < coarse.numbers[bodies.ERROR] / 12
+    assert fine.numbers["limit (m)"] < fine.numbers[bodies.ERROR]
+    assert min(fine.numbers[bodies.COST], fine.numbers["µs/step"]) > 0
+    assert {row.numbers[bodies.COST] for row in bodies.accuracies([coarse, fine])} <= {
+        coarse.numbers[bodies.COST], fine.numbers[bodies.COST]}
+
+
+@pytest.mark.parametrize("model", [bodies.arm(3), bodies.tree(3)], ids=lambda m: m.name)
+def test_centres_are_those_of_the_system(model):
+    """By SymPy's frames and points, at angles that are all different."""
+    system, q = model.system(), np.array([0.3, -0.5, 0.8])
+    values = dict(zip(system.q, q, strict=True)) | {
+        sp.Symbol("l", positive=True): bodies._VALUES["l"]}
+    moving = [body for body in system.bodies if body.name != "ground"]
+    for body, centre in zip(moving, model.centres(q), strict=True):
+        place = body.masscenter.pos_from(system.fixed_point).to_matrix(system.frame)
+        assert centre == pytest.approx(np.array(place.subs(values), dtype=float).ravel(), abs=1e-15)
+
+
+def test_two_links_hang_on_each_but_the_last():
+    assert bodies.tree(7).parents == (None, 0, 0, 1, 1, 2, 2)
+    assert bodies.arm(3).parents == (None, 0, 1)
+
+
+@pytest.mark.slow  # derives by SymPy's mechanics and compiles
+def test_ours_arrives_on_links(monkeypatch):
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+    coarse, fine = bodies.mechanics(QUICK)
+    assert fine.numbers[bodies.ERROR] < coarse.numbers[bodies.ERROR] * 0.4**4 * 1.2  # 4th order
+    assert fine.numbers["reference off by (m)"] < 1e-15
 
 
-@pytest.mark.slow  # derives and compiles two chains
-@pytest.mark.usefixtures("quick_builds")
-def test_chains_grow(tmp_path):
-    said = []
-    one, two = growth.grow((1, 2), 20, 1, 1e-4, said.append)
-    assert [line.startswith("chain of") for line in said] == [True, True, False]
-    assert (two.coordinates, two.constraints) == (14, 8)
-    assert not one.failed
-    assert two.steps % 20 == 0
-    assert two.us_per_body == pytest.approx(two.us_per_step / 2)
-    assert two.as_dict()["ns_per_body_and_sweep"] > 0
-    assert min(two.model_s, two.generate_s, two.compile_s) > 0
-    assert max(two.constraint_max, two.momentum_constraint_max) < 1e-14
-    assert drawn(pictures.draw_growth, [one, two], tmp_path)
+def test_deriving_has_a_limit():
+    """And the alarm is off after it."""
+    with (pytest.raises(optional.Unavailable, match=r"in 0\.02 s"),
+          pydy_mechanics._limited(0.02)):
+        time.sleep(5)
+    with pydy_mechanics._limited(0.02):
+        pass
+    time.sleep(0.03)
 
 
-def test_a_slope_is_that_of_the_logarithms():
-    rows = [scaling.Scale("bodies", N, {"step": 2e-6 * N**1.5, "model": 3.0}) for N in (10, 40, 90)]
-    assert scaling.slopes(rows, "bodies") == pytest.approx({"step": 1.5, "model": 0.0}, abs=1e-12)
-    assert scaling.tables(rows)["bodies"][1] == ["10", "63.2 µs", "3 s"]
+@pytest.mark.slow  # derives a chain of two in long double's company
+def test_batches_go_where_each_goes_alone():
+    made = bodies._batch(gs.models.chain(2), 2, 20)
+    assert made.errors["differs by"] < 1e-12
+    assert made.errors["|g|"] < 1e-14
 
 
-def test_a_law_is_the_slope_of_large_chains():
-    """Below 8 bodies a size is not looked at; a cost that is missing has no law."""
-    sizes = [growth.Size(N, 7 * N, 4 * N, True, 0.1 * N**2, 3.0, 2.0, 5000 if N < 8 else 10 * N,
-                         us_per_step=0.5 * N, sweeps=None) for N in (1, 2, 8, 16, 100)]
-    assert growth.laws(sizes) == pytest.approx(
-        {"model_s": 2, "generate_s": 0, "compile_s": 0, "lines": 1, "us_per_step": 1,
-         "us_per_body": 0}, abs=1e-12)
-    assert growth.laws(sizes[:4]) == {}
-
-
-@pytest.mark.parametrize("linkage", [peer_linkages.chain_of(3), peer_linkages.closed_loop()],
-                         ids=lambda linkage: linkage.name)
-def test_linkages_are_held_where_both_bodies_are(linkage):
-    """A joint of two bodies does not move at the start, seen from either: ẋ + ω × r agree."""
-    bodies_at = linkage.starts()
-
-    def velocity(body, at):
-        omega = rotation_matrix(body.q) @ body.omega
-        return body.v + np.cross(omega, np.array(at) - body.x)
-
-    for hold in linkage.holds:
-        a, b = (np.zeros(3) if i is None else velocity(bodies_at[i], hold.at)
-                for i in (hold.a, hold.b))
-        np.testing.assert_allclose(a, b, atol=1e-13)
-
-
-@pytest.mark.slow  # two runs of each step
-@pytest.mark.usefixtures("quick_builds")
-def test_ours_arrives_on_bodies(tmp_path):
-    rows = joined_bodies.compare_bodies([peer_linkages.chain_of(2)], ["gyrospark"], 1, 1e-4,
-                                        quick=True)
-    assert [row.dt for row in rows] == [1e-2, 5e-3]
-    assert rows[1].error < rows[0].error / 12  # fourth order
-    assert all(row.seconds and row.us_per_step for row in rows)
-    assert joined_bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error) == rows[1]
-    assert joined_bodies.cheapest(rows, "chain of 2", "gyrospark", rows[1].error / 2) is None
-    assert drawn(pictures.draw_bodies, rows, tmp_path)
-
-
-# ---------------------------------------------------------------- stores
+# ---------------------------------------------------------------- stores, sweeps, scale
 
 
 def test_stores_are_rows(tmp_path):
-    said = []
-    row, = storing.compare_stores([(7, 500)], 2, said.append, tmp_path)
-    assert said == ["the disk", "500 steps, every 7"]
-    assert (row.every, row.steps, row.failed) == (7, 500, False)
-    assert len(row.store_wall) == len(row.memory_cpu) == 2
-    assert row.stored_bytes > 73 * 132  # the states, and what describes them
-    assert min(row.disk, row.disk_files) > 0
-    assert list(tmp_path.iterdir()) == []
+    made = stores._stored(7, 500, tmp_path, {"disk (MB/s)": 1.0})
+    assert made.errors["B/state"] > 132
+    seconds = {"store": timing.Sample((3.0,), (1.5,)), "memory": timing.Sample((1.0,), (1.0,))}
+    costs = made.costs(seconds)
+    assert (costs["added"], costs["CPU added"]) == (0.5, 2.0)
+    assert costs["stored ns/step"] == pytest.approx(3e6)
+    assert stores._rate(tmp_path / "run.zarr", 1000, 2) > 0
 
 
-def test_what_storing_adds_is_that_of_a_round():
-    row = storing.StoreRow(1, 10, (1.0, 2.0, 4.0), (1.5, 2.2, 6.0), (1.0,) * 3, (3.0,) * 3, 60,
-                           1.0, 1.0)
-    assert row.overhead == 0.5
-    assert row.cpu_overhead == 2
-    assert row.rate == 60 / 2.2
-    assert row.as_dict()["ns_per_step"] == (2e8, pytest.approx(2.2e8))
+def test_the_ensemble_does_what_the_sweep_does():
+    """Otherwise shares mean nothing: the same bits."""
+    ends = sweeps.ensemble_job(2, 9, 20)()
+    swept = gs.sweep(gs.problems.fast_top(), **sweeps.sweep_arguments(2, 9, 20))
+    for mine, theirs in ((ends.q, swept.q), (ends.p, swept.p)):
+        assert np.array_equal(mine[:, -1].reshape(9, 9, 4), np.asarray(theirs).swapaxes(0, 1))
 
 
-# ---------------------------------------------------------------- sweeps
+@pytest.mark.slow  # derives and compiles in processes of their own
+def test_scales_grow():
+    found = scale.scale(Choice(quick=True, rounds=1))
+    assert {row.case for row in found} == set(scale.SIZES)
+    for row in found:
+        assert not row.failed
+        assert all(number > 0 for name, number in row.numbers.items() if name[0] != "|")
+    assert {law.case for law in scale.laws(found)} == set(scale.SIZES)
 
 
-def test_the_kernel_does_what_the_sweep_does():
-    """Otherwise shares mean nothing: the same bits from the bare kernel, in another order."""
-    study = sweeping.study_of(sweeping.SweepCase("steps", 9, 20, 5), "G-L 2")
-    q, p = sweeping.kernel_job(study, 2)()
-    result = run_study(study)
-    assert np.array_equal(q.reshape(9, 9, 4), result.q)
-    assert np.array_equal(p.reshape(9, 9, 4), result.p)
-
-
-def test_shares_are_those_of_a_round():
-    row = sweeping.SweepRow("steps", "EMS", 2, 5, None, 1,
-                            {"kernel": (1.0, 2.0, 8.0), "store": (2.0, 2.5, 10.0)})
-    assert row.share("store") == 0.8
-    assert row.ns("store") == 2.5e8
-    assert row.share("memory") is None
-
-
-# ---------------------------------------------------------------- the command
-
-
-@pytest.fixture
-def bench(monkeypatch, capsys, tmp_path):
-    """Call ``make bench`` in an empty folder; return exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def caller(*arguments):
-        monkeypatch.setattr(sys, "argv", ["bench", *arguments])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as end:
-            main()
-        said = capsys.readouterr()
-        return end.value.code, said.out, said.err
-
-    return caller
-
-
-def test_each_program_of_bodies_has_a_column(capsys):
-    """The cheapest that is exact enough, and its cost over that of the first program."""
-    rows = [joined_bodies.BodyRow("chain", peer, "1", "x", 1e-3, seconds=seconds, error=error)
-            for peer, seconds, error in (("gyrospark", 0.002, 1e-7), ("mujoco", 0.006, 1e-5),
-                                         ("mujoco", 0.5, 1e-5), ("pydy", None, None))]
-    _print_accuracies(rows)
-    lines = [[cell.strip() for cell in line.split("│")[1:-1]]
-             for line in capsys.readouterr().out.splitlines() if "│" in line]
-    first = next(line for line in lines if "1e-05" in line)
-    assert [" ".join(cell.split()) for cell in first] == [
-        "chain", "1e-05", "2.00 x Δt=0.001", "6.00 x Δt=0.001", "–"]
-    assert sum("× 3.0" in line for line in lines) == 3
-    assert [line[3] for line in lines if "1e-06" in line] == ["–"]
+# ---------------------------------------------------------------- events, gradients
 
 
 @pytest.mark.slow  # in long double
@@ -380,68 +408,86 @@ def test_events_of_the_top():
     assert top.errors(times[1:], job.dense())[0] == float("inf")
 
 
-def test_command_writes_json_and_a_picture(bench, tmp_path):
-    pytest.importorskip("matplotlib")
-    code, out, _ = bench("--quick", "--peers", "gyrospark", "--rounds", "1", "--json", "--out",
-                         "new/bench")
-    assert code == 0
-    document = json.loads(out)
-    assert document == json.loads((tmp_path / "new/bench/bench.json").read_text(encoding="utf-8"))
+@pytest.mark.slow  # compiles derivatives for speed
+def test_gradients_of_ours_and_of_what_is_missing(monkeypatch):
+    """Adjoint and tangents agree with long double; each missing program says so in its row."""
+    for module in ("heyoka", "diffrax", "jax", "casadi", "mujoco"):
+        monkeypatch.setitem(sys.modules, module, None)
+    found = gradients.gradients(Choice(peers.PROGRAMS, quick=True, rounds=1))
+    mine = [row for row in found if row.program.startswith("gyrospark")]
+    assert [row.setting.split()[2] for row in mine] == ["adjoint", "tangents"]
+    for row in mine:
+        assert row.numbers["truth off by"] < 1e-12 < row.numbers["error"] < 1e-6
+    assert mine[0].numbers["by start"] == pytest.approx(mine[1].numbers["by start"], rel=1e-3)
+    others = [row for row in found if row not in mine]
+    assert {row.program.split()[0] for row in others} == {"heyoka", "diffrax", "casadi", "mujoco"}
+    assert all("pip install" in row.note and not row.failed for row in others)
+
+
+def test_gradients_by_spin_are_those_by_momentum():
+    """Along any direction (dq, dp) and change of moments, against differences of Ω(q, p, I)."""
+    random = np.random.default_rng(0)
+    by_state, by_values = random.normal(size=7), random.normal(size=4)
+    found = of_euler(by_state, by_values)
+    start, step = tops.tops()[0], 1e-6
+    dq, dp, dI = random.normal(size=4), random.normal(size=4) * 0.1, random.normal(size=3) * 1e-3
+
+    def state(h: float) -> np.ndarray:
+        moved = type(start)(start.q + h * dq, start.p + h * dp)
+        spin = tops.spin_of(moved) * tops.INERTIA / (tops.INERTIA + h * dI)
+        return np.concatenate([moved.q, spin])
+
+    assert np.array_equal(state(0.0), top_start())
+    rate = (state(step) - state(-step)) / (2 * step)
+    given = found.q @ dq + found.p @ dp + found.parameters[:3] @ dI
+    assert given == pytest.approx(by_state @ rate + by_values[:3] @ dI, rel=1e-7)
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_command_writes_json_and_a_picture(tmp_path, capsys):
+    drawn = importlib.util.find_spec("matplotlib") is not None
+    out = ["--out", str(tmp_path / "new")] if drawn else []
+    assert main(["--quick", "--programs", "gyrospark", "--rounds", "1", "--json", *out]) == 0
+    document = json.loads(capsys.readouterr().out)
     assert document.keys() == {"about", "peers"}
     assert {"gyrospark", "compiler", "processor", "packages"} <= document["about"].keys()
     assert document["peers"][0]["samples"]
-    assert is_picture(tmp_path / "new/bench/work_precision.png")
+    if drawn:
+        assert document == json.loads((tmp_path / "new/bench.json").read_text(encoding="utf-8"))
+        assert (tmp_path / "new/peers.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
-def test_command_does_all(bench, tmp_path):
+def test_command_does_all(tmp_path, capsys):
     pytest.importorskip("matplotlib")
-    code, out, _ = bench("all", "--quick", "--peers", "gyrospark", "--rounds", "1", "--json",
-                         "--out", "new/bench")
-    assert code == 0
-    document = json.loads(out)
-    assert document.keys() == {"about", "peers", "step", "ensemble", "drift", "growth", "bodies",
-                               "batches", "growth_laws", "store", "sweeps", "events",
-                               "gradients", "derivatives", "scale"}
-    assert (tmp_path / "new/bench/scale.md").read_text(encoding="utf-8").startswith("# How costs")
-    for picture in ("work_precision.png", "drift.png", "growth.png", "bodies.png", "sweeps.png",
-                    "gradients.png"):
-        assert is_picture(tmp_path / "new/bench" / picture)
+    assert main(["all", "--quick", "--programs", "gyrospark", "--rounds", "1", "--out",
+                 str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert all(one.about in said or name == "scale" for name, one in BENCHMARKS.items())
+    document = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
+    assert document.keys() == {"about", *BENCHMARKS}
+    for page in ("scale.md", "references.md", "reference_robots.md"):
+        assert (tmp_path / page).read_text(encoding="utf-8").startswith("# ")
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (["nonsense"],
-     "'nonsense'; choose peers, step, ensemble, drift, bodies, store, sweeps, events, "
-     "gradients, scale, references, robots or all"),
-    (["scale", "--largest", "planets=9"], "'planets=9'"),
-    (["scale", "--largest", "bodies=few"], "--largest bodies 'few'"),
-    (["--peers", "gyrospark,matlab"], "'matlab'; choose gyrospark, "),
-    (["--t-end", "3"], "1, 10, 100 or 1000"),
-    (["--t-end", "soon"], "--t-end 'soon'"),
-    (["--rounds", "0"], "--rounds 0"),
-    (["--rounds", "many"], "--rounds 'many'"),
-    (["--quick", "--peers", "gyrospark", "--rounds", "1", "--base", "matlab"],
-     "'matlab'"),
-])
-def test_command_refuses_in_a_sentence(bench, arguments, message):
-    code, out, err = bench(*arguments)
-    assert code == 2
-    assert not out
-    assert err.count("\n") == 1
-    assert message in err
+def test_rows_with_other_columns_are_another_table():
+    some = [Row("a", "p", "s", {"µs/step": 1.0}), Row("b", "p", "s", {"CPU ms": 1.0})]
+    assert len(tables("gradients", some, QUICK)) == 2
+    assert set(tables("scale", [Row("bodies", "p", "1", {"size": 1.0, "step (s)": 2.0})],
+                      QUICK)) == {"bodies"}
 
 
-@pytest.mark.parametrize(("package", "extra", "arguments"), [
-    ("gyrospark.runtime.plotting.figure", "plot", ["--out", "new"]),
-    ("zarr", "storage", ["store"])])
-def test_command_says_what_is_missing_before_it_measures(
-    bench, monkeypatch, tmp_path, package, extra, arguments
-):
-    monkeypatch.setitem(sys.modules, package, None)
-    monkeypatch.delitem(sys.modules, "gyrospark.storage", raising=False)
-    monkeypatch.delattr(gs, "storage", raising=False)
-    monkeypatch.setattr(sys.modules["benchmarks.__main__"], "_MEASURE", {})
-    code, out, err = bench(*arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert install(extra) in err
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.parametrize(("arguments", "named"), [
+    (["nonsense"], "nonsense"), (["--programs", "gyrospark,matlab"], "matlab"),
+    (["--t-end", "3", "--programs", "gyrospark"], "10"), (["--rounds", "0"], "--rounds"),
+    (["--rounds", "many"], "many")])
+def test_command_refuses_in_a_sentence(arguments, named, capsys):
+    with pytest.raises((SystemExit, gs.InputError)) as error:
+        main(arguments)
+    assert named in str(error.value) + capsys.readouterr().err
+
+
+def test_make_calls_it():
+    assert "$(BIN)/python -m benchmarks $(WHAT)" in Path(ROOT / "Makefile").read_text("utf-8")

@@ -13,7 +13,7 @@ import pytest
 
 import gyrospark as gs
 from benchmarks import loops, make_digits
-from benchmarks.reference_peers import measure_peers
+from benchmarks.references import measure_peers
 from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.references.problem import Attempt, largest_error
 from gyrospark.references.problem_registry import REFERENCES

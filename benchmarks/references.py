@@ -19,14 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrospark.references.problem import Reference, largest_error
-from gyrospark.references.work_precision import WorkPrecisionRun
+import gyrospark as gs
+from gyrospark.references import Reference, WorkPrecisionRun
 
 from . import equations
 from .peers.optional import Unavailable, need
-from .reference_bodies import measure_bodies
+from .reference_bodies import largest_error, measure_bodies
+from .rows import Choice, Row
 
-__all__ = ["measure_peers"]
+__all__ = ["measure_peers", "page_of", "references"]
 
 Array = NDArray[np.float64]
 _TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-14)
@@ -154,3 +155,33 @@ def _heyoka(way: _PeerEquations, tolerance: float, seconds: float) -> Prepared:
         return motion.state.copy(), int(steps)
 
     return go
+
+
+# ---------------------------------------------------------------- rows and page
+
+
+def references(choice: Choice) -> list[Row]:
+    """Return the runs of all problems: error against CPU time."""
+    rows = []
+    for name in gs.references.names():
+        if choice.only in name:
+            problem, rounds = gs.references.reference(name), 1 if choice.quick else 3
+            runs = [*gs.references.measure(problem, rounds=rounds, quick=choice.quick),
+                    *(measure_peers(problem, rounds=rounds, quick=choice.quick,
+                                    watch=choice.watch) if len(choice.programs) > 1 else ())]
+            rows += [Row(name, run.peer or "gyrospark", run.scheme, {
+                "CPU ms": run.cpu_seconds * 1e3, "steps": float(run.steps), "error": run.error,
+                **run.invariants}) for run in runs]
+    return rows
+
+
+def page_of(rows: Sequence[Row], picture: str) -> str:
+    """Return the page of the documents."""
+    problems = {name: gs.references.reference(name) for name in dict.fromkeys(
+        row.case for row in rows)}
+    return gs.references.page([(problem, [WorkPrecisionRun(
+        name, row.setting, int(row.numbers["steps"]), row.numbers["error"],
+        row.numbers["CPU ms"] / 1e3, {key: value for key, value in row.numbers.items()
+                                      if key not in ("CPU ms", "steps", "error")},
+        "" if row.program == "gyrospark" else row.program) for row in rows if row.case == name])
+        for name, problem in problems.items()], picture)

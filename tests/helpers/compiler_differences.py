@@ -1,4 +1,4 @@
-"""What compilers make of the same C: ``python -m benchmarks.compilers``.
+"""What compilers make of the same C: ``python tests/helpers/compiler_differences.py``.
 
 Every function of a stepper that evaluates and takes no step (H, g and f, quantities, residual, its
 Jacobian, the starting guess) is compiled by gcc and clang at -O1 and -O3 with vectors of 256 and
@@ -338,7 +338,7 @@ def _compiled(
 
 def main(arguments: Sequence[str]) -> int:
     """Compare the steppers named, or all; return 1 where rounding does not explain a difference."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.compilers")
+    parser = argparse.ArgumentParser(prog="python tests/helpers/compiler_differences.py")
     parser.add_argument("names", nargs="*", help="of generated/, models, references, robots")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="of CPU time")
     parser.add_argument("--points", type=int, default=POINTS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.compilers import (
+from compiler_differences import (
     BUILDS,
     Build,
     KernelDifference,

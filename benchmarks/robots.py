@@ -15,28 +15,26 @@ import math
 import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
-from gyrospark.core.errors import StepFailed
-from gyrospark.core.registry import MODELS
+import gyrospark as gs
 
+from .attitudes import Array
 from .peers import exudyn_scenes, mujoco_scenes, pinocchio_scenes
 from .peers.mujoco_files import MujocoFile
-from .peers.optional import Unavailable, version
+from .peers.optional import Unavailable, need, version
 from .reference_scenes import andrews_released
-from .robot_files import conservative_text, model_of
-from .scenes import Array, ReferenceScene, SceneMotion, bodies_of, scene_of
+from .rows import Choice, Row, markdown, text_of
+from .scenes import ReferenceScene, SceneMotion, bodies_of, scene_of
 
-if TYPE_CHECKING:
-    from gyrospark.generator.multibody.model import Model
-    from gyrospark.runtime.steppers.stepper import Stepper
-
-__all__ = ["MECHANISMS", "LongRun", "Mechanism", "long_runs_page", "measure_long_runs"]
+__all__ = ["MECHANISMS", "Mechanism", "conservative_text", "draw_drift", "page", "robots", "runs"]
 
 #: States that are looked at, evenly over a run.
 SAMPLES = 100
@@ -68,7 +66,7 @@ class Mechanism:
     name: str
     title: str
     source: str
-    make: Callable[[], Model]
+    make: Callable[[], gs.Model]
     dt: float = 1e-3
     mjcf: str = ""
 
@@ -82,7 +80,12 @@ class Mechanism:
             For a file that cannot be used.
         """
         text = conservative_text(path)
-        model = model_of(path, text)
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / path.name
+            file.write_text(text, encoding="utf-8")
+            first = ElementTree.fromstring(text).find("keyframe/key")
+            model = gs.Multibody.from_file(
+                file, keyframe=None if first is None else 0).model(redundant="leave out")
         assert model.dt is not None
         title, source = _FILES.get(model.name, (model.name, f"`{path.name}`"))
         return cls(path.stem, title, source, lambda: model, model.dt / 10, text)
@@ -96,20 +99,18 @@ class Mechanism:
         return scene_of(model)
 
     @cached_property
-    def _steppers(self) -> dict[int, Stepper]:
+    def _steppers(self) -> dict[int, gs.Stepper]:
         return {}
 
-    def stepper(self, stages: int) -> Stepper:
+    def stepper(self, stages: int) -> gs.Stepper:
         """Return our G-L of some stages."""
-        from gyrospark.api import stepper
-
         if stages not in self._steppers:
-            self._steppers[stages] = stepper("G-L", stages, system=self.scene.model)
+            self._steppers[stages] = gs.stepper("G-L", stages, system=self.scene.model)
         return self._steppers[stages]
 
 
 def _of_models(name: str, title: str) -> Mechanism:
-    return Mechanism(name, title, f"`gs.models.{name}()`", MODELS[name].make)
+    return Mechanism(name, title, f"`gs.models.{name}()`", getattr(gs.models, name))
 
 
 _MENAGERIE = "https://github.com/google-deepmind/mujoco_menagerie/blob/main"
@@ -131,84 +132,36 @@ MECHANISMS = {mechanism.name: mechanism for mechanism in (
               andrews_released, dt=5e-5))}
 
 
-@dataclass(frozen=True)
-class LongRun:
-    """What a program does with a mechanism.
-
-    Attributes
-    ----------
-    mechanism, program, method : str
-    dt : float
-        Of a step, in s.
-    steps : int
-        Fewer than asked for where they take too long.
-    cpu_seconds : float
-        Of a step.
-    constraint, energy : float
-        Largest \\|g\\| (m, and 1 for directions) and \\|H − H₀\\| (J) over ``SAMPLES`` states.
-    drift : sequence of float
-        \\|H − H₀\\| at each of these states.
-    error : float
-        Largest distance in m of a body's origin from where it is after ``COMPARED`` steps.
-    note : str
-        Why it ended early.
-    """
-
-    mechanism: str
-    program: str
-    method: str
-    dt: float
-    steps: int
-    cpu_seconds: float
-    constraint: float
-    energy: float
-    drift: Sequence[float]
-    error: float
-    note: str = ""
-
-    @property
-    def name(self) -> str:
-        """Program and method."""
-        return f"{self.program} {self.method}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what JSON holds of it."""
-        return asdict(self)
+def robots(choice: Choice) -> list[Row]:
+    """Return the runs of all mechanisms, and of those of files."""
+    steps = 1000 if choice.quick else 1_000_000
+    return [row for mechanism in mechanisms(choice) for row in runs(mechanism, choice, steps)]
 
 
-def measure_long_runs(
-    mechanism: Mechanism, *, steps: int = 1_000_000, stages: Sequence[int] = (2, 3),
-    peers: bool = False, watch: Callable[[str], None] = lambda text: None,
-) -> Iterator[LongRun]:
-    """Yield the runs of a mechanism.
+def mechanisms(choice: Choice) -> list[Mechanism]:
+    """Return the mechanisms that are chosen."""
+    known = [one for one in MECHANISMS.values() if choice.only in one.name]
+    return [*known, *map(Mechanism.of_file, choice.mjcf)]
 
-    Parameters
-    ----------
-    steps : int
-        Of the mechanism's ``dt`` each.
-    stages : sequence of int
-        Stages of the G-L runs; errors refer to the last of them with a fifth of the step.
-    peers : bool
-        Other programs too, of those that are installed.
-    watch : callable
-        Is told what is at work, and what is left out.
-    """
+
+def runs(mechanism: Mechanism, choice: Choice, steps: int, stages: Sequence[int] = (2, 3)
+         ) -> Iterator[Row]:
+    """Yield the runs of a mechanism, of so many steps; errors refer to the last of ``stages``."""
     true = _true_end(mechanism, stages[-1])
     follow = partial(_followed, mechanism, true, steps)
     for s in stages:
-        watch(f"{mechanism.name}, {s}-G-L")
+        choice.watch(f"{mechanism.name}, {s}-G-L")
         yield follow("gyrospark", f"{s}-G-L", partial(_ours, mechanism, s))
-    if not peers:
-        return
     for program, ways in _PROGRAMS.items():
-        if mechanism.mjcf and program != "MuJoCo":
+        package = _PACKAGES[program]
+        if package not in choice.programs or (mechanism.mjcf and program != "MuJoCo"):
             continue
         try:
             for method, pieces in ways(mechanism):
-                watch(f"{mechanism.name}, {program} {method}")
-                yield follow(f"{program} {version(_PACKAGES[program])}", method, pieces)
+                choice.watch(f"{mechanism.name}, {program} {method}")
+                yield follow(f"{program} {version(package)}", method, pieces)
         except Unavailable as missing:
-            watch(f"{program} is left out of {mechanism.name}: {missing}.")
+            yield Row(mechanism.name, program, "", note=str(missing))
 
 
 _PACKAGES = {"MuJoCo": "mujoco", "exudyn": "exudyn", "Pinocchio": "pin"}
@@ -251,7 +204,7 @@ _PROGRAMS = {"MuJoCo": _mujoco, "exudyn": _exudyn, "Pinocchio": _pinocchio}
 
 
 def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
-              program: str, method: str, pieces: Any) -> LongRun:
+              program: str, method: str, pieces: Any) -> Row:
     scene, step = mechanism.scene, mechanism.stepper(2)
     model = scene.model
     end, cpu = _compared(scene, pieces)
@@ -270,10 +223,12 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
             drift.append(abs(float(step.energy(q, p, parameters=model.parameters) - energy)))
             constraint = max(constraint, float(np.abs(g).max()))
             start = time.thread_time()
-    except (Unavailable, StepFailed) as failure:
+    except (Unavailable, gs.StepFailed) as failure:
         note = str(failure).partition(". ")[0]
-    return LongRun(mechanism.name, program, method, mechanism.dt, done, spent / max(done, 1),
-                   constraint, max(drift, default=math.inf), tuple(drift), error, note)
+    return Row(mechanism.name, program, method, {
+        "µs/step": spent / max(done, 1) * 1e6, "steps": float(done), "constraints": constraint,
+        "energy (J)": max(drift, default=math.inf), "error (m)": error},
+        {"|H − H₀| (J)": tuple(drift)}, note)
 
 
 def _compared(scene: ReferenceScene, pieces: Any) -> tuple[dict[str, Array], float]:
@@ -346,19 +301,95 @@ gyrospark run cassie.xml --set ignore=all --set keyframe=home --view cassie.html
 """
 
 
-def long_runs_page(measured: Mapping[Mechanism, Sequence[LongRun]], picture: str = "") -> str:
-    """Return the page of all mechanisms, with a picture of a file name."""
+def page(rows: Sequence[Row], shown: Sequence[Mechanism], picture: str = "") -> str:
+    """Return the page of mechanisms, with a picture of a file name."""
     parts = [_HEAD]
     if picture:
         alternative = "Deviation of the energy over time, a panel for a mechanism"
         parts.append(f"![{alternative}]({picture})\n")
-    for mechanism, runs in measured.items():
-        told = f"{mechanism.source}; steps of {mechanism.dt * 1e3:g} ms."
+    for mechanism in shown:
+        about = f"{mechanism.source}; steps of {mechanism.dt * 1e3:g} ms."
+        mine = [row for row in rows if row.case == mechanism.name and row.numbers]
         parts += [f"## {mechanism.title}\n", textwrap.fill(
-            told, 100, break_on_hyphens=False, break_long_words=False) + "\n"]
-        parts.append("| program | steps | µs a step | constraints | energy (J) | error (m) |\n"
-                     "| --- | --- | --- | --- | --- | --- |\n" + "".join(
-            f"| {run.name} | {run.steps:,} | {run.cpu_seconds * 1e6:.3g} | {run.constraint:.0e} "
-            f"| {run.energy:.0e} | {run.error:.0e} |\n" for run in runs))
-        parts += [f"{run.name}: {run.note}.\n" for run in runs if run.note]
+            about, 100, break_on_hyphens=False, break_long_words=False) + "\n", markdown([
+                ["program", "method", "steps", "µs a step", "constraints", "energy (J)",
+                 "error (m)"],
+                *([row.program, row.setting, *(text_of(row.numbers[name]) for name in (
+                    "steps", "µs/step", "constraints", "energy (J)", "error (m)"))]
+                  for row in mine)])]
+        parts += [f"{row.program} {row.setting}: {row.note}.\n" for row in mine if row.note]
     return "\n".join(parts)
+
+
+def draw_drift(rows: Sequence[Row], shown: Sequence[Mechanism], path: Path) -> None:
+    """Draw the deviation of the energy against time, a panel for each mechanism."""
+    columns, lines = min(3, len(shown)), -(-len(shown) // 3)
+    figure = need("matplotlib.figure", "matplotlib").Figure(
+        figsize=(3.2 * columns + 1, 2.6 * lines + 0.8), layout="constrained")
+    named: dict[str, Any] = {}
+    for number, mechanism in enumerate(shown, start=1):
+        axes = figure.add_subplot(lines, columns, number)
+        axes.set_title(mechanism.title, fontsize=8)
+        for row in rows:
+            drift = row.samples.get("|H − H₀| (J)", ())
+            if row.case == mechanism.name and drift:
+                seconds = mechanism.dt * row.numbers["steps"] * np.arange(1, len(drift) + 1)
+                program = f"{row.program} {row.setting}"
+                line, = axes.plot(
+                    seconds / len(drift), np.maximum(drift, 1e-16), lw=0.8,
+                    color=f"C{list(named).index(program) if program in named else len(named)}",
+                    linestyle="-" if row.program.startswith("gyrospark") else "--")
+                named.setdefault(program, line)
+        axes.set(xscale="log", yscale="log")
+        axes.tick_params(labelsize=6)
+    figure.supxlabel("time (s)", fontsize=8)
+    figure.supylabel("deviation of the energy (J)", fontsize=8)
+    figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=7, ncols=4)
+    figure.savefig(path, dpi=90)
+
+
+# ---------------------------------------------------------------- files
+
+_ELEMENTS = ("compiler", "option", "default", "worldbody", "body", "frame", "inertial", "joint",
+             "freejoint", "equality", "connect", "weld", "keyframe", "key")
+#: Attributes that stay, of elements that lose others.
+_STAYS = {"option": ("gravity", "timestep"), "key": ("name", "qpos"),
+          "joint": ("name", "class", "type", "pos", "axis", "ref", "stiffness", "springref",
+                    "armature", "joint1", "joint2", "polycoef", "active")}
+
+
+def conservative_text(path: Path) -> str:
+    """Return bodies, joints, equalities and springs of a file in MJCF, for both programs alike.
+
+    Left out are contact, limits, friction, dampers, motors, tendons, and the free joint of the
+    base, which is fixed.
+
+    Raises
+    ------
+    InputError
+        If the file is not MJCF, or has more than one body on the ground.
+    """
+    try:
+        top = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    except (OSError, ElementTree.ParseError) as error:
+        raise gs.InputError(f"The model file {str(path)!r} is not usable: {error}.") from None
+    bases = top.findall("worldbody/body")
+    if top.tag != "mujoco" or len(bases) != 1:
+        raise gs.InputError(f"The model file {str(path)!r} has the root <{top.tag}> and "
+                            f"{len(bases)} bodies on the ground; give MJCF of a single robot.")
+    free = [joint for joint in bases[0] if joint.tag == "freejoint"
+            or (joint.tag, joint.get("type")) == ("joint", "free")]
+    for joint in free:
+        bases[0].remove(joint)
+    for key in top.iterfind("keyframe/key"):
+        numbers = key.get("qpos", "").split()
+        key.set("qpos", " ".join(numbers[7 * len(free):]))
+    return ElementTree.tostring(_stripped(top), encoding="unicode")
+
+
+def _stripped(element: ElementTree.Element) -> ElementTree.Element:
+    stays = _STAYS.get(element.tag, element.attrib)
+    bare = ElementTree.Element(element.tag, {
+        key: value for key, value in element.attrib.items() if key in stays})
+    bare.extend(_stripped(child) for child in element if child.tag in _ELEMENTS)
+    return bare
