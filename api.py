@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -45,14 +45,14 @@ from .runtime.steppers.stepper import Stepper
 if TYPE_CHECKING:
     from .generator.models.robots import MjcfOptions, UrdfOptions
     from .generator.multibody.model import Model
-    from .generator.pipeline import Generated
     from .generator.systems.system import System
     from .generator.tableaux.tableau import Tableau
 
-__all__ = ["checked_in_files", "consistent", "files_of", "load_model", "model_stepper",
-           "named_model_stepper", "stepper", "stepper_of", "tableau", "text_of"]
+__all__ = ["Derivation", "checked_in_files", "consistent", "derivation", "files_of", "load_model",
+           "model_stepper", "stepper", "stepper_of", "tableau", "text_of"]
 
 ROOT = Path(__file__).resolve().parent
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 def stepper(
@@ -145,63 +145,6 @@ def stepper(
     if visuals:
         made.visuals = visuals
     return made
-
-
-def stepper_of(
-    spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False
-) -> Stepper:
-    """Return the stepper of a spec; a system and a tableau take the place of the spec's."""
-    if tableau is None and spec.model is not None:
-        return model_stepper(spec, allow_invalid)[0]
-    if tableau is None and spec.tableau is None and system is None:
-        return _named_stepper(spec)
-    name, files = _derived(spec, system, tableau, allow_invalid)
-    return Stepper(name, files,
-                   Derive(partial(_with_derivatives, spec, system, tableau, allow_invalid),
-                          portable=False))
-
-
-def _derived(
-    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False,
-    second: bool = False, model: Model | None = None,
-) -> tuple[str, dict[str, str]]:
-    """Return name and files of a stepper of a given system or tableau, cached by their digest."""
-    import sympy
-
-    from .generator.systems.system_digest import system_digest
-
-    of_system = getattr(system, "system_digest", None) or system_digest(system)
-    of_tableau = system_digest(own_tableau)
-    key = "" if of_system is None or of_tableau is None else "system-" + _source_key(
-        spec, of_system, of_tableau,
-        "" if spec.tableau is None else _text_of(spec.tableau), allow_invalid,
-        derivatives, second, sympy.__version__,
-        *([] if model is None else [RunDefaults.of(model).as_json(), dict(model.units)]),
-    ) + ".source.json"
-    found = read_cache(key) if key else None
-    if found is None:
-        with capture_warnings() as captured:
-            source = _generate(spec, getattr(system, "system", system), own_tableau, allow_invalid,
-                               derivatives=derivatives, second=second, model=model).source
-        found = [source.name, source.files(), captured]
-        if key:
-            write_cache(key, found)
-    for message in found[2]:
-        warn(message)
-    return found[0], found[1]
-
-
-def _with_derivatives(
-    spec: Spec, system: Any, tableau: Any, allow_invalid: bool, *, second: bool = False,
-    control: bool = False,
-) -> dict[str, str]:
-    """Return the files of a stepper with tangents and adjoints, or of its profile control."""
-    return _derived(_profiled(spec, control), system, tableau, allow_invalid,
-                    derivatives=not control, second=second)[1]
-
-
-def _profiled(spec: Spec, control: bool) -> Spec:
-    return spec.with_profile("control") if control else spec
 
 
 def consistent(
@@ -425,31 +368,209 @@ def tableau(
     return found
 
 
+@dataclass(frozen=True)
+class Record:
+    """Files of a stepper as the cache holds them.
+
+    Attributes
+    ----------
+    name : str
+        Of the stepper and its files.
+    files : mapping of str to str
+        Header, source and manifest by their names.
+    start : RunDefaults or None
+        The numbers of its model.
+    """
+
+    name: str
+    files: dict[str, str]
+    start: RunDefaults | None
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """A stepper to be derived: its files come from the cache, else from the generator.
+
+    Attributes
+    ----------
+    spec : Spec
+        Scheme, representation and so on.
+    identity : sequence or None
+        What the files depend on besides the spec, as JSON; None for a system or a tableau without
+        a digest, whose files are not cached.
+    arguments : callable
+        Makes arguments of ``generate`` where the cache has no files: ``system``, ``tableau``, or
+        ``model``, whose numbers are then cached too; and ``free``, as ``RunDefaults`` has it.
+    allow_invalid : bool
+        As for ``stepper``.
+    subject : str
+        What messages call the system and what the cache calls its files, of objects in this
+        process; another process cannot derive these.
+    """
+
+    spec: Spec
+    identity: Sequence[Any] | None = ()
+    arguments: Callable[[], dict[str, Any]] = dict
+    allow_invalid: bool = False
+    subject: str = ""
+
+    def stepper(self) -> tuple[Stepper, RunDefaults | None]:
+        """Return the stepper, and the numbers of its model."""
+        record = self.record()
+        made = Stepper(record.name, record.files,
+                       Derive(self.further_files, portable=not self.subject))
+        if record.start is not None:  # cached without the folder of the file
+            made.visuals = located_all(record.start.visuals, self.spec.model or "")
+        return made, record.start
+
+    def further_files(self, *, second: bool = False, control: bool = False) -> dict[str, str]:
+        """Return the files with tangents and adjoints, or second derivatives; or of control."""
+        return self.record("control" if control else "second" if second else "derivatives").files
+
+    def record(self, kind: str = "") -> Record:
+        """Return the files of the spec, or those of ``kind`` "derivatives", "second", "control".
+
+        Warnings about the system are issued with the files of the spec.
+        """
+        if not (kind or self.identity or self.spec.profile != "full"):
+            files = checked_in_files(self.spec.name)
+            if files is not None:
+                return Record(self.spec.name, files, None)
+        key = None if self.identity is None else self.key(kind)
+        content = None if key is None else read_cache(key)
+        if content is None:
+            content = self._generate(kind)
+            if key is not None:
+                write_cache(key, content)
+        name, files, start, messages = content
+        for message in () if kind else messages:
+            warn(message)
+        return Record(name, files, None if start is None else RunDefaults.from_json(start))
+
+    def key(self, kind: str) -> str:
+        """Return the name of the files in the cache."""
+        label = "model" if self.spec.model else "system" if self.subject else self.spec.name
+        tableau = "" if self.spec.tableau is None else _text_of(self.spec.tableau)
+        content = digest([str(self.spec), tableau, self.identity, self.allow_invalid, kind,
+                          generator_fingerprint()])
+        return f"{label}-{content}.source.json"
+
+    def keep(self, files: dict[str, str]) -> None:
+        """Cache files that were generated already, of a named system."""
+        write_cache(self.key(""), [self.spec.name, files, None, []])
+
+    def _generate(self, kind: str) -> list[Any]:
+        """Return name, files, numbers of the model and warnings, as JSON."""
+        from .generator.pipeline import generate
+
+        spec = self.spec.with_profile("control") if kind == "control" else self.spec
+        what = self.subject or str(spec.model or spec.name)
+        what = f"{kind} of {what}" if kind else what
+        method = "" if what.endswith(spec.name) else f" with {spec.method}"
+        with capture_warnings() as messages, log_task(f"deriving {what}{method}",
+                                                      f"derived {what}"):
+            arguments = self.arguments()
+            free = arguments.pop("free", [])
+            source = generate(spec, allow_invalid=self.allow_invalid, **arguments,
+                              derivatives=kind in ("derivatives", "second"),
+                              second=kind == "second").source
+        model = arguments.get("model")
+        start = None if model is None else replace(RunDefaults.of(model), free=free).as_json()
+        return [source.name, source.files(), start, messages]
+
+
+def derivation(
+    spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False, *,
+    settings: Mapping[str, str] = _NONE, options: Mapping[str, Any] = _NONE,
+    with_numbers: bool = False,
+) -> Derivation:
+    """Return the derivation of a spec; a system and a tableau take the place of the spec's.
+
+    Parameters
+    ----------
+    spec : Spec
+        Names a system, a model, or a model file.
+    system : System or Model, optional
+    tableau : Tableau, optional
+    allow_invalid : bool
+        As for ``stepper``.
+    settings : mapping of str to str
+        Other values for keys of the model file, as ``generator.model_file.read_model`` takes them.
+    options : mapping
+        Arguments of the named model's function.
+    with_numbers : bool
+        Whether the files depend on the numbers of a Model, as those of profile control do.
+    """
+    if system is not None or tableau is not None:
+        return _of_objects(spec, system, tableau, allow_invalid, with_numbers)
+    if spec.model is not None:
+        text = model_text(spec.model)
+        beside = states_of_files(spec.model, text) if is_robot(spec.model) else []
+        if is_robot(spec.model) and "loops" in settings:
+            beside.append(model_text(settings["loops"]))
+        return Derivation(spec, [text, *sorted(settings.items()), *beside],
+                          partial(_model_of_file, spec, text, dict(settings)), allow_invalid)
+    if spec.system in MODELS:
+        return Derivation(spec, ["model", *sorted(options.items())],
+                          partial(_named_model, spec, dict(options)), allow_invalid)
+    return Derivation(spec, allow_invalid=allow_invalid)
+
+
+def _of_objects(
+    spec: Spec, system: Any, tableau: Any, allow_invalid: bool, with_numbers: bool
+) -> Derivation:
+    """Return the derivation of a system or a tableau that the caller has made."""
+    import sympy
+
+    from .generator.multibody.model import Model
+    from .generator.systems.system import System
+    from .generator.systems.system_digest import system_digest
+    from .generator.tableaux.tableau import Tableau
+
+    model = system if isinstance(system, Model) else None
+    if system is not None and model is None and not isinstance(system, System):
+        raise InputError(f"system = {shown(system)} is neither a name nor a gyrospark.System.")
+    if tableau is not None and not isinstance(tableau, Tableau):
+        raise InputError(f"tableau = {shown(tableau)} is neither a file nor a tableau; make "
+                         "one with gyrospark.tableau.")
+    of_system = getattr(model, "system_digest", None) or system_digest(
+        system if model is None else model.system)
+    of_tableau = system_digest(tableau)
+    identity: list[Any] | None = None
+    if of_system is not None and of_tableau is not None:
+        identity = [of_system, of_tableau, sympy.__version__,
+                    "" if spec.model is None else model_text(spec.model)]
+        if with_numbers and model is not None:
+            identity += [RunDefaults.of(model).as_json(), dict(model.units)]
+
+    def arguments() -> dict[str, Any]:
+        numbers = {"model": model} if with_numbers else {}
+        return {"system": system if model is None else model.system, "tableau": tableau, **numbers}
+
+    name = spec.name if system is None else system.name
+    return Derivation(spec, identity, arguments, allow_invalid, subject=name)
+
+
 @lru_cache(maxsize=64)
 def _named_stepper(spec: Spec) -> Stepper:
-    return Stepper(spec.name, files_of(spec), Derive(
-        partial(_derivative_files, spec), portable=True))
+    return derivation(spec).stepper()[0]
 
 
-def _derivative_files(
-    spec: Spec, *, second: bool = False, control: bool = False
-) -> dict[str, str]:
-    """Return what ``_with_derivatives`` does for a named stepper, cached."""
-    if control:
-        return text_of(_profiled(spec, control))[0]
-    kind = "second" if second else "derivatives"
-    key = f"{spec.name}-{_source_key(spec, kind)}.source.json"
-    files: dict[str, str] | None = read_cache(key)
-    if files is None:
-        files = _generate(spec, None, None, False, derivatives=True, second=second).source.files()
-        write_cache(key, files)
-    return files
+def stepper_of(
+    spec: Spec, system: Any = None, tableau: Any = None, allow_invalid: bool = False
+) -> Stepper:
+    """Return the stepper of a spec; a system and a tableau take the place of the spec's."""
+    files = spec.model or spec.tableau
+    if system is None and tableau is None and files is None and not allow_invalid:
+        return _named_stepper(spec)
+    return derivation(spec, system, tableau, allow_invalid).stepper()[0]
 
 
 def model_stepper(
-    spec: Spec, allow_invalid: bool = False, settings: Mapping[str, str] = MappingProxyType({})
+    spec: Spec, *, allow_invalid: bool = False, settings: Mapping[str, str] = _NONE,
+    options: Mapping[str, Any] = _NONE,
 ) -> tuple[Stepper, RunDefaults]:
-    """Return the stepper of a spec with a model file, and the numbers of the file.
+    """Return the stepper of a spec with a model file or a named model, and the model's numbers.
 
     Both are cached: SymPy is not imported for a file that is known, nor for other values of
     parameters that no other number of the file depends on. Warnings about the file are issued
@@ -458,49 +579,29 @@ def model_stepper(
     Parameters
     ----------
     spec : Spec
-        With the file.
-    allow_invalid : bool
-        As for ``stepper``.
-    settings : mapping of str to str
-        Other values for keys of the file, as ``generator.model_file.read_model`` takes them.
+        With the file, or the name.
+    allow_invalid, settings, options
+        As for ``derivation``.
 
     Raises
     ------
     InputError
         With file, key and cure, for whatever in the file is no model.
     """
-    text = model_text(spec.model or "")
-    robot = is_robot(spec.model or "")
-    beside = states_of_files(Path(spec.model or ""), text) if robot else []
-    if robot and "loops" in settings:
-        beside.append(model_text(settings["loops"]))
-
-    def found(changes: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
-        made, start = _cached_model(
-            ("model", text, allow_invalid, sorted(changes.items()), *beside), spec,
-            partial(_model_of_file, spec, text, dict(changes)), allow_invalid)
-        made.visuals = located_all(start.visuals, spec.model or "")  # cached without its folder
+    def with_values(values: Mapping[str, str]) -> tuple[Stepper, RunDefaults]:
+        made, start = derivation(
+            spec, allow_invalid=allow_invalid, settings=values, options=options).stepper()
+        assert start is not None
         return made, start
 
     numbers = {key: number for key, value in settings.items()
                if (number := _plain_number(value)) is not None}
-    if not settings or len(numbers) < len(settings) or robot:
-        return found(settings)
-    made, start = found({})
+    if not settings or len(numbers) < len(settings) or is_robot(spec.model or ""):
+        return with_values(settings)
+    made, start = with_values({})
     if numbers.keys() <= {*start.free}:
         return made, replace(start, parameters={**start.parameters, **numbers})
-    return found(settings)
-
-
-def named_model_stepper(
-    spec: Spec, name: str, options: Mapping[str, Any], allow_invalid: bool = False
-) -> tuple[Stepper, RunDefaults]:
-    """Return the stepper of one of ``gyrospark.models``, and the model's numbers; both are kept.
-
-    ``options`` are arguments of the model's function.
-    """
-    return _cached_model(("named", name, allow_invalid, sorted(options.items())), spec,
-                         partial(_named_model, spec, name, dict(options)), allow_invalid)
+    return with_values(settings)
 
 
 def cached_model(name: str, options: Mapping[str, Any], make: Callable[[], Model]) -> Model:
@@ -530,39 +631,9 @@ def cached_model(name: str, options: Mapping[str, Any], make: Callable[[], Model
     return model
 
 
-def _named_model(spec: Spec, name: str, options: dict[str, Any]) -> tuple[Model, list[str]]:
-    arguments = {**options, **({"rep": spec.rep} if spec.rep else {})}
-    return MODELS[name].make(**arguments), []
-
-
-def _cached_model(
-    what: tuple[Any, ...], spec: Spec, make: Callable[[], tuple[Model, list[str]]],
-    allow_invalid: bool,
-) -> tuple[Stepper, RunDefaults]:
-    """Return the stepper of a model and its numbers as they are kept, or make and keep them."""
-    key, name, files, start = _cached_files(what, spec, make, allow_invalid)
-    derive = partial(_model_with_derivatives, key, spec, make, allow_invalid)
-    return Stepper(name, files, Derive(derive, portable=True)), start
-
-
-def _cached_files(
-    what: tuple[Any, ...], spec: Spec, make: Callable[[], tuple[Model, list[str]]],
-    allow_invalid: bool = False,
-) -> tuple[str, str, dict[str, str], RunDefaults]:
-    """Return the key in the cache, name, files and numbers of a model, made if they are new."""
-    own = "" if spec.tableau is None else _text_of(spec.tableau)
-    key = f"{what[0]}-{_source_key(spec, own, *what)}.source.json"
-    found = read_cache(key)
-    if found is None:
-        with capture_warnings() as captured:
-            name, files, start = _generate_model(spec, make, allow_invalid)
-        start = replace(start, warnings=captured)
-        write_cache(key, [name, files, start.as_json()])
-    else:
-        name, files, start = found[0], found[1], RunDefaults.from_json(found[2])
-    for message in start.warnings:
-        warn(message)
-    return key, name, files, start
+def files_of(spec: Spec) -> dict[str, str]:
+    """Return header, source and manifest of a named stepper without SymPy if they are known."""
+    return derivation(spec).record().files
 
 
 def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults | None]:
@@ -575,62 +646,19 @@ def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults
     InputError
         For what the profile does not take, and whatever is no model.
     """
-    if spec.model is not None and system is None:
-        text = model_text(spec.model)
-        return _cached_files(("model", text, False, []), spec,
-                             partial(_model_of_file, spec, text, {}))[2:]
-    if spec.system in MODELS and system is None:
-        return _cached_files(("named", spec.system, False, []), spec,
-                             partial(_named_model, spec, spec.system, {}))[2:]
-    model = system if hasattr(system, "system") else None
-    start = None if model is None else RunDefaults.of(model)
-    if system is not None or spec.tableau is not None:
-        system = getattr(system, "system", system)
-        return _derived(spec, system, None, False, model=model)[1], start
-    files: dict[str, str] | None = read_cache(_cache_name(spec))
-    if files is None:
-        files = _generate(spec, None, None, False).source.files()
-        cache_files(spec, files)
-    return files, None
+    record = derivation(spec, system, with_numbers=True).record()
+    return record.files, record.start
 
 
-def _model_with_derivatives(
-    key: str, spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool, *,
-    second: bool = False, control: bool = False,
-) -> dict[str, str]:
-    """Return what ``_with_derivatives`` does for a model's stepper, cached beside its own."""
-    kind = "control" if control else "second" if second else "derivatives"
-    key = key.replace(".source.json", f"_{kind}.source.json")
-    files: dict[str, str] | None = read_cache(key)
-    if files is None:
-        with capture_warnings():
-            files = _generate_model(_profiled(spec, control), make, allow_invalid,
-                                    derivatives=not control, second=second)[1]
-        write_cache(key, files)
-    return files
+def _named_model(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
+    return {"model": MODELS[spec.system].make(**options, **({"rep": spec.rep} if spec.rep else {}))}
 
 
-def _generate_model(
-    spec: Spec, make: Callable[[], tuple[Model, list[str]]], allow_invalid: bool, *,
-    derivatives: bool = False, second: bool = False,
-) -> tuple[str, dict[str, str], RunDefaults]:
-    from .generator.pipeline import generate
-
-    what = spec.model or spec.system
-    with log_task(f"deriving {what} with {spec.method}", f"derived {what}"):
-        model, free = make()
-        source = generate(spec, model=model, allow_invalid=allow_invalid,
-                          derivatives=derivatives, second=second).source
-    return source.name, source.files(), replace(RunDefaults.of(model), free=free)
-
-
-def _model_of_file(
-    spec: Spec, text: str, settings: Mapping[str, str]
-) -> tuple[Model, list[str]]:
+def _model_of_file(spec: Spec, text: str, settings: Mapping[str, str]) -> dict[str, Any]:
     from .generator.models.model_file import read_model
 
-    found = read_model(text, spec.model or "", spec.rep or None, settings)
-    return found.model, found.free
+    content = read_model(text, spec.model or "", spec.rep or None, settings)
+    return {"model": content.model, "free": content.free}
 
 
 def _plain_number(text: str) -> float | None:
@@ -650,55 +678,9 @@ def _text_of(path: Path) -> str:
         return ""
 
 
-def files_of(spec: Spec) -> dict[str, str]:
-    """Return header, source and manifest of a named stepper without SymPy if they are known."""
-    found = checked_in_files(spec.name)
-    if found is not None:
-        return found
-    files: dict[str, str] | None = read_cache(_cache_name(spec))
-    if files is None:
-        files = _generate(spec, None, None, False).source.files()
-        cache_files(spec, files)
-    return files
-
-
-def cache_files(spec: Spec, files: dict[str, str]) -> None:
-    """Keep generated files for later calls."""
-    write_cache(_cache_name(spec), files)
-
-
-def _cache_name(spec: Spec) -> str:
-    return f"{spec.name}-{_source_key(spec)}.source.json"
-
-
 def checked_in_files(name: str) -> dict[str, str] | None:
     """Return the files of a stepper in ``generated/``; None if it is not there."""
     paths = [ROOT / "generated" / f"{name}.{end}" for end in ("h", "c", "json")]
     if not all(path.is_file() for path in paths):
         return None
     return complete({path.name: path.read_text(encoding="utf-8") for path in paths})
-
-
-def _source_key(spec: Spec, *texts: object) -> str:
-    return digest([str(spec), *texts, generator_fingerprint()])
-
-
-def _generate(
-    spec: Spec, system: Any, own_tableau: Any, allow_invalid: bool, *, derivatives: bool = False,
-    second: bool = False, model: Model | None = None,
-) -> Generated:
-    from .generator.pipeline import generate
-    from .generator.systems.system import System
-    from .generator.tableaux.tableau import Tableau
-
-    if system is not None and not isinstance(system, System):
-        raise InputError(f"system = {shown(system)} is neither a name nor a gyrospark.System.")
-    if own_tableau is not None and not isinstance(own_tableau, Tableau):
-        raise InputError(f"tableau = {shown(own_tableau)} is neither a file nor a tableau; make "
-                         "one with gyrospark.tableau.")
-    what = spec.name if system is None else f"{system.name} with {spec.method}"
-    kind = "second derivatives" if second else "derivatives"
-    what = f"{kind} of {what}" if derivatives else what
-    with log_task(f"deriving {what}", f"derived {what}"):
-        return generate(spec, system=system, tableau=own_tableau, allow_invalid=allow_invalid,
-                        derivatives=derivatives, second=second, model=model)

@@ -115,12 +115,12 @@ def write_stepper(
         write_files(written, out)
         derived = time.perf_counter()
         if compile_it:
-            from ..api import cache_files
+            from ..api import Derivation
             from ..runtime.compilation.stepper_module import load_module
 
             load_module(name, files, part)
             if named and not derivatives:
-                cache_files(spec, files)
+                Derivation(spec).keep(files)
     done = time.perf_counter()
     click.echo(summary(name, json.loads(files[f"{name}.json"]), out, derived - start,
                        done - derived if compile_it else None))

@@ -72,7 +72,7 @@ def _model(
     reference: bool, choice: dict[str, Any],
 ) -> tuple[Stepper, RunDefaults]:
     """Return the stepper of a named model, or of a model file, and the numbers of it."""
-    from ...api import model_stepper, named_model_stepper
+    from ...api import model_stepper
 
     if choice["system"] is not None:
         raise InputError(f"--system {choice['system']!r} is given besides {name!r}; give one.")
@@ -80,8 +80,7 @@ def _model(
         raise InputError(f"--reference is for the problems of the paper, not for {name!r}; run it "
                          "with more stages and compare.")
     if entry is not None:
-        return named_model_stepper(spec_from(**{**choice, "system": entry.name}), entry.name,
-                                   options)
+        return model_stepper(spec_from(**{**choice, "system": entry.name}), options=options)
     return model_stepper(spec_from(**{**choice, "system": name}), settings=settings_of(settings))
 
 

@@ -49,8 +49,8 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -122,8 +122,9 @@ def load_model(
         settings = as_mapping("set", present.get("set", {}), "{'m': 2.0}")
         return read_model(text, file, chosen, {
             key: _toml_text(key, value) for key, value in settings.items()}).model
-    with _naming(file):
+    with capture_warnings() as messages:
         model = robot_model(text, file, chosen, present)
+    _warn_of_file(file, messages)
     return replace(model, visuals=located_all(model.visuals, file))
 
 
@@ -146,15 +147,14 @@ def read_model(
     InputError
         With file, key and cure, for whatever in the file is no model.
     """
-    with _naming(path):
-        return _read(text, path, rep, settings)
-
-
-@contextmanager
-def _naming(path: str | Path) -> Iterator[None]:
-    """Let warnings of a model file name it."""
     with capture_warnings() as messages:
-        yield
+        content = _read(text, path, rep, settings)
+    _warn_of_file(path, messages)
+    return content
+
+
+def _warn_of_file(path: str | Path, messages: Iterable[str]) -> None:
+    """Issue the warnings of a model file with its name."""
     for message in dict.fromkeys(messages):
         warn(f"In the model file {str(path)!r}: {message}")
 

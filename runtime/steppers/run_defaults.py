@@ -48,8 +48,6 @@ class RunDefaults:
         Parameters that another value may be given for and nothing else changes.
     events : tuple of Event
         What its runs look for.
-    warnings : list of str
-        Warnings about the file that the model came from.
     visuals : mapping of str to sequence of Shape
         What its bodies are drawn with, by their names; "" is the ground.
     """
@@ -64,7 +62,6 @@ class RunDefaults:
     steps: int | None
     rules: Mapping[str, str] = field(default_factory=dict)
     free: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
     events: tuple[Event, ...] = ()
     visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import gyrospark as gs
-from gyrospark.api import _generate
 from gyrospark.generator.codegen import constant_loops, emit
+from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation.kernel_text import kernels_of
 
@@ -17,7 +17,7 @@ def test_loops_have_the_constants_and_the_bits_of_single_assignments(monkeypatch
     for few in (64, 3):
         monkeypatch.setattr(constant_loops, "_FEW", few)
         monkeypatch.setattr(emit, "_LARGE", 7 * few)
-        sources.append(_generate(spec, model.system, None, False).source)
+        sources.append(generate(spec, system=model.system).source)
     single, looped = (source.files() for source in sources)
     name = f"{sources[0].name}.c"
     assert "parameter_at" not in single[name]

@@ -405,7 +405,7 @@ def test_whole_module_is_used_as_it_is(built, own_cache, monkeypatch):
 def test_damaged_source_is_derived_anew(content, own_cache):
     spec = Spec("IMS", real="float")
     own_cache.mkdir()
-    path = own_cache / f"{spec.name}-{api._source_key(spec)}.source.json"
+    path = own_cache / api.Derivation(spec).key("")
     path.write_bytes(content)
     files = api.files_of(spec)
     assert set(files) == {f"{spec.name}.{end}" for end in ("h", "c", "json")}
@@ -497,7 +497,7 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
 
     def key(spec=spec):
         fingerprint.generator_fingerprint.cache_clear()
-        return api._source_key(spec)
+        return api.Derivation(spec).key("")
 
     here = key()
     with monkeypatch.context() as patch:
