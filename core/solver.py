@@ -12,7 +12,7 @@ from .exact_numbers import Number, exact
 
 __all__ = ["Solver", "SolverName", "as_solver"]
 
-SolverName = Literal["auto", "newton", "fixed-point", "python"]
+SolverName = Literal["auto", "newton", "fixed-point"]
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,10 @@ class Solver:
 
     Attributes
     ----------
-    kind : {"auto", "newton", "fixed-point", "python"}
+    kind : {"auto", "newton", "fixed-point"}
         ``auto`` is the fixed-point iteration with a Schur correction of the multipliers, from
         values predicted from past steps, with Newton's method for steps where it does not
-        converge; ``fixed-point`` has no fallback; ``newton`` is full Newton in C from a constant
-        guess, ``python`` the same method driven from Python.
+        converge; ``fixed-point`` has no fallback; ``newton`` is full Newton from a constant guess.
     tolerance : number, optional
         Bound on the last increment relative to the state; by default down to round-off.
     max_iterations : int

@@ -74,7 +74,6 @@ class Writer:
         self._happened = EventStore(group, self._manifest, list(about.get("events", {})))
         # After a killed process the copies of their metadata in the root may be outdated.
         self._changed = self._happened.names
-        # Of its own: solver "python" writes the time into the struct it steps with.
         self._parameters = binding.parameters(run.parameters, run.t0)
         self._queue: queue.Queue[Batch | None] = queue.Queue(maxsize=1)
         #: Rows of whole blocks that are written, to be filled again.

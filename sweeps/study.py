@@ -150,7 +150,7 @@ def checked_study(study: Study) -> Study:
     if study.every is not None and study.steps is None:
         raise InputError("every needs steps: with a duration cells have different numbers of them.")
     dt = None if study.varied("dt") else as_step(study.dt)
-    choose("solver for sweeps:", study.solver, [name for name in SOLVERS if name != "python"])
+    choose("solver for sweeps:", study.solver, SOLVERS)
     for one in study.steppers:
         if REALS[one.manifest["real"]].in_mpmath:
             raise InputError("A sweep's results are doubles: float128 is for single runs; choose "

@@ -23,7 +23,7 @@ from ...core.exact_numbers import exact as exact_number
 from .array_checks import as_numbers
 
 __all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "exact", "from_bytes", "full", "mpf", "pack",
-           "quad", "rounded", "solve", "to_bytes", "unpack"]
+           "quad", "rounded", "to_bytes", "unpack"]
 
 Array = NDArray[Any]
 
@@ -169,25 +169,3 @@ def as_quads(name: str, value: Any, shape: tuple[int, ...]) -> Array:
         if abs(number) >= _CONTEXT.ldexp(1, _BIAS + 1):
             raise InputError(f"{name} = {array} is too large for float128; give smaller numbers.")
     return converted
-
-
-def solve(A: Array, b: Array) -> Array:
-    """Return A⁻¹b by Gaussian elimination with partial pivoting.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        For a singular matrix.
-    """
-    A, x = A.copy(), b.copy()
-    for k in range(len(x)):
-        pivot = k + int(np.argmax(np.abs(A[k:, k])))
-        if not A[pivot, k]:
-            raise np.linalg.LinAlgError("Singular matrix")
-        A[[k, pivot]], x[[k, pivot]] = A[[pivot, k]], x[[pivot, k]]
-        factors = A[k + 1 :, k] / A[k, k]
-        A[k + 1 :, k:] -= np.multiply.outer(factors, A[k, k:])
-        x[k + 1 :] -= factors * x[k]
-    for k in reversed(range(len(x))):
-        x[k] = (x[k] - A[k, k + 1 :] @ x[k + 1 :]) / A[k, k]
-    return x

@@ -77,10 +77,6 @@ class QuadBinding(Binding):
         made: Array = t0 + steps.astype(object) * dt
         return made
 
-    def solve(self, A: Array, b: Array) -> Array:
-        """Return A⁻¹b."""
-        return binary128.solve(A, b)
-
     # ------------------------------------------------------------ structs
 
     def parameters(self, values: dict[str, Any], t: Any = 0.0) -> Any:
@@ -151,22 +147,6 @@ class QuadBinding(Binding):
         block = struct.block if isinstance(struct, _Record) else struct
         image: NDArray[np.uint8] = block.memory
         return image
-
-    def energy_error(self, H: Any, report: Any) -> float:
-        """Return |H − H₀|, less the work of the forces, for a running record."""
-        error = H - report.energy_start
-        return float(abs(error - report.work if self.has_forces else error))
-
-    def add_work(self, report: Any, done: Any) -> None:
-        """Add the work of a step to a running record, in a compensated sum."""
-        before, share = report.work, done + report.work_low
-        total = before + share
-        part = total - before
-        report.work, report.work_low = total, (before - (total - part)) + (share - part)
-
-    def recorded(self, report: Any, name: str) -> Any:
-        """Return a number of a running record."""
-        return getattr(report, name)
 
     def coefficients(self) -> list[Fraction]:
         """Return the compiled coefficients in the order of the struct, exactly."""

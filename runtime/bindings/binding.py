@@ -53,33 +53,15 @@ class Binding(Compiled):
                                   self.pointer(x), self.pointer(J), work)
         return J
 
-    def increment_size(
-        self, dt: float, q: Array, p: Array, x: Array, dx: Array, work: Any
-    ) -> float:
-        """Return how large an increment is, relative to the state; work of the last residual."""
-        return float(self.function("increment_size")(
-            dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(dx), work))
-
-    def residual_size(
-        self, dt: float, q: Array, p: Array, x: Array, r: Array, work: Any
-    ) -> float:
-        """Return how large a residual is, relative to the state, as an increment would be."""
-        size = self.increment_size(dt, q, p, x, r, work)
-        return abs(float(dt)) * size if self.solves_increments else size
-
-    def check_constraints(self, dt: float, q: Array, x: Array, work: Any) -> int:
-        """Return the status of unknowns whose step must end on the constraints."""
-        check = self.function("satisfies_constraints")
-        return int(check(dt, self.pointer(q), self.pointer(x), work))
-
     def step(
         self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
-    ) -> int:
-        """Try one step from (q, p); return its status."""
+    ) -> tuple[int, Array, Array]:
+        """Try one step from (q, p); return its status and the state after it."""
         ends = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
         taken = self.ffi.new("int *")
-        return int(self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
-                                         *map(self.pointer, ends), taken, work))
+        status = self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
+                                       *map(self.pointer, ends), taken, work)
+        return int(status), *ends[:2]
 
     def first_half(
         self, parameters: Any, options: Any, dt: float, q: Array, p: Array, work: Any
@@ -104,16 +86,6 @@ class Binding(Compiled):
             parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(q1),
             self.pointer(p1), self.pointer(multipliers), work)
         return int(status), q1, p1, multipliers[: self.multipliers]
-
-    def step_work(
-        self, parameters: Any, dt: float, q: Array, p: Array, x: Array, work: Any
-    ) -> Any:
-        """Return the work that the forces do in the step with the unknowns x; 0 without forces."""
-        done = self.new(1)
-        if self.has_forces:
-            self.function("step_work")(parameters, dt, self.pointer(q), self.pointer(p),
-                                       self.pointer(x), self.pointer(done), work)
-        return done[0]
 
     def quantities(self, parameters: Any, t: Array, q: Array, p: Array) -> Array:
         """Return the user's quantities of each row of q and p, a column each."""

@@ -30,8 +30,8 @@ Array = NDArray[Any]
 CORES = os.cpu_count() or 1
 #: Bytes of a kind of memory that are kept for the next call, if not that of one thread.
 _KEPT = 2**28
-#: Solver → its number in the generated enum; "python" drives the compiled parts itself.
-SOLVERS: dict[SolverName, int] = {"auto": 0, "newton": 1, "fixed-point": 2, "python": 1}
+#: Solver → its number in the generated enum.
+SOLVERS: dict[SolverName, int] = {"auto": 0, "newton": 1, "fixed-point": 2}
 
 
 class Pool:
@@ -215,35 +215,6 @@ class Compiled:
         """Return t0 + k dt for each k of ``steps``, in the type of ``number``."""
         made: Array = t0 + steps * dt
         return made
-
-    def solve(self, A: Array, b: Array) -> Array:
-        """Return A⁻¹b in double, or raise numpy.linalg.LinAlgError."""
-        x = np.linalg.solve(A.astype(float), b.astype(float))
-        return np.ascontiguousarray(x, dtype=self.dtype)
-
-    def energy_error(self, H: Any, report: Any) -> float:
-        """Return |H − H₀|, less the work of the forces, for a running record."""
-        error = self._whole(H) - self.recorded(report, "energy_start")
-        return float(abs(error - self.recorded(report, "work") if self.has_forces else error))
-
-    def add_work(self, report: Any, done: Any) -> None:
-        """Add the work of a step to a running record, in a compensated sum."""
-        before = self.recorded(report, "work")
-        share = self._whole(done) + self.recorded(report, "work_low")
-        total = before + share
-        part = total - before
-        report.work = self._passed(total)
-        report.work_low = self._passed((before - (total - part)) + (share - part))
-
-    def recorded(self, report: Any, name: str) -> Any:
-        """Return a number of a running record; cffi hands a long double over as an object."""
-        if self.dtype is not np.longdouble:
-            return float(getattr(report, name))
-        return np.frombuffer(self.ffi.buffer(report), dtype=self.report_type)[name][0]
-
-    def _whole(self, number: Any) -> Any:
-        """Return a number to compute with: long double, or double."""
-        return number if self.dtype is np.longdouble else float(number)
 
     def coefficients(self) -> list[Fraction]:
         """Return the compiled coefficients in the order of the struct, exactly."""

@@ -54,9 +54,6 @@ def refuse_run(run: RunArguments) -> None:
                          "frame, or frame = \"start\".")
     if run.stored_steps is not None:
         raise InputError("There are no derivatives at the steps that are stored here; give every.")
-    if run.solver == "python":
-        raise InputError("solver = 'python' has no derivatives; choose auto, newton or "
-                         "fixed-point.")
     if run.tolerance is not None:
         raise InputError(f"tolerance = {run.tolerance} stops a step before its equations hold, and "
                          "derivatives are those of the equations; leave tolerance out.")

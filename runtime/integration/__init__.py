@@ -4,7 +4,6 @@
     step_loop        one integration, in chunks
     frame_following  a co-moving frame that is chosen anew, block by block
     linear_frequency the frequency of the linearised motion at the start of a run
-    newton           T1 driven from Python, open to inspection
     failure          why a step failed, and what would do
     starts           what an integration starts from: a start, and the call's arguments
     run_arguments    arguments of one run and of many, checked; the number of steps to a time

@@ -101,7 +101,7 @@ def _smaller_step(
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
     for _ in range(_HALVINGS):
         dt = dt / 2
-        if not binding.step(parameters, options, dt, q, p, binding.work()):
+        if not binding.step(parameters, options, dt, q, p, binding.work())[0]:
             return float(dt), float(dt)
     return None, float(dt)
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ...core.warnings import warn
 from ..bindings.binding import Binding
 from ..results.rotation_rate import LOST, phase_error
-from .newton import newton_step
 
 if TYPE_CHECKING:
     from .run_arguments import RunArguments
@@ -58,11 +57,11 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
         return None
     parameters = binding.parameters(run.at_step(0).parameters, run.t0)
     work, dt = binding.work(), float(run.dt) * _PART
+    options = binding.options(None, 50, "newton")
 
     def end(z: Array) -> Array:
         """Return the state after a short step."""
-        status, q, p, *_ = newton_step(binding, parameters, None, 50, dt, z[:n].copy(),
-                                       z[n:].copy(), work)
+        status, q, p = binding.step(parameters, options, dt, z[:n].copy(), z[n:].copy(), work)
         return np.concatenate([q, p]) if status == 0 else np.full(2 * n, math.nan)
 
     def near(z: Array) -> Array:

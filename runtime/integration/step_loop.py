@@ -18,7 +18,6 @@ from ..results.diagnostics import Report
 from ..results.run_arrays import States, defect_sizes
 from ..results.trajectory import Trajectory
 from .failure import Diagnosis, diagnose
-from .newton import newton_step
 from .run_arguments import RunArguments
 
 if TYPE_CHECKING:
@@ -198,8 +197,9 @@ def advance(
 
     Every ``every``-th state goes to ``out``: q, p, multipliers, iterations, work.
     """
-    chunk = _python_chunk if run.solver == "python" else _compiled_chunk
-    return chunk(binding, run, parameters, steps, every, q, p, out, report, work)
+    options = binding.options(run.tolerance, run.max_iterations, run.solver)
+    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
+                             run.inputs)
 
 
 def advance_with_events(
@@ -267,61 +267,6 @@ def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None)
         return piece, piece
     count = most // run.every if rows is None else min(most // run.every, rows)
     return min(run.every * count, left - left % run.every), run.every
-
-
-def _compiled_chunk(
-    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
-    p: Array, out: tuple[Array, ...], report: Any, work: Any,
-) -> int:
-    options = binding.options(run.tolerance, run.max_iterations, run.solver)
-    return binding.integrate(parameters, options, run.dt, steps, every, q, p, out, report, work,
-                             run.inputs)
-
-
-def _python_chunk(
-    binding: Binding, run: RunArguments, parameters: Any, steps: int, every: int, q: Array,
-    p: Array, out: tuple[Array, ...], report: Any, work: Any,
-) -> int:
-    """Advance as the compiled chunk does, with ``newton_step`` for each step."""
-    if report.steps == 0:  # the compiled code starts the record; no step is taken
-        _compiled_chunk(binding, run, parameters, 0, 1, q, p, out, report, work)
-    most = 0
-    for k in range(1, steps + 1):
-        binding.set_time(parameters, run.t0, int(report.steps), run.dt)
-        if run.inputs is not None:
-            binding.feed(parameters, run.inputs.at(int(report.steps)))
-        status, q[:], p[:], multipliers, taken, done = newton_step(
-            binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, work
-        )
-        if status:
-            return status
-        binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
-        most = max(most, taken)
-        if binding.has_forces:
-            binding.add_work(report, done)
-        _observe(binding, parameters, q, p, taken, report)
-        if k % every == 0:
-            total = binding.recorded(report, "work") if binding.has_forces else 0
-            for part, value in zip(out, (q, p, multipliers, most, total), strict=True):
-                part[k // every - 1] = value
-            most = 0
-    return 0
-
-
-def _observe(
-    binding: Binding, parameters: Any, q: Array, p: Array, taken: int, report: Any
-) -> None:
-    """Add a state to the running record, as the compiled ``observe`` does."""
-    report.steps += 1
-    report.iterations += taken
-    report.iterations_max = max(report.iterations_max, taken)
-    H = binding.hamiltonian(parameters, q[None], p[None])[0]
-    g, f = (float(d[0]) for d in defect_sizes(binding, parameters, q[None], p[None]))
-    sizes = {"energy_error": binding.energy_error(H, report), "constraint": g, "hidden": f}
-    for name, size in sizes.items():  # float(...): cffi hands long double over as an object
-        largest, total = f"{name}_max", f"{name}_sum"
-        setattr(report, largest, max(float(getattr(report, largest)), size))
-        setattr(report, total, float(getattr(report, total)) + size)
 
 
 def trajectory_of(

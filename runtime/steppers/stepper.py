@@ -12,7 +12,7 @@ from typing import Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import as_flag, as_mapping, choose, few
+from ...core.arguments import as_flag, as_mapping, few
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event, as_events
@@ -165,11 +165,11 @@ class Stepper(Dynamics):
                 q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver))
             self.warned(run)
             work = None if held is None else held.work  # it needs no initialisation
-            held = ContinuedStep(self.binding, run, given, work) if run.solver != "python" else None
-        if held is not None and fed is not None:
+            held = ContinuedStep(self.binding, run, given, work)
+        if fed is not None:
             held.feed(fed.at(0))
-        if held is None or held.advance(1):
-            run = run if held is None else held.run_from(q, p, t0).with_inputs(fed)
+        if held.advance(1):
+            run = held.run_from(q, p, t0).with_inputs(fed)
             end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
             return end.q[-1], end.p[-1]
         self._local.held = held
@@ -188,7 +188,7 @@ class Stepper(Dynamics):
     ) -> Simulation:
         """Return a simulation from a start, or from (q, p), that is advanced by its caller.
 
-        The arguments are those of ``integrate``, but for ``solver="python"``.
+        The arguments are those of ``integrate``.
         ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
         ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
         as many steps it gives to the bit, in calls of however many. With ``record=True`` it keeps
@@ -201,8 +201,6 @@ class Stepper(Dynamics):
             As ``integrate`` does.
         """
         method = as_solver(solver)
-        choose("solver of a simulation", method.kind,
-               [name for name in SOLVERS if name != "python"])
         state = merged_start(self, start, p, parameters)
         run = self.checked_run(self.run_arguments(
             state.q, state.p, dt=dt, steps=0, parameters=state.parameters, t0=state.t,
@@ -307,7 +305,7 @@ class Stepper(Dynamics):
             Directions whose derivatives are computed along the run: ``Trajectory.tangents``, at
             ``t_eval``, at events and in the last row of a terminal one too. A row at a given time
             moves with dt and the start's time by its part of a step alone.
-        solver : {"auto", "newton", "fixed-point", "python"} or Solver
+        solver : {"auto", "newton", "fixed-point"} or Solver
             How the equations of a step are solved; ``gs.Solver`` adds tolerance and iterations.
         progress : callable or bool, optional
             A function is called now and then with the number of steps done. True shows the share
@@ -472,9 +470,6 @@ class Stepper(Dynamics):
         if not self.binding.solves and method.kind != "auto":
             raise InputError(f"{self.name} composes exact flows and solves no equations; leave out "
                              f"solver = {method.kind!r}.")
-        if method.kind == "python" and self.manifest["scheme"].get("exact_energy"):
-            raise InputError("solver = 'python' does not look for the exact energy; choose auto or "
-                             "newton.")
         if method.kind == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
                              f"{self.manifest['fast_path']['reason']}; choose auto or newton.")

@@ -118,9 +118,9 @@ def test_schemes_without_exact_energy_are_refused(choice, named):
 
 def test_steps_with_exact_energy_refuse_solvers_derivatives_and_profiles(gyrospark):
     step = systems.stepper("heavy_top", energy=True)
-    for solver in ("python", "fixed-point"):
-        with pytest.raises(gs.InputError, match=solver):
-            step.integrate(TOP.q0, TOP.p0, dt=0.01, steps=2, parameters=PARAMETERS, solver=solver)
+    with pytest.raises(gs.InputError, match="fixed-point"):
+        step.integrate(TOP.q0, TOP.p0, dt=0.01, steps=2, parameters=PARAMETERS,
+                       solver="fixed-point")
     with pytest.raises(gs.InputError, match="derivatives"):
         step.jvp(TOP.q0, TOP.p0, np.zeros(4), np.zeros(4), dt=0.01, parameters=PARAMETERS)
     answer = gyrospark("generate", "--scheme", "G-L", "--stages", "2", "--energy", "--profile",

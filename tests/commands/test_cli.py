@@ -179,7 +179,7 @@ def test_json_is_one_document_with_the_keys_of_the_contract(gyrospark):
 
 @pytest.mark.parametrize("arguments", [
     ["--gamma", "mt", "--dt", "-1e-3", "--every", "7", "--system", "heavy-top"],
-    ["--gamma", "0.001", "--steps", "0"], ["--steps", "1e1", "--solver", "python"],
+    ["--gamma", "0.001", "--steps", "0"], ["--steps", "1e1", "--solver", "newton"],
     ["--steps", "5.0", "--solver", "newton", "--tolerance", "1e-9", "--reference"],
     ["--every", "9" * 17, "--max-iterations", "9" * 12], ["--real", "float"],
 ])

@@ -47,7 +47,7 @@ VALUES: dict[str, Sequence[str]] = {
              "0x1p3", "1e-3 "),
     "--steps": ("1", "0", "10", "7", "200", "-1", "1.5", "9999999999999999999", "1e3", "", "x"),
     "--every": ("1", "3", "0", "-2", "999999999999999999", "x"),
-    "--solver": ("auto", "newton", "fixed-point", "python", "magic", ""),
+    "--solver": ("auto", "newton", "fixed-point", "magic", ""),
     "--tolerance": ("1e-10", "1e-300", "1e300", "0", "-1", "nan", "inf", "x"),
     "--max-iterations": ("50", "1", "2", "0", "-1", "999999999999999999", "x"),
     "--set": ("radius_ratio=1.5", "radius_ratio=0", "radius_ratio=nan", "inertia=2,1.3,0.8",

@@ -111,7 +111,7 @@ def options(choices: Choices) -> dict[str, Any]:
     """Return some options; iterations are few, or more than an ``int`` holds and not needed."""
     found: dict[str, Any] = {}
     if choices.one_in(3):
-        found["solver"] = choices.pick(("auto", "newton", "fixed-point", "python", "magic", "", 3,
+        found["solver"] = choices.pick(("auto", "newton", "fixed-point", "magic", "", 3,
                                         None, [], {}))
     if choices.one_in(4):
         found["tolerance"] = number(choices, 1e-12)

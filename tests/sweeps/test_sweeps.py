@@ -223,7 +223,7 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"gamma": [1e-3]}, {"duration": 1.0}, ["steps", "duration"]),
     ({"gamma": [1e-3]}, {"steps": None, "duration": -1.0}, ["duration"]),
     ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0, "every": 2}, ["every needs"]),
-    ({"gamma": [1e-3]}, {"solver": "python"}, ["python"]),
+    ({"gamma": [1e-3]}, {"solver": "magic"}, ["magic"]),
     ({"gamma": [1e-3]}, {"scheme": "G-L 2", "real": "float128"}, ["float128"]),
     ({"gamma": [1e-3]}, {"keep": ["energy"]}, ["'energy'", "energy_error_max"]),
     ({"gamma": [1e-3]}, {"dt": None}, ["dt"]),

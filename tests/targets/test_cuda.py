@@ -231,7 +231,7 @@ def test_failures_on_a_card_are_named(card, step):
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    ({"solver": "newton"}, "newton"), ({"solver": "python"}, "python"),
+    ({"solver": "newton"}, "newton"),
     ({"events": gs.Event("q1")}, "events"), ({"tangents": gs.Tangents()}, "tangents"),
     ({"workers": 2}, "workers"), ({"inputs": {"torque": 1.0}}, "inputs"),
     ({"device": "gpu"}, "'gpu'"), ({"device": "cuda:1"}, "cuda:1"),

@@ -24,6 +24,7 @@ from gyrospark.generator.systems.elimination_order import (
 from gyrospark.generator.systems.repeated_structure import Structure
 from gyrospark.generator.systems.system import System
 from gyrospark.runtime.steppers.stepper import Stepper
+from python_newton import integrate
 from structured_systems import BEADS, beads, made_beads, start_of_beads
 
 EPS = 2.0**-52
@@ -53,7 +54,7 @@ def compare(loops, dense, start, parameters, t0):
     begin = gs.Start(q, p, t=t0)
     b = dense.integrate(begin, **how)
     for solver in ("auto", "newton", "python"):
-        a = loops.integrate(begin, solver=solver, **how)
+        a = integrate(loops, begin, solver=solver, **how)
         # 40 steps of round-off, each of some ε; of EMS that of g by Δt in p
         assert np.abs(a.q - b.q).max() <= 256 * EPS
         assert np.abs(a.p - b.p).max() <= 256 * EPS * (np.abs(b.p).max() + 4 / 4e-3)
@@ -72,8 +73,8 @@ def test_structured_ems_balances_energy_and_work():
     """An identity of its own differences, so that no dense code is needed; by each solver."""
     step = made_beads("EMS", None, True)
     for solver in ("auto", "newton", "python"):
-        run = step.integrate(gs.Start(*start_of_beads(step, 0.4), t=0.4), dt=4e-3, steps=40,
-                             parameters=BEADS, solver=solver)
+        run = integrate(step, gs.Start(*start_of_beads(step, 0.4), t=0.4), dt=4e-3, steps=40,
+                        parameters=BEADS, solver=solver)
         size = np.abs(run.energies).max() + np.abs(run.work).max()
         assert run.report.energy_error_max <= 64 * EPS * size
         assert np.abs(run.work).max() > 1e-3 * size

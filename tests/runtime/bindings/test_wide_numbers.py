@@ -23,6 +23,7 @@ from gyrospark.core.exact_numbers import digits_of, exact
 from gyrospark.core.warnings import capture_warnings
 from gyrospark.runtime.bindings.real_numbers import from_text, rounding
 from processes import cli
+from python_newton import integrate
 from stores import assert_same, record
 from strategies import tableau_of
 
@@ -67,7 +68,7 @@ def assert_near(found, wanted, real, count=16):
 @pytest.mark.parametrize("real", WIDE)
 @pytest.mark.parametrize("solver", ["auto", "newton", "python"])
 def test_a_run(real, solver):
-    run = pushed(real).integrate(BEGIN, steps=STEPS, solver=solver, **RUN)
+    run = integrate(pushed(real), BEGIN, steps=STEPS, solver=solver, **RUN)
     times = [exact(T0) + k * DT for k in range(STEPS + 1)]
     states = [motion(t) for t in times]
     assert_near(run.t, times, real, 2)

@@ -65,7 +65,7 @@ def test_in_every_type_and_backwards(real: str, dt: float) -> None:
     assert not back.rising[0]
 
 
-@pytest.mark.parametrize("solver", ["auto", "python"])
+@pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_the_discrete_gradient_and_its_solvers(solver: str) -> None:
     """What is found lies between the states about it, on the level."""
     step = systems.stepper("pendulum", "EMS")

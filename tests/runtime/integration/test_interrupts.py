@@ -38,7 +38,7 @@ def at(step):
 # ---------------------------------------------------------------- in Python
 
 
-@pytest.mark.parametrize(("solver", "every"), [("auto", 1), ("auto", 7), ("python", 3)])
+@pytest.mark.parametrize(("solver", "every"), [("auto", 1), ("auto", 7), ("newton", 3)])
 def test_run_comes_with_what_it_has(solver, every, gl3):
     """As a KeyboardInterrupt, the caller's handler back in place."""
     before = signal.getsignal(signal.SIGINT)

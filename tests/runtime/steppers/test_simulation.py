@@ -240,8 +240,8 @@ def test_it_goes_on_after_a_failure(gl3):
 
 
 def test_wrong_use_is_refused(gl3):
-    with refused("solver.*'python'"):
-        begun(gl3, solver="python")
+    with refused("solver.*'sweeps'"):
+        begun(gl3, solver="sweeps")
     with refused("constraints"):
         gl3.start(2 * TOP.q0, TOP.p0, **RUN)
     with refused("integrate"):
