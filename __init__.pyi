@@ -28,6 +28,7 @@ from .runtime.analysis.periodic_orbit import periodic_orbit as periodic_orbit
 from .runtime.bindings.inputs import Inputs as Inputs
 from .runtime.derivatives.tangent_space import Tangents as Tangents
 from .runtime.events.poincare_section import section as section
+from .runtime.results.load import load as load
 from .runtime.results.trajectory import Trajectory as Trajectory
 from .runtime.rigid_body import exact as exact
 from .runtime.rigid_body import problems as problems
@@ -39,9 +40,8 @@ from .runtime.tuning.frame_choice import choose_frame as choose_frame
 from .runtime.tuning.frame_search import FrameChoice as FrameChoice
 from .runtime.tuning.gamma_choice import GammaChoice as GammaChoice
 from .runtime.tuning.gamma_choice import choose_gamma as choose_gamma
-from .storage.record import record as record
-from .storage.recording import open_recording as open_recording
-from .sweeps.results import open_sweep as open_sweep
+from .storage.record import resume as resume
+from .sweeps.results import load_sweep as load_sweep
 from .sweeps.run_sweep import sweep as sweep
 from .targets.build import build as build
 from .targets.web.page import playground as playground

@@ -49,7 +49,7 @@ def _stored(every: int, steps: int, folder: Path, disk: dict[str, float]) -> Pre
 
     def stored() -> None:
         shutil.rmtree(path, ignore_errors=True)
-        gs.record(step, top.q0, top.p0, out=path, **run)
+        step.integrate(top.q0, top.p0, out=path, **run)
 
     stored()
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())

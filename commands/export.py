@@ -6,7 +6,9 @@ from pathlib import Path
 
 import click
 
+from ..core.file_formats import format_of
 from .options import check_writable, euler_options
+from .run.outputs import Angles
 
 __all__ = ["export"]
 
@@ -26,19 +28,18 @@ def export(
     \b
     gyrospark export night.zarr night.nc     NetCDF-4, for xarray, MATLAB, R
     gyrospark export night.zarr night.csv    a column a number
-    gyrospark export night.zarr night.npz    for gyrospark.Trajectory.load
+    gyrospark export night.zarr night.npz    for gyrospark.load
     gyrospark export night.zarr night.csv --euler ZYX --degrees
     gyrospark export night.zarr night.csv --columns "energy,wheel*"
     """
     from ..storage.recording import open_recording
-    from ..storage.table_files import check_angles, check_export
 
-    check_export(target)
-    check_angles(target, euler, degrees=degrees)
+    format_of(target, "A run", "states").require_packages()
+    Angles.checked(euler, target, degrees=degrees)
     check_writable("FILE", target)
     recording = open_recording(store)
     wanted = None if columns is None else [name.strip() for name in columns.split(",")]
-    recording.export(target, euler=euler, degrees=degrees, columns=wanted)
+    recording.save(target, euler=euler, degrees=degrees, columns=wanted)
     click.echo(f"{target}: {recording.states:,} states of {recording.steps_done:,} steps "
                f"({recording.status})")
     return 0

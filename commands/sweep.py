@@ -153,11 +153,11 @@ def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, A
 
 
 def _draw(store: Path, show: str, plot: Path, result: dict[str, Any]) -> GyrosparkError | None:
-    from ..sweeps.results import open_sweep
+    from ..sweeps.results import load_sweep
     from ..sweeps.sweep_plots import draw
 
     try:
-        draw(open_sweep(store), show, plot)
+        draw(load_sweep(store), show, plot)
         result["plot"] = str(plot)
     except GyrosparkError as error:  # the numbers are still printed
         return error

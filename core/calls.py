@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from .arguments import proposal
 from .errors import ArgumentError
-from .former_names import former_argument
+from .former_names import FORMER_MEMBERS, former_argument
 
 __all__ = ["explain_arguments", "explain_module", "explain_names"]
 
@@ -43,7 +43,23 @@ def explain_arguments(cls: Class) -> Class:
                 kind = type(member)
                 setattr(base, name, kind(_explained(
                     member.__func__, shown, bound=kind is classmethod)))
+        if base.__name__ in FORMER_MEMBERS:
+            _refuse_former_members(base)
     return cls
+
+
+def _refuse_former_members(cls: type) -> None:
+    """Let a class refuse its former attributes by a sentence with the present ones."""
+    former, inherited = FORMER_MEMBERS[cls.__name__], getattr(cls, "__getattr__", None)
+
+    def refuse(self: Any, name: str) -> Any:
+        if name in former:
+            raise AttributeError(f"{cls.__name__}.{name} is now {former[name]}.")
+        if inherited is not None:
+            return inherited(self, name)
+        raise AttributeError(f"{cls.__name__!r} object has no attribute {name!r}")
+
+    setattr(cls, "__getattr__", refuse)  # noqa: B010  mypy knows no such attribute
 
 
 def explain_names(module: ModuleType, names: Iterable[str]) -> None:

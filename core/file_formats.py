@@ -37,7 +37,9 @@ class FileFormat:
     name : str
         As messages name it.
     writers : dict of str to str
-        "trajectory", "ensemble" or "run" (a stored one) → "module:function".
+        "trajectory" or "ensemble" → "module:function", where it is not written of a table.
+    reader : str
+        "module:function" that returns the run in such a file, if one does.
     tabular : bool
         Whether it has named columns, which a caller may choose, and Euler angles among them.
     streamed : bool
@@ -50,14 +52,15 @@ class FileFormat:
     kind: Kind
     name: str = ""
     writers: dict[str, str] = field(default_factory=dict)
+    reader: str = ""
     tabular: bool = False
     streamed: bool = False
     extra: str = ""
     packages: tuple[str, ...] = ()
 
-    def writer(self, result: str) -> Any:
-        """Return the function that writes a kind of result."""
-        module, _, function = self.writers[result].partition(":")
+    def function(self, name: str) -> Any:
+        """Return a function by "module:function"."""
+        module, _, function = name.partition(":")
         return getattr(import_module(f"{_PACKAGE}.{module}"), function)
 
     def require_packages(self) -> None:
@@ -70,22 +73,19 @@ class FileFormat:
                                          f"{install(self.extra)} brings it.") from error
 
 
-_TABLES = "runtime.results.trajectory_tables"
-_ENSEMBLES = "runtime.results.ensemble_table"
-_STORED = "storage.table_files"
+_RUNS = "runtime.results.trajectory_file"
 
 FORMATS = (
     FileFormat(".npz", "states", "NumPy", {
-        "trajectory": "runtime.results.trajectory_file:save_npz",
-        "ensemble": f"{_ENSEMBLES}:write_npz", "run": f"{_STORED}:export_npz"}),
-    FileFormat(".csv", "states", "CSV", {
-        "trajectory": f"{_TABLES}:to_csv", "ensemble": f"{_ENSEMBLES}:write_csv_rows",
-        "run": f"{_STORED}:export_csv"}, tabular=True, streamed=True),
-    FileFormat(".nc", "states", "NetCDF", {
-        "trajectory": f"{_STORED}:save_netcdf", "ensemble": f"{_ENSEMBLES}:write_netcdf",
-        "run": f"{_STORED}:export_netcdf"}, streamed=True, extra="netcdf",
-        packages=("h5netcdf", "h5py")),
-    FileFormat(".zarr", "store"),
+        "trajectory": f"{_RUNS}:save_npz", "ensemble": f"{_RUNS}:save_ensemble"},
+        reader=f"{_RUNS}:load_npz"),
+    FileFormat(".csv", "states", "CSV", tabular=True, streamed=True),
+    FileFormat(".nc", "states", "NetCDF", reader=f"{_RUNS}:load_netcdf",
+               streamed=True, extra="netcdf", packages=("h5netcdf", "h5py")),
+    FileFormat(".parquet", "states", "Parquet", tabular=True, streamed=True, extra="parquet",
+               packages=("pyarrow",)),
+    FileFormat(".zarr", "store", "Zarr", {"trajectory": "storage.saved_run:save_store"},
+               reader="storage.recording:open_recording"),
     *(FileFormat(ending, "picture") for ending in (".png", ".svg", ".pdf")),
     *(FileFormat(ending, "film") for ending in (".gif", ".mp4")),
     *(FileFormat(ending, "page") for ending in (".html", ".htm")),

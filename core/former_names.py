@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-__all__ = ["FORMER_NAMES", "former_argument"]
+__all__ = ["FORMER_MEMBERS", "FORMER_NAMES", "former_argument"]
 
 _ERRORS = ("CompilerError", "InputWarning", "MissingDependencyError", "Stopped", "StorageError",
            "TableauError")
@@ -20,7 +20,7 @@ _RESULTS = {
     "Lyapunov": ("lyapunov", "runtime.analysis.lyapunov"),
     "PeriodicOrbit": ("periodic_orbit", "runtime.analysis.periodic_orbit"),
     "Projection": ("consistent", "core.projection"),
-    "Recording": ("open_recording", "storage.recording"),
+    "Recording": ("load", "storage.recording"),
     "Section": ("section", "runtime.events.poincare_section"),
 }
 
@@ -36,9 +36,28 @@ FORMER_NAMES = {
     "gamma_h_tilde": "gyrospark.gamma(inertia, 'ht')",
     "gamma_m": "gyrospark.gamma(inertia)",
     "gamma_m_tilde": "gyrospark.gamma(inertia, 'mt')",
+    "open_recording": 'gyrospark.load("night.zarr")',
+    "open_sweep": "gyrospark.load_sweep(path)",
+    "record": 'step.integrate(start, ..., out="night.zarr"), and gyrospark.resume("night.zarr")',
     "momentum": "gyrospark.Start.of_body(attitude, omega, inertia).p",
     "rotation_matrix": "gyrospark.symbols.rotation_matrix",
     "state_from_rotation": "gyrospark.Start.of_body(attitude, omega, inertia)",
+}
+
+#: Class → its former attribute → the present form.
+FORMER_MEMBERS: dict[str, dict[str, str]] = {
+    "Trajectory": {
+        "to_csv": 'run.save("run.csv", columns=..., euler=...)',
+        "to_dataframe": "run.table(columns, euler=...)",
+        "to_xarray": "run.dataset()",
+        "view": 'run.show("run.html")',
+        "picture": 'run.show("run.png")',
+        "animate": 'run.show("run.gif")',
+        "export": 'run.show("run.glb")',
+        "load": 'gyrospark.load("run.npz")',
+    },
+    "Ensemble": {"to_xarray": "many.dataset()"},
+    "Recording": {"trajectory": "the run itself, run[first::thin]", "export": "run.save(path)"},
 }
 
 #: Former arguments of the functions that take a start, and the present form.

@@ -44,7 +44,7 @@ API = {
         "periodic_orbit", "runtime.analysis.periodic_orbit.PeriodicOrbit", "fit",
         "runtime.analysis.fit.Fit", "interop"],
     "stores": [
-        "record", "storage.recording.Recording", "open_recording", "sweep", "open_sweep"],
+        "load", "resume", "storage.recording.Recording", "sweep", "load_sweep"],
     "artefacts": ["build", "targets.artefact.Built", "playground"],
 }
 

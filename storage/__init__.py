@@ -12,7 +12,7 @@
     recorder       the loop: steps, events, commits, the end
     validation     checks of a store before it is read
     recording      a stored run, read-only
-    table_files    states as columns; .npz, .csv and .nc files
+    saved_run      a run in memory as a store
 """
 
 from importlib.util import find_spec

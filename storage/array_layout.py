@@ -27,14 +27,16 @@ import zarr
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import WIDE_BYTES
 from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
-from .chunks import codecs_of
+from .chunks import Chunk, codecs_of, write_chunks
 from .durable_files import DurableStore, write_durably
 
-__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "WIDE_FILL", "StoredField", "array_of",
+__all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "SOURCE", "WIDE_FILL", "StoredField", "array_of",
            "attributes_of", "block_rows", "consolidate", "create", "create_array", "extend",
            "fields_of", "fields_of_event", "names_of", "open_group", "wide_name"]
 
 CHECKPOINT = "checkpoint"
+#: The array with the files of the stepper.
+SOURCE = "source"
 _METADATA = "zarr.json"
 #: The attribute with the rows that the arrays are about to have.
 EXTENDS = "extends_to_rows"
@@ -147,9 +149,12 @@ def block_rows(
 def create(
     path: Path, fields: list[StoredField], rows: int, checkpoint_bytes: int,
     attributes: dict[str, Any],
-    events: Mapping[str, list[StoredField]] | None = None,
+    events: Mapping[str, list[StoredField]] | None = None, source: bytes = b"",
 ) -> None:
-    """Make an empty store; nothing is computed in it yet. ``events`` have arrays by their names."""
+    """Make an empty store; nothing is computed in it yet. ``events`` have arrays by their names.
+
+    ``source`` are the bytes of the stepper's files.
+    """
     group = zarr.create_group(DurableStore(path),
                               attributes=attributes | {"arrays": names_of(fields)})
     _create_along(group, "time", fields, rows, block_rows(fields, rows))
@@ -158,6 +163,11 @@ def create(
                       block_rows(own, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
     create_array(group, CHECKPOINT, (checkpoint_bytes,), (checkpoint_bytes,), "u1", 0,
                  ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
+    if source:
+        array = create_array(group, SOURCE, (len(source),), (len(source),), "u1", 0,
+                             ["source_byte"], {"long_name": "C source and manifest of the stepper, "
+                                               "JSON compressed by zlib"})
+        write_chunks(path, [Chunk(array, (0,), np.frombuffer(source, np.uint8))])
     consolidate(path)
 
 

@@ -6,22 +6,21 @@ bits of ``Stepper.integrate``, for any number of interruptions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import zarr
-from numpy.typing import ArrayLike
 
-from ..core.arguments import as_flag, shown, whole
+from ..core.arguments import shown, whole
 from ..core.errors import InputError
-from ..core.event import Event, as_events, refuse_unusable_names
+from ..core.event import Event, refuse_unusable_names
 from ..core.exact_numbers import Number
 from ..core.progress import Progress, as_progress, log_progress
-from ..core.solver import Solver, SolverName
-from ..core.start import HasStart
+from ..core.records import changed
+from ..core.solver import Solver
+from ..runtime.bindings.real_numbers import from_text
 from ..runtime.integration.run_arguments import RunArguments, step_count
-from ..runtime.integration.starts import merged_start
 from ..runtime.steppers.stepper import Stepper
 from .array_layout import (
     EXTENDS,
@@ -35,62 +34,32 @@ from .checkpoint import checkpoint_size
 from .durable_files import new_store_path, remove_parts, storage_errors
 from .identity import identity_of, refuse_if_different, versions
 from .recorder import Recorder
-from .recording import Recording
+from .recording import Recording, group_of, open_recording, source_of
 from .staging import created_atomically, is_new, writer_lock
 from .validation import COMPLETE, ENDED, FAILED, RUNNING, refuse_other_arrays
 from .writer import CURE
 
-__all__ = ["record"]
+__all__ = ["record", "resume"]
 
 #: Cure where a store cannot be made.
 _NEW = "Nothing is stored yet: free some space, or choose another place."
 #: How to make a file of a stored run.
-_AS_FILE = "The result of record(...) is then written by .export('run.csv')."
+_AS_FILE = "The run is then written by run.save('run.csv')."
 
 
 def record(
-    stepper: Stepper,
-    start: HasStart | ArrayLike,
-    p: ArrayLike | None = None,
-    /,
-    *,
-    out: str | Path,
-    dt: Number,
-    t_end: Number | None = None,
-    steps: int | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    every: int = 1,
-    events: Event | Sequence[Event] = (),
-    solver: SolverName | Solver = "auto",
-    resume: bool = False,
-    seed: int | None = None,
-    progress: Progress = None,
+    stepper: Stepper, run: RunArguments, events: tuple[Event, ...], out: str | Path, *,
+    resume: bool = False, seed: int | None = None, progress: Progress = None,
 ) -> Recording:
-    """Integrate as ``Stepper.integrate`` does and stream the states to a Zarr store.
-
-    Memory stays constant; states are written while the next ones are computed. After any
-    interruption (a signal, ``kill -9``, a power cut, a full disk) the store is whole up to its last
-    commit, a few seconds ago, and ``resume=True`` resumes there: compensation terms, the
-    predictor's history and the running record are stored, so the result has the bits of an
-    uninterrupted run.
+    """Stream the states of a checked run to a Zarr store; see ``Stepper.integrate(..., out=...)``.
 
     Parameters
     ----------
-    stepper : Stepper
-    start, p, dt, t_end, steps, parameters, every, events, solver, progress
-        As for ``Stepper.integrate``. Events are in ``Recording.events``, with the bits of
-        ``integrate``; a run that an event has ended is not continued.
-    out : path
-        The store, a folder; by custom its name ends in ``.zarr``.
     resume : bool
-        Resume the run in ``out``; begin it if there is none. It may be given more steps than
-        before, finished or not.
+        Resume the run in the store; begin it if there is none. It may have more steps than before,
+        finished or not.
     seed : int, optional
-        Of the random numbers that made this start, if it was drawn: stored with the run, not used.
-
-    Returns
-    -------
-    Recording
+        Of the random numbers that made this start: stored with the run, not used.
 
     Raises
     ------
@@ -103,31 +72,75 @@ def record(
     Stopped
         After SIGINT, SIGTERM or SIGHUP, with everything computed in the store.
     """
-    if not isinstance(stepper, Stepper):
-        raise InputError(f"stepper = {shown(stepper)} is no stepper; make one with "
-                         "gyrospark.stepper.")
-    as_flag("resume", resume)
-    state = merged_start(stepper, start, p, parameters)
-    run = stepper.resolved(stepper.run_arguments(
-        state.q, state.p, dt=dt, steps=step_count(steps, t_end, state.t, dt), every=every,
-        parameters=state.parameters, t0=state.t, solver=solver))
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
     as_progress(progress)
-    asked = as_events(events, stepper.manifest["system"])
-    refuse_unusable_names(asked, "arrays of a store")
+    refuse_unusable_names(events, "arrays of a store")
     warned = stepper.warned(run)
     with writer_lock(path):
-        group = _opened(stepper, run, asked, path, resume, drawn)
+        group = _opened(stepper, run, events, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
             with log_progress(f"recording {stepper.name}", run.steps, progress) as report:
-                Recorder(stepper, run, asked, path, group).run_to_end(report)
-    recording = Recording(path)
+                Recorder(stepper, run, events, path, group).run_to_end(report)
+    recording = changed(Recording.read(path), _stepper=stepper)
     if recording.status != COMPLETE and not recording.status.startswith(ENDED):
         raise recording.failure()
     if not warned:
-        last = recording.trajectory(first=len(recording) - 1)
+        last = recording._in_memory(range(len(recording) - 1, len(recording)))
         stepper.rotations.warn(last.parameters, last.dt, last.q, last.p)
     return recording
+
+
+def resume(
+    path: str | Path, *, t_end: Number | None = None, steps: int | None = None,
+    progress: Progress = None,
+) -> Recording:
+    """Resume the run in a store, to the bits of a run that was never interrupted.
+
+    The store has the source of the stepper; compensation terms, the predictor's history and the
+    running record are those of its last commit.
+
+    Parameters
+    ----------
+    path : path
+        What ``integrate(..., out=...)`` or ``gyrospark run --out X.zarr`` began.
+    t_end, steps : number, int
+        An end of the run later than before, as of ``Stepper.integrate``; by default that which it
+        has.
+    progress : callable or bool, optional
+        As of ``Stepper.integrate``.
+
+    Raises
+    ------
+    InputError
+        If there is no such run; with fewer steps than before; where compiler, flags or version
+        differ from those that began it.
+    StorageError, StepFailed, Stopped
+        As of ``Stepper.integrate``.
+    """
+    kept = open_recording(path)
+    about, real = kept.attributes["run"], kept.manifest["real"]
+    stepper = kept.stepper
+
+    def number(value: Any) -> Any:
+        return from_text(value, real)
+
+    parameters = {name: number(x) for name, x in about["parameters"].items()}
+    if "frame" in about:  # the rates are chosen along the run
+        parameters = {name: x for name, x in parameters.items()
+                      if name not in {symmetry.name for symmetry in stepper.symmetries}}
+        parameters["frame"] = about["frame"]
+    dt, t0 = number(about["dt"]), number(about["t0"])
+    count = about["steps"] if t_end is None and steps is None else step_count(steps, t_end, t0, dt)
+    tolerance = about["tolerance"]
+    run = stepper.resolved(stepper.run_arguments(
+        [number(x) for x in about["q0"]], [number(x) for x in about["p0"]], dt=dt, steps=count,
+        parameters=parameters, t0=t0, every=about["every"],
+        solver=Solver(about["solver"], None if tolerance is None else number(tolerance),
+                      about["max_iterations"])))
+    events = tuple(Event(one["quantity"], Fraction(one["level"]), one["direction"],
+                         terminal=one["terminal"], name=name)
+                   for name, one in about.get("events", {}).items())
+    return record(stepper, run, events, path, resume=True, progress=progress)
 
 
 def _opened(
@@ -149,7 +162,8 @@ def _opened(
         with created_atomically(path) as fresh:
             create(fresh, fields_of(stepper.manifest), run.rows + 1,
                    checkpoint_size(stepper.binding, len(events)), about,
-                   {one.name: fields_of_event(stepper.manifest, one.name) for one in events})
+                   {one.name: fields_of_event(stepper.manifest, one.name) for one in events},
+                   source_of(stepper.files))
         return open_group(path, write=True)
 
 
@@ -157,26 +171,26 @@ def _existing_group(
     stepper: Stepper, run: RunArguments, path: Path, identity: dict[str, Any]
 ) -> zarr.Group:
     """Return the group of an existing store of this run, or of its first steps."""
-    kept = Recording(path)
+    kept = Recording.read(path)
     begun = kept.attributes["run"]
     longer = run.steps > begun["steps"] and not kept.status.startswith(FAILED)
     refuse_if_different(begun | ({"steps": run.steps} if longer else {}), identity,
                         f"The store {str(path)!r}")
     if kept.status.startswith(ENDED):
-        return kept.group()
+        return group_of(path)
     fields = fields_of(stepper.manifest)
     checkpoint = checkpoint_size(stepper.binding, len(kept.attributes["events"]))
     rows, coming = kept.rows, kept.attributes.get(EXTENDS)
     of_events = [one for name in kept.attributes["events"]
                  for one in fields_of_event(stepper.manifest, name)]
     with storage_errors(path, CURE):
-        refuse_other_arrays(path, kept.group(), fields, {rows, coming or rows}, checkpoint,
+        refuse_other_arrays(path, group_of(path), fields, {rows, coming or rows}, checkpoint,
                             of_events)
         if longer or coming is not None:
             extend(path, kept.attributes["arrays"], run.rows + 1,
                    _run_attributes(stepper, run, identity, kept) if longer else {})
         remove_parts(path)
-        return kept.group(write=True)
+        return group_of(path, write=True)
 
 
 def _run_attributes(

@@ -1,9 +1,12 @@
-"""A stored run, complete or not: its states for xarray, and as a ``Trajectory``."""
+"""A stored run, complete or not: a ``Trajectory`` whose states are read from its store."""
 
 from __future__ import annotations
 
+import json
+import operator
 import os
-from collections.abc import Iterable, Iterator
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,17 +14,19 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from ..core.arguments import as_flag, as_path, listed
+from ..core.arguments import listed
 from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
+from ..core.html import card
 from ..core.real_types import REALS
-from ..runtime.bindings.array_checks import as_positive_count
+from ..core.records import changed
 from ..runtime.bindings.real_numbers import from_text
 from ..runtime.results.crossings import Crossings
 from ..runtime.results.diagnostics import Report, known_fields
-from ..runtime.results.run_arrays import OUTPUTS, labels_of, parts, together
+from ..runtime.results.run_arrays import OUTPUTS, States, labels_of, parts, together
 from ..runtime.results.trajectory import Trajectory
-from .array_layout import array_of, fields_of_event, names_of, open_group, wide_name
+from ..runtime.steppers.stepper import Stepper, stepper_of
+from .array_layout import SOURCE, array_of, fields_of_event, names_of, open_group, wide_name
 from .durable_files import one_line, store_path
 from .event_store import crossings_in
 from .identity import written_by
@@ -37,28 +42,34 @@ from .validation import (
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Recording", "open_recording"]
+__all__ = ["Recording", "group_of", "open_recording", "source_of"]
 
 Array = NDArray[Any]
 
 #: States in the error of a failed run; the others are in the store.
 _LAST = 4096
+#: States in memory for pictures: more are not distinguishable.
+_SHOWN = 20_000
+_ATTRIBUTES = {one.attribute for one in OUTPUTS}
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
-    """Return the run that ``gyrospark.record`` or ``gyrospark run --out X.zarr`` stored.
+    """Return the run that ``integrate(..., out=...)`` or ``gyrospark run --out X.zarr`` stored.
 
     Raises
     ------
     InputError
         If there is none, or it is damaged.
     """
-    return Recording(store_path(path))
+    return Recording.read(store_path(path))
 
 
 @explain_arguments
-class Recording:
-    """A stored run.
+class Recording(Trajectory):
+    """A stored run: a ``Trajectory`` whose arrays are read when they are first asked for.
+
+    ``run[::100]`` reads some of the states, block by block; files are written, and pictures drawn,
+    in constant memory.
 
     Attributes
     ----------
@@ -69,61 +80,153 @@ class Recording:
     steps_done : int
     states : int
         States that are stored, with the start.
-    report : Report or None
-        Diagnostics over every step so far; None before the first commit.
     attributes : dict
-        Attributes of the store: run, manifest, versions, seed.
+        Attributes of the store: run, manifest, versions.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._group = self.group()
-        self.attributes = checked_attributes(path, self._group)
-        self.status: str = self.attributes["status"]
-        self.steps_done: int = self.attributes["steps_done"]
-        self.states: int = self.attributes["states"]
-        report = self.attributes.get("report")
-        self.report = None if report is None else _report(report)
+    path: Path
+    status: str
+    steps_done: int
+    states: int
+    attributes: dict[str, Any]
+    _group: zarr.Group
+
+    @classmethod
+    def read(cls, path: Path) -> Recording:
+        """Return the run in a store."""
+        group = group_of(path)
+        about = checked_attributes(path, group)
+        manifest, run, report = about["manifest"], about["run"], about.get("report")
+        real = manifest["real"]
+        return changed(
+            object.__new__(cls), path=path, attributes=about, status=about["status"],
+            steps_done=about["steps_done"], states=about["states"], manifest=manifest,
+            dt=from_text(run["dt"], real), every=run["every"],
+            parameters={name: from_text(x, real) for name, x in run["parameters"].items()},
+            report=None if report is None else _report(report), _group=group)
+
+    if not TYPE_CHECKING:  # as in Trajectory
+
+        def __getattr__(self, name: str) -> Any:
+            """Read an array, or the events; keep it."""
+            if name == "events":
+                return self.__dict__.setdefault(name, crossings_in(
+                    self.path, self._group, self.manifest, self.attributes["events"]))
+            if name in _ATTRIBUTES:
+                whole = self._in_memory(range(self.states))
+                for one in OUTPUTS:
+                    self.__dict__.setdefault(one.attribute, getattr(whole, one.attribute))
+                return self.__dict__[name]
+            return super().__getattr__(name)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the path of the store."""
+        return Recording.read, (self.path,)
 
     def __repr__(self) -> str:
         of = self.attributes["run"]["steps"]
         return f"<Recording {str(self.path)!r}: {self.status}, {self.steps_done} of {of} steps>"
 
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: of a run without a state its status."""
+        if not self.states:
+            return card(repr(self)[1:-1], "")
+        return super()._repr_html_()
+
     def __len__(self) -> int:
         return self.states
+
+    def __getitem__(self, row: Any) -> Any:
+        """Return a state as a start, or a run of some states in memory; see ``Trajectory``."""
+        self._refuse_unless_begun()
+        if isinstance(row, slice):
+            return super().__getitem__(row)
+        try:
+            at = range(self.states)[operator.index(row)]
+        except TypeError:
+            return super().__getitem__(row)
+        return self._in_memory(range(at, at + 1))[0]
+
+    def _attributes(self) -> dict[str, Any]:
+        return self.attributes
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> Path:
+        """Write the states to a file, finished or not; see ``Trajectory.save``."""
+        self._refuse_unless_begun()
+        return super().save(path, **options)
+
+    def _refuse_unless_begun(self) -> None:
+        if not self.states:
+            raise InputError(f"{str(self.path)!r} holds no state yet; resume its run first.")
+
+    def of_states(self, states: States, **changes: Any) -> Trajectory:
+        """Return a trajectory in memory with other states; see ``Trajectory``."""
+        kept = {name: getattr(self, name) for name in (
+            "dt", "every", "parameters", "report", "manifest", "events", "_stepper")}
+        return Trajectory.of(states, **kept | changes)
+
+    def _rows(self, rows: range) -> Trajectory:
+        found = self._in_memory(rows)
+        return changed(found, events=self._events_within(found, rows))
+
+    def _events_within(self, found: Trajectory, rows: range) -> dict[str, Crossings]:
+        ahead = 1 if self.dt > 0 else -1
+        end = None if rows[-1] + rows.step >= self.states else found.t[-1]
+        return {name: crossings.within(found.t[0], end, ahead)
+                for name, crossings in self.events.items()}
+
+    def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
+        """Yield blocks of rows, each with the row before it."""
+        block = array_of(self._group, "time").chunks[0]
+        for begin in range(0, self.states, block):
+            end = min(begin + block, self.states)
+            yield slice(begin, end), self._in_memory(range(max(begin - 1, 0), end))
+
+    @property
+    def stepper(self) -> Stepper:
+        """The stepper of the run: the one that ran it here, or one of the source in the store.
+
+        Raises
+        ------
+        InputError
+            Where the store has no source: one of an earlier version, or a run that was saved.
+        """
+        if self._stepper is None:
+            try:
+                packed = np.asarray(array_of(self._group, SOURCE)[:]).tobytes()
+                files = json.loads(zlib.decompress(packed))
+            except UNREADABLE as error:
+                raise InputError(f"{str(self.path)!r} has no source of its stepper; give the "
+                                 "stepper, or begin another store.") from error
+            self.__dict__["_stepper"] = stepper_of(self.manifest["name"],
+                                                   tuple(sorted(files.items())))
+        stepper: Stepper = self._stepper
+        return stepper
+
+    def _maker(self, stepper: Any, call: str) -> Any:
+        return super()._maker(self.stepper if stepper is None else stepper, call)
 
     @property
     def rows(self) -> int:
         """How many states the whole run has, with the start."""
         return rows_of(self.attributes["run"])
 
-    def group(self, *, write: bool = False) -> zarr.Group:
-        """Return the Zarr group."""
-        try:
-            return open_group(self.path, write=write)
-        except PermissionError as error:
-            raise InputError(f"{str(self.path)!r} cannot be read: {error.strerror}.") from error
-        except UNREADABLE as error:
-            raise InputError(f"{str(self.path)!r} is not a run that gyrospark stored, or damaged; "
-                             "give a folder that `gyrospark run --out X.zarr` made.") from error
-
     @property
-    def events(self) -> dict[str, Crossings]:
-        """Events found up to the last commit.
+    def _run(self) -> Trajectory:
+        """The states that pictures show: more are not distinguishable."""
+        return self[:: max(1, -(-self.states // _SHOWN))] if self.states else self
 
-        ``events["height"].t``, ``.q``, ``.p``, as of a trajectory; read anew each time.
-        """
-        return crossings_in(self.path, self._group, self.attributes["manifest"],
-                            self.attributes["events"])
-
-    @property
-    def dataset(self) -> xarray.Dataset:
-        """The states as an xarray Dataset along ``time``; values are read when they are used.
+    def dataset(self, **options: Any) -> xarray.Dataset:
+        """Return the states as an xarray Dataset along ``time``, whose values are read when used.
 
         Coordinates go by their names: ``dataset.q.sel(coordinate="x")``, and so does the momentum
         that belongs to one. An event has ``event_height_t``, ``_q``, ``_p``, ``_steps`` and
-        ``_rising`` along a dimension of its own.
+        ``_rising`` along a dimension of its own. With ``euler`` or ``angular_velocity``, the
+        arguments of ``Trajectory.dataset``, the states are in memory.
         """
+        if options:
+            in_memory: xarray.Dataset = self[:].dataset(**options)
+            return in_memory
         import xarray
 
         refuse_missing_blocks(self.path, self._group, 0, self.states)
@@ -146,13 +249,11 @@ class Recording:
         """Return the error of a failed run; its trajectory has the last states."""
         run, real = self.attributes["run"], self.attributes["manifest"]["real"]
         t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
-        first = max(0, self.states - _LAST)
         return StepFailed(step=self.steps_done + 1, t=float(t0 + self.steps_done * dt),
-                          reason=self.status.removeprefix(FAILED),
-                          trajectory=self.trajectory(first=first))
+                          reason=self.status.removeprefix(FAILED), trajectory=self[-_LAST:])
 
-    def trajectory(self, *, first: int = 0, thin: int = 1) -> Trajectory:
-        """Return the stored states, or every ``thin``-th from ``first`` on, in memory.
+    def _in_memory(self, rows: range) -> Trajectory:
+        """Return some of the stored states, in memory.
 
         Raises
         ------
@@ -160,12 +261,10 @@ class Recording:
             Before the first commit, when nothing is stored; if a version with other outputs
             stored it.
         """
-        if self.report is None:
-            raise InputError(f"{str(self.path)!r} holds no state yet; resume its run first.")
-        first = as_positive_count("first", first)
-        thin = as_positive_count("thin", thin, least=1)
+        self._refuse_unless_begun()
         group, manifest, run = self._group, self.attributes["manifest"], self.attributes["run"]
-        refuse_missing_blocks(self.path, group, first, self.states)
+        first, stop, thin = rows.start, rows.stop, rows.step
+        refuse_missing_blocks(self.path, group, first, stop)
         stored: list[str] = self.attributes["arrays"]
         missing = [name for one in OUTPUTS for name in parts(one, manifest) if name not in stored]
         if missing:
@@ -178,7 +277,7 @@ class Recording:
             exact = wide and wide_name(name) in stored
             array = array_of(group, wide_name(name) if exact else name)
             if thin == 1:
-                values = stored_values(array, first, self.states - first, exact, dtype)
+                values = stored_values(array, first, stop - first, exact, dtype)
             else:
                 values = np.concatenate([
                     stored_values(array, row, end - row, exact, dtype)[::thin].copy()
@@ -188,32 +287,40 @@ class Recording:
         def spans(chunk: int) -> Iterator[tuple[int, int]]:
             """Yield the first wanted row and the end of each chunk: one is in memory at a time."""
             yield first, first  # the type and the width of no row
-            for begin in range(first - first % chunk, self.states, chunk):
+            for begin in range(first - first % chunk, stop, chunk):
                 row = max(begin, first)
                 row += (first - row) % thin
-                if row < (end := min(begin + chunk, self.states)):
+                if row < (end := min(begin + chunk, stop)):
                     yield row, end
 
-        rows = len(range(first, self.states, thin))
         arrays: dict[str, Any] = {one.attribute: together(
-            one, [read(name, after_start=one.of_steps) for name in parts(one, manifest)], rows,
+            one, [read(name, after_start=one.of_steps) for name in parts(one, manifest)], len(rows),
             dtype) for one in OUTPUTS}
         return Trajectory(
-            **arrays, dt=from_text(run["dt"], real.name), every=run["every"] * thin,
-            parameters={name: from_text(x, real.name) for name, x in run["parameters"].items()},
-            report=self.report, manifest=manifest,
-            events={name: found.since(first * run["every"])
-                    for name, found in self.events.items()})
+            **arrays, dt=self.dt, every=self.every * thin, parameters=dict(self.parameters),
+            report=self.report, manifest=manifest)
 
-    def export(
-        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
-        columns: str | Iterable[str] | None = None,
-    ) -> Path:
-        """Write the states to a .npz, .csv or .nc file; see ``storage.table_files``."""
-        from .table_files import export
 
-        return export(self, as_path("path", path, "night.csv"), euler=euler,
-                      degrees=as_flag("degrees", degrees), columns=columns)
+def source_of(files: dict[str, str]) -> bytes:
+    """Return the files of a stepper as a store has them."""
+    return zlib.compress(json.dumps(files, sort_keys=True).encode(), 9)
+
+
+def group_of(path: Path, *, write: bool = False) -> zarr.Group:
+    """Return the Zarr group of a store.
+
+    Raises
+    ------
+    InputError
+        If there is none that can be read.
+    """
+    try:
+        return open_group(path, write=write)
+    except PermissionError as error:
+        raise InputError(f"{str(path)!r} cannot be read: {error.strerror}.") from error
+    except UNREADABLE as error:
+        raise InputError(f"{str(path)!r} is not a run that gyrospark stored, or damaged; give a "
+                         "folder that `gyrospark run --out X.zarr` made.") from error
 
 
 def _report(kept: dict[str, Any]) -> Report:

@@ -107,7 +107,9 @@ def _is_number(value: Any, real: RealName = "double") -> bool:
 
 def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
     """Yield complaints about the run's arguments."""
-    for name, least in (("steps", 0), ("every", 1)):
+    for name, least in (("steps", 0), ("every", 1), ("rows", 1)):
+        if name == "rows" and name not in run:
+            continue
         if not _is_count(run.get(name), least):
             yield f"run.{name} is {run.get(name)!r}"
     for name in ("dt", "t0"):
@@ -195,7 +197,9 @@ def _check_report(report: Any) -> Iterator[str]:
 
 
 def rows_of(run: Mapping[str, Any]) -> int:
-    """Return how many states the whole run has."""
+    """Return how many states the whole run has; a run that was saved says it."""
+    if "rows" in run:
+        return int(run["rows"])
     return -(-int(run["steps"]) // int(run["every"])) + 1
 
 

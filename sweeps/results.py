@@ -41,9 +41,24 @@ from .tiles import Tile, tile_counts, tile_shape, tiles_of
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["BAD_START", "CURE", "FORMAT", "NOT_COMPUTED", "STATUS", "MemorySink", "Sink",
-           "StoreSink", "count_statuses", "create_store", "done_tiles", "fields_of", "is_complete",
-           "meanings", "open_sweep", "summary"]
+__all__ = [
+    "BAD_START",
+    "CURE",
+    "FORMAT",
+    "NOT_COMPUTED",
+    "STATUS",
+    "MemorySink",
+    "Sink",
+    "StoreSink",
+    "count_statuses",
+    "create_store",
+    "done_tiles",
+    "fields_of",
+    "is_complete",
+    "load_sweep",
+    "meanings",
+    "summary",
+]
 
 Array = NDArray[Any]
 
@@ -263,7 +278,7 @@ def count_statuses(study: Study, path: Path) -> dict[int, int]:
     return dict(counts)
 
 
-def open_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
+def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
     """Return the result of a stored sweep, finished or not; values are read when they are used.
 
     Raises

@@ -38,7 +38,7 @@ from .results import (
     create_store,
     done_tiles,
     fields_of,
-    open_sweep,
+    load_sweep,
 )
 from .study import Study
 from .tiles import Tile, cells_of, tile_shape, tiles_of
@@ -175,7 +175,7 @@ def run_study(
                  progress, path)
         with storage_errors(path, CURE):
             remove_parts(path)
-    return open_sweep(path)
+    return load_sweep(path)
 
 
 def _warn_of_turning(study: Study) -> None:

@@ -12,7 +12,6 @@ import click
 
 from ...core.arguments import choose, listed
 from ...core.errors import GyrosparkError, StepFailed, Stopped
-from ...core.file_formats import ending_of, endings
 from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
 from ...core.registry import MODELS, PROBLEMS, RULES
@@ -234,8 +233,7 @@ def run(
                 if target is None:
                     continue
                 try:
-                    model = key == "view" and ending_of(target) in endings("model")
-                    getattr(done.trajectory, "export" if model else key)(target)
+                    (done.trajectory.plot if key == "plot" else done.trajectory.show)(target)
                     result[key] = str(target)
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error

@@ -15,6 +15,7 @@ from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, Stor
 from ...core.event import Event, as_events, event_of_text
 from ...core.file_formats import ending_of, endings, format_of
 from ...runtime.compilation.body_columns import bodies_of
+from ...runtime.rigid_body.euler_angles import check_sequence
 from ..options import check_ending, check_film, check_picture, check_writable
 
 if TYPE_CHECKING:
@@ -72,9 +73,12 @@ class Angles:
             return cls()
         if out is None:
             raise InputError("Euler angles are columns of a file; say which, --out NAME.csv.")
-        from ...storage.table_files import check_angles
-
-        check_angles(out, euler, degrees=degrees)
+        if euler is None:
+            raise InputError("Degrees are for Euler angles; give their axes too, such as ZYX.")
+        check_sequence(euler)
+        if not format_of(out, "A run", "states", "store").tabular:
+            raise InputError("Euler angles are columns of .csv and .parquet files, and "
+                             f"{out.name!r} is none; choose such a name, or leave them out.")
         return cls(euler, degrees)
 
     def check_bodies(self, manifest: Mapping[str, Any]) -> None:
@@ -106,10 +110,10 @@ def check_targets(
         raise InputError("--resume goes on with a stored run; give its store, --out NAME.zarr, or "
                          "the file that it shall become, NAME.csv or NAME.nc.")
     if out is not None and (_is_store(out) or _is_exported(out, resume=resume)):
-        from ...storage.table_files import check_export  # says which package is missing
+        from ... import storage  # says which package is missing
 
-        if not _is_store(out):
-            check_export(out)
+        assert storage is not None
+        format_of(out, "A run", "states", "store").require_packages()
 
 
 def events_of(texts: tuple[str, ...], own: Sequence[Event], step: Stepper) -> dict[str, Any]:
@@ -173,7 +177,7 @@ def _exported(
                 "is left: free some space, or choose another place.") from error
         raise StorageError(f"{error} {stored_location(out)}") from error
     try:
-        _open(store).export(out, **vars(angles))
+        _open(store).save(out, **vars(angles))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         saved = StorageError(f"{error} The states are in {_hidden(store)}: the same command with "
                              "--resume, or gyrospark export, writes them and removes both.")
@@ -244,8 +248,7 @@ def _in_memory(
     seconds = time.perf_counter() - started
     try:
         if out is not None:
-            written = str(trajectory.save(out) if angles.euler is None
-                          else trajectory.to_csv(out, **vars(angles)))
+            written = str(trajectory.save(out, **vars(angles)))
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
     if isinstance(trouble, Stopped):
@@ -280,13 +283,17 @@ def _stored(
     trouble: GyrosparkError | Stopped | None = None
     started = time.perf_counter()
     try:
-        recording = record(step, start, **arguments, out=store, resume=resume, seed=seed,
-                           progress=progress)
+        run = step.resolved(step.run_arguments(start.q, start.p, **{
+            "parameters": start.parameters, "t0": start.t,
+            **{name: x for name, x in arguments.items() if name != "events"}}))
+        recording = record(step, run, as_events(arguments.get("events", ()),
+                                                step.manifest["system"]), store, resume=resume,
+                           seed=seed, progress=progress)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, _open(store)
     seconds = time.perf_counter() - started
-    shown = recording.trajectory(thin=-(-len(recording) // _SHOWN))
-    last = recording.trajectory(first=len(recording) - 1)
+    shown = recording[:: -(-len(recording) // _SHOWN)]
+    last = recording[-1:]
     return RunOutcome(shown, last, seconds, recording.steps_done - before, name, trouble,
                 _ended_by(shown, arguments))
 

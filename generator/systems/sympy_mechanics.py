@@ -89,7 +89,7 @@ def from_mechanics(
     inputs : sequence of Symbol or dynamicsymbols
         Outputs of a controller in loads: constant over a step (``System``).
     bodies : bool
-        Give runs where the bodies are: ``run.body(name)``, ``run.view(...)``. Places and axes of
+        Give runs where the bodies are: ``run.body(name)``, ``run.show(...)``. Places and axes of
         those that are placed from a point at rest are quantities NAME_x, …, NAME_R11, ….
 
     Returns

@@ -8,6 +8,7 @@
     body_shapes       the shapes that bodies are drawn with: tops, wheels, bars
     solids            triangles of shapes
     rasterizer        triangles to pixels, and PNG
+    show              a page, a picture, a film or a model by the ending of a name
     picture           a picture of bodies
     animation         a film
     gltf              a 3-D model that moves, for other programs

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import as_items, as_path, choose
+from ...core.arguments import as_path, choose
 from ...core.errors import MissingDependencyError
 from ...core.extras import install
-from ...core.file_formats import format_of, result_file
+from ...core.file_formats import ending_of, endings, format_of, result_file
 from ...core.real_types import REALS
 from ..compilation.body_columns import bodies_of
 
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
     from ..steppers.ensemble import Ensemble
 
-__all__ = ["check_picture_path", "draw_ensemble", "draw_section", "draw_trajectory", "figure_class",
-           "save", "thin"]
+__all__ = ["check_picture_path", "draw_ensemble", "draw_section", "draw_trajectory", "draw_values",
+           "figure_class", "names_and_path", "save", "thin"]
 
 _INK = "#1f4e79"
 _ACCENT = "#c0392b"
@@ -241,45 +242,71 @@ def draw_section(section: Section, x: str, y: str, path: str | os.PathLike[str] 
 _LINES, _PANELS = 200, 6
 
 
+def names_and_path(
+    names: Sequence[Any], path: str | os.PathLike[str] | None
+) -> tuple[list[str], str | os.PathLike[str] | None]:
+    """Return the names of values, and the path of a picture, which may be the last of them."""
+    known = list(names)
+    if path is None and known and (isinstance(known[-1], os.PathLike) or (
+            isinstance(known[-1], str) and ending_of(Path(known[-1])) in endings("picture"))):
+        path = known.pop()
+    return known, path
+
+
 def draw_ensemble(
-    ensemble: Ensemble, values: Sequence[str], path: str | os.PathLike[str] | None
+    ensemble: Ensemble, names: Sequence[str], path: str | os.PathLike[str] | None
 ) -> Any:
     """Draw values against time, a line for each trajectory; see ``Ensemble.plot``."""
+    first, count = ensemble.members[0], len(ensemble)
+    shown = np.unique(np.linspace(0, count - 1, min(count, _LINES)).astype(int))
+    some_of = f", {len(shown)} of them drawn" if len(shown) < count else ""
+    default = [*(first.quantities or first.coordinates)[:_PANELS], "energy_error"]
+    return draw_values([ensemble.members[i] for i in shown], names or default, path,
+                       f"{first.manifest['name']}: {count:,} trajectories{some_of}, "
+                       f"{len(ensemble.failures):,} failed")
+
+
+def draw_values(
+    runs: Sequence[Trajectory], names: Sequence[str], path: str | os.PathLike[str] | None,
+    title: str = "",
+) -> Any:
+    """Draw values of runs against time, a panel for each name and a line for each run."""
     target = None if path is None else check_picture_path(path)
-    first = ensemble.members[0]
-    known = [*first.quantities, *first.coordinates, *first.momenta]
-    wanted = as_items("values", values, "names of quantities, coordinates or momenta")
-    names = [choose("value of an ensemble", name, known) for name in wanted] or [
-        *(first.quantities or first.coordinates)][:_PANELS]
-    figure = figure_class()(figsize=(9, 2 + 1.8 * len(names)), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(len(names) + 1, 1, sharex=True))
-    shown = np.unique(np.linspace(0, len(ensemble) - 1, min(len(ensemble), _LINES)).astype(int))
-    for i in shown:
-        one = ensemble.members[i]
-        some = thin(one)
-        colour = (0.27 + 0.5 * i / len(ensemble), 0.2 + 0.5 * (1 - i / len(ensemble)), 0.5)
-        rows = [_values(one, name) for name in names] + [one.energy_error()]
-        for axes, row in zip(panels, rows, strict=True):
-            axes.plot(one.t[some].astype(float), row[some].astype(float), color=colour,
-                      linewidth=0.7)
-    less = " − W" if "forces" in first.manifest["system"] else ""
-    for axes, title in zip(panels, [*names, f"energy error H − H₀{less}"], strict=True):
-        axes.set_title(title, fontsize=10)
+    known = _known_values(runs[0])
+    wanted = [choose("value of a run", name, known) for name in names]
+    figure = figure_class()(figsize=(9, 2 + 1.8 * (len(wanted) - 1)), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(len(wanted), 1, sharex=True))
+    for i, run in enumerate(runs):
+        some = thin(run)
+        colour = (0.27 + 0.5 * i / len(runs), 0.2 + 0.5 * (1 - i / len(runs)), 0.5)
+        values = _known_values(run)
+        for axes, name in zip(panels, wanted, strict=True):
+            row = values[name]()
+            axes.plot(run.t[-len(row):][some].astype(float), row[some].astype(float),
+                      color=colour, linewidth=0.7)
+    less = " − W" if "forces" in runs[0].manifest["system"] else ""
+    for axes, name in zip(panels, wanted, strict=True):
+        axes.set_title(f"energy error H − H₀{less}" if name == "energy_error" else name,
+                       fontsize=10)
         axes.grid(alpha=0.3)
     panels[-1].set_xlabel("t [s]")
-    some_of = f", {len(shown)} of them drawn" if len(shown) < len(ensemble) else ""
-    figure.suptitle(f"{first.manifest['name']}: {len(ensemble):,} trajectories{some_of}, "
-                    f"{len(ensemble.failures):,} failed", fontsize=11)
+    figure.suptitle(title or f"{runs[0].manifest['name']}, Δt = {runs[0].dt:g} s", fontsize=11)
     if target is not None:
         save(figure, target)
     return figure
 
 
-def _values(run: Trajectory, name: str) -> NDArray[Any]:
-    """Return a quantity, a coordinate or a momentum of each state."""
-    if name in run.quantities:
-        return run.quantity(name)
-    names, rows = ((run.coordinates, run.q) if name in run.coordinates else
-                   (run.momenta, run.p))
-    found: NDArray[Any] = rows[:, names.index(name)]
-    return found
+def _known_values(run: Trajectory) -> dict[str, Callable[[], NDArray[Any]]]:
+    """Return the values of each state that are drawn by name; names of the system go first."""
+    found: dict[str, Callable[[], NDArray[Any]]] = {
+        "energy": run.energy, "energy_error": run.energy_error, "work": lambda: run.work,
+        "iterations": lambda: run.iterations, "g_error": lambda: run.g_errors,
+        "f_error": lambda: run.f_errors}
+    for names, attribute in ((run.momenta, "p"), (run.coordinates, "q")):
+        found |= {name: partial(_column, run, attribute, i) for i, name in enumerate(names)}
+    return found | {name: partial(run.quantity, name) for name in run.quantities}
+
+
+def _column(run: Trajectory, attribute: str, i: int) -> NDArray[Any]:
+    column: NDArray[Any] = getattr(run, attribute)[:, i]
+    return column

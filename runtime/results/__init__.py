@@ -12,7 +12,7 @@
     start_of_row        the start that a state of a run is for another run
     rotation_rate       how far the fastest body turns in a step, and how far is sound
     trajectory_display  tables, figures, pages, films and notebook output of a trajectory
-    trajectory_tables   CSV, pandas, xarray
-    ensemble_table      an ensemble as xarray, .npz, .csv, .nc
+    table               a run or an ensemble as a dataset, a data frame, .csv, .nc, .parquet
+    load                a run or an ensemble of a file or store
     state_columns       the states as columns, under their names
 """

@@ -54,9 +54,15 @@ class Crossings:
         step, later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
         return self._some((self.steps < step) | (self.steps == step) & ~later.astype(bool))
 
-    def since(self, steps: int) -> Crossings:
-        """Return those after so many steps of the run."""
-        return self._some(self.steps >= steps)
+    def within(self, begin: Any, end: Any, ahead: int) -> Crossings:
+        """Return those from a time on, up to another unless it is None.
+
+        ``ahead`` is 1 or −1, the sign of dt.
+        """
+        chosen = np.array(ahead * (self.t - begin) >= 0, bool)
+        if end is not None:
+            chosen &= np.array(ahead * (self.t - end) <= 0, bool)
+        return self._some(chosen)
 
     def _some(self, chosen: Array) -> Crossings:
         return Crossings(self.t[chosen], self.q[chosen], self.p[chosen], self.steps[chosen],

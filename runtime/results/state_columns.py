@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from itertools import groupby
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from ...core.arguments import as_items, as_text, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
-from ...core.file_formats import result_file
 from .run_arrays import OUTPUTS, QUANTITY, pieces
 
 if TYPE_CHECKING:
@@ -30,10 +30,10 @@ __all__ = [
     "events_path",
     "headings",
     "places_of",
-    "save_events",
     "spreadsheet_text",
     "states_of",
     "write_csv",
+    "written",
 ]
 
 Array = NDArray[Any]
@@ -57,16 +57,21 @@ def states_of(trajectory: Trajectory) -> dict[str, Array]:
     return found
 
 
-def headings(system: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
+def headings(
+    system: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]],
+    of_bodies: Mapping[str, list[str]] = MappingProxyType({}),
+) -> list[str]:
     """Return a heading for each number of a state, all of them different.
 
-    ``shapes`` are those of one state's entries. Coordinates, momenta and quantities go by the names
+    ``shapes`` are those of one state's entries, ``of_bodies`` the headings of arrays of the bodies.
+    Coordinates, momenta and quantities go by the names
     that the system gives them, unless a name is taken: by the time, the energy, … or by another
     one of these.
     """
     own = {"q": ("q", system["coordinates"]), "p": ("p", system["momenta"])}
     own |= {"velocities": ("velocity", system.get("velocity_names", ()))}
     own |= {QUANTITY + name: ("quantity", [name]) for name in system.get("quantities", ())}
+    own |= {name: ("body", labels) for name, labels in of_bodies.items()}
     counted = {name: [name + "_".join(map(str, index)) for index in np.ndindex(*shape)]
                for name, shape in shapes.items()}
     taken = {label for name, labels in counted.items() if name not in own for label in labels}
@@ -128,17 +133,21 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
             alike = [[array.reshape(len(array), math.prod(array.shape[1:])) for array in group]
                      for _, group in groupby(arrays, key=lambda array: array.dtype)]
             for start in range(0, len(arrays[0]), _ROWS):
-                parts = [_written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
+                parts = [written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
                          for group in alike]
                 lines.writerows([number for part in row for number in part]
                                 for row in zip(*parts, strict=True))
 
 
-def _written(numbers: Array) -> list[list[Any]]:
-    """Return rows of numbers as they stand in a file: those wider than doubles as text."""
+def written(numbers: Array, *, flat: bool = False) -> list[Any]:
+    """Return rows of numbers as files have them: those wider than doubles as text.
+
+    ``flat`` returns one list of all.
+    """
     rows: list[list[Any]] = numbers.tolist()
-    wide = numbers.dtype in (object, np.longdouble)
-    return [[digits_of(number) for number in row] for row in rows] if wide else rows
+    if numbers.dtype in (object, np.longdouble):
+        rows = [[digits_of(number) for number in row] for row in rows]
+    return [number for row in rows for number in row] if flat else rows
 
 
 def events_path(path: Path) -> Path:
@@ -159,13 +168,3 @@ def spreadsheet_text(name: str) -> str:
     Such a name gets an apostrophe before it, which they show as text.
     """
     return f"'{name}" if name.startswith(("=", "+", "-", "@", "\t", "\r", "\n")) else name
-
-
-def save_events(trajectory: Trajectory, path: Path) -> None:
-    """Write the events of a trajectory, if it has any, to a second .csv file."""
-    if trajectory.events:
-        with result_file(events_path(path), "The table") as part:
-            write_csv(part, event_headings(trajectory.manifest["system"]), [
-                [np.full(len(found), spreadsheet_text(name)), found.t, found.q, found.p,
-                 found.steps, found.rising.astype(int), found.elapsed]
-                for name, found in trajectory.events.items()])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self, overload
 
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.arguments import as_path, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.exact_numbers import digits_of
 from ...core.file_formats import format_of
 from ...core.records import changed
 from ...core.start import Start
@@ -26,14 +27,14 @@ from ..compilation.body_columns import (
     joints_of,
     placed_of,
 )
-from .body_motion import BodyMotion, PlacedMotion, total_momenta
+from .body_motion import BodyMotion, FrameName, PlacedMotion, total_momenta
 from .crossings import Crossings
 from .diagnostics import Report
 from .joint_motion import JointMotion
 from .run_arrays import OUTPUTS, States, place_of_quantity, value_of
 from .start_of_row import start_of_row
+from .table import save_table, table_of_run
 from .trajectory_display import Shown
-from .trajectory_file import read_npz
 
 __all__ = ["Trajectory"]
 
@@ -136,7 +137,7 @@ class Trajectory(Shown):
         """
         return changed(object.__new__(cls), **{"events": {}, **others, "_states": states})
 
-    def of_states(self, states: States, **changes: Any) -> Self:
+    def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory with other states, and other values of some fields."""
         kept = {name: x for name, x in self.__dict__.items() if name not in _OUTPUTS}
         return self.of(states, **kept | changes)
@@ -161,8 +162,16 @@ class Trajectory(Shown):
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, row: int) -> Start:
+    @overload
+    def __getitem__(self, row: int) -> Start: ...
+
+    @overload
+    def __getitem__(self, row: slice) -> Trajectory: ...
+
+    def __getitem__(self, row: Any) -> Start | Trajectory:
         """Return a stored state as the start of another run: ``step.integrate(run[-1], ...)``.
+
+        A slice, ``run[::10]``, is a run of some of the states.
 
         To go on from it gives the states of one longer run to round-off; a ``Simulation`` and a
         store go on to the bit. Of inputs that change, it has those of the step that ended there.
@@ -173,11 +182,13 @@ class Trajectory(Shown):
         IndexError
             Beyond the rows.
         """
+        if isinstance(row, slice):
+            return self._rows(_row_range(row, len(self)))
         try:
             at = range(len(self))[operator.index(row)]
         except TypeError:
-            raise InputError(f"run[{shown(row)}] is no row; give a whole number, and ask arrays "
-                             "such as run.q for several rows.") from None
+            raise InputError(f"run[{shown(row)}] is no row; give a whole number, or a slice such "
+                             "as run[::10].") from None
         inputs: dict[str, Any] = {}
         if self._inputs is not None and len(self) > 1:
             # Rows at given times lie between steps; their inputs are not known.
@@ -186,6 +197,30 @@ class Trajectory(Shown):
                               self._inputs.at(max(steps - 1, 0)).tolist(), strict=True))
         return start_of_row(self.q[at].copy(), self.p[at].copy(), self.t[at], self.parameters,
                             inputs)
+
+    def _rows(self, rows: range) -> Trajectory:
+        """Return the run of some of the states; multipliers are those of the steps that end there.
+        """
+        chosen = np.asarray(rows)
+        arrays = {one.attribute: getattr(self, one.attribute)[
+            chosen[1:] - 1 if one.of_steps else chosen] for one in OUTPUTS}
+        ahead, begin = (1 if self.dt > 0 else -1), self.t[rows[0]]
+        end = None if rows[-1] + rows.step >= len(self) else self.t[rows[-1]]
+        events = {name: found.within(begin, end, ahead) for name, found in self.events.items()}
+        return changed(self, **arrays, every=self.every * rows.step, events=events, tangents=None,
+                       _inputs=None, _origin=None, _states=None)
+
+    def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
+        """Yield the rows in blocks that are in memory, and which rows are the last of each."""
+        yield slice(0, len(self)), self
+
+    def _attributes(self) -> dict[str, Any]:
+        """Return what files say of the run beside its arrays, as JSON values."""
+        return {
+            "title": f"{self.manifest['name']}: {self.report.steps} steps of {float(self.dt):g} s",
+            "run": {"parameters": {name: digits_of(x) for name, x in self.parameters.items()},
+                    "dt": digits_of(self.dt), "every": self.every, "steps": self.report.steps},
+            "report": asdict(self.report), "manifest": self.manifest}
 
     def __iter__(self) -> Iterator[Start]:
         """Iterate over the stored states as starts."""
@@ -464,41 +499,63 @@ class Trajectory(Shown):
     # ------------------------------------------------------------ file
 
     def save(
-        self, path: str | os.PathLike[str], *, columns: str | Iterable[str] | None = None
+        self, path: str | os.PathLike[str], *, columns: str | Iterable[str] | None = None,
+        euler: str | None = None, degrees: bool = False,
+        angular_velocity: FrameName | None = None,
     ) -> Path:
         """Write the states to a file, which appears complete or not at all; return its path.
 
-        - .npz: all arrays with all their digits, the names of
-          their columns, parameters, report, events and manifest: what ``load`` reads.
-        - .csv: a column a number, under the names of coordinates, momenta and quantities; events
-          in a second file, ``run.events.csv``. ``columns`` are those that are wanted, as for
-          ``to_dataframe``; all by default.
-        - .nc: NetCDF-4 with attributes, for xarray, MATLAB, R (h5netcdf).
+        - .npz: all arrays with all their digits, the names of their columns, parameters, report,
+          events and manifest: for ``gyrospark.load`` and ``numpy.load``.
+        - .zarr: the same as a store, for ``gyrospark.load`` and ``xarray.open_zarr``.
+        - .nc: NetCDF-4 with attributes, for ``gyrospark.load``, xarray, MATLAB, R (h5netcdf).
+        - .csv, .parquet: a column a number, under the names of coordinates, momenta and
+          quantities, with the arguments of ``table``; events in a second file,
+          ``run.events.csv``.
 
         Raises
         ------
         InputError
             For another ending, or none; for columns that are not there, or of another file than
-            .csv.
+            .csv and .parquet.
+        MissingDependencyError
+            Where the package of a format is not installed.
         GyrosparkError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> run.save("run.csv", columns=["*_angle", "energy"], euler="ZYX")  # doctest: +SKIP
         """
         target = as_path("path", path, "run.npz")
-        form = format_of(target, "A trajectory", "states")
-        if columns is not None and not form.tabular:
-            raise InputError(f"columns are those of a .csv file, and {target.name!r} is none; end "
-                             "its name in .csv, or leave them out.")
-        found: Path = form.writer("trajectory")(
-            self, target, **({"columns": columns} if form.tabular else {}))
-        return found
+        form = format_of(target, "A run", "states", "store")
+        given = {"columns": columns, "euler": euler, "angular_velocity": angular_velocity}
+        named = [name for name, value in given.items() if value is not None]
+        if not form.tabular and (named or degrees):
+            raise InputError(f"{(named or ['degrees'])[0]} is for files of columns, .csv and "
+                             f".parquet, and {target.name!r} is none; leave it out.")
+        form.require_packages()
+        if "trajectory" in form.writers:
+            found: Path = form.function(form.writers["trajectory"])(self, target)
+            return found
+        return save_table(table_of_run(self, euler=euler, degrees=degrees,
+                                       angular_velocity=angular_velocity), target, "The run",
+                          columns)
 
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Trajectory:
-        """Read a file that ``save`` wrote; nothing in it is executed.
 
-        Raises
-        ------
-        InputError
-            If the file is missing, damaged or of another kind.
-        """
-        return cls(**read_npz(as_path("path", path, "run.npz")))
+def _row_range(rows: slice, count: int) -> range:
+    """Return the rows that a slice of a run takes, in their order.
+
+    Raises
+    ------
+    InputError
+        For a step below 1 and a slice without rows.
+    """
+    try:
+        found = range(count)[rows]
+    except (TypeError, ValueError):
+        found = range(0)
+    if not found or found.step < 1:
+        raise InputError(f"run[{shown(rows)}] is no part of {count:,} states; give whole numbers "
+                         "and a step of at least 1, as in run[100::10].")
+    return found

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from numpy.typing import NDArray
 
 from ...core.html import card, curve, table
-from ..plotting.html_view import View, view
-from ..plotting.meshes import MeshesName
-from ..plotting.picture import BackgroundName, RenderedPicture, draw_picture
-from ..plotting.scene import DrawnName
-from . import trajectory_tables
 from .body_motion import FrameName
 from .run_arrays import OUTPUTS, parts
+from .table import as_dataset, as_frame, table_of_run
 
 if TYPE_CHECKING:
     import pandas
@@ -52,51 +47,95 @@ class Shown:
         return card(f"Trajectory of {run.manifest['name']}", table(rows),
                     curve(t, run.energy_error().astype(float), f"H − H₀{less}"))
 
-    def to_csv(
-        self, path: str | os.PathLike[str], *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None, columns: str | Iterable[str] | None = None,
-    ) -> Path:
-        """Write the states as CSV, with Euler angles and such where asked for; return the path.
+    def table(
+        self, columns: str | Iterable[str] | None = None, *, euler: str | None = None,
+        degrees: bool = False, angular_velocity: FrameName | None = None,
+    ) -> pandas.DataFrame:
+        """Return the states as a pandas DataFrame, a row a state, the time as its index.
 
-        See ``to_dataframe`` for the columns.
+        Columns have the names of coordinates, momenta and quantities. Numbers of a step, such as
+        its multipliers, are in the row of the state where the step ends.
+
+        Parameters
+        ----------
+        columns : str or list of str, optional
+            The columns in this order: names, patterns such as ``"*_angle"``, and arrays, ``"q"``,
+            ``"multipliers"``, ``"quantities"``. By default all.
+        euler : str, optional
+            A sequence of axes, such as ``"ZYX"``: Euler angles of every body, as
+            ``BodyMotion.euler`` gives them, in columns ``bus_euler1_Z``, ``bus_euler2_Y``,
+            ``bus_euler3_X``.
+        degrees : bool
+            Whether these are in degrees.
+        angular_velocity : {"body", "space"}, optional
+            The axes of columns ``bus_omega1`` to ``bus_omega3``, of every body.
+
+        Raises
+        ------
+        InputError
+            For another sequence or frame; where these are asked for and there is no body; for a
+            column that is not there.
+        MissingDependencyError
+            Without pandas.
 
         Examples
         --------
-        >>> run.to_csv("run.csv", euler="ZYX", degrees=True)      # doctest: +SKIP
-        >>> run.to_csv("run.csv", columns=["*_angle", "energy"])  # doctest: +SKIP
+        >>> run.table(["*_angle", "energy"])                      # doctest: +SKIP
         """
-        return trajectory_tables.to_csv(self._run, path, euler=euler, degrees=degrees,
-                                        angular_velocity=angular_velocity, columns=columns)
+        return as_frame(table_of_run(self._run, euler=euler, degrees=degrees,
+                                     angular_velocity=angular_velocity), columns)
 
-    def to_dataframe(
-        self, *, euler: str | None = None, degrees: bool = False,
-        angular_velocity: FrameName | None = None, columns: str | Iterable[str] | None = None,
-    ) -> pandas.DataFrame:
-        """Return the states as a pandas DataFrame; see ``trajectory_tables.to_dataframe``."""
-        return trajectory_tables.to_dataframe(self._run, euler=euler, degrees=degrees,
-                                              angular_velocity=angular_velocity, columns=columns)
-
-    def to_xarray(
+    def dataset(
         self, *, euler: str | None = None, degrees: bool = False,
         angular_velocity: FrameName | None = None,
     ) -> xarray.Dataset:
-        """Return the states as an xarray Dataset; see ``trajectory_tables.to_xarray``."""
-        return trajectory_tables.to_xarray(self._run, euler=euler, degrees=degrees,
-                                           angular_velocity=angular_velocity)
+        """Return the states as an xarray Dataset along ``time``, with names along every dimension.
+
+        ``dataset.q.sel(coordinate="x")`` is a coordinate, ``dataset.attitude.sel(body="bus")`` the
+        quaternions of a body. The arguments are those of ``table``: ``euler`` and
+        ``angular_velocity`` become variables along ``body``.
+        """
+        run = self._run
+        table = table_of_run(run, euler=euler, degrees=degrees, angular_velocity=angular_velocity,
+                             attitudes=True)
+        return as_dataset(table, {
+            "stepper": run.manifest["name"], "dt": float(run.dt), "every": run.every,
+            **{f"parameter_{name}": float(x) for name, x in run.parameters.items()}})
 
     def panels(self) -> dict[str, Array]:
         """Return the outputs that pictures show in panels of their own, by title."""
         return {one.panel: getattr(self._run, one.attribute) for one in OUTPUTS
                 if one.panel and parts(one, self._run.manifest)}
 
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw axis trace, energy error and constraint errors; write them where a path is given.
+    def plot(self, *names: str | os.PathLike[str],
+             path: str | os.PathLike[str] | None = None) -> Any:
+        """Draw the motion with its energy and constraint errors, or values by name against time.
 
-        Returns a matplotlib figure, which Jupyter shows; see ``trajectory_plots.draw_trajectory``.
+        Parameters
+        ----------
+        names : str
+            Quantities, coordinates, momenta, or "energy", "energy_error", "work", "iterations",
+            "g_error", "f_error": a panel each. By default the axis of a body, the places of
+            several, or the coordinates, with all errors.
+        path : path, optional
+            Where to write the picture: .png, .svg or .pdf. A name with such an ending is a path
+            too: ``run.plot("energy", "x.png")``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Jupyter shows it.
+
+        Examples
+        --------
+        >>> run.plot("energy")                                    # doctest: +SKIP
         """
-        from ..plotting.trajectory_plots import draw_trajectory  # matplotlib is optional
+        from ..plotting.trajectory_plots import draw_trajectory, draw_values, names_and_path
 
-        return draw_trajectory(self._run, path)
+        known, target = names_and_path(names, path)
+        if known:
+            return draw_values([self._run], known, target)
+        return draw_trajectory(self._run, target)
 
     def plot_phase(self, *coordinates: str, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw phase portraits: each of these coordinates, or the first six, against its momentum.
@@ -112,56 +151,40 @@ class Shown:
 
         return draw_phase(self._run, coordinates, path)
 
-    def view(self, path: str | os.PathLike[str] | None = None, *,
-             shape: DrawnName = "auto", meshes: MeshesName = "small") -> View:
-        """Return the run as a page that moves, which Jupyter shows; write it where a path is given.
+    def show(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
+        """Show the bodies in motion: in a notebook, as a page, a picture, a film or a 3-D model.
 
-        One HTML file without network: bodies as discs, bars and boxes of their inertia, or as the
-        meshes of a robot's file, joints, traces, a slider, and the energy error beside it; see
-        ``runtime.plotting.html_view.view``.
+        Parameters
+        ----------
+        path : path, optional
+            Where to write. The ending says what: .html a page that moves and needs no network;
+            .png a picture; .gif or .mp4 a film; .glb a 3-D model for Blender and other viewers.
+            Without a path the page is returned, which Jupyter shows; with the ending ``".png"``
+            alone the picture.
+        options
+            Of pages ``shape`` and ``meshes``; of pictures ``size``, ``time``, ``azimuth``,
+            ``elevation``, ``background`` and ``traces``; of films ``seconds``, ``fps`` and
+            ``shape``; of models ``meshes``: see ``runtime.plotting``.
 
-        Examples
-        --------
-        >>> run.view("top.html")                                  # doctest: +SKIP
-        """
-        return view(self._run, path, shape=shape, meshes=meshes)
+        Returns
+        -------
+        View, RenderedPicture or Path
+            The page or the picture, which Jupyter shows; of films and models where they are.
 
-    def picture(
-        self, path: str | os.PathLike[str] | None = None, *, size: tuple[int, int] = (640, 480),
-        time: float | None = None, azimuth: float | None = None, elevation: float | None = None,
-        background: BackgroundName = "light", traces: bool = True,
-    ) -> RenderedPicture:
-        """Return a picture of the bodies, which Jupyter shows; write it as .png where a path is
-        given. It needs no extra; see ``runtime.plotting.picture.draw_picture``.
-
-        Examples
-        --------
-        >>> run.picture("top.png", time=1.5, azimuth=30, elevation=20)   # doctest: +SKIP
-        """
-        return draw_picture(self._run, path, size=size, time=time, azimuth=azimuth,
-                            elevation=elevation, background=background, traces=traces)
-
-    def export(self, path: str | os.PathLike[str], *, meshes: MeshesName = "full") -> Path:
-        """Write bodies, joints and motion as a 3-D model, .glb; return the path.
-
-        Binary glTF 2.0 for Blender and other viewers; see ``runtime.plotting.gltf``.
+        Raises
+        ------
+        InputError
+            Where there is no rigid body; for another ending, and options of other kinds.
+        MissingDependencyError
+            For films without matplotlib, or ffmpeg.
+        GyrosparkError
+            If the file cannot be written.
 
         Examples
         --------
-        >>> run.export("top.glb")                                 # doctest: +SKIP
+        >>> run.show("top.html")                                  # doctest: +SKIP
+        >>> run.show("top.png", time=1.5, azimuth=30)             # doctest: +SKIP
         """
-        from ..plotting.gltf import export_gltf
+        from ..plotting.show import show
 
-        return export_gltf(self._run, path, meshes=meshes)
-
-    def animate(self, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
-                shape: DrawnName = "auto") -> Path:
-        """Write the run as a film, .gif or .mp4, and return its path; see ``plotting.animation``.
-
-        Examples
-        --------
-        >>> run.animate("flip.gif")                               # doctest: +SKIP
-        """
-        from ..plotting.animation import animate  # matplotlib is optional
-
-        return animate(self._run, path, seconds=seconds, fps=fps, shape=shape)
+        return show(self._run, path, options)

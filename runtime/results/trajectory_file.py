@@ -1,8 +1,10 @@
-"""A trajectory as .npz: all arrays with all their digits, names, parameters, report, manifest."""
+"""Runs as .npz, with all digits, names, parameters, report and manifest; .npz and .nc are read."""
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,17 +18,19 @@ from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import result_file
 from ...core.real_types import REALS
-from ..bindings.real_numbers import from_text, without_padding
+from ..bindings.real_numbers import from_bytes, from_text, without_padding
 from ..compilation.manifest import sizes_of
 from .crossings import Crossings
 from .diagnostics import Report, known_fields
-from .run_arrays import OUTPUTS, Output, absent, parts
+from .run_arrays import OUTPUTS, Output, absent, parts, together
+from .table import table_of_ensemble
 from .tangent_rows import TangentRows
 
 if TYPE_CHECKING:
+    from ..steppers.ensemble import Ensemble
     from .trajectory import Trajectory
 
-__all__ = ["read_npz", "save_npz", "storable"]
+__all__ = ["load_netcdf", "load_npz", "save_ensemble", "save_npz"]
 
 Array = NDArray[Any]
 _FORMAT = 2
@@ -65,15 +69,40 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
     return target
 
 
-def read_npz(path: Path) -> dict[str, Any]:
-    """Return the fields of the ``Trajectory`` in a file; nothing in it is executed.
+def save_ensemble(ensemble: Ensemble, target: Path) -> Path:
+    """Write all arrays of an ensemble with all their digits, under the names of its table."""
+    table = table_of_ensemble(ensemble)
+    arrays = {name: storable(values) for part in (table, *table.parts)
+              for name, values in part.whole().items()}
+    with result_file(target, "The ensemble") as part, part.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(table.attributes)),
+                            **arrays)
+    return target
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn whatever a missing or damaged file raises into a sentence."""
+    try:
+        yield
+    except InputError:
+        raise
+    except OSError as error:
+        why = error.strerror or error
+        raise InputError(f"{str(path)!r} cannot be read: {why}.") from error
+    except Exception as error:  # a damaged zip file raises of ten kinds, zlib.error among them
+        raise InputError(f"{str(path)!r} is no run that gyrospark saved, or damaged.") from error
+
+
+def load_npz(path: Path) -> Trajectory:
+    """Return the run in a file; nothing in it is executed.
 
     Raises
     ------
     InputError
         If the file is missing, damaged, of another kind, or of a version with other outputs.
     """
-    try:
+    with _readable(path):
         # Opened here because np.load leaves a damaged file open.
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
@@ -97,15 +126,46 @@ def read_npz(path: Path) -> dict[str, Any]:
                          for i, name in enumerate(about.get("events", ()))}
             tangents = {name: file[f"tangents_{name}"] for name in _TANGENTS
                         if f"tangents_{name}" in file}
-        return _fields(about, arrays, labels) | {
-            "events": _events(about, crossings), "tangents": _tangents(about, tangents)}
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}.") from error
-    except Exception as error:  # a damaged zip file raises of ten kinds, zlib.error among them
-        raise InputError(f"{str(path)!r} is not a trajectory file of gyrospark, or damaged."
-                         ) from error
+        return _trajectory(_fields(about, arrays, labels) | {
+            "events": _events(about, crossings), "tangents": _tangents(about, tangents)})
+
+
+def load_netcdf(path: Path) -> Trajectory:
+    """Return the run in a NetCDF file, with all its digits; raises as ``load_npz``."""
+    import h5netcdf
+
+    with _readable(path), h5netcdf.File(path, "r") as file:
+        run, report, manifest = (json.loads(file.attrs[name])
+                                 for name in ("run", "report", "manifest"))
+        about = {"dt": run["dt"], "every": run["every"], "parameters": run["parameters"],
+                 "report": report, "manifest": manifest}
+        real = REALS[manifest["real"]]
+
+        def read(name: str) -> Array:
+            if f"{name}_bytes" not in file.variables:
+                return np.asarray(file.variables[name][...])
+            rows = np.asarray(file.variables[f"{name}_bytes"][...])
+            return rows if real.in_mpmath else from_bytes(rows, real.dtype)
+
+        rows = len(file.dimensions["time"])
+        arrays = {}
+        for one in OUTPUTS:
+            if names := parts(one, manifest):
+                values = [read(name)[one.of_steps :] for name in names]
+                arrays[one.attribute] = together(one, values, rows, real.dtype)
+        ends = ("event_", "_elapsed")
+        events = [name[len(ends[0]) : -len(ends[1])] for name in file.variables
+                  if name.startswith(ends[0]) and name.endswith(ends[1])]
+        crossings = {name: [read(f"event_{name}_{part}") for part in _CROSSING] for name in events}
+        for found in crossings.values():
+            found[_CROSSING.index("rising")] = found[_CROSSING.index("rising")].astype(bool)
+        return _trajectory(_fields(about, arrays, {}) | {"events": _events(about, crossings)})
+
+
+def _trajectory(fields: dict[str, Any]) -> Trajectory:
+    from .trajectory import Trajectory  # which imports this module
+
+    return Trajectory(**fields)
 
 
 def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, ...]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.arguments import shown
+from ...core.arguments import as_path, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError, StepFailed, Stopped
 from ...core.event import Event, as_events
 from ...core.exact_numbers import Number
+from ...core.file_formats import format_of
 from ...core.html import card, table
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import log_progress
@@ -53,13 +54,14 @@ from ..integration.run_arguments import (
     with_rules,
 )
 from ..integration.step_loop import failure_of, trajectory_of
-from ..results import ensemble_table
 from ..results.crossings import Crossings, CrossingsOfMany
+from ..results.table import as_dataset, as_frame, save_table, table_of_ensemble
 from ..results.tangent_rows import TangentRows
 from ..results.trajectory import Trajectory
 from ..tuning.frame_choice import asks_for_frame, start_frame
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
 
     from .stepper import Stepper
@@ -129,11 +131,16 @@ class Ensemble:
         rows += [(f"trajectory {i}", failure) for i, failure in islice(self.failures.items(), 3)]
         return card(f"Ensemble of {self._name}", table(rows))
 
-    def to_xarray(self) -> xarray.Dataset:
+    def table(self, columns: str | Iterable[str] | None = None) -> pandas.DataFrame:
+        """Return all states as a pandas DataFrame by trajectory and time, as ``Trajectory.table``.
+        """
+        return as_frame(table_of_ensemble(self), columns)
+
+    def dataset(self) -> xarray.Dataset:
         """Return all trajectories as an xarray Dataset along ``trajectory`` and ``state``.
 
-        Its variables are those of ``Trajectory.to_xarray``, NaN behind the end of a trajectory
-        that failed; ``time``, ``dt``, ``steps``, ``status`` ("complete", "stopped", or why a step
+        Its variables are those of ``Trajectory.dataset``, NaN after the end of a trajectory that
+        failed; ``time``, ``dt``, ``steps``, ``status`` ("complete", "stopped", or why a step
         failed) and each ``parameter_NAME`` are coordinates. Events are along dimensions of their
         own, with the ``trajectory`` of each.
 
@@ -144,17 +151,22 @@ class Ensemble:
 
         Examples
         --------
-        >>> many.to_xarray().swap_dims(trajectory="parameter_mgl").energy   # doctest: +SKIP
+        >>> many.dataset().swap_dims(trajectory="parameter_mgl").energy     # doctest: +SKIP
         """
-        return ensemble_table.to_xarray(self)
+        table = table_of_ensemble(self)
+        return as_dataset(table, {name: x for name, x in table.attributes.items()
+                                  if name != "manifest"})
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
+    def save(
+        self, path: str | os.PathLike[str], *, columns: str | Iterable[str] | None = None
+    ) -> Path:
         """Write all trajectories to a file, which appears complete or not at all; return its path.
 
-        - .npz: the arrays of ``to_xarray`` under their names,
-          with all their digits, and ``about``, JSON with the manifest: for ``numpy.load``.
-        - .csv: a row for each state, with the number of its trajectory.
-        - .nc: ``to_xarray`` as NetCDF-4, in doubles: for ``xarray.open_dataset``.
+        - .npz: the arrays of ``dataset`` under their names, with all their digits, and ``about``,
+          JSON with the manifest: for ``numpy.load``.
+        - .csv, .parquet: a row for each state, with the number of its trajectory, and the columns
+          of ``table``; events in a second file.
+        - .nc: ``dataset`` as NetCDF-4: for ``xarray.open_dataset``.
 
         Raises
         ------
@@ -163,29 +175,37 @@ class Ensemble:
         GyrosparkError
             If the file cannot be written.
         """
-        return ensemble_table.save(self, path)
+        target = as_path("path", path, "ensemble.npz")
+        form = format_of(target, "An ensemble", "states")
+        if columns is not None and not form.tabular:
+            raise InputError(f"columns is for files of columns, .csv and .parquet, and "
+                             f"{target.name!r} is none; leave it out.")
+        form.require_packages()
+        if "ensemble" in form.writers:
+            found: Path = form.function(form.writers["ensemble"])(self, target)
+            return found
+        return save_table(table_of_ensemble(self), target, "The ensemble", columns)
 
-    def plot(
-        self, path: str | os.PathLike[str] | None = None, *, values: Sequence[str] = ()
-    ) -> Any:
+    def plot(self, *names: str | os.PathLike[str],
+             path: str | os.PathLike[str] | None = None) -> Any:
         """Draw values and the energy error against time, a line for each trajectory.
 
-        Parameters
-        ----------
-        path : path, optional
-            Where to write the picture: .png, .svg or .pdf.
-        values : list of str
-            Quantities, coordinates or momenta by name; by default the first six quantities, or
-            coordinates where there are none.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            Of 200 trajectories at most, spread over all.
+        The arguments are those of ``Trajectory.plot``; by default the first six quantities are
+        drawn, or coordinates where there are none. Of more than 200 trajectories as many, evenly.
         """
-        from ..plotting.trajectory_plots import draw_ensemble  # matplotlib is optional
+        from ..plotting.trajectory_plots import draw_ensemble, names_and_path
 
-        return draw_ensemble(self, values, path)
+        known, target = names_and_path(names, path)
+        return draw_ensemble(self, known, target)
+
+    def show(self, path: str | os.PathLike[str] | None = None, *, member: int = 0,
+             **options: Any) -> Any:
+        """Show the bodies of one of the trajectories in motion; see ``Trajectory.show``."""
+        number = as_positive_count("member", member)
+        if number >= len(self):
+            raise InputError(f"member = {number} is none of {len(self):,} trajectories, which are "
+                             "counted from 0.")
+        return self.members[number].show(path, **options)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the members; memory of compiled code stays where it is."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import textwrap
 import threading
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
 from ...core.progress import Progress, log_progress
 from ...core.records import changed
+from ...core.registry import function_of
 from ...core.solver import Solver, SolverName, as_solver
 from ...core.start import HasStart
 from ..bindings.array_checks import as_positive_count, as_real
@@ -54,7 +56,7 @@ from .dynamics import Dynamics
 from .ensemble import Ensemble, integrate_members
 from .simulation import ContinuedStep, Simulation
 
-__all__ = ["SOLVERS", "Stepper"]
+__all__ = ["SOLVERS", "Stepper", "stepper_of"]
 
 Array = NDArray[Any]
 
@@ -122,7 +124,7 @@ class Stepper(Dynamics):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by sources: another process, or another machine, compiles them or has them."""
-        return _stepper_of, (self.name, tuple(sorted(self.files.items())), self.portable_derive())
+        return stepper_of, (self.name, tuple(sorted(self.files.items())), self.portable_derive())
 
     @property
     def provenance(self) -> dict[str, str]:
@@ -215,7 +217,8 @@ class Stepper(Dynamics):
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
-        progress: Progress = None, round: bool = False, error: Number | None = None,
+        out: str | os.PathLike[str] | None = None, progress: Progress = None, round: bool = False,
+        error: Number | None = None,
     ) -> Trajectory: ...
 
     @overload
@@ -226,7 +229,8 @@ class Stepper(Dynamics):
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
-        progress: Progress = None, round: bool = False, error: Number | None = None,
+        out: str | os.PathLike[str] | None = None, progress: Progress = None, round: bool = False,
+        error: Number | None = None,
     ) -> Trajectory: ...
 
     def integrate(
@@ -245,6 +249,7 @@ class Stepper(Dynamics):
         events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None,
         solver: SolverName | Solver = "auto",
+        out: str | os.PathLike[str] | None = None,
         progress: Progress = None,
         round: bool = False,
         error: Number | None = None,
@@ -307,6 +312,13 @@ class Stepper(Dynamics):
             moves with dt and the start's time by its part of a step alone.
         solver : {"auto", "newton", "fixed-point"} or Solver
             How the equations of a step are solved; ``gs.Solver`` adds tolerance and iterations.
+        out : path, optional
+            A Zarr store, ``"night.zarr"``, to which states are streamed while the next ones are
+            computed: memory stays constant, and the run is returned as a ``Trajectory`` whose
+            arrays are read from it. After any interruption (a signal, ``kill -9``, a power cut, a
+            full disk) the store is whole up to its last commit, a few seconds before, and
+            ``gyrospark.resume`` continues it to the bits of an uninterrupted run. Not with
+            ``t_eval``, ``tangents`` and inputs that change.
         progress : callable or bool, optional
             A function is called now and then with the number of steps done. True shows the share
             that is done, False does not; by default an interactive Python and a notebook show it
@@ -315,7 +327,10 @@ class Stepper(Dynamics):
         Raises
         ------
         InputError
-            For unusable arguments; an inconsistent start is refused with its defect.
+            For unusable arguments; an inconsistent start is refused with its defect. If the store
+            ``out`` exists.
+        StorageError
+            If the store cannot be written, or another process writes to it.
         StepFailed
             When a step finds no solution; carries everything before it.
         Stopped
@@ -331,6 +346,11 @@ class Stepper(Dynamics):
         count = step_count(steps, t_end, state.t, dt, nearest) if choice is None else choice.steps
         run = self.resolved(self.run_arguments(state.q, state.p, dt=size, steps=count, every=every,
                                                inputs=inputs, **given))
+        if out is not None:
+            stored: Trajectory = function_of("storage.record", "record")(
+                self, _storable(run, t_eval, tangents), as_events(
+                    events, self.manifest["system"]), out, progress=progress)
+            return stored
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
         # Pilots have measured the error of a step that they have found.
@@ -416,8 +436,7 @@ class Stepper(Dynamics):
         Parameters
         ----------
         trajectory : Trajectory
-            What this stepper integrated, or what was read of it: ``Trajectory.load``,
-            ``Recording.trajectory``.
+            What this stepper integrated, or what ``gyrospark.load`` read of it.
         times : array_like, shape (N,)
             In seconds, in any order, from the first stored time to the last.
         workers : int, optional
@@ -514,8 +533,22 @@ class Stepper(Dynamics):
         return self.rotations.warn(run.parameters, run.dt, run.q[None], run.p[None])
 
 
+def _storable(run: RunArguments, t_eval: Any, tangents: Any) -> RunArguments:
+    """Return a run as stores have it, or refuse what they do not have."""
+    for name, value in (("t_eval", t_eval), ("tangents", tangents)):
+        if value is not None:
+            raise InputError(f"{name} is not for a stored run: leave out out, or ask the stored "
+                             f"run, run.at(times) and run.gradient(...).")
+    if run.inputs is None:
+        return run
+    if any(value != value for value in run.inputs.throughout.values()):
+        raise InputError("The inputs change along the run, and stores have one value of each; "
+                         "leave out out, and save the run.")
+    return replace(run, inputs=None)
+
+
 @lru_cache(maxsize=64)
-def _stepper_of(
+def stepper_of(
     name: str, files: tuple[tuple[str, str], ...], derive: Derive | None = None
 ) -> Stepper:
     """Return the stepper of these sources, the same object for equal sources in a process."""

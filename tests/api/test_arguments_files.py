@@ -23,7 +23,7 @@ def saved(tmp_path, gl3):
 
 def test_saved_is_loaded_bit_for_bit(saved):
     made, path = saved
-    again = gs.Trajectory.load(path)
+    again = gs.load(path)
     assert equal(made, again)
     for name in ("dt", "every", "parameters", "report", "manifest"):
         assert getattr(made, name) == getattr(again, name)
@@ -35,7 +35,7 @@ def test_other_types_are_saved_too(tmp_path):
     step = systems.stepper("heavy_top", real="long-double")
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     made = step.integrate(q, p, steps=5, **RUN)
-    again = gs.Trajectory.load(made.save(tmp_path / "top.npz"))
+    again = gs.load(made.save(tmp_path / "top.npz"))
     assert equal(made, again)
     assert again.q.dtype == made.q.dtype == step.binding.dtype
 
@@ -43,7 +43,7 @@ def test_other_types_are_saved_too(tmp_path):
 def test_failed_trajectory_is_saved_too(failures, tmp_path):
     for _, _, failure in failures:
         path = failure.trajectory.save(tmp_path / "part.npz")
-        assert equal(gs.Trajectory.load(path), failure.trajectory)
+        assert equal(gs.load(path), failure.trajectory)
 
 
 def test_names_of_files(saved, tmp_path, monkeypatch):
@@ -71,7 +71,7 @@ def test_file_in_the_way_is_replaced_whole(saved):
     made, path = saved
     path.write_bytes(b"something else")
     made.save(path)
-    assert equal(gs.Trajectory.load(path), made)
+    assert equal(gs.load(path), made)
 
 
 def test_damaged_files_are_refused(saved, tmp_path):
@@ -83,14 +83,14 @@ def test_damaged_files_are_refused(saved, tmp_path):
     for size in (0, 1, 4, 30, 100, len(good) // 2, len(good) - 30, len(good) - 1):
         bad.write_bytes(good[:size])
         with refused("bad.npz"):
-            gs.Trajectory.load(bad)
+            gs.load(bad)
     for _ in range(60):
         content = bytearray(good)
         for place in rng.integers(0, len(good), rng.integers(1, 4)):
             content[place] ^= int(rng.integers(1, 256))
         bad.write_bytes(content)
         try:
-            again = gs.Trajectory.load(bad)
+            again = gs.load(bad)
         except gs.InputError as error:
             assert "bad.npz" in str(error)  # noqa: PT017 (it may be refused and need not)
         else:
@@ -108,7 +108,7 @@ def test_foreign_files_are_refused(tmp_path):
     for name in ("foreign.npz", "array.npy", "text.npz", "zip.npz", "pickle.npz", "none.npz",
                  "folder.npz"):
         with refused(name):
-            gs.Trajectory.load(tmp_path / name)
+            gs.load(tmp_path / name)
 
 
 class Bomb:
@@ -129,7 +129,7 @@ def test_nothing_in_a_file_is_executed(saved, tmp_path):
         trap = content | {name: np.array([Bomb(tmp_path / "evil")], dtype=object)}
         np.savez(tmp_path / "bomb.npz", allow_pickle=True, **trap)
         with refused("bomb.npz"):
-            gs.Trajectory.load(tmp_path / "bomb.npz")
+            gs.load(tmp_path / "bomb.npz")
     assert not (tmp_path / "evil").exists()
 
 
@@ -152,8 +152,8 @@ def test_inconsistent_files_are_refused(saved, tmp_path):
                     {"multipliers": made.multipliers[1:]}, {"iterations": made.iterations[1:]},
                     {"energies": made.energies[1:]}):
         with refused(r"bad\.npz"):
-            gs.Trajectory.load(rewritten(path, bad, **changes))
-    assert equal(gs.Trajectory.load(rewritten(path, bad)), made)
+            gs.load(rewritten(path, bad, **changes))
+    assert equal(gs.load(rewritten(path, bad)), made)
 
 
 def test_file_of_another_version(saved, tmp_path):
@@ -163,17 +163,17 @@ def test_file_of_another_version(saved, tmp_path):
         report = json.loads(str(file["about"]))["report"]
     work = report.pop("work")
     other = rewritten(path, tmp_path / "other.npz", about={"report": report | {"later": 1}})
-    assert equal(gs.Trajectory.load(other), made)
-    assert work == gs.Trajectory.load(other).report.work == 0.0
+    assert equal(gs.load(other), made)
+    assert work == gs.load(other).report.work == 0.0
     with refused(r"other\.npz'.*format 9.* 2\b"):
-        gs.Trajectory.load(rewritten(path, other, about={"format": 9}))
+        gs.load(rewritten(path, other, about={"format": 9}))
 
 
 def test_a_missing_folder_is_named(tmp_path):
     """With the way to make it; nothing is made."""
     run = systems.stepper("heavy_top").integrate(TOP.q0, TOP.p0, steps=2, **RUN)
     for write, ending in ((run.save, "npz"), (run.save, "csv"), (run.plot, "png"),
-                          (run.view, "html")):
+                          (run.show, "html")):
         with pytest.raises(gs.GyrosparkError, match="mkdir"):
             write(tmp_path / "no" / "such" / f"run.{ending}")
     assert list(tmp_path.iterdir()) == []

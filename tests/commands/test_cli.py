@@ -80,7 +80,7 @@ NUMBERS = {
     "output a folder": (["--out", "."], ["--out", "file name"]),
     "output empty": (["--out", ""], ["--out", "file name"]),
     "output ending": (["--out", "top.xlsx"],
-                      ["--out", "'top.xlsx'", ".npz, .csv, .nc, .zarr"]),
+                      ["--out", "'top.xlsx'", ".npz, .csv, .nc, .parquet, .zarr"]),
 }
 
 
@@ -212,7 +212,7 @@ def test_out_and_plot_are_written_and_named(gyrospark):
     assert answer.code == 0, answer.stderr
     assert answer.document["out"] == "top.npz"
     assert answer.document["plot"] == "top.png"
-    assert gs.Trajectory.load("top.npz").q.shape == (21, 4)
+    assert gs.load("top.npz").q.shape == (21, 4)
     assert Path("top.png").read_bytes().startswith(b"\x89PNG")
     assert sorted(p.name for p in Path().iterdir()) == ["top.npz", "top.png"]
 
@@ -256,7 +256,7 @@ def test_failed_step_is_reported_and_all_before_it_kept(late_failure, more, gyro
     assert found["steps"] == number - 1
     assert found["failed"]["t"] == pytest.approx((number - 1) * found["dt"])
     assert found["failed"]["reason"] == failure.reason
-    kept = gs.Trajectory.load("kept.npz")
+    kept = gs.load("kept.npz")
     assert len(kept) == (number - 1) // (3 if "3" in more else 1) + 1
     assert kept.report.steps == number - 1
     assert found["q"] == list(kept.report.q)
@@ -299,7 +299,7 @@ def test_extreme_cones_end_in_one_line(setting, gyrospark):
 
 def test_a_result_that_cannot_be_saved_is_still_printed(gyrospark, monkeypatch):
     """The disk fills up during the run: the numbers are not lost, the exit code says so."""
-    def full(self, path):
+    def full(self, path, **options):
         raise gs.GyrosparkError(f"The trajectory cannot be written to {str(path)!r}: No space.")
 
     monkeypatch.setattr(gs.Trajectory, "save", full)

@@ -65,7 +65,7 @@ def test_what_lists_names_lists_all_of_them(gyrospark):
     (gs.certify, "scheme", "SchemeName"), (gs.certify, "rep", "RepName"),
     (gs.sweep, "scheme", "SchemeName"), (gs.sweep, "rep", "RepName"),
     (gs.sweep, "real", "RealName"), (gs.sweep, "solver", "SolverName"),
-    (gs.record, "solver", "SolverName"), (gs.Stepper.step, "solver", "SolverName"),
+    (gs.Stepper.step, "solver", "SolverName"),
     (gs.Stepper.integrate, "solver", "SolverName"),
     (gs.Stepper.integrate_ensemble, "solver", "SolverName"),
     (gs.choose_gamma, "aim", "Aim"), (gs.load_model, "rep", "RepName"),

@@ -194,8 +194,8 @@ def used(path: Path, one: Case) -> str:
     """Use a store in each way."""
     outcomes = set()
     uses: list[Callable[[], Any]] = [
-        lambda: asked(gs.open_recording(path)),
-        lambda: gs.open_recording(path).export(path.with_suffix(".csv")),
+        lambda: asked(gs.load(path)),
+        lambda: gs.load(path).save(path.with_suffix(".csv")),
         lambda: record(one.stepper, **one.arguments, out=path, resume=True),
     ]
     fsync, os.fsync = os.fsync, lambda handle: None
@@ -216,4 +216,4 @@ def asked(recording: Any) -> None:
     assert repr(recording)
     found: dict[str, Crossings] = recording.events
     assert all(len(one.t) >= 0 for one in found.values())
-    recording.trajectory()
+    recording[:]

@@ -72,7 +72,7 @@ def check_trajectory(data: bytes) -> str:
     path = scratch() / "damaged.npz"
     path.write_bytes(content(choices))
     try:
-        loaded = gs.Trajectory.load(path)
+        loaded = gs.load(path)
     except InputError as error:
         refuse_unless_sentence(error, "damaged.npz")
         return "refused"
@@ -150,7 +150,7 @@ def question(loaded: gs.Trajectory) -> None:
                 ask()
             except GyrosparkError as error:
                 refuse_unless_sentence(error)
-    again = gs.Trajectory.load(loaded.save(scratch() / "again.npz"))
+    again = gs.load(loaded.save(scratch() / "again.npz"))
     assert again.q.tobytes() == loaded.q.tobytes()
 
 

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-import gyrospark as gs
 from calls import PARAMETERS, TOP, by_names
+from gyrospark.core.event import as_events
 from gyrospark.runtime.bindings.real_numbers import as_bytes
+from gyrospark.runtime.integration.starts import merged_start
 from gyrospark.storage import array_layout, recorder
+from gyrospark.storage.record import record as recording_of
 from interruption import differences
 
 ARRAYS = ("t", "q", "p", "multipliers", "iterations", "energies", "g_errors", "f_errors", "work",
@@ -74,7 +76,20 @@ def small_blocks(monkeypatch, rows, seconds=0.0):
 def record(stepper, *start, **options):
     """Return the stored run from a start, or from q and p, also as keys of ``options``."""
     names = dict(zip("qp", start, strict=False))
-    return by_names(gs.record, stepper, **names, **options)
+    if {"resume", "seed"}.isdisjoint(options):
+        return by_names(stepper.integrate, **names, **options)
+    return by_names(_recorded_by_a_command, stepper, **names, **options)
+
+
+def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, seed=None, progress=None,
+                           events=(), parameters=None, dt, steps, every=1, solver="auto"):
+    """Begin a run in a store, or resume it, as the command line does."""
+    state = merged_start(stepper, begin, p, parameters)
+    run = stepper.resolved(stepper.run_arguments(
+        state.q, state.p, dt=dt, steps=steps, every=every, parameters=state.parameters, t0=state.t,
+        solver=solver))
+    asked = as_events(events, stepper.manifest["system"])
+    return recording_of(stepper, run, asked, out, resume=resume, seed=seed, progress=progress)
 
 
 def recorded(stepper, out, **arguments):

@@ -209,8 +209,8 @@ def test_a_stored_run_in_pieces_has_the_bits_of_one_call(name, tmp_path):
     whole = run(name, step, 20, every=2)
     for steps in (7, 20):
         record(step, begin, steps=steps, every=2, out=out, resume=True, **options(name))
-    stored = gs.open_recording(out).trajectory()
-    loaded = gs.Trajectory.load(whole.save(tmp_path / "run.npz"))
+    stored = gs.load(out)[:]
+    loaded = gs.load(whole.save(tmp_path / "run.npz"))
     same(stored, whole)
     same(loaded, whole)
     assert loaded.report == whole.report

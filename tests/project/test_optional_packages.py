@@ -90,10 +90,10 @@ def test_python_calls(tmp_path):
     python(without(OPTIONAL) + FAST_TOP + """
 import numpy as np
 step = gs.stepper("EMS")
-stored = gs.record(step, top.q0, top.p0, dt=1e-3, steps=20, parameters=parameters, out="a.zarr")
-assert np.array_equal(stored.dataset.q, stored.trajectory().q)
-stored.trajectory().save("a.csv")
+stored = step.integrate(top.q0, top.p0, dt=1e-3, steps=20, parameters=parameters, out="a.zarr")
+assert np.array_equal(stored.dataset().q, stored[:].q)
+stored[:].save("a.csv")
 over = {"gamma": [8e-4, 1e-3], "dt": [1e-3, 2e-3]}
 swept = gs.sweep(top, over, scheme="EMS", steps=5, out="s.zarr")
-assert float(gs.open_sweep("s.zarr").energy_error_max.max()) == float(swept.energy_error_max.max())
+assert float(gs.load_sweep("s.zarr").energy_error_max.max()) == float(swept.energy_error_max.max())
 """, cwd=tmp_path)

@@ -208,7 +208,7 @@ def test_scheme(tmp_path):
 def test_problem(tmp_path):
     """Kovalevskaya's integral stays: the problem is her top, and no other."""
     followed("named problem", tmp_path)
-    run = gs.Trajectory.load(tmp_path / "run.npz")
+    run = gs.load(tmp_path / "run.npz")
     w, R, c = run.angular_velocity(), run.rotation().as_matrix(), 0.4 / 0.001
     K = np.abs((w[:, 2] + 1j * w[:, 0]) ** 2 - c * (R[:, 2, 2] + 1j * R[:, 2, 0])) ** 2
     assert np.ptp(K) < 1e-6 * K[0]
@@ -236,7 +236,7 @@ def test_output(tmp_path):
     assert (tmp_path / "run.png").stat().st_size > 10_000
     with np.load(tmp_path / "run.npz") as file:
         kept, q, p = file["angular_momenta"], file["q"], file["p"]
-    run = gs.open_recording(tmp_path / "run.zarr")
+    run = gs.load(tmp_path / "run.zarr")
     assert np.array_equal(run.group()["angular_momentum"][:], kept)
     with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))

@@ -36,7 +36,7 @@ def store(tmp_path: Path) -> Path:
 def test_a_kept_file_is_read(real: str) -> None:
     """Its states are those of the same run made now, but for another order of additions."""
     suffix = "" if real == "double" else f"_{real}"
-    kept = gs.Trajectory.load(KEPT / f"heavy_top_gl2_gamma{suffix}.npz")
+    kept = gs.load(KEPT / f"heavy_top_gl2_gamma{suffix}.npz")
     step, q0, p0, parameters = run_again(real)
     now = step.integrate(q0, p0, dt=1e-3, steps=300, every=10, parameters=parameters)
     assert kept.t.shape == now.t.shape
@@ -46,9 +46,9 @@ def test_a_kept_file_is_read(real: str) -> None:
 
 
 def test_an_earlier_store_is_read(store: Path) -> None:
-    recording = gs.open_recording(store)
-    file = gs.Trajectory.load(KEPT / "heavy_top_gl2_gamma.npz")
-    trajectory = recording.trajectory()
+    recording = gs.load(store)
+    file = gs.load(KEPT / "heavy_top_gl2_gamma.npz")
+    trajectory = recording[:]
     assert np.array_equal(trajectory.q, file.q)
     assert np.array_equal(trajectory.p, file.p)
     assert recording.report.steps == 300

@@ -21,7 +21,7 @@ def check(step, out, **arguments):
     assert recording.status == "complete"
     assert (recording.steps_done, len(recording)) == (arguments["steps"], len(whole))
     assert recording.report == whole.report
-    assert_same(recording.trajectory(), whole)
+    assert_same(recording[:], whole)
     return recording
 
 
@@ -72,7 +72,7 @@ def test_failed_step(failures, tmp_path, monkeypatch):
         assert (again.value.step, again.value.t) == (failure.step, failure.t)
         assert again.value.reason == failure.reason
         assert_same(again.value.trajectory, failure.trajectory)
-    found = gs.open_recording(out)
+    found = gs.load(out)
     assert found.status == f"failed: {failure.reason}"
     assert found.steps_done == failure.step - 1
 
@@ -102,11 +102,11 @@ def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatc
     for chunk in (4, 8) if real == "double" else (4,):
         small_blocks(monkeypatch, chunk)
         found = recorded(step, tmp_path / "run.zarr", **START | {"q": q, "p": p}, steps=21)
-        whole = found.trajectory()
-        assert bits(found.trajectory(first=3).q) == bits(whole.q[3:])
+        whole = found[:]
+        assert bits(found[3:].q) == bits(whole.q[3:])
         del rows[:]
         for first, thin in itertools.product((0, 4, 7, 21), (2, 5, 30)):
-            part = found.trajectory(first=first, thin=thin)
+            part = found[first::thin]
             assert part.every == thin
             for name in ARRAYS:
                 of_steps = name in ("multipliers", "iterations")

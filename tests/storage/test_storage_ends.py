@@ -67,7 +67,7 @@ def test_signal_ends_a_run_at_a_commit(tmp_path):
     process.send_signal(signal.SIGINT)
     code, stdout, stderr = end(process)
     assert code == 130
-    stored = gs.open_recording(tmp_path / "run.zarr")
+    stored = gs.load(tmp_path / "run.zarr")
     assert stored.status == "running"
     assert stored.steps_done < 2_000_000
     assert stored.states == stored.steps_done // 500 + 1
@@ -100,7 +100,7 @@ def test_signal_after_the_last_step_loses_nothing(gl3, tmp_path):
     with pytest.raises(gs.errors.Stopped, match=r"5,000.*complete") as end:
         record(gl3, **START, out=tmp_path / "run.zarr", steps=5000, progress=progress)
     assert "--resume" not in str(end.value)
-    assert gs.open_recording(tmp_path / "run.zarr").status == "complete"
+    assert gs.load(tmp_path / "run.zarr").status == "complete"
     assert signal.getsignal(signal.SIGINT) is before
 
 
@@ -116,7 +116,7 @@ def test_stopped_says_where(gl3, tmp_path):
     assert stopped.value.signal == signal.SIGTERM
     assert signal.getsignal(signal.SIGTERM) is before
     found = record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, resume=True)
-    np.testing.assert_array_equal(found.trajectory().q, integrate(gl3, **START, steps=20_000).q)
+    np.testing.assert_array_equal(found[:].q, integrate(gl3, **START, steps=20_000).q)
 
 
 def test_runs_in_threads(gl3, tmp_path):

@@ -62,11 +62,11 @@ def read_netcdf(path):
 
 def test_files_have_the_numbers_of_the_store(stored, tmp_path):
     """To the bit in each kind of file, exported or saved without a store; xarray has no warning."""
-    whole, trajectory = stored.dataset.load(), stored.trajectory()
+    whole, trajectory = stored.dataset().load(), stored[:]
     exported, saved = ({end: write(tmp_path / f"{name}{end}") for end in ENDS}
-                       for name, write in (("stored", stored.export), ("saved", trajectory.save)))
+                       for name, write in (("stored", stored.save), ("saved", trajectory.save)))
     assert sorted(tmp_path.glob(".*.part")) == []
-    assert_same(gs.Trajectory.load(exported[".npz"]), trajectory)
+    assert_same(gs.load(exported[".npz"]), trajectory)
 
     columns = read_csv(exported[".csv"])
     wanted = [array.values.reshape(len(array), -1)
@@ -94,9 +94,10 @@ def test_files_have_the_numbers_of_the_store(stored, tmp_path):
         warnings.simplefilter("error")
         opened = xarray.open_zarr(stored.path).load()
     group = zarr.open_group(stored.path, mode="r")
-    assert {name for name, _ in group.arrays()} == {*stored.attributes["arrays"], "checkpoint"}
+    assert {name for name, _ in group.arrays()} == {*stored.attributes["arrays"], "checkpoint",
+                                                     "source"}
     assert opened.sizes["time"] == whole.sizes["time"] == stored.states
-    assert "checkpoint" not in whole
+    assert {"checkpoint", "source"}.isdisjoint(whole)
     if stored.attributes["manifest"]["real"] == "long-double":
         assert whole["q_bytes"].dims == ("time", "coordinate", "byte")
         assert whole.sizes["byte"] == 16
@@ -107,16 +108,16 @@ def test_files_have_the_numbers_of_the_store(stored, tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_files_go_by_the_systems_names(name, tmp_path):
     stored = RUNS[name](tmp_path / "run.zarr")
-    assert " ".join(read_csv(stored.export(tmp_path / "run.csv"))) == NAMES[name]
-    coordinates, momenta = stored.trajectory().coordinates, stored.trajectory().momenta
-    for dataset in (stored.dataset, read_netcdf(stored.export(tmp_path / "run.nc"))):
+    assert " ".join(read_csv(stored.save(tmp_path / "run.csv"))) == NAMES[name]
+    coordinates, momenta = stored[:].coordinates, stored[:].momenta
+    for dataset in (stored.dataset(), read_netcdf(stored.save(tmp_path / "run.nc"))):
         at = coordinates[1]
-        np.testing.assert_array_equal(dataset["p"].sel(coordinate=at), stored.trajectory().p[:, 1])
-    assert stored.dataset["p"].attrs["components"] == [*momenta]
-    with np.load(stored.export(tmp_path / "run.npz")) as file:  # for readers without a manifest
+        np.testing.assert_array_equal(dataset["p"].sel(coordinate=at), stored[:].p[:, 1])
+    assert stored.dataset()["p"].attrs["components"] == [*momenta]
+    with np.load(stored.save(tmp_path / "run.npz")) as file:  # for readers without a manifest
         assert file["coordinates"].tolist() == [*coordinates]
         assert file["momenta"].tolist() == [*momenta]
-        assert file["quantities"].tolist() == [*stored.trajectory().quantities]
+        assert file["quantities"].tolist() == [*stored[:].quantities]
 
 
 def test_headings_differ_whatever_the_names():
@@ -137,10 +138,10 @@ def test_unfinished_run(gl3, tmp_path, monkeypatch):
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     with pytest.raises(Interrupted):
         record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=ends_after(6))
-    found = gs.open_recording(tmp_path / "run.zarr")
+    found = gs.load(tmp_path / "run.zarr")
     exact = integrate(gl3, **START, steps=60).q[: found.states]
-    csv_file, netcdf, npz = (found.export(tmp_path / f"run{end}") for end in ENDS)
-    np.testing.assert_array_equal(gs.Trajectory.load(npz).q, exact)
+    csv_file, netcdf, npz = (found.save(tmp_path / f"run{end}") for end in ENDS)
+    np.testing.assert_array_equal(gs.load(npz).q, exact)
     np.testing.assert_array_equal(read_csv(csv_file)["q3"], exact[:, 3])
     np.testing.assert_array_equal(read_netcdf(netcdf)["q"], exact)
 
@@ -165,7 +166,7 @@ def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
     elif name.endswith(".nc"):
         np.testing.assert_array_equal(read_netcdf(name)["q"], q)
     else:
-        np.testing.assert_array_equal(gs.open_recording(name).trajectory().q, q)
+        np.testing.assert_array_equal(gs.load(name)[:].q, q)
 
 
 @pytest.mark.parametrize("end", [".csv", ".zarr", ".npz"])
@@ -185,7 +186,7 @@ def test_export_command(gyrospark, tmp_path):
         assert answer.code == 0, answer.stderr
         assert re.fullmatch(rf"run{end}: 21 states .* 20 steps .*complete.*\n", answer.stdout)
     assert len(read_csv(tmp_path / "run.csv")["time"]) == 21
-    assert len(gs.Trajectory.load(tmp_path / "run.npz")) == 21
+    assert len(gs.load(tmp_path / "run.npz")) == 21
 
 
 def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
@@ -196,8 +197,8 @@ def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
                     ["export", "run.zarr", "stored.csv"]):
         answer = gyrospark(*command, *angles)
         assert answer.code == 0, answer.stderr
-    made = gs.open_recording("run.zarr").trajectory()
-    asked = made.to_csv("asked.csv", euler="ZXZ", degrees=True)
+    made = gs.load("run.zarr")[:]
+    asked = made.save("asked.csv", euler="ZXZ", degrees=True)
     assert (tmp_path / "run.csv").read_bytes() == asked.read_bytes()
     assert (tmp_path / "stored.csv").read_bytes() == asked.read_bytes()
     found = made.body().euler("ZXZ", degrees=True)
@@ -238,7 +239,7 @@ def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
     refused(gyrospark(*RUN, "--out", "x.nc"), "h5netcdf>=")
     refused(gyrospark("export", "run.zarr", "x.nc"), "h5netcdf>=")
     with pytest.raises(gs.errors.MissingDependencyError):
-        gs.open_recording("run.zarr").export("x.nc")
+        gs.load("run.zarr").save("x.nc")
     assert sorted(p.name for p in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
 
 
@@ -253,8 +254,8 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
         def full(*arguments, **options):
             raise OSError(28, "No space left on device")
 
-        patch.setattr("gyrospark.storage.table_files._write_csv", full)
-        patch.setattr("gyrospark.storage.table_files._write_netcdf", full)
+        patch.setattr("gyrospark.runtime.results.table.write_csv", full)
+        patch.setattr("gyrospark.runtime.results.table._write_netcdf", full)
         answer = gyrospark(*command)
     assert answer.code == 2
     assert "20 steps" in answer.stdout
@@ -262,7 +263,7 @@ def test_export_that_fails_keeps_the_run(end, gyrospark, monkeypatch, tmp_path):
     assert f"'x{end}'" in answer.stderr
     assert "space" in answer.stderr
     assert f"'.x{end}.zarr'" in answer.stderr
-    assert gs.open_recording(f".x{end}.zarr").status == "complete"
+    assert gs.load(f".x{end}.zarr").status == "complete"
     assert not (tmp_path / f"x{end}").exists()
     answer = gyrospark(*command, "--resume")
     assert answer.code == 0, answer.stderr

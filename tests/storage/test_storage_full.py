@@ -66,7 +66,7 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
         finally:
             disk.good_until = None
         if out.exists():
-            gs.open_recording(out)
+            gs.load(out)
         else:
             assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".run")] == []
         record(step, out=out, resume=True, **arguments)
@@ -80,8 +80,8 @@ def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
     found = record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
     disk = Disk(monkeypatch, errno.ENOSPC)
     disk.good_until = 0
-    with pytest.raises(gs.errors.StorageError, match=f"run{end}'.*space"):
-        found.export(tmp_path / f"run{end}")
+    with pytest.raises(gs.GyrosparkError, match=f"run{end}'.*space"):
+        found.save(tmp_path / f"run{end}")
     disk.good_until = None
     assert sorted(path.name for path in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
 

@@ -35,5 +35,5 @@ def test_memory_is_that_of_blocks(end, tmp_path, monkeypatch):
         run = stored() if end else None
         peaks.append(traced_peak(
             lambda run=run, stored=stored, rows=rows:
-            run.export(tmp_path / f"{rows}{end}") if end else stored()))
+            run.save(tmp_path / f"{rows}{end}") if end else stored()))
     assert peaks[2] - peaks[1] < 120_000

@@ -14,6 +14,7 @@ import pytest
 
 import gyrospark as gs
 import systems
+from calls import integrate
 from gyrospark.runtime.bindings.real_numbers import without_padding
 from gyrospark.runtime.compilation.compiler import find_compiler
 from stores import assert_same_bytes, recorded
@@ -57,11 +58,11 @@ def test_a_file(dirty, tmp_path):
     plain, files = systems.stepper("dragged_pendulum", real="long-double"), []
     for pattern in (0, 171):
         dirty(pattern)
-        run = plain.integrate(**start(plain))
+        run = integrate(plain, **start(plain))
         for name in ("q", "p", "energies"):  # as a compiler that copies all 16 bytes leaves them
             getattr(run, name).view(np.uint8).reshape(-1, 16)[:, 10:] = pattern
         files.append(run.save(tmp_path / f"{pattern}.npz").read_bytes())
-        again = gs.Trajectory.load(tmp_path / f"{pattern}.npz")
+        again = gs.load(tmp_path / f"{pattern}.npz")
         assert np.array_equal(again.q, run.q)
     assert files[0] == files[1]
 

@@ -28,7 +28,8 @@ def test_dimensions_and_units(opened, gl3):
     nodes = gl3.binding.multipliers
     assert dict(opened.sizes) == {
         "time": 8, "coordinate": 4, "node": nodes,
-        "checkpoint_byte": opened.sizes["checkpoint_byte"]}
+        "checkpoint_byte": opened.sizes["checkpoint_byte"],
+        "source_byte": opened.sizes["source_byte"]}
     assert opened["q"].dims == opened["p"].dims == ("time", "coordinate")
     assert opened["multipliers"].dims == ("time", "node")
     assert {name: array.attrs["units"] for name, array in opened.variables.items()
@@ -74,7 +75,7 @@ def test_rows_to_come(gl3, tmp_path, monkeypatch):
 
     with pytest.raises(RuntimeError):
         record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=progress)
-    found = gs.open_recording(tmp_path / "run.zarr")
+    found = gs.load(tmp_path / "run.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         whole = xarray.open_zarr(tmp_path / "run.zarr").load()

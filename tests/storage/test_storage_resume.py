@@ -67,7 +67,7 @@ def test_runs_that_fail(failures, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 4)
     step, options, _ = failures[0]
     check(step, tmp_path, [2] * 20, q=LATE[0], p=LATE[1], steps=200, every=3, **options)
-    assert gs.open_recording(tmp_path / "pieces.zarr").status.startswith("failed: ")
+    assert gs.load(tmp_path / "pieces.zarr").status.startswith("failed: ")
 
 
 @given(steps=st.integers(0, 150), every=st.integers(1, 40), rows=st.sampled_from([1, 2, 4, 16, 64]),
@@ -82,7 +82,7 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
         patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", chunk)
         small_blocks(patch, rows, seconds)
         check(step, tmp_path, calls, **arguments)
-        found = gs.open_recording(tmp_path / "pieces.zarr").trajectory()
+        found = gs.load(tmp_path / "pieces.zarr")[:]
         assert_same(found, integrate(step, **arguments))
 
 
@@ -112,18 +112,18 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
             with contextlib.suppress(Interrupted):
                 record(gl3, **START, out=out, steps=200, every=2, resume=True,
                           progress=ends_after(count))
-            found = gs.open_recording(out)
+            found = gs.load(out)
             if found.report is None:
                 assert found.states == found.steps_done == 0
                 continue
             assert found.status in ("running", "complete")
             assert found.states == found.steps_done // 2 + 1
-            part = found.trajectory()
+            part = found[:]
             end = integrate(gl3, **START, steps=found.steps_done)
             np.testing.assert_array_equal(part.q, end.q[::2])
             assert found.report == end.report
-            assert found.dataset.sizes["time"] == found.states
-            assert not found.dataset["q"].isnull().any()
+            assert found.dataset().sizes["time"] == found.states
+            assert not found.dataset()["q"].isnull().any()
 
 
 @pytest.mark.slow  # 2 CPU s: a copy after each of a hundred files
@@ -148,11 +148,11 @@ def test_store_after_each_file_that_is_written(tmp_path, monkeypatch):
         patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
         record(step, out=out, **arguments)
     for path in copies:
-        found = gs.open_recording(path)
+        found = gs.load(path)
         seen.append(found.steps_done)
         if found.states:
-            assert_same_states(found.trajectory(), whole)
-            assert found.dataset.sizes["time"] == found.states
+            assert_same_states(found[:], whole)
+            assert found.dataset().sizes["time"] == found.states
     assert len(seen) > 40
     assert len(set(seen)) > 3
     assert seen == sorted(seen)
@@ -163,10 +163,10 @@ def test_before_the_first_commit(gl3, tmp_path):
     out = tmp_path / "run.zarr"
     with pytest.raises(Interrupted):
         record(gl3, **START, out=out, steps=200, progress=ends_after(0))
-    found = gs.open_recording(out)
+    found = gs.load(out)
     assert (found.status, found.states, found.steps_done) == ("running", 0, 0)
     assert found.report is None
-    for use in (found.trajectory, lambda: found.export(tmp_path / "run.csv")):
+    for use in (lambda: found[:], lambda: found[0], lambda: found.save(tmp_path / "run.csv")):
         with pytest.raises(gs.InputError, match=r"state.*run"):
             use()
     assert record(gl3, **START, out=out, steps=200, resume=True).status == "complete"
@@ -178,7 +178,7 @@ def test_done_twice(gl3, tmp_path):
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")}
     again = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")} == before
-    assert_same(again.trajectory(), first.trajectory())
+    assert_same(again[:], first[:])
 
 
 def test_what_others_left_behind(gl3, tmp_path):
@@ -220,8 +220,8 @@ def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path,
     record(gl3, **START, out=out, steps=first, every=every)
     for steps in (second, second + 5):
         found = record(gl3, **START, out=out, steps=steps, every=every, resume=True)
-        assert_same(found.trajectory(), integrate(gl3, **START, steps=steps, every=every))
-        assert found.dataset.sizes["time"] == found.states
+        assert_same(found[:], integrate(gl3, **START, steps=steps, every=every))
+        assert found.dataset().sizes["time"] == found.states
         assert found.attributes["title"].endswith(f"{steps} steps of 0.001 s")
     with pytest.raises(gs.InputError, match=rf"steps.*\b{second + 5}\b.*\b{second}\b"):
         record(gl3, **START, out=out, steps=second, every=every, resume=True)
@@ -236,7 +236,7 @@ def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
             record(gl3, **arguments, out=out, steps=steps, resume=True,
                       progress=ends_after(count))
     found = record(gl3, **arguments, out=out, steps=300, resume=True)
-    assert_same(found.trajectory(), integrate(gl3, **arguments, steps=300))
+    assert_same(found[:], integrate(gl3, **arguments, steps=300))
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -254,7 +254,7 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
     """The process ended after any of the files: old states are there, either number goes on."""
     small_blocks(monkeypatch, 16)
     out, copies = tmp_path / "run.zarr", []
-    old = record(gl3, **START, out=out, steps=40).trajectory()
+    old = record(gl3, **START, out=out, steps=40)[:]
 
     def copy(folder):
         copies.append(tmp_path / f"{len(copies)}.zarr")
@@ -268,11 +268,11 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
     whole = integrate(gl3, **START, steps=90)
     assert len(copies) > 8
     for number, path in enumerate(copies):
-        assert_same_states(gs.open_recording(path).trajectory(), whole)
-        assert gs.open_recording(path).dataset.sizes["time"] == 41
+        assert_same_states(gs.load(path)[:], whole)
+        assert gs.load(path).dataset().sizes["time"] == 41
         if number < len(copies) - 1 and number % 2:
             again = record(gl3, **START, out=path, steps=40, resume=True)
-            assert_same(again.trajectory(), old)
+            assert_same(again[:], old)
         else:
             again = record(gl3, **START, out=path, steps=90, resume=True)
-            assert_same(again.trajectory(), whole)
+            assert_same(again[:], whole)

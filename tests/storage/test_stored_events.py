@@ -65,9 +65,9 @@ def test_a_stored_run_finds_what_integrate_finds(
     once = recorded(step, tmp_path / "whole.zarr", **run)
     assert (once.status, once.steps_done) == (status, steps)
     for found in (once, in_pieces(step, tmp_path / "pieces.zarr", calls, **run)):
-        assert_same(found.trajectory(), whole)
+        assert_same(found[:], whole)
         assert_same_events(found.events, whole.events)
-        assert_same_events(found.trajectory().events, whole.events)
+        assert_same_events(found[:].events, whole.events)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
 
 
@@ -81,7 +81,7 @@ def test_a_wide_run_ended_often(tmp_path, monkeypatch) -> None:
     small(monkeypatch, 40, 4)
     whole = integrate(step, **run)
     found = in_pieces(step, tmp_path / "run.zarr", [2, 2], **run)
-    assert_same(found.trajectory(), whole)
+    assert_same(found[:], whole)
     assert_same_events(found.events, whole.events)
     assert len(found.events["stop"]) == 1
 
@@ -94,10 +94,10 @@ def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
     for count in (1, 2, 2):
         with contextlib.suppress(Interrupted):
             record(step, out=out, resume=True, progress=ends_after(count), **run)
-        found = gs.open_recording(out)
+        found = gs.load(out)
         part = integrate(step, **run | {"steps": found.steps_done})
         assert_same_events(found.events, part.events)
-        assert found.dataset.sizes["event_side"] == len(part.events["side"])
+        assert found.dataset().sizes["event_side"] == len(part.events["side"])
         seen.append(found.steps_done)
     assert seen == sorted(set(seen))
     assert seen[-1] > 17
@@ -114,7 +114,7 @@ def test_a_finished_run_goes_on_to_more_steps(first, second, tmp_path, monkeypat
     record(step, out=tmp_path / "run.zarr", **run | {"steps": first})
     found = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": second})
     whole = integrate(step, **run | {"steps": second})
-    assert_same(found.trajectory(), whole)
+    assert_same(found[:], whole)
     assert_same_events(found.events, whole.events)
 
 
@@ -128,7 +128,7 @@ def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
         assert found.status == "ended: stop"
         assert "ended: stop, 29 of 60" in repr(found)
     assert as_files(tmp_path / "run.zarr") == before
-    assert_same(found.trajectory(), integrate(step, **run))
+    assert_same(found[:], integrate(step, **run))
 
 
 def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
@@ -169,7 +169,7 @@ def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
 def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:
     """At times on the way, and up to the event that ended it."""
     step, run = arguments(events=[STOP], every=4)
-    stored = record(step, out=tmp_path / "run.zarr", **run).trajectory()
+    stored = record(step, out=tmp_path / "run.zarr", **run)[:]
     whole = integrate(step, **run)
     times = [0.0, 1.234, 2.8, float(whole.t[-2]) + 0.01, whole.t[-1]]
     assert_same(stored.at(times, stepper=step), whole.at(times))
@@ -184,8 +184,8 @@ def test_parts_of_a_stored_run(tmp_path) -> None:
     stored = record(step, out=tmp_path / "run.zarr", **run)
     whole = integrate(step, **run).events["side"]
     assert whole.steps.tolist() == [16, 50]
-    assert stored.trajectory(first=2).events["side"].steps.tolist() == [50]
-    assert stored.trajectory(thin=3).events["side"].steps.tolist() == [16, 50]
+    assert stored[2:].events["side"].steps.tolist() == [50]
+    assert stored[::3].events["side"].steps.tolist() == [16, 50]
 
 
 def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
@@ -200,7 +200,7 @@ def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
             ({"status": "ended: side"}, "'ended: side'")):
         path.write_text(json.dumps(sound | {"attributes": sound["attributes"] | changes}))
         with pytest.raises(gs.InputError, match="damaged.*" + words):
-            gs.open_recording(tmp_path / "run.zarr")
+            gs.load(tmp_path / "run.zarr")
 
 
 def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
@@ -208,13 +208,13 @@ def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
     step, run = arguments(events=gs.Event("side"))
     stored = record(step, out=tmp_path / "run.zarr", **run)
     shutil.rmtree(tmp_path / "run.zarr" / "event_side_q" / "c")
-    for use in (lambda: stored.events, stored.trajectory,
-                lambda: stored.export(tmp_path / "run.csv")):
+    for use in (lambda: stored.events, lambda: stored[:],
+                lambda: stored.save(tmp_path / "run.csv")):
         with pytest.raises(gs.InputError, match="'event_side_q'"):
             use()
     shutil.rmtree(tmp_path / "run.zarr" / "event_side_q")
     with pytest.raises(gs.InputError, match=r"'event_side_q'.*missing"):
-        gs.open_recording(tmp_path / "run.zarr")
+        gs.load(tmp_path / "run.zarr")
 
 
 @pytest.mark.parametrize(("real", "array", "types"), [
@@ -237,7 +237,7 @@ def test_an_end_before_the_first_stored_state(tmp_path) -> None:
     step, run = arguments(events=STOP, every=1000)
     whole = integrate(step, **run)
     assert whole.t.tolist() == [0.0, whole.events["stop"].t[0]]
-    assert_same(record(step, out=tmp_path / "run.zarr", **run).trajectory(), whole)
+    assert_same(record(step, out=tmp_path / "run.zarr", **run)[:], whole)
 
 
 def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
@@ -249,7 +249,7 @@ def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
            "parameters": systems.case("dragged_pendulum").parameters,
            "events": [gs.Event("height", level=-0.75, terminal=True)]}
     computed = integrate(step, **run)
-    stored = recorded(step, tmp_path / "run.zarr", **run).trajectory()
+    stored = recorded(step, tmp_path / "run.zarr", **run)[:]
     assert computed.report.steps < 400
     assert computed.work[-1] != 0
     assert bits(stored.work) == bits(computed.work)
@@ -263,7 +263,7 @@ def test_names_that_netcdf_has_not_are_refused(tmp_path):
             computed.save(tmp_path / "run.nc")
         assert not list(tmp_path.iterdir())
     computed.save(tmp_path / "run.npz")
-    assert_same_events(gs.Trajectory.load(tmp_path / "run.npz").events, computed.events)
+    assert_same_events(gs.load(tmp_path / "run.npz").events, computed.events)
 
 
 def test_no_name_is_a_formula_of_spreadsheets(tmp_path):

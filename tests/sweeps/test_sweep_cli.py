@@ -23,7 +23,7 @@ def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
     assert done.code == 0, done.stderr
     said = done.document
     assert said["statuses"] == {"done": 1280}
-    result = gs.open_sweep(tmp_path / "study.zarr")
+    result = gs.load_sweep(tmp_path / "study.zarr")
     assert said["least"] == float(result.energy_error_max.min())
     at = result.sel(gamma=said["least_at"]["gamma"], dt=said["least_at"]["dt"])
     assert at.energy_error_max == said["least"]

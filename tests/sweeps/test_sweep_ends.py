@@ -59,7 +59,7 @@ def test_ctrl_c_keeps_every_finished_cell(gyrospark, monkeypatch, tmp_path):
     assert answer.code == 130
     assert "--resume" in answer.stderr
     cells = int(answer.stderr.split("Stopped with ")[1].split(" ")[0].replace(",", ""))
-    assert cells == int((gs.open_sweep("study.zarr").status == 0).sum()) > 0
+    assert cells == int((gs.load_sweep("study.zarr").status == 0).sum()) > 0
 
 
 def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):

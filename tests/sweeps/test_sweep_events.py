@@ -99,7 +99,7 @@ def test_a_study_has_events_and_its_store_keeps_to_them(tmp_path) -> None:
     command = ["sweep", str(study), "--out", str(store), "--show", "event_low_first", "--json"]
     done = CliRunner().invoke(gyrospark, command, standalone_mode=False)
     assert done.exception is None, done.output
-    kept = gs.open_sweep(store)
+    kept = gs.load_sweep(store)
     direct = gs.sweep("fast-top", {"gamma": [8e-4, 1.2e-3, 1.6e-3], "dt": [1e-3, 2e-3]},
                       scheme="G-L", stages=2, steps=200,
                       events=gs.Event("q1", level=0.2, direction=-1, name="low"))

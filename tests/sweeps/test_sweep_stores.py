@@ -30,7 +30,7 @@ def test_a_store_holds_what_memory_holds(tmp_path, small_tiles):
             "dt": list(np.geomspace(1e-4, 2e-3, 4))}
     stored = gs.sweep(TOP, over, steps=20, out=path)
     assert stored.identical(gs.sweep(TOP, over, steps=20))
-    opened = gs.open_sweep(path)
+    opened = gs.load_sweep(path)
     assert opened.equals(stored)
     assert (opened.sel(scheme="G-L 2").status == 0).all()
     other = gs.sweep(TOP, over, steps=20, out=tmp_path / "t.zarr", workers=1)
@@ -79,7 +79,7 @@ def test_an_unfinished_sweep_can_be_read(tmp_path, small_tiles):
     over = {"gamma": list(np.linspace(8e-4, 2e-3, 400))}
     with pytest.raises(KeyboardInterrupt):
         gs.sweep(TOP, over, scheme="EMS", dt=1e-3, steps=5, out=path, workers=1, progress=end)
-    found = gs.open_sweep(path)
+    found = gs.load_sweep(path)
     states = np.asarray(found.status)
     assert {0, NOT_COMPUTED} == set(states.tolist())
     assert np.isfinite(found.q.values[states == 0]).all()
@@ -118,12 +118,12 @@ def test_sweep_of_another_version(tmp_path, monkeypatch):
     file = path / "zarr.json"
     file.write_text(file.read_text().replace(f'"gyrospark": "{gs.__version__}"',
                                              '"gyrospark": "7.3"'))
-    assert gs.open_sweep(path).load().equals(made)
+    assert gs.load_sweep(path).load().equals(made)
     with pytest.raises(gs.InputError, match=r"gyrospark 7\.3"):
         gs.sweep(TOP, **arguments, out=path, resume=True)
     monkeypatch.setattr("gyrospark.sweeps.results.FORMAT", 2)
     with pytest.raises(gs.InputError, match=r"7\.3.*format is 1.* 2 "):
-        gs.open_sweep(path)
+        gs.load_sweep(path)
 
 
 def test_what_is_no_sweep_is_refused(tmp_path):
@@ -131,7 +131,7 @@ def test_what_is_no_sweep_is_refused(tmp_path):
     with pytest.raises(gs.errors.StorageError, match="no sweep"):
         gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr", resume=True)
     with pytest.raises(gs.InputError, match="no sweep"):
-        gs.open_sweep(tmp_path / "s.zarr")
+        gs.load_sweep(tmp_path / "s.zarr")
 
 
 def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monkeypatch):

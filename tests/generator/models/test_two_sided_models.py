@@ -64,7 +64,7 @@ def result(tmp_path_factory):
     done = cli("run", "fairground.toml", "--scheme", "G-L", "--stages", "2", "--out", "run.npz",
                "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
-    return gs.Trajectory.load(folder / "run.npz"), json.loads(done.stdout)
+    return gs.load(folder / "run.npz"), json.loads(done.stdout)
 
 
 def coordinate(run, name):

@@ -61,7 +61,7 @@ def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
     assert np.array_equal(run.at([0.33]).q, same.at([0.33]).q)
     varied = step.integrate(*START, inputs={"push": np.arange(30), "pull": 1},
                             **what)
-    found, read = varied.at([0.33]), gs.Trajectory.load(varied.save(tmp_path / "run.npz"))
+    found, read = varied.at([0.33]), gs.load(varied.save(tmp_path / "run.npz"))
     for forgotten in (found, read):
         with pytest.raises(InputError, match=r"'push'.*changes"):
             step.at(forgotten, [0.33])

@@ -148,7 +148,7 @@ def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
     np.testing.assert_allclose(run.velocities, at_its_times, rtol=0, atol=64 * EPS)
     slopes = (run.q[2:] - run.q[:-2]) / 0.02
     np.testing.assert_allclose(run.velocities[1:-1], slopes, rtol=0, atol=0.01)
-    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    again = gs.load(run.save(tmp_path / "run.npz"))
     assert np.array_equal(again.velocities, run.velocities)
     heading = run.save(tmp_path / "run.csv").read_text(encoding="utf-8").splitlines()[0]
     assert heading.endswith("vx,vy")

@@ -272,7 +272,7 @@ def test_inputs_of_loads_are_held_over_a_step_and_bodies_are_placed(tmp_path):
                                atol=1e-14)
     with pytest.raises(InputError):
         seen.angular_velocity()
-    run.view(tmp_path / "wagon.html")
+    run.show(tmp_path / "wagon.html")
     assert "wheel" in (tmp_path / "wagon.html").read_text(encoding="utf-8")
 
 

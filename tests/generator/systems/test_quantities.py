@@ -110,7 +110,7 @@ def test_unknown_names_are_refused(step):
 def test_kept_in_the_file(step, tmp_path):
     q, p = step.project([0.6, -0.8], [0.8, 0.6], parameters=PARAMETERS)
     run = step.integrate(gs.Start(q, p, t=0.5), dt=0.125, steps=4, parameters=PARAMETERS)
-    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    again = gs.load(run.save(tmp_path / "run.npz"))
     assert again.quantities == run.quantities
     for name in QUANTITIES:
         assert np.array_equal(again.quantity(name), run.quantity(name))

@@ -207,7 +207,7 @@ def times(a, b):
 @pytest.mark.parametrize("real", WIDE)
 def test_a_file(real, tmp_path):
     run = pushed(real).integrate(BEGIN, steps=STEPS, **RUN)
-    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    again = gs.load(run.save(tmp_path / "run.npz"))
     assert_same(again, run)
     assert type(again.dt) is type(run.dt)
     assert [type(x) for x in again.parameters.values()] == [type(run.dt)] * 2
@@ -220,7 +220,7 @@ def test_a_file_from_before_times_had_all_digits(tmp_path):
         content = dict(file) | {"t": run.t.astype(float)}
     about = json.loads(str(content["about"])) | {"dt": float(run.dt)}
     np.savez(path, **content | {"about": np.array(json.dumps(about))})
-    again = gs.Trajectory.load(path)
+    again = gs.load(path)
     assert np.array_equal(again.t, run.t.astype(float))
     assert np.array_equal(again.q, run.q)
 
@@ -230,12 +230,12 @@ def test_a_store(real, tmp_path):
     step, out = pushed(real), tmp_path / "run.zarr"
     recording = record(step, BEGIN, steps=STEPS, out=out, **RUN)
     run = step.integrate(BEGIN, steps=STEPS, **RUN)
-    assert_same(recording.trajectory(), run)
+    assert_same(recording[:], run)
     said = recording.attributes["run"]
     assert (said["dt"], said["t0"]) == (digits_of(run.dt), digits_of(run.t[0]))
     assert said["parameters"] == {"m": "0.7", "c": "1.1"}
     assert said["q0"] == ["0.2"]
-    with_xarray = recording.dataset
+    with_xarray = recording.dataset()
     assert np.array_equal(with_xarray.time, run.t.astype(float))
     assert with_xarray.time_bytes.shape == (STEPS + 1, 16)
     again = record(step, BEGIN, steps=STEPS, out=out, resume=True, **RUN)
@@ -263,7 +263,7 @@ def test_a_run_that_failed_is_kept_with_its_digits(tmp_path):
     q, p = step.project([0.5, 0.5, -0.5, 0.5], [0.25, 0.75, 1.5, 0.5], parameters=top)
     with pytest.raises(gs.StepFailed):
         record(step, q, p, dt=Fraction(2, 3), steps=9, parameters=top, out=tmp_path / "x.zarr")
-    failure = gs.open_recording(tmp_path / "x.zarr").failure()
+    failure = gs.load(tmp_path / "x.zarr").failure()
     run = failure.trajectory
     assert run.dt == rounding("float128")(Fraction(2, 3))
     assert run.parameters["I1"] == rounding("float128")(Fraction(3, 10))

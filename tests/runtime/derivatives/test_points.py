@@ -275,13 +275,13 @@ def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
     run = integrated(step, z, steps=50, every=5)
     weights, wrt = np.sin(run.q), ["start", "l", "dt", "t0"]
     expected = run.gradient({"q": weights}, wrt=wrt).vector()
-    loaded = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    loaded = gs.load(run.save(tmp_path / "run.npz"))
     assert (step.gradient(loaded, {"q": weights}, wrt=wrt).vector() == expected).all()
     recording = record(step, gs.Start(run.q[0], run.p[0], t=T0), dt=DT, steps=50, every=5,
                           parameters=VALUES, out=tmp_path / "run.zarr")
-    stored = recording.trajectory()
+    stored = recording[:]
     assert (step.gradient(stored, {"q": weights}, wrt=wrt).vector() == expected).all()
-    thin, later = recording.trajectory(thin=3), recording.trajectory(first=4)
+    thin, later = recording[::3], recording[4:]
     some = run.gradient({"q": weights * (np.arange(11) % 3 == 0)[:, None]}, wrt=wrt).vector()
     assert np.abs(step.gradient(thin, {"q": weights[::3]}, wrt=wrt).vector()
                   - some).max() <= 1e-13 * np.abs(some).max()
@@ -299,6 +299,6 @@ def test_stored_runs_that_lack_what_gradients_need_are_refused(options, tmp_path
     step, z = stepper(), start()
     run = step.integrate(gs.Start(z[:2], z[2:], t=T0), dt=DT, steps=60, parameters=VALUES,
                          **options)
-    loaded = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    loaded = gs.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(gs.InputError, match=r"not kept|not know"):
         step.gradient(loaded, {"q": [1.0, 0.0]})

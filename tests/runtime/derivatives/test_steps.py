@@ -100,7 +100,7 @@ def test_a_file_keeps_tangents(tmp_path, real):
     run = step.integrate(gs.Start(*systems.start("driven_pendulum", step), t=case.t0), dt=case.dt,
                          steps=3, parameters=case.parameters,
                          tangents=gs.Tangents("all", ["m"], multipliers=True))
-    read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).tangents
+    read = gs.load(run.save(tmp_path / "run.npz")).tangents
     assert read.names == run.tangents.names
     for name in ("q", "p", "start", "t", "multipliers"):
         assert (getattr(read, name) == getattr(run.tangents, name)).all()

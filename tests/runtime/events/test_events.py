@@ -270,7 +270,7 @@ def test_a_section_of_many_starts(tmp_path) -> None:
 def test_a_file_keeps_events(tmp_path, real: str) -> None:
     run = pendulum(real).integrate(
         [1, 0], [0, 0], dt=0.05, steps=40, parameters={"g": 1.0}, events=gs.Event("side"))
-    read = gs.Trajectory.load(run.save(tmp_path / "run.npz")).events["side"]
+    read = gs.load(run.save(tmp_path / "run.npz")).events["side"]
     for name in ("t", "q", "p", "steps", "rising", "elapsed"):
         assert np.array_equal(getattr(read, name), getattr(run.events["side"], name)), name
 
@@ -363,17 +363,17 @@ def test_a_files_events_are_written(tmp_path, end: str) -> None:
                 assert np.array_equal(file.event_half_q, run.events["half"].q)
                 assert file.time[-1] == run.t[-1]
     elif end == ".npz":
-        assert gs.Trajectory.load(out).events["half"].t.tolist() == times["half"]
+        assert gs.load(out).events["half"].t.tolist() == times["half"]
     else:
         resumed = CliRunner().invoke(gyrospark, [*command, "--resume"], standalone_mode=False)
         assert "done before: " in resumed.output
         assert re.search(r"^ *ended .*landing.* 1 s$", resumed.output, re.MULTILINE)
-        dataset = gs.open_recording(out).dataset
+        dataset = gs.load(out).dataset()
         assert dataset.event_half_p.sel(coordinate="y").values == run.events["half"].p[:, 1]
         assert dataset.event_landing_rising.values.tolist() == [0]
         CliRunner().invoke(gyrospark, ["export", str(out), str(tmp_path / "run.npz")],
                            standalone_mode=False)
-        assert gs.Trajectory.load(tmp_path / "run.npz").events["landing"].t[0] == run.t[-1]
+        assert gs.load(tmp_path / "run.npz").events["landing"].t[0] == run.t[-1]
 
 
 @pytest.mark.parametrize(("line", "text"), [

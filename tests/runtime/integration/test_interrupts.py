@@ -216,7 +216,7 @@ def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
     if name.endswith(".npz"):
         assert f"in '{name}'" in stderr
         assert [path.name for path in tmp_path.iterdir()] == [name]
-        np.testing.assert_array_equal(gs.Trajectory.load(tmp_path / name).q, exact)
+        np.testing.assert_array_equal(gs.load(tmp_path / name).q, exact)
     else:
         assert "in '.x.csv.zarr'" in stderr  # where it goes on
         columns = np.loadtxt(tmp_path / name, delimiter=",", skiprows=1, ndmin=2)
@@ -254,7 +254,7 @@ def test_second_signal_says_what_is_left(gyrospark, monkeypatch, tmp_path):
         interrupt()
         interrupt()
 
-    monkeypatch.setattr(Recording, "export", export)
+    monkeypatch.setattr(Recording, "save", export)
     answer = gyrospark(*COMMAND, "--out", "x.csv")
     assert (answer.code, answer.stdout) == (130, "")
     assert answer.stderr.count("\n") == 1
@@ -273,7 +273,7 @@ def test_error_of_ours_says_where_the_states_are(monkeypatch, tmp_path):
     from gyrospark.storage.recording import Recording
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Recording, "export", lambda *arguments, **columns: {}["time"])
+    monkeypatch.setattr(Recording, "save", lambda *arguments, **columns: {}["time"])
     with pytest.raises(KeyError) as error:
         integrate_to(gs.stepper("EMS"), TOP.start, tmp_path / "x.csv", {**RUN, "steps": 3},
                      resume=False, seed=None, progress=None, angles=Angles())

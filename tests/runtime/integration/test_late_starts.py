@@ -52,7 +52,7 @@ def test_states_between_late_steps_are_those_of_early_ones(t0) -> None:
 
 def test_a_file_keeps_the_digits_of_events(tmp_path) -> None:
     run = run_from(1e12, events=EVENTS)
-    read = gs.Trajectory.load(run.save(tmp_path / "late.npz"))
+    read = gs.load(run.save(tmp_path / "late.npz"))
     assert np.array_equal(read.events["side"].elapsed, run.events["side"].elapsed)
 
 

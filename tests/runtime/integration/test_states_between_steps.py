@@ -96,7 +96,7 @@ def test_work_is_that_since_the_start() -> None:
 def test_what_was_read_needs_its_stepper(tmp_path) -> None:
     step, q0, p0, parameters = fast_top()
     run = step.integrate(q0, p0, dt=1e-2, steps=20, parameters=parameters)
-    read = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    read = gs.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(gs.InputError, match=r"stepper.*at\(times, step"):
         read.at(0.111)
     with pytest.raises(gs.InputError, match="stepper"):

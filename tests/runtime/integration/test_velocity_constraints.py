@@ -79,7 +79,7 @@ def test_multipliers_and_reactions_have_their_places():
     run = skates(4)
     assert run.multipliers.shape == (4, 3)
     assert run.reactions.shape == (4, 2, 1)
-    at = run.to_xarray()
+    at = run.dataset()
     assert at.reactions.dims == ("time", "stage", "velocity_constraint")
     free = systems.run("heavy_top", systems.stepper("heavy_top", "EMS"), 2)
     assert free.reactions.shape == (2, 0, 0)
@@ -104,7 +104,7 @@ def test_a_resumed_store_has_the_reactions(tmp_path):
     step, whole = stepper_of(skate_chain, 2), skates(20, every=2)
     for steps in (7, 20):
         stored = record(step, *SKATE_CHAIN_START, dt=0.02, steps=steps, every=2, resume=True,
-                           parameters=SKATE_CHAIN, out=tmp_path / "run.zarr").trajectory()
+                           parameters=SKATE_CHAIN, out=tmp_path / "run.zarr")[:]
     assert (stored.multipliers == whole.multipliers).all()
     assert (stored.reactions == whole.reactions).all()
 

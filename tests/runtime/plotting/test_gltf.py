@@ -86,7 +86,7 @@ def test_rods_and_springs_are_ties_of_a_scene(tied):
 
 
 def test_its_motion_is_that_of_the_run(tied, tmp_path):
-    content, arrays = read(tied.export(tmp_path / "tied.glb"))
+    content, arrays = read(tied.show(tmp_path / "tied.glb"))
     assert content["asset"]["version"] == "2.0"
     assert content["nodes"][0]["children"] == [1, 2, 3, 4]
     for name in "ab":
@@ -106,7 +106,7 @@ def test_its_motion_is_that_of_the_run(tied, tmp_path):
 
 
 def test_rods_and_springs_reach_from_point_to_point(tied, tmp_path):
-    content, arrays = read(tied.export(tmp_path / "tied.glb"))
+    content, arrays = read(tied.show(tmp_path / "tied.glb"))
     for name, body, point in (("rod", "a", (0, 0, 0)), ("spring", "b", (0, 1, 0))):
         node, animated = motion(content, arrays, name)
         held = {what: values for what, (_, values) in animated.items()}
@@ -121,7 +121,7 @@ def test_rods_and_springs_reach_from_point_to_point(tied, tmp_path):
 
 def test_a_state_alone_is_a_model_that_rests(gl3, tmp_path):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN)
-    content, _ = read(run.export(tmp_path / "top.glb"))
+    content, _ = read(run.show(tmp_path / "top.glb"))
     assert "animations" not in content
 
 
@@ -137,8 +137,8 @@ def test_on_the_command_line(gyrospark, tmp_path):
 
 def test_what_is_refused(tied, tmp_path):
     with pytest.raises(gs.InputError, match=r"'tied\.gltf'.*\.glb"):
-        tied.export("tied.gltf")
+        tied.show("tied.gltf")
     with pytest.raises(gs.InputError, match="'some'"):
-        tied.export("tied.glb", meshes="some")
+        tied.show("tied.glb", meshes="some")
     with pytest.raises(gs.GyrosparkError, match="written"):
-        tied.export(tmp_path / "not" / "tied.glb")
+        tied.show(tmp_path / "not" / "tied.glb")

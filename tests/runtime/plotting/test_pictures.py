@@ -9,6 +9,7 @@ import pytest
 
 import gyrospark as gs
 import systems
+from gyrospark.runtime.plotting.picture import draw_picture
 
 pytest.importorskip("matplotlib")
 
@@ -70,7 +71,7 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
 
     frames = {}
     for shape, seconds in (("auto", 0.4), ("box", 0.4)):
-        path = tops.animate(tmp_path / f"{shape}.gif", seconds=seconds, fps=5, shape=shape)
+        path = tops.show(tmp_path / f"{shape}.gif", seconds=seconds, fps=5, shape=shape)
         with Image.open(path) as film:
             assert film.n_frames == 5 * seconds
             assert film.info["duration"] == 200
@@ -80,7 +81,7 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
             assert (np.abs(last - frames[shape]) > 30).sum() > 1000
     assert sorted(path.name for path in tmp_path.iterdir()) == ["auto.gif", "box.gif"]
     assert (np.abs(frames["auto"] - frames["box"]).max(axis=2) > 30).sum() > 500
-    picture = tops.picture(size=(480, 360), time=float(tops.t[0])).pixels.astype(int)
+    picture = draw_picture(tops, size=(480, 360), time=float(tops.t[0])).pixels.astype(int)
 
     def blue(pixels):
         return ((pixels[..., 2] > pixels[..., 0] + 40) & (pixels[..., 2] > 90)).sum()
@@ -107,14 +108,14 @@ def test_what_is_no_film(tops, tmp_path, monkeypatch):
                           ({"seconds": 1e9}, "product"), ({"seconds": "x"}, "seconds = 'x'"),
                           ({"shape": "ball"}, "Unknown shape 'ball'")):
         with pytest.raises(gs.InputError, match=said):
-            tops.animate(tmp_path / "a.gif", **options)
+            tops.show(tmp_path / "a.gif", **options)
     with pytest.raises(gs.InputError, match=r"\.gif.*\.mp4"):
-        tops.animate("a.png")
+        tops.show("a.avi")
     with pytest.raises(gs.GyrosparkError, match="written"):
-        tops.animate(tmp_path / "not" / "a.gif", seconds=0.2, fps=10)
+        tops.show(tmp_path / "not" / "a.gif", seconds=0.2, fps=10)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(gs.errors.MissingDependencyError, match="ffmpeg"):
-        tops.animate(tmp_path / "a.mp4")
+        tops.show(tmp_path / "a.mp4")
     monkeypatch.setitem(sys.modules, "gyrospark.runtime.plotting.figure", None)
     with pytest.raises(gs.errors.MissingDependencyError, match="matplotlib"):
         tops.body("a").plot()

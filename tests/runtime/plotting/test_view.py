@@ -49,7 +49,7 @@ def executed(page, tmp_path, *arguments):
 
 
 def test_a_page_has_the_run_and_needs_no_network(tops, tmp_path):
-    made = tops.view(tmp_path / "tops.html")
+    made = tops.show(tmp_path / "tops.html")
     page = made.path.read_text(encoding="utf-8")
     assert page == made.page
     assert not re.search(r"https?://|src=|@[A-Z]+@|import ", page)
@@ -117,17 +117,17 @@ def test_a_ring_reaches_from_its_axis_to_the_next():
 
 def test_long_runs_are_thinned_and_their_pages_stay_small(gl3):
     long = gl3.integrate(TOP.q0, TOP.p0, steps=9000, **RUN)
-    scene = scene_in(long.view().page)
+    scene = scene_in(long.show().page)
     t = floats(scene["t"])
     assert 3000 < len(t) <= 3600
     assert t[-1] == np.float32(9.0)
     many = replace(long, manifest=long.manifest)
-    assert len(many.view().page) < 400e3
+    assert len(many.show().page) < 400e3
     chain = integrated(gs.models.double_top(), 30, "double_top")
     every = {name: np.repeat(getattr(chain, name), 120, axis=0)
              for name in ("q", "p", "energies", "work")}
     every["t"] = np.linspace(0, 6, len(every["q"]))
-    page = replace(chain, **every).view().page
+    page = replace(chain, **every).show().page
     assert len(page) < 6e5
     assert len(floats(scene_in(page)["t"])) > 3000
 
@@ -135,7 +135,7 @@ def test_long_runs_are_thinned_and_their_pages_stay_small(gl3):
 def test_times_in_any_order_are_shown_in_theirs(gl3):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=40, **RUN)
     mixed = run.at([0.03, 0.0105, 0.02])
-    t = floats(scene_in(mixed.view().page)["t"])
+    t = floats(scene_in(mixed.show().page)["t"])
     assert np.abs(t - [0, 0.0095, 0.0195]).max() < 1e-8
     scene = scene_of(mixed, 10)
     assert np.array_equal(scene.parts[0].q, mixed.q[[1, 2, 0]])
@@ -159,16 +159,16 @@ def test_the_script_is_javascript_and_draws(name, tops, gl3, tmp_path):
             "two bodies": lambda: (tops, 2),
             "glass": lambda: (integrated(gs.models.gimbal(), 5, "gimbal", dt=-1e-3), 3)}
     for run, bodies in (runs[name](),):
-        drawn = executed(run.view().page, tmp_path)
+        drawn = executed(run.show().page, tmp_path)
         assert drawn["bad"] == 0
-        said = executed(run.view(shape="box").page, tmp_path)
+        said = executed(run.show(shape="box").page, tmp_path)
         assert said["bad"] == 0
         assert drawn["fills"] > said["fills"]
         assert 2 * bodies <= said["fills"] <= 3 * bodies + len(run.joints) + 1  # faces and dots
         assert len(set(said["speeds"])) == 10
         assert said["glass"] == (bodies == 3)  # the rotor is inside its rings
     if name == "two bodies":
-        assert executed(tops.view().page, tmp_path, "#t=0.02")["clock"] == "0.0200 of 0.0400 s"
+        assert executed(tops.show().page, tmp_path, "#t=0.02")["clock"] == "0.0200 of 0.0400 s"
 
 
 @needs_node
@@ -176,14 +176,14 @@ def test_text_of_others_stays_text(tops, tmp_path):
     manifest = json.loads(json.dumps(tops.manifest))
     manifest["scheme"]["method"] = "</script><b>@SCENE@ & \"x\""
     hostile = replace(tops, manifest=manifest)
-    page = hostile.view().page
+    page = hostile.show().page
     assert "<b>" not in page
     assert scene_in(page)["title"].endswith('</script><b>@SCENE@ & "x"')
     assert executed(page, tmp_path)["bad"] == 0
 
 
 def test_jupyter_shows_it_in_a_frame(tops):
-    shown = tops.view()
+    shown = tops.show()
     text = shown._repr_html_()
     assert text.startswith("<iframe ")
     assert text.count("<") == 2
@@ -210,11 +210,11 @@ def test_on_the_command_line(gyrospark, tmp_path):
 
 def test_what_is_refused(tops, tmp_path):
     with pytest.raises(gs.InputError, match=r"\.html"):
-        tops.view("tops.png")
+        tops.show("tops.avi")
     with pytest.raises(gs.InputError, match="Unknown shape 'sphere'"):
-        tops.view(shape="sphere")
+        tops.show(shape="sphere")
     with pytest.raises(gs.GyrosparkError, match="written"):
-        tops.view(tmp_path / "not" / "tops.html")
+        tops.show(tmp_path / "not" / "tops.html")
     run = systems.run("pendulum", systems.stepper("pendulum"), 3)
     with pytest.raises(gs.InputError, match="'pendulum'"):
-        run.view()
+        run.show()

@@ -108,7 +108,7 @@ def run():
 
 @pytest.fixture(scope="module")
 def page(run):
-    return run.view().page
+    return run.show().page
 
 
 def of_meshes(run, folder: Path) -> str:
@@ -121,7 +121,7 @@ def of_meshes(run, folder: Path) -> str:
                     + "".join(f"f {a} {b} {c}\n" for a, b, c in faces), encoding="utf-8")
     run._stepper.visuals = {name: [gs.Shape("mesh", (0.2, 0.2, 0.3), file=str(path))]
                             for name in run.bodies}
-    found = run.view().page
+    found = run.show().page
     run._stepper.visuals = {}
     return found
 

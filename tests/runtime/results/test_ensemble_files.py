@@ -34,7 +34,7 @@ def failing():
 
 def test_a_dataset_has_what_the_members_have() -> None:
     many = ensemble()
-    found = many.to_xarray()
+    found = many.dataset()
     for i, one in enumerate(many.members):
         for name, values in states_of(one).items():
             array = found[name].sel(trajectory=i)
@@ -52,7 +52,7 @@ def test_a_dataset_has_what_the_members_have() -> None:
 def test_a_failure_is_reported() -> None:
     many = failing()
     assert set(many.failures) == {1}
-    found = many.to_xarray()
+    found = many.dataset()
     assert found.status.values.tolist() == ["complete", many.failures[1].reason, "complete"]
     assert found.steps.values.tolist() == [20, 0, 20]
     assert np.isnan(found.energy[1, 1:]).all()
@@ -92,9 +92,9 @@ def test_a_picture(tmp_path) -> None:
     figure = ensemble().plot(tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 5000
     assert [len(axes.lines) for axes in figure.axes] == [3, 3, 3]  # side, height, energy
-    assert len(failing().plot(values=["x", "u", "height"]).axes) == 4
+    assert len(failing().plot("x", "u", "height", "energy_error").axes) == 4
     with refused("'w'"):
-        ensemble().plot(values=["w"])
+        ensemble().plot("w")
 
 
 def test_another_ending_is_refused(tmp_path) -> None:

@@ -84,7 +84,7 @@ def test_the_command_reports_both(gyrospark):
 
 def test_a_trajectory_without_its_stepper_asks_for_it(tmp_path):
     step, run = run_of("EMS", "gamma")
-    again = gs.Trajectory.load(run.save(tmp_path / "run.npz"))
+    again = gs.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(gs.InputError, match="stepper"):
         again.energy(of_motion=True)
     found = again.energy_error(of_motion=True, stepper=step)

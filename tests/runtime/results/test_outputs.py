@@ -39,19 +39,19 @@ def test_a_file_without_an_output_is_refused(gl3, tmp_path):
         kept = {name: file[name] for name in file if name != "f_errors"}
     np.savez(path, **kept)
     with refused("f_errors.*gyrospark.*damaged"):
-        gs.Trajectory.load(path)
+        gs.load(path)
 
 
 def test_a_store_without_an_output_is_read_and_not_resumed(gl3, tmp_path):
     """Of a version that had not got it; what it has can be read, but not gone on with."""
     whole = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=4, **RUN)
-    assert equal(whole.trajectory(), gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN))
+    assert equal(whole[:], gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN))
     shutil.rmtree(tmp_path / "run.zarr" / "f_error")
     group = zarr.open_group(tmp_path / "run.zarr", mode="r+", use_consolidated=False)
     group.update_attributes({"arrays": [x for x in group.attrs["arrays"] if x != "f_error"]})
-    found = gs.open_recording(tmp_path / "run.zarr")
+    found = gs.load(tmp_path / "run.zarr")
     with refused("gyrospark.*f_error"):
-        found.trajectory()
+        found[:]
     with pytest.raises(gs.InputError, match="array 'f_error'"):
         record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=8, dt=RUN["dt"],
                   parameters=PARAMETERS, resume=True)

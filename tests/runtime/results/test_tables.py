@@ -29,9 +29,9 @@ def read(path):
 
 def test_euler_angles_come_with_the_states(tops, tmp_path):
     told = {"euler": "ZYX", "degrees": True, "angular_velocity": "space"}
-    path = tops.to_csv(tmp_path / "tops.csv", **told)
+    path = tops.save(tmp_path / "tops.csv", **told)
     titles, rows = read(path)
-    frame, dataset = tops.to_dataframe(**told), tops.to_xarray(**told)
+    frame, dataset = tops.table(**told), tops.dataset(**told)
     assert titles[0] == "time" == frame.index.name
     assert titles[1:] == list(frame.columns)
     assert len(set(titles)) == len(titles)
@@ -57,13 +57,13 @@ def test_euler_angles_come_with_the_states(tops, tmp_path):
 
 
 def test_without_more_it_is_what_save_writes(tops, tmp_path):
-    assert tops.to_csv(tmp_path / "a.csv").read_text() == tops.save(tmp_path / "b.csv").read_text()
+    assert tops.save(tmp_path / "a.csv").read_text() == tops.save(tmp_path / "b.csv").read_text()
 
 
 def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
-    stored = record(gl3, TOP.q0, TOP.p0, steps=5, **RUN, out=tmp_path / "run.zarr").dataset
-    made = run.to_xarray()
+    stored = record(gl3, TOP.q0, TOP.p0, steps=5, **RUN, out=tmp_path / "run.zarr").dataset()
+    made = run.dataset()
     assert {*stored.data_vars} <= {*made.data_vars}
     for name in stored.data_vars:
         assert made[name].dims == stored[name].dims
@@ -74,60 +74,60 @@ def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
 
 def test_names_of_quantities_and_columns_that_are_taken():
     run = systems.run("pendulum", systems.stepper("pendulum"), 3)
-    frame = run.to_dataframe()
+    frame = run.table()
     assert np.array_equal(frame["height"], run.quantity("height"))
     assert np.array_equal(frame["x"], run.q[:, 0])
-    assert "quantity_height" in run.to_xarray()
+    assert "quantity_height" in run.dataset()
     with pytest.raises(gs.InputError, match=r"'pendulum'.*rigid"):
-        run.to_dataframe(euler="zyx")
+        run.table(euler="zyx")
     with pytest.raises(gs.InputError, match=r"'pendulum'.*rigid"):
-        run.to_xarray(angular_velocity="body")
+        run.dataset(angular_velocity="body")
 
 
 def test_wide_numbers_keep_their_digits(tmp_path):
     long = systems.stepper("heavy_top", real="long-double")
     q0, p0 = long.project(TOP.q0, TOP.p0, parameters=RUN["parameters"])
     run = long.integrate(q0, p0, steps=2, **RUN)
-    titles, rows = read(run.to_csv(tmp_path / "long.csv"))
+    titles, rows = read(run.save(tmp_path / "long.csv"))
     assert np.longdouble(rows[-1, titles.index("q1")]) == run.q[-1, 1]
-    assert run.to_dataframe()["q1"].dtype == np.longdouble
+    assert run.table()["q1"].dtype == np.longdouble
 
 
 def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
     with pytest.raises(gs.InputError, match=r"\.csv"):
-        tops.to_csv(tmp_path / "run.txt")
+        tops.save(tmp_path / "run.txt")
     with pytest.raises(gs.InputError, match="no sequence 'zz'"):
-        tops.to_csv(tmp_path / "run.csv", euler="zz")
+        tops.save(tmp_path / "run.csv", euler="zz")
     with pytest.raises(gs.InputError, match="Unknown frame"):
-        tops.to_xarray(angular_velocity="inertial")
+        tops.dataset(angular_velocity="inertial")
     with pytest.raises(gs.GyrosparkError, match="written"):
-        tops.to_csv(tmp_path / "not" / "run.csv")
+        tops.save(tmp_path / "not" / "run.csv")
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "pandas", None)
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(gs.errors.MissingDependencyError, match=r"pip install .pandas"):
-        tops.to_dataframe()
+        tops.table()
     with pytest.raises(gs.errors.MissingDependencyError, match="xarray"):
-        tops.to_xarray()
+        tops.dataset()
 
 
 def test_some_of_the_columns(tops, tmp_path):
     """By names, patterns and arrays, in that order behind the time; the others stay as they are."""
-    titles, rows = read(tops.to_csv(tmp_path / "all.csv"))
+    titles, rows = read(tops.save(tmp_path / "all.csv"))
     asked = ["energy", "?_q*", "multipliers", "energy"]
-    some, numbers = read(tops.to_csv(tmp_path / "some.csv", columns=asked))
+    some, numbers = read(tops.save(tmp_path / "some.csv", columns=asked))
     assert some == ["time", "energy", *(f"{body}_q{k}" for body in "ab" for k in range(4)),
                     *(title for title in titles if title.startswith("multipliers"))]
     assert np.array_equal(numbers, rows[:, [titles.index(title) for title in some]])
     saved = tops.save(tmp_path / "saved.csv", columns=asked)
     assert saved.read_bytes() == (tmp_path / "some.csv").read_bytes()
-    assert list(tops.to_dataframe(columns="energy")) == ["energy"]
-    added = tops.to_dataframe(euler="ZYX", columns=["a_euler*", "p"])
+    assert list(tops.table(columns="energy")) == ["energy"]
+    added = tops.table(euler="ZYX", columns=["a_euler*", "p"])
     assert list(added)[:3] == ["a_euler1_Z", "a_euler2_Y", "a_euler3_X"]
     assert list(added)[3:] == list(tops.momenta)
     for wanted in ("energi", ["*_angle"], [3], 3):
         with pytest.raises(gs.InputError, match="columns"):
-            tops.to_csv(tmp_path / "no.csv", columns=wanted)
+            tops.save(tmp_path / "no.csv", columns=wanted)
     for name in ("no.npz", "no.nc"):
         with pytest.raises(gs.InputError, match="columns"):
             tops.save(tmp_path / name, columns=["energy"])
@@ -139,9 +139,9 @@ def test_some_columns_of_a_stored_run(gl3, tmp_path, gyrospark):
     how = {"steps": 12, "every": 5, "dt": 1e-3, "parameters": RUN["parameters"]}
     kept = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", **how)
     asked = ["*_error", "p", "multipliers"]
-    path = gl3.integrate(TOP.q0, TOP.p0, **how).to_csv(tmp_path / "mine.csv", columns=asked)
+    path = gl3.integrate(TOP.q0, TOP.p0, **how).save(tmp_path / "mine.csv", columns=asked)
     mine = path.read_bytes()
-    assert kept.export(tmp_path / "a.csv", columns=asked).read_bytes() == mine
+    assert kept.save(tmp_path / "a.csv", columns=asked).read_bytes() == mine
     assert gyrospark("export", tmp_path / "run.zarr", tmp_path / "b.csv", "--columns",
                      ", ".join(asked)).code == 0
     assert (tmp_path / "b.csv").read_bytes() == mine

@@ -94,7 +94,7 @@ def test_a_warning_has_the_error_to_expect(gl3):
 def test_of_several_bodies_the_fastest(gyrospark):
     answer = gyrospark("run", "double_top", "--dt", "1e-3", "--steps", "5", "--json", "--out",
                        "run.npz")
-    run = gs.Trajectory.load("run.npz")
+    run = gs.load("run.npz")
     rates = {name: np.linalg.norm(run.angular_velocity(name), axis=1).max() for name in "ab"}
     fastest = max("ab", key=rates.__getitem__)
     assert rates["a"] != rates["b"]
@@ -133,7 +133,7 @@ def test_python_warns_as_the_command_does(gl3, tmp_path):
         "one": lambda how: gl3.integrate_ensemble(*(x[:1] for x in many), steps=4, **how),
         "differ": lambda how: gl3.integrate_ensemble(
             *many, steps=4, **how | {"dt": [1e-3, how["dt"]]}),
-        "record": lambda how: gs.record(gl3, *start, steps=4, **how,
+        "record": lambda how: gl3.integrate(*start, steps=4, **how,
                                         out=tmp_path / f"{how['dt']}.zarr"),
         "sweep": lambda how: gs.sweep("fast-top", {"dt": [1e-3, how["dt"]]}, scheme="G-L",
                                       stages=3, steps=4, parameters={"gamma": 4e-4}),

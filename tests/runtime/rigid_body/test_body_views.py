@@ -62,13 +62,13 @@ def test_several_bodies_are_asked_for_by_name(two_tops):
 
 def test_views_go_with_a_trajectory_into_its_file(two_tops, tmp_path):
     made = two_tops
-    again = gs.Trajectory.load(made.save(tmp_path / "two.npz"))
+    again = gs.load(made.save(tmp_path / "two.npz"))
     assert again.bodies == made.bodies
     assert np.array_equal(again.angular_velocity("b"), made.angular_velocity("b"))
     case, step = systems.case("satellite"), systems.stepper("satellite")
     stored = record(step, *systems.start("satellite", step), dt=case.dt, steps=4,
                        parameters=case.parameters, out=tmp_path / "satellite.zarr")
-    assert stored.trajectory().axis().shape == (5, 3)
+    assert stored[:].axis().shape == (5, 3)
 
 
 @pytest.mark.parametrize("spoil", [

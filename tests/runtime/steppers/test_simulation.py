@@ -345,7 +345,7 @@ def test_a_history_of_every_type(real, tmp_path):
     run = step.integrate(q, p, steps=35, **how)
     found = sim.trajectory
     assert_same_run(found, run)
-    assert_same_run(gs.Trajectory.load(found.save(tmp_path / "run.npz")), run)
+    assert_same_run(gs.load(found.save(tmp_path / "run.npz")), run)
     assert np.array_equal(found.at([0.0123]).q, run.at([0.0123]).q)
     sim.advance(5)
     assert len(found) == 36

@@ -99,8 +99,8 @@ def test_a_stored_run_goes_on_within_a_block_with_the_same_bits(tmp_path):
     given = START | {"parameters": NUMBERS | {"frame": "follow 70"}, "out": path}
     for steps in (100, 350, 1600):
         found = record(stepper(), **given | {"steps": steps}, resume=True)
-    assert_array_equal(found.trajectory().q, whole.q)
-    assert_array_equal(found.trajectory().p, whole.p)
+    assert_array_equal(found[:].q, whole.q)
+    assert_array_equal(found[:].p, whole.p)
     with pytest.raises(gs.InputError, match="frame"):
         record(stepper(), **given | {"steps": 1700, "parameters": NUMBERS | {
             "frame": "follow 71"}}, resume=True)
@@ -145,4 +145,4 @@ def test_run_takes_frames_that_follow(gyrospark, tmp_path):
     top = systems.stepper("heavy_top_in_frame")
     whole = top.integrate(TOP.q0, TOP.p0, dt=5e-3, steps=90, parameters=TOP.parameters | {
         "gamma": "m", "frame": "follow 20"})
-    assert_array_equal(gs.open_recording(out).trajectory().q, whole.q)
+    assert_array_equal(gs.load(out)[:].q, whole.q)

@@ -1,0 +1,424 @@
+"""A run, or an ensemble, as one table: xarray, pandas, CSV, NetCDF and Parquet are made of it.
+
+A table has arrays by name along ``time``, or along ``trajectory`` and ``state``. It is read in
+blocks of rows: files of stored runs need constant memory.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._version import __version__
+from ...core.arguments import as_flag
+from ...core.errors import InputError, MissingDependencyError
+from ...core.extras import install
+from ...core.file_formats import format_of, result_file
+from ..bindings.real_numbers import WIDE_BYTES, as_bytes
+from ..rigid_body.euler_angles import check_sequence
+from .body_motion import FrameName
+from .crossings import Crossings
+from .run_arrays import OUTPUTS, about, labels_of, parts
+from .state_columns import (
+    event_headings,
+    events_path,
+    headings,
+    places_of,
+    spreadsheet_text,
+    states_of,
+    write_csv,
+    written,
+)
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+    from ..steppers.ensemble import Ensemble
+    from .trajectory import Trajectory
+
+__all__ = ["Table", "as_dataset", "as_frame", "save_table", "table_of_ensemble",
+           "table_of_run"]
+
+Array = NDArray[Any]
+#: Index of a block along the leading dimensions, and its arrays by name.
+Block = tuple[tuple[Any, ...], dict[str, Array]]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Arrays along the same leading dimensions.
+
+    Attributes
+    ----------
+    along : dict of str to int
+        The leading dimensions and their lengths.
+    inner : dict of str to tuple of str
+        Name of each array → its other dimensions.
+    said : dict of str to dict
+        Name → ``long_name`` and ``units``.
+    read : callable
+        Returns an iterator over the blocks, in order.
+    manifest : dict
+        Of the stepper.
+    attributes : dict
+        Of the run, for files.
+    labels : dict of str to (list of str, str)
+        Dimension → names along it, and their meaning.
+    titles : dict of str to list of str
+        Name of an array of the bodies → headings of its columns.
+    parts : list of Table
+        Events, and what an ensemble has for each trajectory.
+    """
+
+    along: dict[str, int]
+    inner: dict[str, tuple[str, ...]]
+    said: dict[str, dict[str, Any]]
+    read: Callable[[], Iterator[Block]]
+    manifest: dict[str, Any]
+    attributes: dict[str, Any] = field(default_factory=dict)
+    labels: dict[str, tuple[list[str], str]] = field(default_factory=dict)
+    titles: dict[str, list[str]] = field(default_factory=dict)
+    parts: list[Table] = field(default_factory=list)
+
+    def whole(self) -> dict[str, Array]:
+        """Return the arrays in memory, NaN (0 of whole numbers) where no block has rows."""
+        found: dict[str, Array] = {}
+        for index, arrays in self.read():
+            for name, rows in arrays.items():
+                if name not in found:
+                    nothing = 0 if rows.dtype.kind in "iub" else "" if rows.dtype.kind == "U" else (
+                        0 * rows.flat[0] + np.nan if rows.dtype == object and rows.size else np.nan)
+                    found[name] = np.full((*self.along.values(), *rows.shape[1:]), nothing,
+                                          rows.dtype)
+                found[name][index] = rows
+        return found
+
+    def columns(self, wanted: Any = None) -> Iterator[tuple[list[str], list[Array]]]:
+        """Yield the headings and the columns of each block, a column for each number of a state."""
+        for index, arrays in self.read():
+            count = len(next(iter(arrays.values())))
+            lead = {name: np.full(count, i) for name, i in zip(self.along, index, strict=True)
+                    if not isinstance(i, slice)}
+            flat = {name: rows.reshape(count, math.prod(rows.shape[1:]))
+                    for name, rows in (lead | arrays).items()}
+            titles = headings(self.manifest["system"], {
+                name: rows.shape[1:] for name, rows in (lead | arrays).items()}, self.titles)
+            columns = [column for rows in flat.values() for column in rows.T]
+            places = places_of(wanted, titles, {name: rows.shape[1] for name, rows in flat.items()})
+            yield [titles[i] for i in places], [columns[i] for i in places]
+
+
+def table_of_run(
+    run: Trajectory, *, euler: str | None = None, degrees: bool = False,
+    angular_velocity: FrameName | None = None, attitudes: bool = False,
+) -> Table:
+    """Return the table of a run; ``attitudes`` adds the quaternion of each body.
+
+    Raises
+    ------
+    InputError
+        For another sequence of axes or another frame, and where these are asked for and there is
+        no body.
+    """
+    as_flag("degrees", degrees)
+    if euler is not None:
+        check_sequence(euler)
+    if not run.bodies and (euler is not None or angular_velocity is not None):
+        run.body()  # which says that there is none
+    manifest = run.manifest
+    inner: dict[str, tuple[str, ...]] = {}
+    said: dict[str, dict[str, Any]] = {}
+    for one in OUTPUTS:
+        named = {"components": list(manifest["system"][one.labels])} if (
+            one.labels in manifest["system"] and not one.split) else {}
+        for name in parts(one, manifest):
+            inner[name] = () if one.split else tuple(d for d, _ in one.inner(manifest) or ())
+            said[name] = about(one, manifest, name) | named
+    labels, titles = labels_of(manifest["system"]), {}
+    bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
+    for name, (dimension, about_it, columns, _) in bodies.items():
+        inner[name], said[name] = ("body", dimension), about_it
+        titles[name] = [f"{body}_{column}" for body in run.bodies for column in columns]
+    if bodies:
+        labels["body"] = list(run.bodies), "name of the body"
+
+    def read() -> Iterator[Block]:
+        for rows, part in run._blocks():
+            arrays = states_of(part)
+            for name, (*_, values) in bodies.items():
+                arrays[name] = np.stack([values(part.body(body)) for body in run.bodies], axis=1)
+            yield (rows,), {name: x[len(x) - (rows.stop - rows.start):]
+                            for name, x in arrays.items()}
+
+    return Table({"time": len(run)}, inner, said, read, manifest, run._attributes(), labels,
+                 titles, [_table_of_event(manifest, name, [found])
+                          for name, found in run.events.items()])
+
+
+def _bodies(
+    run: Trajectory, euler: str | None, degrees: bool, frame: FrameName | None, attitudes: bool
+) -> dict[str, tuple[str, dict[str, Any], list[str], Callable[[Any], Array]]]:
+    """Return what is asked of the bodies: dimension, attributes, columns, and a function of one."""
+    found: dict[str, tuple[str, dict[str, Any], list[str], Callable[[Any], Array]]] = {}
+    if attitudes and run.bodies:
+        found["attitude"] = ("component", {
+            "long_name": "unit quaternion, scalar first, body to space axes"}, [],
+            lambda body: body.attitude)
+    if euler is not None:
+        found["euler"] = ("angle", {"long_name": f"Euler angles {euler}",
+                                    "units": "degree" if degrees else "rad"},
+                          [f"euler{k}_{axis}" for k, axis in enumerate(euler, 1)],
+                          lambda body: body.euler(euler, degrees=degrees))
+    if frame is not None:
+        found["angular_velocity"] = ("axis", {
+            "long_name": f"angular velocity in {frame} axes", "units": "rad s-1"},
+            [f"omega{k}" for k in (1, 2, 3)], lambda body: body.angular_velocity(frame))
+    return found
+
+
+def table_of_ensemble(ensemble: Ensemble) -> Table:
+    """Return the table of an ensemble; each trajectory is a block."""
+    first = table_of_run(ensemble.members[0])
+    members, number = ensemble.members, ensemble.members[0].t.dtype
+    single: dict[str, tuple[Array, str, str]] = {
+        "dt": (np.array([one.dt for one in members], number), "time step", "s"),
+        "status": (np.array([_status(ensemble, i) for i in range(len(members))], dtype=str),
+                   "complete, stopped, or why a step failed", ""),
+        "steps": (np.array([one.report.steps for one in members]), "steps done", "")}
+    for name in members[0].parameters:
+        single[f"parameter_{name}"] = (np.array([one.parameters[name] for one in members], number),
+                                       f"parameter {name}", "")
+    none: tuple[str, ...] = ()
+    of_each = Table(
+        {"trajectory": len(members)}, dict.fromkeys(single, none),
+        {name: {"long_name": text} | ({"units": unit} if unit else {})
+         for name, (_, text, unit) in single.items()},
+        lambda: iter([((slice(None),), {name: values for name, (values, *_) in single.items()})]),
+        first.manifest)
+
+    def read() -> Iterator[Block]:
+        for i, member in enumerate(members):
+            yield (i, slice(len(member))), states_of(member)
+
+    events = [_table_of_event(first.manifest, name, [found[i] for i in range(len(members))], True)
+              for name, found in ensemble.events.items()]
+    return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first.inner,
+                 first.said, read, first.manifest,
+                 {"stepper": first.manifest["name"], "gyrospark": __version__,
+                  "every": members[0].every, "manifest": first.manifest}, first.labels,
+                 parts=[of_each, *events])
+
+
+def _status(ensemble: Ensemble, i: int) -> str:
+    if i in ensemble.failures:
+        return str(ensemble.failures[i].reason)
+    return "complete" if len(ensemble.members[i]) == ensemble.t.shape[1] else "stopped"
+
+
+def _table_of_event(
+    manifest: dict[str, Any], name: str, found: list[Crossings], numbered: bool = False
+) -> Table:
+    """Return the table of an event of one run, or of several with the ``numbered`` ones first."""
+    along = f"event_{name}"
+    said = {"t": f"times of {name}", "q": f"coordinates at {name}", "p": f"momenta at {name}",
+            "steps": f"whole steps before {name}",
+            "rising": "1 where the quantity rises along the run",
+            "elapsed": f"times of {name} since the start"}
+    units = {"t": {"units": "s"}, "elapsed": {"units": "s"}}
+    arrays = {f"{along}_{part}": np.concatenate([getattr(one, part) for one in found])
+              for part in said}
+    arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)
+    about_all = {f"{along}_{part}": {"long_name": text} | units.get(part, {})
+                 for part, text in said.items()}
+    if numbered:
+        arrays = {f"{along}_trajectory": np.repeat(np.arange(len(found)), [*map(len, found)])
+                  } | arrays
+        about_all[f"{along}_trajectory"] = {"long_name": f"trajectory of {name}"}
+    inner: dict[str, tuple[str, ...]] = {
+        name: ("coordinate",) if rows.ndim > 1 else () for name, rows in arrays.items()}
+    return Table({along: sum(map(len, found))}, inner, about_all,
+                 lambda: iter([((slice(None),), arrays)]), manifest)
+
+
+# ---------------------------------------------------------------- in memory
+
+
+def _imported(package: str, extra: str, what: str) -> Any:
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise MissingDependencyError(f"{what} need {package}; {install(extra)} brings it."
+                                     ) from error
+
+
+def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
+    """Return a table as an xarray Dataset, with names along every dimension that has some."""
+    package = _imported("xarray", "storage", "Datasets")
+    data: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    if "trajectory" in table.along:
+        coordinates["trajectory"] = np.arange(table.along["trajectory"])
+    for part in (table, *table.parts):
+        single = [*part.along] == ["trajectory"]
+        for name, rows in part.whole().items():
+            target = coordinates if name == "time" or single else data
+            target[name] = ([*part.along, *part.inner[name]], rows, part.said[name])
+    used = {dimension for dimensions, *_ in data.values() for dimension in dimensions}
+    coordinates |= {dimension: (dimension, names, {"long_name": meaning})
+                    for dimension, (names, meaning) in table.labels.items() if dimension in used}
+    dataset: xarray.Dataset = package.Dataset(data, coordinates, attributes)
+    return dataset
+
+
+def as_frame(table: Table, wanted: Any = None) -> pandas.DataFrame:
+    """Return a table as a pandas DataFrame, a row a state, by trajectory and time."""
+    pandas = _imported("pandas", "pandas", "Data frames")
+    blocks = [dict(zip(*block, strict=True)) for block in table.columns(wanted)]
+    found = pandas.DataFrame({name: np.concatenate([block[name] for block in blocks])
+                              for name in blocks[0]})
+    return found.set_index([name for name in ("trajectory", "time") if name in found])
+
+
+# ---------------------------------------------------------------- files
+
+
+def save_table(table: Table, path: Path, what: str, wanted: Any = None) -> Path:
+    """Write a table to a file, which appears complete or not at all; return its path.
+
+    The ending says how: .csv, .parquet, .nc. Events beside columns are in a second file,
+    ``run.events.csv``.
+
+    Raises
+    ------
+    InputError
+        For columns that the table does not have.
+    GyrosparkError
+        If the file cannot be written.
+    """
+    form = format_of(path, what, "states")
+    with result_file(path, what) as part:
+        if not form.tabular:
+            _write_netcdf(table, part)
+        elif form.ending == ".csv":
+            blocks = table.columns(wanted)
+            titles, first = next(blocks)
+            write_csv(part, titles, chain([first], (columns for _, columns in blocks)))
+        else:
+            _write_parquet(table.columns(wanted), part)
+    events = [of for of in table.parts if next(iter(of.along)).startswith("event_")]
+    if form.tabular and events:
+        titles = event_headings(table.manifest["system"])
+        if "trajectory" in table.along:
+            titles = ["trajectory", *titles]
+        rows = [_rows_of_event(of, numbered="trajectory" in table.along) for of in events]
+        with result_file(events_path(path), what) as part:
+            if form.ending == ".csv":
+                write_csv(part, titles, rows)
+            else:
+                _write_parquet(((titles, _flat(columns)) for columns in rows), part)
+    return path
+
+
+def _rows_of_event(event: Table, *, numbered: bool) -> list[Array]:
+    """Return the columns of an event in a file: its name stands before its times."""
+    name = next(iter(event.along)).removeprefix("event_")
+    columns = [*event.whole().values()]
+    names = np.full(len(columns[-1]), spreadsheet_text(name))
+    return [*columns[:numbered], names, *columns[numbered:]]
+
+
+def _flat(columns: list[Array]) -> list[Array]:
+    return [column for rows in columns
+            for column in rows.reshape(len(rows), math.prod(rows.shape[1:])).T]
+
+
+def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) -> None:
+    """Write blocks of columns; numbers wider than doubles are texts with all their digits."""
+    import pyarrow
+    from pyarrow.parquet import ParquetWriter
+
+    writer = None
+    try:
+        for titles, columns in blocks:
+            rows = pyarrow.table([pyarrow.array(
+                written(column[:, None], flat=True) if _is_wide(column) else column)
+                for column in columns], names=titles)
+            writer = writer or ParquetWriter(path, rows.schema)
+            writer.write_table(rows)
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _write_netcdf(table: Table, path: Path) -> None:
+    """Write NetCDF-4: wide numbers as doubles, and whole as bytes beside them."""
+    import h5netcdf
+    import h5py
+
+    for along in (next(iter(part.along)) for part in table.parts):
+        if "/" in along or "\0" in along:
+            raise InputError(f"The event {along.removeprefix('event_')!r} names variables of a "
+                             "NetCDF file, where '/' parts groups; give it another name, as in "
+                             'gs.Event(..., name="landing"), or save .npz or .csv.')
+    try:
+        with h5netcdf.File(path, "w") as file:
+            file.attrs.update({name: _plain(x) for name, x in table.attributes.items()})
+            for part in (table, *table.parts):
+                blocks = part.read() if len(part.along) == 1 else iter([
+                    ((slice(None),) * 2, part.whole())])
+                for index, arrays in blocks:
+                    for name, rows, inner, said in _stored(part, arrays):
+                        if name not in file.variables:
+                            shape = *part.along.values(), *rows.shape[len(index):]
+                            dimensions = *part.along, *inner
+                            for dimension, length in zip(dimensions, shape, strict=True):
+                                if dimension not in file.dimensions:
+                                    file.dimensions[dimension] = length
+                            variable = file.create_variable(
+                                name, dimensions, dtype=rows.dtype if rows.dtype.kind != "U" else
+                                h5py.string_dtype())
+                            variable.attrs.update({key: _plain(x) for key, x in said.items()})
+                        file.variables[name][index] = rows.astype(object) if (
+                            rows.dtype.kind == "U") else rows
+            for dimension, (names, meaning) in table.labels.items():
+                if dimension in file.dimensions:
+                    labels = file.create_variable(dimension, (dimension,),
+                                                  dtype=h5py.string_dtype())
+                    labels[:] = names
+                    labels.attrs["long_name"] = meaning
+    except RuntimeError as error:  # HDF5 has one for some of the system's errors
+        raise OSError(str(error)) from error
+
+
+def _stored(
+    table: Table, arrays: dict[str, Array]
+) -> Iterator[tuple[str, Array, tuple[str, ...], dict[str, Any]]]:
+    """Yield the arrays of a block as files have them: name, values, inner dimensions, attributes.
+    """
+    for name, rows in arrays.items():
+        inner, said = table.inner[name], table.said[name]
+        wide = _is_wide(rows)
+        yield name, rows.astype(float) if wide else rows, inner, said
+        if wide:
+            yield f"{name}_bytes", as_bytes(rows), (*inner, "byte"), {
+                "long_name": f"{name} with all its digits, {WIDE_BYTES} bytes a number"}
+
+
+def _is_wide(rows: Array) -> bool:
+    """Whether numbers are wider than doubles."""
+    return rows.dtype in (np.dtype(object), np.dtype(np.longdouble))
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as NetCDF can hold it."""
+    return value if isinstance(value, (str, int, float)) else json.dumps(value)

@@ -1,0 +1,81 @@
+"""A run in memory as a store, for ``run.save("x.zarr")``: what a stored run has, but for its end.
+
+Its solver memory is not known, so that no step more is taken from it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .._version import __version__
+from ..core.errors import InputError
+from ..core.event import Event, refuse_unusable_names
+from ..core.exact_numbers import digits_of
+from ..runtime.bindings.real_numbers import as_bytes
+from ..runtime.results.state_columns import states_of
+from ..runtime.results.trajectory import Trajectory
+from .array_layout import (
+    array_of,
+    consolidate,
+    create,
+    fields_of,
+    fields_of_event,
+    open_group,
+    wide_name,
+)
+from .chunks import Chunk, write_chunks
+from .durable_files import storage_errors
+from .event_store import EventStore
+from .identity import FORMAT, versions
+from .staging import created_atomically
+from .validation import COMPLETE
+
+__all__ = ["save_store"]
+
+
+def save_store(run: Trajectory, path: Path) -> Path:
+    """Write a run as a store, which appears complete or not at all; return its path.
+
+    Raises
+    ------
+    InputError
+        Where there is a file or a folder already.
+    StorageError
+        If it cannot be written.
+    """
+    if path.exists():
+        raise InputError(f"{str(path)!r} is there already; remove it, or choose another store.")
+    refuse_unusable_names([Event(name, name=name) for name in run.events], "arrays of a store")
+    fields, arrays = fields_of(run.manifest), states_of(run)
+    cure = "Nothing is saved: free some space, or choose another place."
+    with storage_errors(path, cure), created_atomically(path) as fresh:
+        create(fresh, fields, len(run), 1, _attributes(run),
+               {name: fields_of_event(run.manifest, name) for name in run.events})
+        group = open_group(fresh, write=True)
+        block = array_of(group, "time").chunks[0]
+        for field in fields:
+            rows = arrays[field.name]
+            parts = {field.name: rows.astype(field.dtype)}
+            if field.wide:
+                parts[wide_name(field.name)] = as_bytes(rows)
+            for name, values in parts.items():
+                write_chunks(fresh, [
+                    Chunk(array_of(group, name), (i, *(0 for _ in values.shape[1:])),
+                          values[i * block : (i + 1) * block])
+                    for i in range(-(-len(run) // block))])
+        events = EventStore(group, run.manifest, list(run.events))
+        write_chunks(fresh, events.chunks(dict.fromkeys(run.events, 0), run.events))
+        consolidate(fresh, events.grow({name: len(x) for name, x in run.events.items()}))
+    return path
+
+
+def _attributes(run: Trajectory) -> dict[str, Any]:
+    about = Trajectory._attributes(run)
+    return {
+        **about, "status": COMPLETE, "states": len(run), "steps_done": run.report.steps,
+        "versions": versions(), "events": {name: len(found) for name, found in run.events.items()},
+        "run": {**about["run"], "format": FORMAT, "gyrospark": __version__,
+                "stepper": run.manifest["name"], "t0": digits_of(run.t[0]), "rows": len(run),
+                **({"events": {name: {} for name in run.events}} if run.events else {})},
+    }
