@@ -1,18 +1,17 @@
 """Mutation: change one place of the code, run the tests that execute it, see whether one fails.
 
-    python mutation.py map                   which tests execute which line (needs coverage)
-    python mutation.py run --mutants 300     take mutants at random, write log.jsonl, resume
-    python mutation.py run --again           the survivors of the log, after a test was added
-    python mutation.py table                 share caught by package, and the survivors
+    python mutation.py run                 300 mutants of Python at random, 40 of the engine
+    python mutation.py run --again         the survivors of the log, after a test was added
+    python mutation.py table               share caught by package, and the survivors
 
-``mutants.py`` has the changes, and what is left out. A mutant is caught when a test that executes
-its line fails or runs too long; it survives when all of them pass, about two minutes of them at
-most. One of C that does not compile without a warning is not counted. Everything happens in copies
-of the project under ``--work``.
-
-The map has the lines of Python; headers of the engine are tried against ``ENGINE_TESTS``. Before
-the first mutant comes one that must be caught, so that tests of an unchanged package are noticed.
-The seed is the week's unless it is given.
+``mutants.py`` has the changes and the places without any. ``run`` measures once which tests execute
+which line (needs coverage; of the engine, which tests load a stepper with the line in its C), then
+tries out each mutant against these tests: some cheap ones of files that execute little else, more
+of them, at last whole files. It is caught when a test fails that passes without it, or that runs
+too long. One of C that does not compile without a warning is not counted. Everything happens in
+copies of the project under ``--work``, with the lowest priority; ``run`` goes on where it was
+stopped. Before the first mutant comes one that must be caught, so that tests of an unchanged
+package are noticed. The seed is the week's by default.
 """
 
 from __future__ import annotations
@@ -47,14 +46,10 @@ EXPLAINED = ROOT / "tests" / "data" / "mutation_survivors.json"
 #: What tests import: once, in the process from which theirs are forked (no plugins of pytest).
 HEAVY = ("cffi", "click", "jinja2", "matplotlib.figure", "mpmath", "numpy", "rich", "scipy.spatial",
          "scipy.spatial.transform", "sympy", "xarray")
-#: What runs the engine: laws, golden runs, its own tests.
-ENGINE_TESTS = ("tests/laws", "tests/golden", "tests/engine")
 #: A change that no suite survives: exact numbers and errors import this module.
 FATAL = ("core/errors.py", "raise AssertionError\n")
-#: Test files that look at text, pages and packaging, or take minutes, and see no behaviour.
-UNRELATED = re.compile(
-    r"/(benchmarks|docs|fuzz|studies)/|architecture|bare|citations|docstrings|first_call|naming|"
-    r"notebooks|packaging|project_files|recipes|residues|_mutants")
+#: Tests that look at text, pages and packaging, and see no behaviour, and hostile input at random.
+UNRELATED = re.compile(r"/(docs|fuzz|project)/")
 
 
 # ---------------------------------------------------------------- as a plugin of pytest
@@ -62,11 +57,11 @@ UNRELATED = re.compile(
 MEMORY = 1 << 21  # pages, of 4 KiB, that a mutant may take
 COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
 LIMIT, SEEN = "GYROSPARK_MUTATION_LIMIT", "GYROSPARK_MUTATION_SEEN"
-_seen: dict[str, Any] = {"tests": {}, "failed": []}
+_seen: dict[str, Any] = {"tests": {}, "failed": [], "steppers": {}}
 
 
 def pytest_configure() -> None:
-    """Limit the time; in ``map``, begin to measure."""
+    """Limit the time; begin to measure lines where that is asked."""
     import resource
 
     cpu = int(os.environ[LIMIT])
@@ -79,10 +74,39 @@ def pytest_configure() -> None:
                 f"{Path.cwd()}/{name}{'' if name.endswith('.py') else '/*'}" for name in PACKAGES])
         _seen["coverage"].set_option("run:disable_warnings", ["no-data-collected"])
         _seen["coverage"].start()
+        _note_steppers()
+
+
+def _note_steppers() -> None:
+    """Note the lines of C of each stepper that a test loads."""
+    from gyrospark.runtime.compilation import stepper_module
+
+    load = stepper_module._load_compiled
+
+    def noted(name: str, files: dict[str, str], *arguments: Any) -> Any:
+        _seen["steppers"].setdefault(files[f"{name}.c"], set()).add(len(_seen["tests"]) - 1)
+        return load(name, files, *arguments)
+
+    stepper_module._load_compiled = noted
+
+
+def _engine_lines() -> dict[str, dict[int, list[int]]]:
+    """Return header → line → tests that load a stepper whose C has this line."""
+    headers = {path: path.read_text(encoding="ascii").splitlines()
+               for path in Path("engine").rglob("*.h")}
+    found: dict[str, dict[int, set[int]]] = {}
+    for source, tests in _seen["steppers"].items():
+        present = {line.strip() for line in source.splitlines()}
+        for path, lines in headers.items():
+            for number, line in enumerate(lines, 1):
+                if re.search(r"\w", line) and line.strip() in present:
+                    found.setdefault(str(path), {}).setdefault(number, set()).update(tests)
+    return {path: {number: sorted(tests) for number, tests in lines.items()}
+            for path, lines in found.items()}
 
 
 def pytest_collection_modifyitems(items: list[Any]) -> None:
-    """In ``map``, run one case of each test before the second of any."""
+    """While lines are measured, run one case of each test before the second of any."""
     if SEEN in os.environ:
         nth: Counter[str] = Counter()
         order = {}
@@ -102,13 +126,13 @@ def pytest_runtest_logstart(nodeid: str) -> None:
     """The lines that follow are of this test."""
     if SEEN in os.environ:
         _seen["coverage"].switch_context(nodeid)
-        _seen["tests"][nodeid] = -time.monotonic()
+        _seen["tests"][nodeid] = -sum(os.times()[:4])
 
 
 def pytest_runtest_logfinish(nodeid: str) -> None:
-    """Take the time of a test."""
+    """Take the CPU time of a test."""
     if SEEN in os.environ:
-        _seen["tests"][nodeid] = round(_seen["tests"][nodeid] + time.monotonic(), 3)
+        _seen["tests"][nodeid] = round(_seen["tests"][nodeid] + sum(os.times()[:4]), 3)
         _seen["coverage"].switch_context("")
 
 
@@ -127,10 +151,9 @@ def pytest_sessionfinish(session: Any) -> None:
     data, number = _seen["coverage"].get_data(), {name: i for i, name in enumerate(_seen["tests"])}
     lines = {os.path.relpath(file): {line: [number[name] for name in names if name]
                                      for line, names in data.contexts_by_lineno(file).items()}
-             for file in data.measured_files()}
+             for file in data.measured_files()} | _engine_lines()
     Path(os.environ[SEEN]).write_text(json.dumps(
-        {"tests": _seen["tests"], "failed": _seen["failed"], "lines": lines,
-         "complete": not session.shouldstop}))
+        {"tests": _seen["tests"], "failed": _seen["failed"], "lines": lines}))
 
 
 # ---------------------------------------------------------------- copies, tests in them
@@ -147,25 +170,26 @@ class Copy:
         shutil.copytree(ROOT, self.folder, symlinks=True, ignore=shutil.ignore_patterns(
             ".git", "__pycache__", ".*_cache", ".venv", "*.egg-info", "mutation"))
         self.cache.mkdir(parents=True, exist_ok=True)
-        self.clock = int(time.time()) - 10**6
+        self.clock, self.sound = int(time.time()) - 10**6, dict[str, bytes]()
 
     def write(self, mutant: Mutant, *, changed: bool) -> None:
         """Write a file with or without the change, newer than its bytecode in each case."""
-        source, self.clock = (ROOT / mutant.file).read_bytes(), self.clock + 10
+        path, self.clock = self.folder / mutant.file, self.clock + 10
+        source = self.sound.setdefault(mutant.file, path.read_bytes())
         if changed:
             source = source[:mutant.start] + mutant.after.encode() + source[mutant.end:]
-        (self.folder / mutant.file).write_bytes(source)
-        os.utime(self.folder / mutant.file, (self.clock, self.clock))
+        path.write_bytes(source)
+        os.utime(path, (self.clock, self.clock))
 
     def run(self, tests: Iterable[str], seconds: float, *, seen: Path | None = None,
-               skipped: Iterable[str] = ()) -> tuple[int | None, str]:
+            skipped: Iterable[str] = ()) -> tuple[int | None, str]:
         """Return the exit code, None after too long a time, and what pytest wrote."""
         cache = self.cache if seen else self.fresh
         if not seen:  # what a mutant compiles or breaks is no other's
             shutil.rmtree(cache, ignore_errors=True)
             shutil.copytree(self.cache, cache, copy_function=os.link)
             cache.chmod(0o700)
-        here = os.pathsep.join([str(self.folder.parent), str(Path(__file__).resolve().parent)])
+        here = os.pathsep.join([str(self.folder.parent), str(self.folder / "tests" / "helpers")])
         environment = {"PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0", "GYROSPARK_CACHE": str(cache),
                        LIMIT: str(int(seconds))} | ({SEEN: str(seen)} if seen else {})
         command = ["-p", Path(__file__).stem, "-q", "-n", "0", "-p", "no:cacheprovider",
@@ -204,8 +228,6 @@ class Map:
     def __init__(self, folder: Path) -> None:
         self.seen = {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")}
         self.failed = {name for seen in self.seen.values() for name in seen["failed"]}
-        self.complete = {next(iter(seen["tests"])).split("::")[0] for seen in self.seen.values()
-                         if seen["complete"] and seen["tests"]}
         self.covered = {stem: sum(map(len, seen["lines"].values()))
                         for stem, seen in self.seen.items()}
 
@@ -226,22 +248,19 @@ class Map:
                 return sorted(found, reverse=True)
         return []
 
-    def choose(self, mutant: Mutant, *, whole: bool) -> list[list[tuple[float, str]]]:
-        """Return cheap and special tests, more (six files, 100 s), two files not seen whole."""
-        if mutant.package == "engine":
-            return [[(60.0, name)] for name in ENGINE_TESTS if (ROOT / name).is_dir()]
+    def choose(self, mutant: Mutant) -> list[list[tuple[float, str]]]:
+        """Return cheap and special tests, more (six files, 40 CPU s), three whole files."""
         files = self.tests(mutant)
         first = {test for _, tests in files[:4] for test in tests[:2]}
         first |= set(sorted(test for _, tests in files for test in tests[:2])[:5])
-        then, left = [], 100.0
+        then, left = [], 40.0
         for _, tests in files[:6]:
             for test in tests:
                 if test not in first and test[0] < left:
                     then.append(test)
                     left -= test[0]
-        names = dict.fromkeys(test.split("::")[0] for _, tests in files for _, test in tests[:1])
-        then_whole = [(50.0, name) for name in names if name not in self.complete][:2]
-        return [part for part in (sorted(first), then, then_whole if whole else []) if part]
+        whole = dict.fromkeys(tests[0][1].split("::")[0] for _, tests in files[:3])
+        return [part for part in (sorted(first), then, [(20.0, name) for name in whole]) if part]
 
 
 def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) -> str | None:
@@ -305,14 +324,13 @@ def reasons() -> dict[str, str]:
     return {record["key"]: record["reason"] for record in json.loads(EXPLAINED.read_text())}
 
 
-def measure(work: Path, seconds: int, wanted: list[str]) -> None:
+def measure(copy: Copy, folder: Path, seconds: int) -> None:
     """Run each file of tests once and write the lines that its tests execute."""
-    copy, folder = Copy(work, os.getpid()), work / "map"
     folder.mkdir(exist_ok=True)
     for path in sorted((copy.folder / "tests").rglob("test_*.py")):
         name = str(path.relative_to(copy.folder))
         target = folder / f"{name.replace('/', '-')}.json"
-        if target.exists() or UNRELATED.search(name) or (wanted and path.stem not in wanted):
+        if target.exists() or UNRELATED.search(name):
             continue
         began = time.monotonic()
         code, said = copy.run([name], 2 * seconds, seen=target)
@@ -320,15 +338,14 @@ def measure(work: Path, seconds: int, wanted: list[str]) -> None:
               flush=True)
 
 
-def pick(count: int, least: int, packages: list[str], seed: int,
+def pick(places: dict[str, list[list[Mutant]]], count: int, seed: int,
          done: dict[str, dict[str, Any]]) -> list[Mutant]:
     """Return mutants that the log lacks, so that with it there are as many as asked for."""
-    places = {package: mutants_of(ROOT, package) for package in packages}
     whole, chosen = sum(map(len, places.values())), []
     for package, statements in places.items():
-        logged = sum(record["file"].startswith(f"{package}/")
+        logged = sum(record["file"].split("/")[0] == package
                      and record["outcome"] != "does not compile" for record in done.values())
-        wanted = max(least, round(count * len(statements) / whole)) - logged
+        wanted = round(count * len(statements) / whole) - logged
         choose = random.Random(f"{seed} {package}")
         choose.shuffle(statements)
         fresh = [mutant for mutant in map(choose.choice, statements) if mutant.key not in done]
@@ -337,13 +354,11 @@ def pick(count: int, least: int, packages: list[str], seed: int,
     return chosen
 
 
-def run(work: Path, mutants: list[Mutant], tests: list[str], seconds: float, *, changed: bool,
-        whole: bool) -> None:
+def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds: float, *,
+        changed: bool) -> None:
     """Try mutants out and log each."""
-    known, copy = Map(work / "map"), Copy(work, os.getpid())
+    known = Map(work / "map")
     sound = {COMPILE, CONFTEST, CRASH}  # tests that pass without a change
-    for name in HEAVY:
-        importlib.import_module(name)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
                             capture_output=True, check=False).stdout.strip()
     file, text = FATAL
@@ -353,8 +368,7 @@ def run(work: Path, mutants: list[Mutant], tests: list[str], seconds: float, *, 
         raise SystemExit(f"The tests pass although {file} raises: they import another package.")
     copy.write(first, changed=False)
     for mutant in mutants:
-        parts = [[(seconds, name) for name in tests]] if tests else (
-            known.choose(mutant, whole=whole))
+        parts = [[(seconds, name) for name in tests]] if tests else known.choose(mutant)
         found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -392,46 +406,47 @@ def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("command", choices=("map", "run", "table"))
+    parser.add_argument("command", choices=("run", "table"))
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "mutation",
                         help="folder of copies, map and log")
     parser.add_argument("--mutants", type=int, default=300,
-                        help="how many, those of the log included")
-    parser.add_argument("--least", type=int, default=40, help="how many of each package at least")
+                        help="how many of Python, those of the log included")
+    parser.add_argument("--engine", type=int, default=40, help="how many of the engine")
     parser.add_argument("--packages", nargs="+", choices=PACKAGES, default=list(PACKAGES))
     parser.add_argument("--seed", type=int, default=date.today().isocalendar().week,
                         help="another one draws other mutants; default: the week of the year")
-    parser.add_argument("--seconds", type=int, default=20,
-                        help="of CPU for a file of tests in map, for one of --tests in run")
-    parser.add_argument("--tests", nargs="+", default=[], help="names of the files that map "
-                        "measures, or the tests that run runs in place of the map's")
-    parser.add_argument("--again", action="store_true",
-                        help="only the survivors of the log, against whole files of tests")
+    parser.add_argument("--seconds", type=int, default=60,
+                        help="of CPU for a file of tests when it is measured, for one of --tests")
+    parser.add_argument("--tests", nargs="+", default=[],
+                        help="tests in place of those that execute the line")
+    parser.add_argument("--again", action="store_true", help="only the survivors of the log")
     parser.add_argument("--files", type=re.compile, default="", metavar="PATTERN",
                         help="only mutants of files whose path has this regular expression")
     parser.add_argument("--unchanged", action="store_true",
                         help="run the same tests without the changes: none may fail")
     given = parser.parse_args()
     work = given.work.resolve()
+    if given.command == "table":
+        return table(work)
     os.nice(19)
-    if given.command == "map":
-        measure(work, given.seconds, given.tests)
-    elif given.command == "table":
-        table(work)
+    for name in HEAVY:
+        importlib.import_module(name)
+    copy = Copy(work, os.getpid())
+    measure(copy, work / "map", given.seconds)
+    done = {} if given.unchanged else read_log(work)
+    places = {package: mutants_of(copy.folder, package) for package in given.packages}
+    if given.again:
+        living = {key for key, record in done.items()
+                  if record["outcome"] in ("survived", "not executed")} - reasons().keys()
+        mutants = list({mutant.key: mutant for statements in places.values()
+                        for edits in statements for mutant in edits
+                        if mutant.key in living}.values())
     else:
-        done = read_log(work)
-        if given.again:
-            living = {key for key, record in done.items()
-                      if record["outcome"] in ("survived", "not executed")} - reasons().keys()
-            mutants = list({mutant.key: mutant for package in given.packages
-                            for places in mutants_of(ROOT, package) for mutant in places
-                            if mutant.key in living}.values())
-        else:
-            mutants = pick(given.mutants, given.least, given.packages, given.seed,
-                           {} if given.unchanged else done)
-        mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-        run(work, mutants, given.tests, given.seconds, changed=not given.unchanged,
-            whole=given.again)
+        engine = {name: places.pop(name) for name in ("engine",) if name in places}
+        mutants = [*pick(places, given.mutants, given.seed, done),
+                   *pick(engine, given.engine, given.seed, done)]
+    mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
+    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged)
 
 
 if __name__ == "__main__":
