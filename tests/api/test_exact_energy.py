@@ -36,7 +36,8 @@ def test_the_fast_top_keeps_everything(stages, steps):
     assert np.abs(spin / spin[0] - 1).max() < 1e-16 * steps  # Newton's method has no sums in pairs
 
 
-@pytest.mark.parametrize("stages", [2, pytest.param(3, marks=pytest.mark.slow)])  # order 6 as well
+@pytest.mark.slow  # steppers in float128
+@pytest.mark.parametrize("stages", [2, 3])
 def test_order_is_twice_the_stages_with_113_bits(stages):
     """By differences of runs with h, h/2, h/4; the energy is exact to 1e-30 in every step."""
     step = systems.stepper("heavy_top", "G-L", stages, "float128", energy=True)

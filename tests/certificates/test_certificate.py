@@ -168,6 +168,7 @@ def test_energy_of_a_small_swing():
     assert energy.value < energy.bound < 1e-12
 
 
+@pytest.mark.slow  # a stepper of one system
 @pytest.mark.parametrize("start", [([0, 0], [0, 0]), ([1e6, 0], [1, 0])])
 def test_a_free_particle(start):
     """At the origin, through it, far from it; at rest and not."""
@@ -180,6 +181,7 @@ def test_a_free_particle(start):
     assert found.line("energy").holds is True
 
 
+@pytest.mark.slow  # a stepper of one system
 def test_sliding_in_a_plane():
     """g = z, and z stays 0 but for what rounding of the weight does to it."""
     q, p = sp.symbols("x y z", real=True), sp.symbols("u v w", real=True)

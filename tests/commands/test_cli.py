@@ -489,13 +489,13 @@ def test_paper_steppers_hold(arguments, gyrospark):
 
 
 def test_verify_json_is_one_document(gyrospark):
-    answer = gyrospark("verify", "--scheme", "LIIIA-B", "--stages", "2", "--json")
+    answer = gyrospark("verify", "--scheme", "G-L", "--stages", "2", "--json")
     assert answer.code == 0
     assert answer.stderr == ""
     found = answer.document
     assert found["holds"] is True
     (only,) = found["verified"]
-    assert (only["name"], only["order"], only["holds"]) == ("heavy_top_liiiab2_gamma", 2, True)
+    assert (only["name"], only["order"], only["holds"]) == ("heavy_top_gl2_gamma", 4, True)
     names = " ".join(line["name"] for line in only["conditions"])
     for word in ("B", "C", "symplectic", "symmetr", "order", "compiled coefficients"):
         assert word in names

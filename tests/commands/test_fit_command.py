@@ -9,21 +9,21 @@ from command_line import refused
 from processes import ROOT
 
 MODEL = str(ROOT / "examples" / "pendulum.toml")
+SCHEME = ["--scheme", "G-L", "--stages", "2", "--dt", "0.01"]
 
 
 @pytest.fixture
 def table(gyrospark, tmp_path):
     """Return a table of a run, as ``gyrospark run`` writes it."""
     path = tmp_path / "swing.csv"
-    answer = gyrospark("run", MODEL, "--scheme", "G-L", "--stages", "2", "--dt", "0.01", "--steps",
-                       "120", "--every", "4", "--out", str(path))
+    answer = gyrospark("run", MODEL, *SCHEME, "--steps", "120", "--every", "4", "--out", str(path))
     assert answer.code == 0, answer.stderr
     return path
 
 
 def test_a_wrong_call_is_answered_in_one_line(gyrospark, table, tmp_path):
     def fit(*arguments, file=table):
-        return gyrospark("fit", MODEL, str(file), "--dt", "0.01", "--observe", "x,y", *arguments)
+        return gyrospark("fit", MODEL, str(file), *SCHEME, "--observe", "x,y", *arguments)
 
     refused(fit("--free", "gg"), "'gg'", "mean g?")
     refused(fit("--observe", "x,z"), "'z'", "px")
@@ -46,14 +46,15 @@ def test_the_columns_may_be_in_any_order(gyrospark, table, tmp_path):
     path.write_text("y, time ,x\n" + "".join(
         f"{float(row['y'])!r},{float(row['time'])!r},{float(row['x'])!r}\n" for row in rows),
         encoding="utf-8")
-    found = [gyrospark("fit", MODEL, str(file), "--dt", "0.01", "--observe", "x,y", "--free", "l",
-                       "--json") for file in (table, path)]
+    found = [gyrospark("fit", MODEL, str(file), *SCHEME, "--observe", "x,y", "--free", "l",
+                       "--json")
+             for file in (table, path)]
     assert found[0].code == 0, found[0].stderr
     assert found[0].document == found[1].document
     assert found[0].document["converged"]
     assert found[0].document["parameters"]["l"] == pytest.approx(0.5, rel=1e-7)
-    text = gyrospark("fit", MODEL, str(table), "--dt", "0.01", "--observe", "x,y", "--fixed",
-                     "start", "--sigma", "1e-3")
+    text = gyrospark("fit", MODEL, str(table), *SCHEME, "--observe", "x,y", "--fixed", "start",
+                     "--sigma", "1e-3")
     assert text.code == 0, text.stderr
     assert "undetermined: m\n" in text.stdout
     assert "\n  g = 9.81" in text.stdout

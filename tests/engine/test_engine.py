@@ -87,6 +87,7 @@ def test_headers_compile_alone_in_each_variant(checking):
         assert_compiles([*checking, *flags], headers)
 
 
+@pytest.mark.slow  # a process for each set of features
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_an_editor_opens_headers_without_errors(name):
     """With compile_flags.txt and .clangd, as clangd does; those that guard themselves together."""

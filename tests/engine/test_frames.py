@@ -144,7 +144,8 @@ def test_a_system_without_a_rotation_is_refused(system):
 # ---------------------------------------------------------------- relative equilibria
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("G-L", 2), pytest.param("EMS", None, marks=pytest.mark.slow)])
 def test_regular_precession_has_no_error(scheme, stages):
     """In the frame of both rates q~ stands still, whatever the method and the step."""
     cone, step, numbers = CONE, framed(scheme, stages), with_gamma(CONE)
@@ -361,6 +362,7 @@ def test_a_rate_of_no_symmetry_is_unknown():
         gs.stepper("G-L", 2, frame="moving")
 
 
+@pytest.mark.slow  # a stepper in float128
 def test_exact_conditions_know_fractions():
     """1/10 and the double 0.1 are two numbers."""
     step = framed("EMS", None, real="float128")

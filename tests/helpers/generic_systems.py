@@ -74,19 +74,18 @@ def runner() -> Example:
         def mean_gradient(q0, p0, q1, p1):
             roots, q = root(p0) + root(p1), (q0 + q1) / 2
             D_p = (stretch(q0) + stretch(q1)) / 2 * (p0 + p1) / roots
-            return np.array([roots * q[0] / 4, 0 * q[0], -k / ((2 + q0[2]) * (2 + q1[2]))]), D_p
+            return np.array([roots * q[0] / 4, -k / ((2 + q0[1]) * (2 + q1[1]))]), D_p
 
         def mean_constraint(q0, q1):
-            row = (q0 + q1) * (q0**2 + q1**2)
-            row[2] = q0[2] + q1[2]
-            return np.array([row])
+            (x0, y0), (x1, y1) = q0, q1
+            return np.array([[(x0 + x1) * (x0**2 + x1**2), y0 + y1]])
 
         return Equations(
-            H=lambda q, p: root(p) * stretch(q) + k / (2 + q[2]),
-            H_q=lambda q, p: np.array([root(p) * q[0] / 2, 0 * q[0], -k / (2 + q[2]) ** 2]),
+            H=lambda q, p: root(p) * stretch(q) + k / (2 + q[1]),
+            H_q=lambda q, p: np.array([root(p) * q[0] / 2, -k / (2 + q[1]) ** 2]),
             H_p=lambda q, p: p / root(p) * stretch(q),
-            g=lambda q: np.array([q[0] ** 4 + q[1] ** 4 + q[2] ** 2 - 1]),
-            G=lambda q: np.array([[4 * q[0] ** 3, 4 * q[1] ** 3, 2 * q[2]]]),
+            g=lambda q: np.array([q[0] ** 4 + q[1] ** 2 - 1]),
+            G=lambda q: np.array([[4 * q[0] ** 3, 2 * q[1]]]),
             mean_gradient=mean_gradient, mean_constraint=mean_constraint,
         )
 

@@ -327,8 +327,8 @@ def attempt(command, folder):
     return results
 
 
-@pytest.mark.parametrize("name", [
-    name if name == "beads" else pytest.param(name, marks=pytest.mark.slow) for name in NAMES])
+@pytest.mark.slow  # a compilation under sanitizers each; test_sanitizers.py has a quick one
+@pytest.mark.parametrize("name", NAMES)
 def test_sanitizers_find_nothing_in_random_calls(name, tmp_path):
     """Scratch memory needs no preparation: other contents before, the same results."""
     random, count = built(name, SANITIZE, tmp_path), "100" if name == "chain" else "300"

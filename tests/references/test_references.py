@@ -120,7 +120,7 @@ def test_the_script_gives_the_stored_digits(name):
 
 
 #: A point, a Lagrangian with forces, a body, and one whose steps other tests take.
-FEW = ("spherical-pendulum", "bead", "heavy-top", "neumann")
+FEW = ("spherical-pendulum", "bead")
 
 
 @pytest.mark.parametrize("name", [
@@ -136,6 +136,7 @@ def test_a_scheme_reaches_the_digits(name):
     assert all(moved < 1e-10 for moved in runs[-1].invariants.values())
 
 
+@pytest.mark.slow  # two steppers
 def test_a_stiff_damper_lingers_with_gauss_and_not_with_radau():
     """Five steps of λΔt = 163, for which |R|⁵ is 0.29 with 4-G-L and 1.3e-9 with 3-Radau-L."""
     problem = REFERENCES["flyball-governor-stiff"]

@@ -26,7 +26,7 @@ def traced_peak(call):
     "", *(pytest.param(end, marks=pytest.mark.slow) for end in (".csv", ".nc"))])
 def test_memory_is_that_of_blocks(end, tmp_path, monkeypatch):
     """Three times as many rows take no more: 1,200 more of 224 bytes would be 270 kB."""
-    small_blocks(monkeypatch, 128, seconds=1e9)
+    small_blocks(monkeypatch, 256, seconds=1e9)
     step, peaks = systems.stepper("heavy_top", "EMS"), []
     for rows in (200, 600, 1800):  # the first run imports and caches
         def stored(rows=rows):

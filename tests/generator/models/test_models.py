@@ -212,7 +212,8 @@ def test_against_another_formulation(name):
     assert np.abs(seen(name, end) - function(t_end)).max() <= tolerance
 
 
-@pytest.mark.parametrize("name", ["satellite", "double_top", "four_bar"])
+@pytest.mark.parametrize("name", ["double_top", *(
+    pytest.param(name, marks=pytest.mark.slow) for name in ("satellite", "four_bar"))])
 def test_another_formulation_is_approached_with_the_fourth_power_of_the_step(name):
     function, t_end, dt, _ = REFERENCES[name]
     step, model, exact = systems.stepper(name), systems.case(name).system, function(t_end)
@@ -222,6 +223,7 @@ def test_another_formulation_is_approached_with_the_fourth_power_of_the_step(nam
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.3)
 
 
+@pytest.mark.slow  # two seconds for one model; momenta of others are quick
 def test_gimbal_conserves_spin_and_vertical_momentum():
     """Symmetries: the rotor about its own axis, everything about the vertical."""
     model, step = systems.case("gimbal").system, systems.stepper("gimbal")

@@ -279,6 +279,7 @@ def test_conditions_hold():
     assert all(line.holds for line in lines.values())
 
 
+@pytest.mark.slow  # a stepper of eight springs
 def test_many_of_them():
     """A chain of one-sided springs: one form, looped over; the energy is kept all the same."""
     n = 8

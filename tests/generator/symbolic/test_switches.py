@@ -279,6 +279,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow  # three compilations; the top's is quick
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_lanes_of_any_width_give_the_same_bits(name, tmp_path):
     """Plain numbers, the baseline of the machine, and all it has; no warning in any of them."""

@@ -64,6 +64,7 @@ def body_with_drag(rep):
                      quantities={f"Omega{i + 1}": w for i, w in enumerate(rates)})
 
 
+@pytest.mark.slow  # a stepper of one system; drag of a pendulum is quick
 def test_body_with_drag():
     """Ω₃ decays as exp(−ct/I₃); Ω₁ + iΩ₂ as exp(−ct/I₁), and turns by ∫(I₃/I₁ − 1) Ω₃ dt."""
     step, bound = gs.stepper("G-L", 2, system=body_with_drag("gamma")), 1e-8
@@ -170,6 +171,7 @@ def test_cost_of_damping_grows_with_the_length():
         len(form.expressions) for form in long.force_templates]
 
 
+@pytest.mark.slow  # a stepper in float128; one with inputs is quick
 def test_wide_numbers():
     """The same motion, and the work balance of EMS at the type's own round-off."""
     step, same = (stepper("dragged_pendulum", "EMS", None, real) for real in (

@@ -1,8 +1,8 @@
 """Systems that are no quaternion: two constraints, a quartic one, none, redundant ones.
 
     pendulum   n = 4, m = 2: a planar double pendulum in Cartesian coordinates
-    runner     n = 3, m = 1: H = √(M² + p²)(1 + x²/4) + k/(2 + z), not separable and not quadratic
-               in p, on x⁴ + y⁴ + z² = 1
+    runner     n = 2, m = 1: H = √(M² + p²)(1 + x²/4) + k/(2 + y), not separable and not quadratic
+               in p, on x⁴ + y² = 1
     Hénon      n = 2, m = 0: the Hénon-Heiles oscillator
 
 Each is written twice: in SymPy for ``gyrospark.System``, and by hand for the reference, with the

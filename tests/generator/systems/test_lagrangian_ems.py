@@ -104,6 +104,7 @@ def test_a_cyclic_coordinate_keeps_its_momentum():
     assert np.ptp(run.energies) <= 200 * EPS * np.abs(run.energies).max()
 
 
+@pytest.mark.slow  # a stepper of one system
 def test_order_two_on_a_mass_that_time_changes():
     """Where IMS has M at the midpoint, EMS has what makes the balance exact."""
     fine, step = systems.stepper("shaken"), systems.stepper("shaken", "EMS")

@@ -57,6 +57,7 @@ def test_any_sign_of_the_mass_matrix(e):
         np.testing.assert_allclose([*q, *momenta], closed(e, 1.0), rtol=0, atol=2e-13)
 
 
+@pytest.mark.slow  # a stepper of one system
 def test_energy_is_kept_by_ems():
     step = stepper("EMS")
     p = step.momenta(START, RATES, parameters={"e": 1e-12})

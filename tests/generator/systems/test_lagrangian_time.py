@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import gyrospark as gs
 import systems
@@ -36,6 +37,7 @@ def test_bead_on_a_wire_that_turns():
 
 
 
+@pytest.mark.slow  # a stepper of one system
 def test_motion_is_that_of_the_hamiltonian_typed_by_hand():
     step, other = systems.stepper("shaken"), gs.stepper("G-L", 2, system=shaken()[1])
     p = step.momenta([0.5], [0.1], parameters=NUMBERS, t=0.3)

@@ -166,6 +166,7 @@ def test_constraints_that_switch_are_not_searched():
 # ---------------------------------------------------------------- the certificate
 
 
+@pytest.mark.slow  # a stepper of one system
 def test_certificate_reports_what_kinks_leave():
     system = gs.System((x, y), (u, v), (k, a), T + k * sp.Max(0, LENGTH - a) ** 2 / 2, name="rope")
     model = gs.Model(system, {"k": 3.0, "a": 0.5}, [1.0, 0.2], [0.3, 0.1], dt=0.01, steps=100)

@@ -49,6 +49,7 @@ def as_coordinate(system):
 # ---------------------------------------------------------------- the second way
 
 
+@pytest.mark.slow  # two steppers; closed forms with time are laws
 def test_time_as_a_coordinate_gives_the_same():
     name = "driven_pendulum"
     step, entry = stepper(name), case(name)

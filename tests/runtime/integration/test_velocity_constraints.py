@@ -42,7 +42,8 @@ def skates(steps, **more):
 
 @pytest.mark.parametrize(("make", "parameters", "start", "steps"), [
     (sleigh, SLEIGH, sleigh_state(0.7, 1.5), 2000),
-    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START, 500), (disc, DISC, disc_state(), 300)])
+    (skate_chain, SKATE_CHAIN, SKATE_CHAIN_START, 500),
+    pytest.param(disc, DISC, disc_state(), 300, marks=pytest.mark.slow)])
 def test_rows_hold_to_round_off(make, parameters, start, steps):
     run = stepper_of(make, 2).integrate(*start, dt=0.02, steps=steps, every=steps,
                                         parameters=parameters)
