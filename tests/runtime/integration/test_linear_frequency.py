@@ -6,7 +6,7 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from gyrospark import InputWarning
+from gyrospark.errors import InputWarning
 from gyrospark.runtime.integration.linear_frequency import fastest_frequency
 
 
