@@ -16,7 +16,6 @@
     registry       named systems, problems and models
     warnings       warnings about accepted but suspicious input
     projection     states projected onto the constraints
-    sparse_matrix  sparse matrices, their products and banded factors
     frozen_dict    a dict that refuses changes
     records        copies of frozen dataclasses, made without their checks
     html           tables and formulas as HTML for notebooks

@@ -14,16 +14,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .calls import explain_arguments
 from .errors import InputError
-from .sparse_matrix import BandCholesky, SparseMatrix, as_dense
 
-__all__ = ["Constrained", "Projection", "dependent_rows", "project"]
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+__all__ = ["Constrained", "Projection", "as_dense", "dependent_rows", "project", "solve_sparse"]
 
 Array = NDArray[Any]
 EPS = float(np.finfo(float).eps)
@@ -61,11 +63,11 @@ class Constrained(Protocol):
         """Return g(q), shape (m,)."""
         ...
 
-    def G(self, q: Array) -> Array | SparseMatrix:
+    def G(self, q: Array) -> Array | csr_array:
         """Return g_q, shape (m, n)."""
         ...
 
-    def rows(self, q: Array) -> Array | SparseMatrix:
+    def rows(self, q: Array) -> Array | csr_array:
         """Return g_q and below it A, shape (m + m', n)."""
         ...
 
@@ -73,7 +75,7 @@ class Constrained(Protocol):
         """Return g_q H_p, or what vanishes with it, then A H_p + a, shape (m + m',)."""
         ...
 
-    def W(self, q: Array, p: Array, rows: Any) -> Array | SparseMatrix:
+    def W(self, q: Array, p: Array, rows: Any) -> Array | csr_array:
         """Return (∂f/∂p) rowsᵀ, shape (m + m', m + m')."""
         ...
 
@@ -210,7 +212,7 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
 
 
 def dependent_rows(
-    G: Array | SparseMatrix, tolerance: float = RANK_TOLERANCE
+    G: Array | csr_array, tolerance: float = RANK_TOLERANCE
 ) -> tuple[list[int], list[int]]:
     """Return (all rows of G that depend on others, a smallest set of rows to leave out).
 
@@ -219,7 +221,7 @@ def dependent_rows(
     Example: if the normal of a planar loop is nearly y, row y is left out and not z, because z
     becomes independent as soon as the normal changes.
     """
-    if isinstance(G, SparseMatrix):
+    if not isinstance(G, np.ndarray):
         if G.shape[0] <= G.shape[1] and _has_independent_rows(G):
             return [], []
         G = G.toarray()
@@ -259,35 +261,79 @@ def _is_well_conditioned(rows: Array) -> bool:
     return True
 
 
-def _has_independent_rows(G: SparseMatrix) -> bool:
+def _has_independent_rows(G: csr_array) -> bool:
     """``_is_well_conditioned`` of a sparse matrix, whose rows it takes at length one."""
     square = G @ G.T
     sizes = np.sqrt(square.diagonal())
     if not np.isfinite(sizes).all() or not sizes.all():
         return False
-    square = square.scaled(1 / sizes, 1 / sizes)
+    square = _scaled(square, 1 / sizes)
     try:
-        BandCholesky(square, 1e-10 * square.norm_1())
+        _factor(square, 1e-10 * _norm_1(square))
     except np.linalg.LinAlgError:
         return False
     return True
 
 
-def solve_sparse(W: SparseMatrix, defect: Array) -> Array:
-    """Return W⁻¹ defect; raise ``LinAlgError`` if W is not positive definite or nearly singular."""
+def solve_sparse(W: csr_array, defect: Array) -> Array:
+    """Return W⁻¹ defect; raise ``LinAlgError`` if W is not positive definite or nearly singular.
+
+    Constraints of a chain are numbered body by body, so that W = G H_pp Gᵀ has a narrow band: its
+    Cholesky factor takes O(m b²) operations for m rows and a band of b.
+    """
+    from scipy.linalg import cho_solve_banded
+
     scale = 1 / np.sqrt(np.maximum(np.abs(W.diagonal()), np.finfo(float).tiny))
-    scaled = W.scaled(scale, scale)
-    BandCholesky(scaled, EPS * scaled.norm_1())
-    return scale * BandCholesky(scaled).solve(scale * defect)
+    scaled = _scaled(W, scale)
+    _factor(scaled, EPS * _norm_1(scaled))
+    x: Array = cho_solve_banded((_factor(scaled), True), scale * defect)
+    x *= scale
+    return x
+
+
+def _scaled(A: csr_array, scale: Array) -> csr_array:
+    from scipy.sparse import diags_array
+
+    D = diags_array(scale)
+    return D @ A @ D
+
+
+def _norm_1(A: csr_array) -> float:
+    """Return the largest sum of absolute values of a column."""
+    return float(abs(A).sum(axis=0).max())
+
+
+def _factor(A: csr_array, shift: float = 0.0) -> Array:
+    """Return the Cholesky factor of A − shift, lower, in the band storage of LAPACK.
+
+    It raises ``LinAlgError`` unless A − shift is positive definite.
+    """
+    from scipy.linalg import cholesky_banded
+
+    diagonals = A.todia()
+    lower = diagonals.offsets <= 0
+    band = np.zeros((1 - int(diagonals.offsets.min(initial=0)), A.shape[0]))
+    band[-diagonals.offsets[lower], : diagonals.data.shape[1]] = diagonals.data[lower]
+    band[0] -= shift
+    if not np.isfinite(band).all():
+        raise np.linalg.LinAlgError("entries are not finite")
+    factor: Array = cholesky_banded(band, lower=True, check_finite=False)
+    return factor
+
+
+def as_dense(matrix: Array | csr_array) -> Array:
+    """Return a matrix as an array."""
+    dense: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    return dense
 
 
 def _along(
-    system: Constrained, G: Array | SparseMatrix, W: Array | SparseMatrix, defect: Array
+    system: Constrained, G: Array | csr_array, W: Array | csr_array, defect: Array
 ) -> Array:
     """Return Gᵀ W⁻¹ defect, or name the constraints that make W singular."""
     if not len(defect):
         return np.zeros(G.shape[1])
-    if isinstance(W, SparseMatrix):
+    if not isinstance(W, np.ndarray):
         try:
             found: Array = G.T @ solve_sparse(W, defect)
             return found
@@ -329,7 +375,7 @@ def _listed(names: Any) -> str:
     return ", ".join(repr(name) for name in names)
 
 
-def _floor(G: Array | SparseMatrix, q: Array) -> float:
+def _floor(G: Array | csr_array, q: Array) -> float:
     """Return the round-off level of |g|: 16 ε times the scale of g at q."""
     return 16 * EPS * float(np.linalg.norm(abs(G) @ np.abs(q))) if G.size else 0.0
 

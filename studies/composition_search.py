@@ -23,7 +23,7 @@ from decimal import Context, Decimal
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mpmath as mp
 import numpy as np
@@ -31,8 +31,6 @@ from numpy.typing import NDArray
 
 from ..certificates.composition_proofs import DIGITS, STORED, Affine, OrderConditions
 from ..certificates.lyndon_words import Flow, factors_of, target
-from ..core.errors import MissingDependencyError
-from ..core.extras import install
 from ..generator.tableaux.compositions import COMPOSITIONS, PATH, composition_named
 
 __all__ = ["FloatConditions", "main", "search", "store"]
@@ -233,7 +231,9 @@ def _slide(
     if not floats.conditions.composition.free:
         return value, x
     k = len(floats.conditions.words)
-    found = _scipy().minimize(
+    from scipy import optimize  # takes 0.2 s
+
+    found = optimize.minimize(
         floats.objective, x, method="SLSQP", options={"maxiter": 100, "ftol": 1e-12},
         constraints={"type": "eq", "fun": lambda y: floats.evaluate(y)[0][:k],
                      "jac": lambda y: floats.evaluate(y)[1][:k]}).x
@@ -241,16 +241,6 @@ def _slide(
     if y is None or floats.objective(y) >= value:
         return value, x
     return floats.objective(y), y
-
-
-def _scipy() -> Any:
-    try:
-        from scipy import optimize
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"A search for compositions is asked for and SciPy is not installed; "
-            f"{install('rotation')} cures it.") from error
-    return optimize
 
 
 def store(name: str, x: Sequence[float], note: str) -> None:

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.inertia import Inertia, inertia_matrix
-from ...core.projection import project_momenta
-from ...core.sparse_matrix import as_dense
+from ...core.projection import as_dense, project_momenta
 from ...core.warnings import warn
 from ..systems.numeric_system import NumericConstraints, NumericSystem
 from .body import Body, Frame

@@ -19,7 +19,6 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.extras import install
 from ..symbolic.numeric_evaluation import evaluate
 from .jacobians import jacobian
 from .lagrangian import LagrangianSystem
@@ -29,8 +28,8 @@ from .system import System
 __all__ = ["equilibrium"]
 
 Array = NDArray[Any]
-#: Unknowns up to which no SciPy is needed, iterations, and the largest relative change of one.
-_DENSE, _ITERATIONS, _LARGEST_CHANGE = 1000, 500, 0.3
+#: Iterations, and the largest relative change of one.
+_ITERATIONS, _LARGEST_CHANGE = 500, 0.3
 #: Changes below may stagnate at round-off.
 _ROUNDING = 1e-9
 #: τ of the first step times the largest entry of its matrix.
@@ -148,21 +147,10 @@ def equilibrium(
 
 def _solve(rows: Array, columns: Array, values: Array, right: Array) -> Array:
     """Return the solution of a sparse system; NaN of a singular one."""
+    from scipy.sparse import csc_array  # takes 0.1 s
+    from scipy.sparse.linalg import splu
+
     size = len(right)
-    try:
-        from scipy.sparse import csc_array
-        from scipy.sparse.linalg import splu
-    except ImportError:
-        if size > _DENSE:
-            raise InputError(f"The equilibrium of {size:,} unknowns needs SciPy: "
-                             f"{install('rotation')}; without it, take at most {_DENSE:,}."
-                             ) from None
-        J = np.zeros((size, size))
-        np.add.at(J, (rows, columns), values)
-        try:
-            return np.asarray(np.linalg.solve(J, right))
-        except np.linalg.LinAlgError:
-            return np.full(size, np.nan)
     try:
         return np.asarray(splu(csc_array((values, (rows, columns)), (size, size))).solve(right))
     except RuntimeError:  # singular

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 from ...core.arguments import as_mapping, shown
 from ...core.errors import InputError
 from ...core.inertia import real_array
-from ...core.sparse_matrix import SparseMatrix, as_dense, find_colours
+from ...core.projection import as_dense
 from ..symbolic.derivatives import derivative
 from ..symbolic.numeric_evaluation import evaluate
 from .lagrangian import LagrangianSystem
 from .system import System
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 __all__ = ["NumericConstraints", "NumericSystem", "numeric"]
 
@@ -68,6 +71,28 @@ class Pattern:
         return found[self.rows, self.colours[self.columns]]
 
 
+def _sparse(shape: tuple[int, int], rows: Array, columns: Array, entries: Array) -> csr_array:
+    from scipy.sparse import csr_array  # takes 0.1 s
+
+    return csr_array((entries, (rows, columns)), shape)
+
+
+def find_colours(rows: Sequence[Sequence[int]], columns: int) -> Array:
+    """Return a colour for each column, so that no row contains two columns of one colour.
+
+    One evaluation then serves all columns of a colour (Curtis, Powell and Reid, 1974).
+    """
+    inside: list[list[int]] = [[] for _ in range(columns)]
+    for row, entries in enumerate(rows):
+        for column in entries:
+            inside[column].append(row)
+    colours = np.full(columns, -1)
+    for column, rows_of_column in enumerate(inside):
+        taken = {int(colours[other]) for row in rows_of_column for other in rows[row]}
+        colours[column] = next(c for c in range(len(taken) + 1) if c not in taken)
+    return colours
+
+
 class NumericConstraints:
     """g, g_q and A at given parameters; states are float arrays, shape (n,).
 
@@ -108,12 +133,12 @@ class NumericConstraints:
     def _pattern(self) -> Pattern:
         return Pattern.of(self.expressions, self.symbols)
 
-    def G(self, q: Array) -> Array | SparseMatrix:
+    def G(self, q: Array) -> Array | csr_array:
         """Return g_q, shape (m, n); as for g, callers check that it is finite."""
         if self.is_sparse:
             columns, rows = self._pattern.columns, self._pattern.rows
             slopes = self._pattern.slopes(self.expressions, q, self._at)
-            return SparseMatrix((len(self.expressions), len(q)), rows, columns, slopes)
+            return _sparse((len(self.expressions), len(q)), rows, columns, slopes)
         directions = q[:, None] + 1j * TINY * np.eye(len(q))
         with np.errstate(over="ignore"):
             dense: Array = evaluate(self.expressions, self._at(directions)).imag / TINY
@@ -131,7 +156,7 @@ class NumericConstraints:
         """Return g_t and below it a, shape (m + m',): ``rows`` q̇ + ``drift`` = 0."""
         return evaluate([*self._g_t, *self._a], self._at(q))
 
-    def rows(self, q: Array) -> Array | SparseMatrix:
+    def rows(self, q: Array) -> Array | csr_array:
         """Return g_q and below it A, shape (m + m', n)."""
         return np.vstack([as_dense(self.G(q)), self.A(q)]) if self._A else self.G(q)
 
@@ -179,11 +204,10 @@ class NumericSystem(NumericConstraints):
         rates[: len(self.expressions)] += evaluate(self.expressions, later).imag / TINY
         return rates
 
-    def W(self, q: Array, p: Array, G: Any) -> Array | SparseMatrix:
+    def W(self, q: Array, p: Array, G: Any) -> Array | csr_array:
         """Return G H_pp Gᵀ, square, of rows G; with differences for H_pp where it is sparse."""
-        if isinstance(G, SparseMatrix):
-            product: SparseMatrix = G @ (self._second(q, p) @ G.T)
-            return product
+        if not isinstance(G, np.ndarray):
+            return G @ (self._second(q, p) @ G.T)
         if not len(G):
             return np.zeros((0, 0))
         matrix: Array = G @ self.H_pp_times(q, p, G.T)
@@ -219,7 +243,7 @@ class NumericSystem(NumericConstraints):
                        np.array([i for entries in inside for i in entries], dtype=int),
                        find_colours(inside, n))
 
-    def _second(self, q: Array, p: Array) -> SparseMatrix:
+    def _second(self, q: Array, p: Array) -> csr_array:
         """Return H_pp by central differences of H_p, exact but for rounding where H is quadratic.
 
         It is the matrix of a Newton step, of which it changes the rate alone.
@@ -228,7 +252,7 @@ class NumericSystem(NumericConstraints):
         step = _STEP * (float(np.abs(p).max()) or 1.0)
         masks = step * at.masks
         rates = (self.H_p(q, p[:, None] + masks) - self.H_p(q, p[:, None] - masks)) / (2 * step)
-        return SparseMatrix((n, n), at.rows, at.columns, rates[at.rows, at.colours[at.columns]])
+        return _sparse((n, n), at.rows, at.columns, rates[at.rows, at.colours[at.columns]])
 
     @cached_property
     def _velocity(self) -> list[sp.Expr]:

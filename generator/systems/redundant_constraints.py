@@ -9,20 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.projection import dependent_rows, solve_sparse
-from ...core.sparse_matrix import SparseMatrix, as_dense, entries_of
+from ...core.projection import as_dense, dependent_rows, solve_sparse
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.rounding_errors import rounding
 from ..symbolic.shared_subexpressions import name_of, symbols_of
 from .numeric_system import NumericConstraints
 from .system import System
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 __all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere",
            "somewhere"]
@@ -107,7 +109,7 @@ def find_redundant(what: str, constraints: NumericConstraints, q: Array) -> Redu
         return Redundancy(what, ())
     found = nearest_point(constraints, q)
     slopes = constraints.rows(q if found is None else found)
-    if not np.isfinite(entries_of(slopes)).all():
+    if not _is_finite(slopes):
         slopes = as_dense(slopes)
         endless = [i for i, row in enumerate(slopes) if not np.isfinite(row).all()]
         raise InputError(
@@ -158,7 +160,7 @@ def refuse_redundant_anywhere(system: System) -> None:
             q = rng.standard_normal(system.n)
             found = nearest_point(constraints, q)
             slopes = constraints.rows(q if found is None else found)
-            if not np.isfinite(entries_of(slopes)).all():
+            if not _is_finite(slopes):
                 return
             involved, left_out = dependent_rows(slopes)
             if found is not None and not involved:
@@ -213,7 +215,7 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
         g = constraints.g(q)
         for _ in range(60):
             G = constraints.G(q)
-            if not (np.isfinite(entries_of(G)).all() and np.isfinite(g).all()):
+            if not (_is_finite(G) and np.isfinite(g).all()):
                 return None
             floor = 64 * EPS * (abs(G) @ np.abs(q) + EPS).max()
             if np.abs(g).max() <= floor:
@@ -231,9 +233,13 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
     return None
 
 
-def _least_squares(G: Array | SparseMatrix, g: Array) -> Array:
+def _is_finite(matrix: Array | csr_array) -> bool:
+    return bool(np.isfinite(matrix if isinstance(matrix, np.ndarray) else matrix.data).all())
+
+
+def _least_squares(G: Array | csr_array, g: Array) -> Array:
     """Return the shortest x of those with the smallest |G x − g|."""
-    if isinstance(G, SparseMatrix):
+    if not isinstance(G, np.ndarray):
         try:
             found: Array = G.T @ solve_sparse(G @ G.T, g)
             return found

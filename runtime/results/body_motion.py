@@ -61,13 +61,7 @@ class BodyMotion:
         return values
 
     def rotation(self) -> Any:
-        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space.
-
-        Raises
-        ------
-        MissingDependencyError
-            Without SciPy.
-        """
+        """Return the attitudes as ``scipy.spatial.transform.Rotation``, body to space."""
         return quaternion.to_rotation(self.attitude)
 
     def rotation_matrix(self) -> Array:

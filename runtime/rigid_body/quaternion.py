@@ -6,14 +6,13 @@ moments of inertia in kg m², momenta p in kg m²/s.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.arguments import shown
-from ...core.errors import InputError, MissingDependencyError
-from ...core.extras import install
+from ...core.errors import InputError
 from ...core.inertia import (
     InertiaLike,
     as_moments_or_tensor,
@@ -149,10 +148,9 @@ def to_rotation(q: ArrayLike) -> Rotation:
     ------
     InputError
         Unless q has shape (4,) or (N, 4), is finite and not zero.
-    MissingDependencyError
-        If SciPy is not installed.
     """
-    Rotation = _scipy_rotation()
+    from scipy.spatial.transform import Rotation  # takes 0.1 s
+
     q0, q1, q2, q3 = np.moveaxis(_vectors(q, 4, "quaternion"), -1, 0)
     norm = np.sqrt(q0**2 + q1**2 + q2**2 + q3**2)
     if not (np.isfinite(norm) & (norm > 0)).all():
@@ -211,14 +209,3 @@ def _vectors(values: ArrayLike, length: int, what: str) -> Array:
 
 def _matrix(rows: list[list[Array]]) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def _scipy_rotation() -> Any:
-    try:
-        from scipy.spatial.transform import Rotation
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"A SciPy Rotation is asked for and SciPy is not installed; {install('rotation')} "
-            "cures it."
-        ) from error
-    return Rotation

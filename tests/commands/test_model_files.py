@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import gyrospark as gs
 from command_line import CONTRACT, refused
@@ -77,11 +78,10 @@ def test_commands_in_the_headers_of_examples_exist():
 
 def test_pendulum_swings_as_it_should(document):
     """The angle at t = 2 s against the plane pendulum's equation by SciPy: two ways to a number."""
-    integrate = pytest.importorskip("scipy.integrate")
     found = document("run", PENDULUM, "--scheme", "G-L", "--stages", "2", "--steps", "1000",
                      "--dt", "2e-3")
-    flight = integrate.solve_ivp(lambda t, y: [y[1], -9.81 / 0.5 * np.sin(y[0])], (0, 2.0),
-                                 [np.pi / 2, 0.0], rtol=1e-12, atol=1e-12)
+    flight = solve_ivp(lambda t, y: [y[1], -9.81 / 0.5 * np.sin(y[0])], (0, 2.0),
+                       [np.pi / 2, 0.0], rtol=1e-12, atol=1e-12)
     x, y = found["q"]
     assert np.arctan2(x, -y) == pytest.approx(flight.y[0, -1], abs=1e-9)
 

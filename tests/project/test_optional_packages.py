@@ -12,7 +12,7 @@ import pytest
 from processes import FAST_TOP, python
 from sweep_studies import STUDY, study_file
 
-OPTIONAL = ["dask", "distributed", "h5netcdf", "h5py", "matplotlib", "scipy"]
+OPTIONAL = ["dask", "distributed", "h5netcdf", "h5py", "matplotlib"]
 #: What stores are made with.
 STORES = ["filelock", "google_crc32c", "xarray", "zarr"]
 COMMANDS = """

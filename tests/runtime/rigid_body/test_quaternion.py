@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gyrospark.core.errors import InputError, MissingDependencyError
+from gyrospark.core.errors import InputError
 from gyrospark.runtime.rigid_body.quaternion import (
     angular_velocity,
     attitude_quaternion,
@@ -134,13 +132,6 @@ def test_state_from_a_stack_of_rotations():
     q, p = state_of_body(rotations[0], np.ones((5, 3)), INERTIA)
     assert q.shape == p.shape == (5, 4)
     assert q.flags.writeable
-
-
-def test_without_scipy(monkeypatch):
-    monkeypatch.setitem(sys.modules, "scipy.spatial.transform", None)
-    with pytest.raises(MissingDependencyError, match=r"pip install .scipy"):
-        to_rotation([1, 0, 0, 0])
-    assert np.array_equal(attitude_quaternion(np.eye(3)), [1, 0, 0, 0])  # which needs none
 
 
 @pytest.mark.parametrize(
