@@ -401,6 +401,10 @@ def multibody_calls() -> Iterator[Call]:
     yield of("flywheel", name="j", joint="hinge", inertia=0.1, ratio=2.0)
     yield of("chain_of_rods", points=[(0, 0, 5), (0, 0, 4)], mass=1.0, radius=0.01, axis=(1, 0, 0),
              a=None, name="extra", rep="gamma")
+    yield of("beam", name="c", count=2, mass=1.0, bending=1.0, twisting=1.0, start=None, end=None,
+             points=[(0, 0, 5), (0, 0, 4)], stretching=10.0, shearing=10.0, damping=0.0,
+             rest=(0, 0, 0), normal=(1, 0, 0), twist=0.0, radius=0.1, inertia=None,
+             velocity=(0, 0, 0), angular_velocity=(0, 0, 0), rep="gamma")
     yield of("chain", name="j", a="top", b="body", joints=[
         {"name": "k", "axis": (1, 0, 0), "inertia": 0.1, "at": (0, 0, 0), "rate": 1.0}])
     yield of("law", name="j", joints=["hinge", "slide"], f=lambda x, y: x - y)

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
-from gyrospark import InputError, InputWarning
+from gyrospark import InputError
+from gyrospark.errors import InputWarning
 from robots import Motion
 
 EPS = np.finfo(float).eps
