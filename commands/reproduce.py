@@ -28,7 +28,7 @@ _COLOURS = {"agrees": "green", "round-off": "blue", "misprint": "yellow", "diffe
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("name")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-              help="Write DIR/index.html with JSON, CSV and SVG beside it (for all: report).")
+              help="Write DIR/paper.md with JSON, CSV and SVG beside it (for all: report).")
 @json_option
 @click.option("--summary", type=click.Path(path_type=Path), metavar="FILE",
               help="Write what was found as Markdown; docs/paper.md is made like this.")
@@ -53,13 +53,13 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
     with _progress(len(names), quiet=as_json) as (advance, watch):
         results = compute(names, Engine(watch=watch), advance)
     if out is not None:
-        from ..studies.report_page import report_files
+        from ..studies.report import report_files
 
         write_files(report_files(results), out)
     if summary is not None:
-        from ..studies.summary import write_summary
+        from ..studies.report import page
 
-        write_files({summary.name: write_summary(results)}, summary.parent)
+        write_files({summary.name: page(results)}, summary.parent)
     if as_json:
         _print_json(name, results)
     else:
@@ -128,7 +128,7 @@ def _progress(
 
 
 def _print_json(name: str, results: Sequence[Result]) -> None:
-    from ..studies.report_page import as_json, json_text
+    from ..studies.report import as_json, json_text
 
     text = as_json(results) if name == "all" else json_text(results[0].as_dict())
     click.echo(text, nl=False)
@@ -146,13 +146,13 @@ def _print(name: str, results: Sequence[Result], out: Path | None, summary: Path
         click.echo(f"{sum(claim.holds for claim in claims)} of {len(claims)} claims hold{known}")
     else:
         _print_result(results[0])
-    for path in (out / "index.html" if out is not None else None, summary):
+    for path in (out / "paper.md" if out is not None else None, summary):
         if path is not None:
             click.echo(f"wrote {path}")
 
 
 def _print_result(result: Result) -> None:
-    from ..studies.report_page import heading
+    from ..studies.report import heading
     from ..studies.study_result import Table
 
     click.echo(f"{heading(result)}\n{result.about}\n")
@@ -166,7 +166,7 @@ def _print_table(table: Table) -> None:
     from rich.table import Table as Grid
     from rich.text import Text
 
-    from ..studies.report_page import MARKS, is_scientific, number_text
+    from ..studies.report import MARKS, is_scientific, number_text
     from ..studies.summary import counts_line, notes
 
     cells = {(cell.row, cell.column): cell for cell in table.cells}

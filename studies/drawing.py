@@ -7,15 +7,13 @@ and differ in marks and dashes as well.
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 from ..runtime.plotting.trajectory_plots import figure_class
 from .study_result import Panel, Series
 
-__all__ = ["arrange", "draw", "inline"]
+__all__ = ["draw"]
 
 #: Stands for the page's colour until the text is written.
 _INK = "#010203"
@@ -25,8 +23,8 @@ _THEME = ("<style>svg{color:#1c2733}"
 _WIDTH, _HEIGHT = 4.3, 3.0
 
 
-def draw(panel: Panel) -> str:
-    """Return an SVG document of one panel.
+def draw(panels: Sequence[Panel], columns: int) -> str:
+    """Return an SVG document with panels in rows of ``columns``.
 
     Raises
     ------
@@ -36,53 +34,20 @@ def draw(panel: Panel) -> str:
     figure_type = figure_class()
     from matplotlib import rc_context
 
+    columns = min(columns, len(panels))
+    heights = [max(map(_height, panels[first : first + columns]))
+               for first in range(0, len(panels), columns)]
     inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
     with rc_context({"svg.hashsalt": "gyrospark", "svg.fonttype": "path", "font.size": 9,
                      **dict.fromkeys(inks, _INK)}):
-        figure = figure_type(figsize=(_WIDTH, _height(panel)), layout="constrained")
-        _draw_panel(figure.add_subplot(), panel)
+        figure = figure_type(figsize=(_WIDTH * columns, sum(heights)), layout="constrained")
+        places = figure.add_gridspec(len(heights), columns, height_ratios=heights)
+        for number, panel in enumerate(panels):
+            _draw_panel(figure.add_subplot(places[divmod(number, columns)]), panel)
         text = io.StringIO()
         figure.savefig(text, format="svg", transparent=True,
                        metadata={"Date": None, "Creator": None})
-    return text.getvalue().replace(_INK, "currentColor")
-
-
-def inline(drawing: str, key: str, label: str) -> str:
-    """Return a drawing as an element of a page: it scales, and its ids begin with ``key``."""
-    return _bare(drawing, key).replace("<svg", f'<svg role="img" aria-label="{escape(label)}"', 1)
-
-
-def _bare(drawing: str, key: str) -> str:
-    """Return the svg element alone, without a size, its ids begun with ``key``."""
-    element = drawing[drawing.index("<svg"):]
-    element = re.sub(r"<metadata>.*?</metadata>\s*", "", element, flags=re.DOTALL)
-    for name in (" width", " height", " xmlns", " xmlns:xlink"):  # HTML knows both name spaces
-        element = re.sub(rf'(<svg[^>]*?){name}="[^"]*"', r"\1", element, count=1)
-    element = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{key}-", element)
-    return element.replace("xlink:href", "href")
-
-
-def arrange(drawings: Sequence[str], columns: int) -> str:
-    """Return one SVG document with the drawings in rows of ``columns``."""
-    parts, left, top, row_height, width = [], 0.0, 0.0, 0.0, 0.0
-    for number, drawing in enumerate(drawings):
-        if number and number % columns == 0:
-            left, top, row_height = 0.0, top + row_height, 0.0
-        wide, high = _size(drawing)
-        place = f'<svg x="{left:g}" y="{top:g}" width="{wide:g}" height="{high:g}"'
-        parts.append(_bare(drawing, f"p{number}").replace("<svg", place, 1))
-        left, row_height = left + wide, max(row_height, high)
-        width = max(width, left)
-    height = top + row_height
-    return (f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}pt" height="{height:g}pt" '
-            f'viewBox="0 0 {width:g} {height:g}">\n{_THEME}\n' + "\n".join(parts) + "\n</svg>\n")
-
-
-def _size(drawing: str) -> tuple[float, float]:
-    """Return width and height in points."""
-    found = re.search(r'viewBox="0 0 ([0-9.]+) ([0-9.]+)"', drawing)
-    assert found is not None, "matplotlib writes a viewBox from the origin"
-    return float(found[1]), float(found[2])
+    return text.getvalue().replace(_INK, "currentColor").replace("<defs>", _THEME + "<defs>", 1)
 
 
 def _height(panel: Panel) -> float:

@@ -1,42 +1,21 @@
-"""What all results together say: counts of verdicts, claims, and ``docs/paper.md``.
-
-Every number in the text comes out of the results. Digits below the round-off floor are not
-written: they differ between machines.
-"""
+"""What all results together say: counts of verdicts, and claims that hold or do not."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from .study_result import Cell, Claim, Figure, Finding, Result, Table, Verdict
-from .verdict import CONSERVED_EXACTLY, ROUND_OFF
+from .study_result import Cell, Claim, Result, Table, Verdict
 
-__all__ = [
-    "ALL_VERDICTS",
-    "Group",
-    "counts",
-    "counts_line",
-    "failing",
-    "headlines",
-    "iterations_note",
-    "notes",
-    "requirements",
-    "section",
-    "unexpected",
-    "unexplained",
-    "write_summary",
-]
+__all__ = ["ALL_VERDICTS", "Group", "counts", "counts_line", "failing", "iterations_note", "notes",
+           "requirements", "tables_of", "unexpected", "unexplained"]
 
 ALL_VERDICTS: tuple[Verdict, ...] = ("agrees", "round-off", "misprint", "differs", "not printed")
 #: The tables whose cells issue 3 counts, and how many of them.
 ACCURACY_TABLES = (4, 6, 7)
 FIRST_ITERATION_TABLE = 8
 WANTED_AGREE, WANTED_ROUND_OFF = 96, 18
-#: Results whose first claim stands at the top of the page.
-HEADLINES = ("table-2", "table-3", "table-5", "table-6", "figure-10", "figure-11", "figure-12",
-             "figure-13", "figure-15", "figure-16")
 
 
 @dataclass(frozen=True)
@@ -116,12 +95,6 @@ def unexpected(results: Iterable[Result]) -> list[tuple[Result, Claim]]:
     return [(result, claim) for result, claim in failing(results) if not claim.known]
 
 
-def headlines(results: Sequence[Result]) -> list[tuple[Result, Claim]]:
-    """Return the first claims of the results in ``HEADLINES`` and of every finding."""
-    return [(result, result.claims[0]) for result in results
-            if result.claims and (result.name in HEADLINES or isinstance(result, Finding))]
-
-
 def notes(table: Table) -> list[Group]:
     """Return the misprints and differences of a table, grouped by their reason."""
     groups: dict[tuple[Verdict, str], list[Cell]] = {}
@@ -129,110 +102,3 @@ def notes(table: Table) -> list[Group]:
         if cell.verdict in ("misprint", "differs"):
             groups.setdefault((cell.verdict, cell.note), []).append(cell)
     return [Group(verdict, note, cells) for (verdict, note), cells in groups.items()]
-
-
-# ---------------------------------------------------------------- Markdown
-
-
-def write_summary(results: Sequence[Result]) -> str:
-    """Return ``docs/paper.md``."""
-    parts = [
-        "# The paper, reproduced",
-        "`gyrospark reproduce all --summary docs/paper.md` writes this page; every number below "
-        "is computed. If both numbers are round-off, none is given.",
-    ]
-    parts += _overview(results)
-    parts += [section(result) for result in results]
-    return "\n\n".join(parts) + "\n"
-
-
-def _overview(results: Sequence[Result]) -> list[str]:
-    parts = []
-    if tables_of(results):
-        parts += ["## Verdicts", _verdict_table(tables_of(results))]
-        if iterations_note(results):
-            parts.append(iterations_note(results))
-    if requirements(results):
-        parts.append(_claims(requirements(results)))
-    claims = [claim for result in results for claim in result.claims]
-    if claims:
-        holding = sum(claim.holds for claim in claims)
-        text = f"{holding} of {len(claims)} claims hold."
-        if holding < len(claims):
-            names = dict.fromkeys(result.name for result, _ in failing(results))
-            text += f" The others are in {', '.join(names)}" + (
-                "." if unexpected(results) else ", and why is known.")
-        parts.append(text)
-    return parts
-
-
-def section(result: Result) -> str:
-    """Return a result's part of ``docs/paper.md``."""
-    heading = {Table: "Table", Figure: "Fig."}.get(type(result))
-    number = f"{heading} {result.number}. " if not isinstance(result, Finding) else ""
-    parts = [f"## {number}{result.title}", f"`gyrospark reproduce {result.name}`", result.about]
-    if isinstance(result, Table):
-        parts.append(counts_line([result]) + ".")
-        if any(cell.verdict == "not printed" for cell in result.cells):
-            parts.append(_numbers(result))
-        if notes(result):
-            parts.append("\n".join(_group(group) for group in notes(result)))
-    if result.claims:
-        parts.append(_claims(result.claims))
-    return "\n\n".join(parts)
-
-
-def _verdict_table(tables: Sequence[Table]) -> str:
-    rows = [["table", *ALL_VERDICTS]]
-    for table in tables:
-        found = counts([table])
-        rows.append([str(table.number), *(str(found[verdict]) for verdict in ALL_VERDICTS)])
-    total = counts(tables)
-    rows.append(["all", *(str(total[verdict]) for verdict in ALL_VERDICTS)])
-    return _grid(rows)
-
-
-def _numbers(table: Table) -> str:
-    """Return our numbers of a table whose printed ones are lost."""
-    places = {(cell.row, cell.column): cell for cell in table.cells}
-    columns = list(dict.fromkeys(cell.column for cell in table.cells))
-    rows = [["ours", *columns]]
-    for row in dict.fromkeys(cell.row for cell in table.cells):
-        rows.append([row, *(_number(places.get((row, column))) for column in columns)])
-    return _grid(rows)
-
-
-def _number(cell: Cell | None) -> str:
-    if cell is None:
-        return ""
-    return cell.note if cell.note in (ROUND_OFF, CONSERVED_EXACTLY) else shown(cell.ours)
-
-
-def _group(group: Group) -> str:
-    places = group.places
-    if len(group.cells) == 1:
-        places += f" (ours {shown(group.cells[0].ours)}, paper {shown(group.cells[0].paper)})"
-    return f"- *{group.verdict}*: {places}" + (f": {group.note}" if group.note else "")
-
-
-def shown(value: float | str | None) -> str:
-    """Return a number with four digits, or the text."""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _claims(claims: Sequence[Claim]) -> str:
-    rows = [["claim", "found", "wanted", ""]]
-    rows += [[claim.statement, claim.found, claim.wanted, _outcome(claim)] for claim in claims]
-    return _grid(rows)
-
-
-def _outcome(claim: Claim) -> str:
-    if claim.holds:
-        return claim.outcome
-    return f"**{claim.outcome}**" + (f": {claim.known}" if claim.known else "")
-
-
-def _grid(rows: Sequence[Sequence[str]]) -> str:
-    head, *body = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
-                   for row in rows]
-    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])

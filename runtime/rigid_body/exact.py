@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 from ...core.errors import InputError
 from ...core.inertia import InertiaLike
 from ..bindings.array_checks import as_real
-from . import problems
 from .quaternion import Array, axis, euler_quaternion
 
 __all__ = ["free_body", "regular_precession"]
@@ -407,6 +406,8 @@ def free_body(
     >>> motion.attitude([0.0, 1.0]).shape
     (2, 4)
     """
+    from . import problems  # which imports this module
+
     return cast("ExactMotion", problems.free_body(inertia, angular_velocity, attitude).exact)
 
 

@@ -7,8 +7,8 @@ import io
 import json
 import math
 import re
+import xml.etree.ElementTree as ET
 from collections import Counter
-from html.parser import HTMLParser
 
 import pytest
 from click.testing import CliRunner
@@ -20,22 +20,19 @@ from gyrospark.studies import (
     convergence,
     invariants,
     parameter,
-    report_page,
     study_registry,
 )
 from gyrospark.studies.case_runner import Case, Engine, parameter_value, scheme_of
-from gyrospark.studies.drawing import arrange, draw
+from gyrospark.studies.drawing import draw
 from gyrospark.studies.fit import crossing, fit_line, fit_slope
 from gyrospark.studies.iterations import _near_claim
 from gyrospark.studies.printed import MISPRINTS, TABLE_4, TABLE_6, TABLE_7, Misprint
-from gyrospark.studies.report_page import as_json, report_files
+from gyrospark.studies.report import as_json, page, report_files, section
 from gyrospark.studies.study_result import Cell, Claim, Panel, Series, Table
 from gyrospark.studies.summary import (
     failing,
     requirements,
-    section,
     unexplained,
-    write_summary,
 )
 from gyrospark.studies.verdict import compare_value, same_digits, units_between
 from processes import ROOT
@@ -229,50 +226,28 @@ def test_lobatto_orders(stages, engine):
 # ---------------------------------------------------------------- page and data
 
 
-class _Links(HTMLParser):
-    """Collects ids and every address a page asks for."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.ids: list[str] = []
-        self.addresses: list[str] = []
-
-    def handle_starttag(self, tag, attrs):
-        for name, value in attrs:
-            if name == "id":
-                self.ids.append(value or "")
-            if name in ("href", "src", "srcset", "action"):
-                self.addresses.append(value or "")
-
-
 @pytest.fixture(scope="module")
 def files(quick_results):
     return report_files(quick_results)
 
 
-def test_page_has_every_anchor_and_no_network(files):
-    page, links = files["index.html"], _Links()
-    links.feed(page)
-    assert {"summary", *QUICK} <= set(links.ids)
-    assert len(links.ids) == len(set(links.ids))
-    for address in links.addresses:
-        assert address[1:] in links.ids if address.startswith("#") else address in files
-    assert not re.search(r"https?://|@import|<script|<link|url\((?!#)", page)
+def test_page_has_every_number_and_picture(files, accuracy_tables):
+    text = files["paper.md"]
     for name in QUICK:
-        assert f"<code>gyrospark reproduce {name}</code>" in page
-    for word in ("✓ agrees", "≈ round-off", "✎ misprint", "≠ differs", "· not printed"):
-        assert word in page
-    assert "prefers-color-scheme: dark" in page
-    assert 'name="viewport"' in page
-
-
-def test_subscripts_are_below_their_letters(files):
-    page = re.sub(r"<code>.*?</code>|<[^>]*>", lambda tag: tag[0] if tag[0] in ("<sub>", "</sub>")
-                  else " ", files["index.html"].partition("<body>")[2], flags=re.DOTALL)
-    assert "γ<sub>m</sub>" in page
-    assert not re.search(r"[γαHpqN]\u0303?_\w", page)
-    assert (report_page.with_signs("a < b_1, file_name, q_t(0)")
-            == "a &lt; b<sub>1</sub>, file_name, q_t(0)")
+        assert f"\n`gyrospark reproduce {name}`\n" in text
+    assert {*re.findall(r"!\[.*?\]\((.*?)\)", text)} == {n for n in files if n.endswith(".svg")}
+    rows = {tuple(line.split(" | ")) for line in text.splitlines() if line.startswith("| ")}
+    table = accuracy_tables[0]
+    for row in {cell.row for cell in table.cells}:
+        cells = [cell for cell in table.cells if cell.row == row]
+        shown, = (line for line in rows if line[0] == "| " + row.replace("|", "\\|")
+                  and len(line) == 1 + len(cells)
+                  and float(line[1].split()[0]) == pytest.approx(cells[0].ours, rel=1e-3))
+        for text, cell in zip(shown[1:], cells, strict=True):
+            ours, paper = re.findall(r"[\d.]+(?:e[+-]\d+)?", text)
+            assert float(ours) == pytest.approx(cell.ours, rel=1e-3)
+            assert float(paper) == pytest.approx(cell.paper, rel=1e-2)
+    assert len(list(page([table]).splitlines())) < len(page([table], complete=True).splitlines())
 
 
 def test_files_next_to_the_page(files, quick_results):
@@ -289,16 +264,21 @@ def test_bytes_are_reproducible(quick_results):
     assert report_files(some) == report_files(some)
 
 
-def test_drawings_follow_the_page(files):
+def test_drawings_follow_the_page():
+    """Curves of every panel, in the colours of the page around them."""
     panel = Panel("t", "x", "y", [Series(f"s{i}", [1.0, 2.0], [1.0, 2.0 + i], "o-")
                                   for i in range(3)], "log", "log", zero=False)
-    svg = draw(panel)
+    svg = draw([panel] * 3, 2)
     assert "currentColor" in svg
     assert "#010203" not in svg
-    both = arrange([svg, svg, svg], 2)
-    ids = re.findall(r'\bid="([^"]*)"', both)
-    assert len(ids) == len(set(ids))
-    assert set(re.findall(r'(?:href="#|url\(#)([^")]*)', both)) <= set(ids)
+    assert "prefers-color-scheme:dark" in svg
+    root = ET.fromstring(svg)
+    axes = [e for e in root.iter() if e.get("id", "").startswith("axes_")]
+    assert len(axes) == 3
+    _, _, width, height = map(float, root.get("viewBox").split())
+    assert width > 1.2 * height / 2 * 1.5  # two columns, two rows
+    one = ET.fromstring(draw([panel], 2))
+    assert float(one.get("viewBox").split()[2]) == pytest.approx(width / 2)
 
 
 def test_json_holds_the_contract(quick_results):
@@ -339,7 +319,7 @@ def test_command_writes_page_and_summary(tmp_path):
                     str(tmp_path / "paper.md")], standalone_mode=False)
     assert result.return_value == 0
     assert {path.name for path in (tmp_path / "r").iterdir()} == {
-        "index.html", "results.json", "figure-11.svg"}
+        "paper.md", "results.json", "figure-11.svg"}
     assert "## Fig. 11." in (tmp_path / "paper.md").read_text(encoding="utf-8")
 
 
@@ -372,8 +352,8 @@ def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monk
     assert words in done.stdout
     assert done.stderr == "table-2: 1 of 2\ntable-3: 2 of 2\n"
     assert ("nobody knows" in done.stdout) is (claim == "known")
-    page = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
-    assert ("nobody knows" in page) is (claim == "known")
+    text = (tmp_path / "report" / "paper.md").read_text(encoding="utf-8")
+    assert ("nobody knows" in text) is (claim == "known")
     quiet = CliRunner().invoke(reproduce, ["all", "--json"], standalone_mode=False)
     assert quiet.stderr == ""
     assert json.loads(quiet.stdout)["results"]["table-2"]["claims"][0]["holds"] is (
@@ -422,9 +402,9 @@ def test_committed_summary_is_what_is_computed(name, engine):
 def test_whole_committed_summary_is_what_is_computed():
     committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     computed = study_registry.compute(study_registry.chosen("all"), Engine())
-    assert write_summary(computed) == committed
+    assert page(computed) == committed
 
 
 def test_summary_has_no_digits_of_round_off(quick_results):
-    text = write_summary(quick_results)
+    text = page(quick_results)
     assert not re.search(r"e-1[4-9]\b", text)
