@@ -64,23 +64,12 @@ _KNOWN = frozenset([sp.exp, sp.log, sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp
 
 
 @dataclass(frozen=True)
-class _Term:
-    """A formula, or a constant, with what bounds the next operation on it."""
-
-    expression: sp.Expr
-    constant: Value | None  # None for a formula
-    bits: int
-    terms: int
-    level: int = 0  # of quotients, roots and functions inside one another
-
-
-@dataclass(frozen=True)
 class _Condition:
     """A condition, or whether it holds, with the formulas that it compares."""
 
     chooser: switching_functions.Chooser
     known: bool | None  # None where it depends on symbols
-    compared: tuple[_Term, ...]
+    compared: tuple[Value, ...]
 
 
 def parse_formula(
@@ -111,7 +100,7 @@ def _parsed(
     units: Mapping[str, str],
 ) -> sp.Expr:
     arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
-    formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).expression
+    formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).exact
     for number in formula.atoms(sp.Rational):
         if number != 0 and abs(int(number.p).bit_length() - int(number.q).bit_length()) > 1000:
             raise InputError(f"The formula {shorten(text)!r} contains a number of size "
@@ -148,93 +137,93 @@ class _Formulas:
         self.names = names
         self.exponents = exponents
 
-    def literal(self, digits: int, exponent: int) -> _Term:
-        return _constant(rational(sp.Integer(digits) * sp.Integer(10) ** exponent))
+    def literal(self, digits: int, exponent: int) -> Value:
+        return rational(sp.Integer(digits) * sp.Integer(10) ** exponent)
 
-    def named(self, name: str) -> _Term:
+    def named(self, name: str) -> Value:
         expression = self.names[name]
         if expression.is_number:
-            return _constant(numbers.named(expression))
-        return _Term(expression, None, 1, len(sp.Add.make_args(expression)))
+            return numbers.named(expression)
+        return Value(expression, None, 1, terms=len(sp.Add.make_args(expression)))
 
-    def add(self, terms: Sequence[_Term]) -> _Term:
-        known = [t.constant for t in terms if t.constant is not None]
+    def add(self, terms: Sequence[Value]) -> Value:
+        known = [t for t in terms if t.is_number]
         if len(known) == len(terms):
-            return _constant(numbers.add(known))
+            return numbers.add(known)
         return _formula(terms, 0, sum(t.terms for t in terms), sp.Add)
 
-    def multiply(self, factors: Sequence[_Term]) -> _Term:
-        known = [f.constant for f in factors if f.constant is not None]
+    def multiply(self, factors: Sequence[Value]) -> Value:
+        known = [f for f in factors if f.is_number]
         if len(known) == len(factors):
-            return _constant(numbers.multiply(known))
+            return numbers.multiply(known)
         return _formula(factors, 0, math.prod(f.terms for f in factors), sp.Mul)
 
-    def negative(self, value: _Term) -> _Term:
-        return self.multiply([_constant(rational(sp.Integer(-1))), value])
+    def negative(self, value: Value) -> Value:
+        return self.multiply([rational(sp.Integer(-1)), value])
 
-    def reciprocal(self, value: _Term) -> _Term:
-        if value.constant is not None:
-            return _constant(numbers.reciprocal(value.constant))
+    def reciprocal(self, value: Value) -> Value:
+        if value.is_number:
+            return numbers.reciprocal(value)
         return _formula([value], 1, value.terms, lambda e: 1 / e)
 
-    def power(self, base: _Term, exponent: _Term) -> _Term:
+    def power(self, base: Value, exponent: Value) -> Value:
         self.check_exponent(exponent)
-        e = exponent.expression
-        _refuse_long_root(base.expression, e)
-        if base.constant is not None:
+        e = exponent.exact
+        _refuse_long_root(base.exact, e)
+        if base.is_number:
             if e.is_Rational and e.q <= 2:
-                return _constant(numbers.power(base.constant, rational(e)))
-            if not _number(base.constant) > 0:
+                return numbers.power(base, rational(e))
+            if not _number(base) > 0:
                 raise RefusedError(
-                    f"{shorten(str(base.expression))} has no power {shorten(str(e))}; write a "
+                    f"{shorten(str(base.exact))} has no power {shorten(str(e))}; write a "
                     "base above 0, or an integer exponent"
                 )
-            if exponent.constant is not None:
-                return self.evaluated(sp.Pow, mp.power, [base.constant, exponent.constant])
-        size = math.floor(abs(_number(exponent.constant))) if exponent.constant is not None else 1
+            if exponent.is_number:
+                return self.evaluated(sp.Pow, mp.power, [base, exponent])
+        size = math.floor(abs(_number(exponent))) if exponent.is_number else 1
         terms = math.comb(base.terms + size - 1, size)
         product = replace(base, bits=base.bits * max(size, 1))
         more = 0 if e.is_Integer and e >= 0 else 1 if e.is_Rational else 2
         return _formula([product, exponent], more, terms, sp.Pow)
 
-    def check_exponent(self, exponent: _Term) -> None:
-        e = exponent.expression
-        if exponent.constant is None:
+    def check_exponent(self, exponent: Value) -> None:
+        e = exponent.exact
+        if not exponent.is_number:
             strange = sorted(map(str, e.free_symbols - self.exponents))
             if strange:
                 raise RefusedError(
                     f"The exponent depends on {strange[0]}; write numbers and parameters alone "
                     "there, or use exp and log"
                 )
-        elif abs(_number(exponent.constant)) > MAX_EXPONENT:
+        elif abs(_number(exponent)) > MAX_EXPONENT:
             raise RefusedError(
                 f"The exponent {shorten(str(e), 20)} is not within ±{MAX_EXPONENT}; lower it"
             )
 
-    def call(self, function: str, arguments: Sequence[_Term]) -> _Term:
-        known = [a.constant for a in arguments if a.constant is not None]
+    def call(self, function: str, arguments: Sequence[Value]) -> Value:
+        known = [a for a in arguments if a.is_number]
         make, _ = FUNCTIONS[function]
         if function == "exp":  # SymPy makes exp(c*log(x)) the power x**c
-            for term in sp.Add.make_args(arguments[0].expression):
+            for term in sp.Add.make_args(arguments[0].exact):
                 factor, logarithm = term.as_coeff_Mul()
                 if logarithm.func is sp.log:
-                    self.check_exponent(_constant(rational(factor)))
+                    self.check_exponent(rational(factor))
                     _refuse_long_root(logarithm.args[0], factor)
-        if function == "mod" and arguments[1].constant is not None:
-            numbers.reciprocal(arguments[1].constant)  # refused for zero
+        if function == "mod" and arguments[1].is_number:
+            numbers.reciprocal(arguments[1])  # refused for zero
         if len(known) < len(arguments):
             return _formula(arguments, 1, sum(a.terms for a in arguments), make)
         if function in numbers.FUNCTIONS:
-            return _constant(numbers.FUNCTIONS[function](*known))
+            return numbers.FUNCTIONS[function](*known)
         return self.evaluated(make, getattr(mp, function), known)
 
     # ------------------------------------------------------------ conditions
 
-    def compare(self, sign: str, a: _Term, b: _Term) -> _Condition:
-        chooser = switching_functions.COMPARISONS[sign](a.expression, b.expression)
-        if a.constant is None or b.constant is None:
+    def compare(self, sign: str, a: Value, b: Value) -> _Condition:
+        chooser = switching_functions.COMPARISONS[sign](a.exact, b.exact)
+        if not a.is_number or not b.is_number:
             return _Condition(chooser, None, (a, b))
-        order = sp.Integer(numbers.order(a.constant, b.constant))
+        order = sp.Integer(numbers.order(a, b))
         compare = switching_functions.COMPARISONS[sign]
         holds = compare(order, sp.Integer(0))(sp.Integer(1), sp.Integer(0))
         return _Condition(chooser, holds == 1, ())
@@ -250,7 +239,7 @@ class _Formulas:
         return _Condition(together([c.chooser for c in left]), None,
                           tuple(t for c in left for t in c.compared))
 
-    def choose(self, condition: _Condition, yes: _Term, no: _Term) -> _Term:
+    def choose(self, condition: _Condition, yes: Value, no: Value) -> Value:
         if condition.known is not None:
             return yes if condition.known else no
         parts = (*condition.compared, yes, no)
@@ -259,7 +248,7 @@ class _Formulas:
 
     def evaluated(
         self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
-    ) -> _Term:
+    ) -> Value:
         """Return a function of constants, which must be a real number."""
         places = [_number(a) for a in arguments]
         if any(abs(x) > MAX_ARGUMENT for x in places):
@@ -283,14 +272,10 @@ class _Formulas:
             raise RefusedError("This constant is too long; work it out and write a decimal")
         exact = make(*(a.exact for a in arguments))
         if exact.is_Rational:
-            return _constant(rational(exact))
+            return rational(exact)
         _refuse_rough(exact)
-        return _constant(Value(exact, numbers.INTERVAL.mpf(mp.nstr(value, 95)) * numbers.NEARLY_ONE,
-                               bits, level))
-
-
-def _constant(value: Value) -> _Term:
-    return _Term(value.exact, value, value.bits, 1)
+        return Value(exact, numbers.INTERVAL.mpf(mp.nstr(value, 95)) * numbers.NEARLY_ONE,
+                     bits, level)
 
 
 def _number(value: Value) -> Any:
@@ -302,15 +287,15 @@ def _number(value: Value) -> Any:
 
 
 def _formula(
-    arguments: Sequence[_Term], more: int, terms: int, operation: Callable[..., sp.Expr]
-) -> _Term:
+    arguments: Sequence[Value], more: int, terms: int, operation: Callable[..., sp.Expr]
+) -> Value:
     """Carry out an operation once its bounds are found good; the outcome may be a constant.
 
     ``more`` is by how much the level rises above that of the arguments, ``terms`` how many there
     would be, were the outcome multiplied out.
     """
     bits = sum(a.bits + 1 for a in arguments)
-    level = max(a.level for a in arguments) + more
+    level = max((a.level for a in arguments if not a.is_number), default=0) + more
     if level > MAX_LEVEL:
         raise RefusedError(
             f"More than {MAX_LEVEL} quotients, roots and functions lie inside one another here; "
@@ -326,7 +311,7 @@ def _formula(
             f"Multiplied out, this has {terms if terms < 10**9 else 'over 10^9'} terms and at most "
             f"{MAX_TERMS} are allowed; lower its powers"
         )
-    result = operation(*(a.expression for a in arguments))
+    result = operation(*(a.exact for a in arguments))
     _refuse_rough(result)
     for factor in sp.Mul.make_args(result):
         e = factor.exp if factor.is_Pow else sp.Integer(1)
@@ -336,8 +321,8 @@ def _formula(
                 f"which is not within ±{MAX_EXPONENT}; lower it"
             )
     if result.is_number:
-        return _constant(numbers.named(result))
-    return _Term(result, None, bits, terms, level)
+        return numbers.named(result)
+    return Value(result, None, bits, level, terms)
 
 
 def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:

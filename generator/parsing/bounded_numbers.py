@@ -1,8 +1,8 @@
-"""Exact numbers whose every operation is bounded in time and memory.
+"""Exact numbers, and formulas, whose every operation is bounded in time and memory.
 
-A value carries an enclosing interval, which decides signs and zeros, and a bound on the size of
+A number carries an enclosing interval, which decides signs and zeros, and a bound on the size of
 its integers, which is checked before an operation is carried out. ``exact_expressions`` computes
-with these, for any text of unknown origin.
+with these, ``models.formulas`` with formulas too, for any text of unknown origin.
 """
 
 from __future__ import annotations
@@ -43,12 +43,18 @@ HALF = sp.Rational(1, 2)
 
 @dataclass(frozen=True)
 class Value:
-    """An exact value with what is needed to bound the next operation on it."""
+    """An exact number or a formula, with what is needed to bound the next operation on it."""
 
     exact: sp.Expr
     enclosure: Any  # of an irrational; None where the value has no number (a free symbol)
     bits: int
-    level: int = 0
+    level: int = 0  # of irrational sums, products and powers, or of a formula's operations
+    terms: int = 1  # of a formula that is multiplied out
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the value is a real number, and no formula."""
+        return self.is_rational or self.enclosure is not None
 
     @property
     def is_rational(self) -> bool:
