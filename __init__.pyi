@@ -36,10 +36,7 @@ from .runtime.rigid_body.gamma_rules import gamma as gamma
 from .runtime.steppers.ensemble import Ensemble as Ensemble
 from .runtime.steppers.simulation import Simulation as Simulation
 from .runtime.steppers.stepper import Stepper as Stepper
-from .runtime.tuning.frame_choice import choose_frame as choose_frame
-from .runtime.tuning.frame_search import FrameChoice as FrameChoice
-from .runtime.tuning.gamma_choice import GammaChoice as GammaChoice
-from .runtime.tuning.gamma_choice import choose_gamma as choose_gamma
+from .runtime.tuning.tune import tune as tune
 from .storage.record import resume as resume
 from .sweeps.results import load_sweep as load_sweep
 from .sweeps.run_sweep import sweep as sweep

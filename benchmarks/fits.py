@@ -87,7 +87,7 @@ def damped_top() -> FitCase:
     model = gs.load_model(Path(__file__).parents[1] / "examples" / "damped_top.toml")
     fine = gs.stepper("G-L", 3, system=model)
     run = fine.integrate(model.q0, model.p0, dt=2.5e-3, steps=480, every=8,
-                         parameters={**model.parameters, "gamma": "m"})
+                         parameters=model.parameters)
     true = {name: float(x) for name, x in run.parameters.items()}
     guess = true | {"I1": 2.7e-3, "I2": 1e-3, "I3": 1.1e-3, "c": 1e-4, "gamma": 1.4e-3}
     q = turned(run.q[0], np.array([0.04, -0.06, 0.04]))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from ..core.errors import InputError
 from ..core.html import card, table
 from ..core.inertia import RepName
 from ..core.real_types import REALS, RealName
-from ..core.registry import SYSTEMS
+from ..core.registry import FRAMES, SYSTEMS
 from ..core.warnings import capture_warnings
 from ..generator.multibody.model import Model
 from ..generator.schemes.named_schemes import (
@@ -31,8 +31,6 @@ from ..generator.schemes.named_schemes import (
 )
 from ..generator.symbolic.numeric_evaluation import as_rational
 from ..runtime.bindings.array_checks import as_positive_count, as_step
-from ..runtime.integration.frame_following import follow_frame
-from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
 from .guarantees import Guarantees, MeanGuarantees, SparkGuarantees, SplittingGuarantees
@@ -129,8 +127,8 @@ def certify(
     dt, steps : float, int
         Step in s and number of steps; by default the model's own.
     parameters : mapping, optional
-        Values in place of the model's. An inertia parameter of a body without a value is γ_m. With
-        co-moving frames the rates too, or ``"frame"`` as ``Stepper.integrate`` takes it.
+        Values in place of the model's. With co-moving frames the rates too, by default the least
+        squares of the start.
 
     Returns
     -------
@@ -161,18 +159,17 @@ def certify(
     if dt is None:
         raise InputError(f"Model {known.name!r} names no time step; give dt.")
     count = as_positive_count("steps", (known.steps or STEPS) if steps is None else steps, least=2)
-    values = _parameters(known, step, {} if parameters is None else as_mapping(
-        "parameters", parameters, '{"mgl": 0.4}'))
-    asked = follow_frame(step, step.run_arguments(known.q0, known.p0, dt=dt, steps=count,
-                                                  parameters=values))
-    values, follow = asked.parameters, asked.follow
-    run = step.integrate(known.q0, known.p0, dt=as_step(dt), steps=count, parameters=values)
-    values = dict(run.parameters)  # with a number where a rule was given
+    changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
+    for name in changes:
+        if name not in step.parameter_domains:
+            raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "
+                             f"are {', '.join(step.parameter_domains) or 'none'}.")
+    run = step.integrate(known, dt=as_step(dt), steps=count, parameters=changes)
+    values = dict(run.parameters)
     guarantees = _guarantees(known, step, scheme, stages, tableau, values)
     round_off = RoundOff(known.system, run, values, step)
     with capture_warnings():  # what is to be said of the run has been said
-        lines = list(Examination(known, step, guarantees, run, values, round_off,
-                                 "" if follow is None else str(follow)).lines())
+        lines = list(Examination(known, step, guarantees, run, values, round_off).lines())
     return Certificate(model.name, step.name, step.order, run.dt, count, values, lines)
 
 
@@ -191,14 +188,17 @@ def compiled(
         system = SYSTEMS[model.system].make(rep)
         known = {str(s) for s in system.parameters}
         return Model(system, {k: v for k, v in model.parameters.items() if k in known}, model.q0,
-                     model.p0, {rep: model.inertia}, PROBLEM_DT, STEPS, model.description), made
+                     model.p0, {rep: model.inertia}, PROBLEM_DT, STEPS, model.description,
+                     frame or ""), made
     if not isinstance(model, Model):
         raise InputError(f"model = {shown(model)} is no gyrospark.Model; make one with "
                          "gyrospark.Model(system, parameters, q0, p0).")
     if rep is not None:
         raise InputError("rep belongs to the named problems; a Model brings its own H.")
+    if frame is not None:
+        model = replace(model, frame=choose("frame", frame, FRAMES))
     return model, make_stepper(scheme, stages, system=model.system, tableau=tableau,
-                               frame=frame or model.frame or None, energy=energy, real=real,
+                               frame=model.frame or None, energy=energy, real=real,
                                order=order, composition=composition, allow_invalid=allow_invalid)
 
 
@@ -217,16 +217,3 @@ def _guarantees(
                                bool(step.manifest["scheme"].get("exact_energy")))
     exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
     return SparkGuarantees(model.system, numbers, exact)
-
-
-def _parameters(model: Model, step: Stepper, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a value for every parameter, γ_m for inertia parameters without value and rule."""
-    allowed = {*map(str, model.system.parameters), *(s.name for s in step.symmetries)}
-    allowed |= {"frame"} if step.symmetries else set()
-    chosen = {name: mean_inertia(inertia) for name, inertia in model.bodies.items()}
-    values: dict[str, Any] = chosen | dict(model.rules) | dict(model.parameters) | dict(changes)
-    for name in changes:
-        if name not in allowed:
-            raise InputError(f"{name!r} is no parameter of model {model.name!r}; its parameters "
-                             f"are {', '.join(map(str, model.system.parameters)) or 'none'}.")
-    return values

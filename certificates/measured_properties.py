@@ -109,7 +109,6 @@ class Examination:
     run: Trajectory
     parameters: dict[str, float]
     round_off: RoundOff
-    follow: str = ""
 
     @property
     def steps(self) -> int:
@@ -123,11 +122,6 @@ class Examination:
 
     def lines(self) -> Iterator[CertificateLine]:
         """Yield the lines, the strictest properties first."""
-        if self.follow:
-            yield reported("co-moving frame", f"{self.follow} steps", "-",
-                           "each block keeps what the scheme keeps; that rates are chosen from the "
-                       f"state breaks it by O(Δt^{self.step.order}) from block to block; loops are "
-                       "measured with the rates of the start")
         yield self._compiled_system()
         yield self._loop()
         yield self._reversal()
@@ -248,9 +242,6 @@ class Examination:
             why = "θ is not that of the way back" if self._manifest.get("exact_energy") else \
                 "the tableau is not symmetric"
             return reported(quantity, found, "not guaranteed", why, value)
-        if self.follow:
-            return reported(quantity, found, f"O(Δt^{self.step.order})", "back with the rates of "
-                        "the start: the same steps back are those of each block's own rates", value)
         jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
         if jumps:
             return reported(quantity, found, "by the same steps back",
@@ -320,8 +311,6 @@ class Examination:
         yield self._energy(Guarantee(False, f"H − Σ ω_i J_i is kept, not each J_i: not "
                                      f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
-        if self.follow:
-            return  # another H − Σ ω_i J_i in each block
         values = self.run.energy_error().astype(float)
         bound = rounded.walk * rounded.energy
         for rate, J in self.moving:

@@ -11,10 +11,12 @@ from ..core.arguments import listed
 from ..core.errors import InputError
 from ..core.lazy_imports import imported_for_good
 from ..core.real_types import REALS
-from ..core.registry import MODELS, PROBLEMS, entry_named
+from ..core.registry import MEANS, MODELS, PROBLEMS, entry_named
+from ..core.start import Rule
 from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import is_model_file
 from ..generator.tableaux.compositions import COMPOSITIONS
+from ..runtime.rigid_body.gamma_rules import is_inertia_parameter
 from ..targets import TARGETS, Target
 from ..targets.build import build as build_artefact
 from ..targets.build import target_named
@@ -153,6 +155,7 @@ def _value(text: str) -> tuple[str, Any]:
     name, sign, value = text.partition("=")
     if not sign:
         raise InputError(f"--parameter {text!r} has no value; write NAME=VALUE, such as gamma=m.")
-    rule = name.strip().rpartition("_")[2] in ("gamma", "alpha") and value.strip().isalpha()
-    return name.strip(), value.strip() if rule else real_number(f"--parameter {name.strip()}",
-                                                                value.strip())
+    name, value = name.strip(), value.strip()
+    if is_inertia_parameter(name) and value in MEANS:
+        return name, Rule(value)
+    return name, real_number(f"--parameter {name}", value)

@@ -14,7 +14,6 @@ import numpy as np
 from ..core.arguments import few, listed
 from ..core.errors import InputError
 from ..core.registry import MODELS, PROBLEMS
-from ..core.start import Start
 from .options import (
     completing,
     json_option,
@@ -23,8 +22,7 @@ from .options import (
     stepper_options,
     with_default_scheme,
 )
-from .run.choices import parameters_for
-from .run.starts import projected, started
+from .run.starts import start_of, started
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -83,11 +81,9 @@ def fit(
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
-    begin = start_time(t0)
-    parameters = parameters_for(step, start, None, None)
-    q, p, _ = projected(step, start, parameters, begin)
+    state, _ = start_of(step, start, start_time(t0))
     found = fitted(
-        step, Start(q, p, parameters, begin), times, rows, observe=observed,
+        step, state, times, rows, observe=observed,
         dt=None if dt is None else real_number("--dt", dt),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
         sigma=None if sigma is None else real_number("--sigma", sigma))

@@ -10,7 +10,6 @@ import click
 
 from ..core.arguments import listed
 from ..core.registry import MODELS, PROBLEMS
-from ..core.start import Start
 from .options import (
     check_picture,
     completing,
@@ -20,9 +19,9 @@ from .options import (
     whole_number,
     with_default_scheme,
 )
-from .run.choices import parameters_for, step_for
+from .run.choices import steps_for
 from .run.command import progress_bar
-from .run.starts import projected, started
+from .run.starts import start_of, started
 
 if TYPE_CHECKING:
     from ..runtime.analysis.lyapunov import Lyapunov
@@ -76,13 +75,11 @@ def lyapunov(
     if not as_json:
         for line in note:
             click.echo(line)
-    parameters, begin = parameters_for(step, start, None, None), start_time(t0)
-    q, p, _ = projected(step, start, parameters, begin)
-    size, number, _ = step_for(
-        step, start, {"q": q, "p": p, "t0": begin, "parameters": parameters},
-        {"dt": dt, "error": None, "steps": steps, "t_end": t_end}, False)
+    begin = start_time(t0)
+    state, _ = start_of(step, start, begin)
+    size, number = steps_for(start, begin, {"dt": dt, "steps": steps, "t_end": t_end})
     with progress_bar(number, quiet=as_json, least=_BAR_FROM) as progress:
-        found = exponents_of(step, Start(q, p, parameters, begin), dt=size, steps=number,
+        found = exponents_of(step, state, dt=size, steps=number,
                              every=between, count=wanted, progress=progress)
     result = _result(found)
     if plot is not None:

@@ -196,7 +196,6 @@ def _certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
             frame="symmetries" if moving else None, energy=choice["energy"],
-            parameters={"frame": "start"} if moving else None,
             dt=step_size, steps=None if steps is None else whole_number("--steps", steps),
             order=None if spec.composition else spec.order, composition=spec.composition or None,
         )

@@ -32,6 +32,10 @@ FORMER_NAMES = {
        for name, (call, home) in _RESULTS.items()},
     **{f"load_{kind}": "gyrospark.load_model" for kind in _ROBOTS},
     **{f"read_{kind}": "gyrospark.Multibody.from_file" for kind in _ROBOTS},
+    "FrameChoice": "what gyrospark.tune(..., frame='auto') returns",
+    "GammaChoice": "what gyrospark.tune(..., gamma='auto') returns",
+    "choose_frame": "gyrospark.tune(step, start, dt=..., frame='auto')",
+    "choose_gamma": "gyrospark.tune(step, start, dt=..., gamma='auto')",
     "gamma_h": "gyrospark.gamma(inertia, 'h')",
     "gamma_h_tilde": "gyrospark.gamma(inertia, 'ht')",
     "gamma_m": "gyrospark.gamma(inertia)",
@@ -74,6 +78,7 @@ _OF_STARTS = {
 
 #: Former arguments of other functions, "function.argument".
 _ARGUMENTS = {
+    "integrate.error": "gs.tune(step, start, step_error=1e-9, t_end=1).dt is the step for it",
     "fit.step": "the stepper goes first, without a name",
     "sweep.tolerance": _OF_STARTS["tolerance"],
     "sweep.max_iterations": _OF_STARTS["max_iterations"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -20,7 +21,28 @@ from .registry import function_of
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["HasStart", "Start", "as_start"]
+__all__ = ["GAMMA_M", "HasStart", "Rule", "Start", "as_start"]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A parameter of a model without a number: γ or α of a body, or the rate of a frame.
+
+    Attributes
+    ----------
+    name : str
+        A mean of the moments or a search, of ``registry.RULES``; "start": the rate of the start's
+        least squares.
+    inertia : sequence of numbers, optional
+        The body's inertia, where it is not among the parameters.
+    """
+
+    name: str
+    inertia: Any = None
+
+
+#: What γ is where nothing is said.
+GAMMA_M = Rule("m")
 
 
 @runtime_checkable
@@ -73,7 +95,7 @@ class Start:
             as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))
         self.inputs: Mapping[str, Number] = FrozenDict(
             as_mapping("inputs", {} if inputs is None else inputs, "{'u': 0.3}"))
-        #: Inertia of the bodies by the names of γ or α, and the rules by which these are found.
+        #: Inertia of the bodies by the names of γ or α, and the rules of these and of the frame.
         self._inertias: Mapping[str, Any] = {}
         self._rules: Mapping[str, str] = {}
         #: Parameters that some steppers of the system do not have.

@@ -35,8 +35,7 @@ API = {
         "load_model", "models", "problems", "references", "exact", "tableau", "consistent",
         "core.projection.Projection"],
     "tuning": [
-        "gamma", "choose_gamma",
-        "GammaChoice", "choose_frame", "FrameChoice", "certify",
+        "gamma", "tune", "runtime.tuning.tune.Tuned", "certify",
         "certificates.certificate.Certificate", "cite", "certificates.citations.Citations"],
     "differentiation": [
         "Tangents", "runtime.results.tangent_rows.TangentRows",

@@ -165,15 +165,15 @@ class DiscreteFlow:
         Raises
         ------
         InputError
-            For missing and unknown names, and for rules such as "m" in place of a number.
+            For missing and unknown names, and for text in place of a number.
         """
         rates = {symmetry.name for symmetry in self.stepper.symmetries}
         for name, value in given.items():
             if name not in self.names:
                 raise unknown("parameter", name, self.names)
             if isinstance(value, str):
-                raise InputError(f"Parameter {name} = {value!r} is a rule, which has no "
-                                 "derivatives; give a number, such as gs.gamma(inertia).")
+                raise InputError(f"Parameter {name} = {value!r} is no number; give one, such as "
+                                 "gs.gamma(inertia).")
         missing = [name for name in self.names if name not in given and name not in rates]
         if missing:
             raise InputError(f"Parameter {missing[0]!r} is not given; this stepper needs "

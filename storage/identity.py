@@ -49,7 +49,6 @@ def identity_of(
         "solver": run.solver,
         "tolerance": None if run.tolerance is None else digits_of(run.tolerance),
         "max_iterations": run.max_iterations,
-        **({} if run.follow is None else {"frame": str(run.follow)}),
     }
 
 

@@ -231,12 +231,6 @@ class Recorder:
                 self._commit(writer)
                 committed = time.monotonic()
 
-    def _parameters(self, state: CheckpointState) -> Any:
-        """Return the compiled parameters after a state."""
-        if self.run.follow is None:
-            return self.parameters
-        return self.run.follow.parameters(self.run, state.steps, state.q, state.p, state.work)
-
     def _has_ended(self) -> bool:
         """Whether a step has failed, or an event has ended the run."""
         return self.state.status != 0
@@ -245,10 +239,9 @@ class Recorder:
         """Compute the next chunk into the block, from that row on."""
         state, rows = self.state, self.rows
         count, every = next_chunk(run, state.steps, self.pace.begin(), self.block - place)
-        parameters = self._parameters(state)
         most = rows.iterations[place]  # of the pieces before, where a row takes several
         step_on = advance if run.detector is None else advance_with_events
-        status = step_on(self.binding, run, parameters, count, every, state.q, state.p,
+        status = step_on(self.binding, run, self.parameters, count, every, state.q, state.p,
                          _output_rows(rows, place), state.report, state.work)
         rows.iterations[place] = max(most, rows.iterations[place])
         self.pace.end(count)
@@ -274,7 +267,7 @@ class Recorder:
         copy = unpack(self.binding, pack(self.binding, replace(self.state, event_progress=None)))
         assert copy is not None
         rows = Rows.allocate(self.binding, 1)
-        status = advance(self.binding, self.run, self._parameters(copy), 1, 1, copy.q, copy.p,
+        status = advance(self.binding, self.run, self.parameters, 1, 1, copy.q, copy.p,
                          rows.after(0), copy.report, copy.work)
         return None if status else (rows.q[1:], rows.p[1:])
 

@@ -31,10 +31,12 @@ from ..runtime.results.trajectory import Trajectory
 from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
+from ..runtime.tuning.tune import tune
 
-__all__ = ["Case", "Engine", "Quantity", "parameter_value", "scheme_of"]
+__all__ = ["Case", "Engine", "Frame", "Quantity", "parameter_value", "scheme_of"]
 
 Array = NDArray[Any]
+Frame = Literal["", "start", "auto"]
 Quantity = Literal["H", "E", "l3", "x", "z", "g", "qp"]
 _Value = TypeVar("_Value")
 
@@ -65,7 +67,7 @@ class Case:
     steps: int
     settings: tuple[tuple[str, float], ...] = ()
     real: RealName = "double"
-    frame: str = ""
+    frame: Frame = ""
 
     @property
     def method(self) -> str:
@@ -134,12 +136,14 @@ class Engine:
             if self.watch is not None:
                 self.watch(str(case))
             step, parameters = self.stepper(case), self.parameters(case)
-            frame = {"frame": case.frame} if case.frame else {}
             q0, p0 = self.problem(case).q0, self.problem(case).p0
             if case.real != "double":  # a start that is consistent in that type
                 q0, p0 = step.project(q0, p0, parameters=parameters)
+            if case.frame:
+                parameters |= tune(step, q0, p0, dt=case.dt, steps=case.steps,
+                                   parameters=parameters, frame=case.frame).parameters
             self._trajectories[case] = step.integrate(q0, p0, dt=case.dt, steps=case.steps,
-                                                      parameters=parameters | frame,
+                                                      parameters=parameters,
                                                       solver="newton")  # as the paper
         return self._trajectories[case]
 

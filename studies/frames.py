@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .accuracy import SLIM_CONE, TOP, WIDE_CONE, Setting
-from .case_runner import Case, Engine, Quantity
+from .case_runner import Case, Engine, Frame, Quantity
 from .labels import NORMS
 from .printed import COLUMNS, TABLE_4, TABLE_6, TABLE_7, Printed
 from .study_result import Claim, Finding, Panel, Series
@@ -61,7 +61,7 @@ def _cone_claim(engine: Engine, table: int, setting: Setting, printed: Printed) 
                  f"all {len(cells)}", moved == len(cells))
 
 
-def _gain(engine: Engine, case: Case, quantity: Quantity, frame: str) -> float:
+def _gain(engine: Engine, case: Case, quantity: Quantity, frame: Frame) -> float:
     """Return the error without a frame over that with one."""
     moved = replace(case, frame=frame)
     return engine.mean(case, quantity) / engine.mean(moved, quantity)
@@ -114,7 +114,8 @@ def _short(gain: float) -> str:
 def _panel(engine: Engine) -> Panel:
     """Draw the distance of the axis of 2-G-L from the true one."""
     series = []
-    for label, frame in (("no frame", ""), ("of the start", "start"), ("chosen", "auto")):
+    labels: dict[Frame, str] = {"": "no frame", "start": "of the start", "auto": "chosen"}
+    for frame, label in labels.items():
         case = replace(TOP.case("2-G-L", "gamma", "m"), frame=frame)
         run = engine.trajectory(case)
         apart = np.linalg.norm(run.axis() - engine.axis_reference(case), axis=1)

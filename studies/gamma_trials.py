@@ -1,7 +1,7 @@
 """Motions, methods and the runs by which a chosen γ is judged.
 
-A motion is judged path by path (``runtime.tuning.motion_distance``): the mean distance of each of
-the body's axes, in space, from where 6-stage Gauss-Lobatto with half the step, order 12, has it.
+A motion is judged path by path (``runtime.tuning.motion_distance``): the root mean square distance
+of each of the body's axes, in space, from 6-stage Gauss-Lobatto with half the step, order 12.
 Distances with the chosen γ are told in units of those with a recommendation; where the latter is
 off by more than 0.3 rad both runs have lost the motion, and the ratio says nothing.
 """
@@ -24,8 +24,8 @@ from ..runtime.results.trajectory import Trajectory
 from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem, fast_top, free_body, regular_precession
 from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
-from ..runtime.tuning.gamma_choice import GammaChoice, choose_gamma
-from ..runtime.tuning.motion_distance import MotionError, sizes
+from ..runtime.tuning.motion_distance import MotionError, root_mean_squares
+from ..runtime.tuning.tune import Tuned, tune
 
 __all__ = ["BODIES", "METHODS", "TIMES", "Trial", "TrialBody", "asymmetric_top"]
 
@@ -105,20 +105,23 @@ class Trial:
         return self.scheme if self.stages is None else f"{self.stages}-{self.scheme}"
 
     @cached_property
-    def for_motion(self) -> GammaChoice:
-        """What is chosen by default."""
-        return self._choice("motion", {})
+    def for_motion(self) -> Tuned:
+        """The choice by default."""
+        return self._tuned("motion", {})
 
     @cached_property
-    def for_energy(self) -> GammaChoice:
-        """What is chosen for the energy on pilots as long as the paper's tables."""
-        return self._choice("energy", {"steps": self.body.steps})
+    def for_energy(self) -> Tuned:
+        """The choice for the energy by pilot runs as long as the paper's tables."""
+        return self._tuned("energy", {"pilot_steps": self.body.steps})
 
-    def _choice(self, aim: Aim, options: dict[str, int]) -> GammaChoice:
-        problem = self.body.problem
-        return choose_gamma(stepper(self.scheme, self.stages), problem.q0, problem.p0,
-                            dt=self.body.dt, parameters=problem.parameters,
-                            bodies={"gamma": problem.inertia}, aim=aim, **options)
+    def _tuned(self, aim: Aim, options: dict[str, Any]) -> Tuned:
+        return tune(stepper(self.scheme, self.stages), self.body.problem, dt=self.body.dt,
+                    gamma="auto", aim=aim, **options)
+
+    def gamma(self, aim: Aim = "motion") -> float:
+        """Return γ chosen for the motion or for the energy."""
+        tuned = self.for_motion if aim == "motion" else self.for_energy
+        return tuned.parameters["gamma"]
 
     def rule(self, name: str) -> float:
         """Return a recommendation, "γ_m" for example, for this body."""
@@ -135,7 +138,7 @@ class Trial:
     # ------------------------------------------------------------ the motion
 
     def distances(self, gamma: float, times: tuple[float, ...] = TIMES) -> Array:
-        """Return the mean distance of each axis up to each time, shape (times, 3), in rad."""
+        """Return the distance of each axis up to each time, shape (times, 3), in rad."""
         return _distances(self, gamma, times)
 
     def ratios(self, rule: str = "γ_m", times: tuple[float, ...] = TIMES) -> Array:
@@ -143,11 +146,21 @@ class Trial:
 
         Shape (times, 3); NaN where the rule has lost the motion.
         """
-        return self._over(self.for_motion.gamma, rule, times)
+        return self._over(self.gamma(), rule, times)
 
     def price(self, times: tuple[float, ...] = TIMES) -> Array:
         """Return the same for the γ chosen for the energy, over γ_m."""
-        return self._over(self.for_energy.gamma, "γ_m", times)
+        return self._over(self.gamma("energy"), "γ_m", times)
+
+    def gain(self, rule: str = "γ_m", times: tuple[float, ...] = TIMES) -> float:
+        """Return the largest distance of an axis with a rule over that with the choice.
+
+        Up to the last time; NaN where the rule has lost the motion.
+        """
+        with_rule = self.distances(self.rule(rule), times)[-1].max()
+        if with_rule > _LOST:
+            return math.nan
+        return float(with_rule / self.distances(self.gamma(), times)[-1].max())
 
     def _over(self, gamma: float, rule: str, times: tuple[float, ...]) -> Array:
         other = self.rule(rule)
@@ -167,7 +180,7 @@ class Trial:
         """Return the error with a rule, or with the best of them, over that with the choice."""
         names = list(MEANS.values()) if rule is None else [rule]
         best = min(self.energy_error(self.rule(name), times) for name in names)
-        return best / self.energy_error(self.for_energy.gamma, times)
+        return best / self.energy_error(self.gamma("energy"), times)
 
     def at_round_off(self, times: int = 1) -> bool:
         """Whether a rule's energy error is round-off, where no ratio means anything."""
@@ -186,7 +199,8 @@ def _distances(trial: Trial, gamma: float, times: tuple[float, ...]) -> Array:
     steps = _steps(trial.body, times)
     exact, every = _exact(trial.body, steps[-1])
     errors = exact(trial.run(gamma, steps[-1], every).q)[1:]
-    return np.array([sizes(errors[: count // every], exact.paths) for count in steps])
+    return np.array([root_mean_squares(errors[: count // every], exact.paths)
+                     for count in steps])
 
 
 @cache

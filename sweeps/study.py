@@ -16,8 +16,8 @@ from ..core.event import Event, as_events, refuse_unusable_names
 from ..core.real_types import REALS
 from ..runtime.bindings.array_checks import as_positive_count, as_real, as_step
 from ..runtime.bindings.binding import SOLVERS, SolverName
+from ..runtime.integration.manifest_symmetries import refuse_broken
 from ..runtime.integration.run_arguments import as_parameters, warn_of_negative
-from ..runtime.tuning.manifest_symmetries import refuse_broken
 from .axes import SCHEME, START, Axis
 
 if TYPE_CHECKING:

@@ -32,6 +32,8 @@ from typing import Any
 from ..core.arguments import proposal, whole
 from ..core.errors import InputError
 from ..core.event import Event, event_of_text
+from ..core.registry import RULES
+from ..core.start import Rule
 from ..generator.models.toml_tables import load_toml
 from ..generator.parsing.text_file import UnusableFileError, read_text
 from ..generator.spec import is_model_file
@@ -108,7 +110,8 @@ def _study(content: dict[str, Any], path: Path) -> Study:
         raise InputError(f"name = {name!r} is not text.")
     return plan(model, as_table(content.get("grid", {}), "grid"), name=name,
                 settings=as_table(content.get("settings", {}), "settings"),
-                parameters=as_table(content.get("parameters", {}), "parameters"),
+                parameters={name: Rule(value) if value in RULES else value for name, value in
+                            as_table(content.get("parameters", {}), "parameters").items()},
                 events=_events(as_table(content.get("events", {}), "events")), **options)
 
 

@@ -13,7 +13,9 @@ from ..core.arguments import choose, proposal
 from ..core.errors import InputError
 from ..core.inertia import REPS, unit_quaternions
 from ..core.registry import MEANS, entry_named
+from ..core.start import Rule
 from ..generator.spec import Spec, is_model_file
+from ..runtime.integration.run_arguments import refuse_texts
 from ..runtime.rigid_body.gamma_rules import mean_inertia
 from ..runtime.rigid_body.problems import Problem
 from ..runtime.rigid_body.quaternion import momentum
@@ -100,8 +102,9 @@ def base_parameters(
 ) -> dict[str, float]:
     """Return the parameters that all cells have in common.
 
-    γ and α may be named m, h, mt or ht, and are m where nothing is said; a frame is at rest.
+    γ and α are by the model's rules where none is given; a frame is at rest.
     """
+    refuse_texts(given, stepper.parameter_domains)
     found: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
                              if symmetry.name not in varied}
     found |= {name: value for name, value in start.parameters.items()
@@ -110,13 +113,8 @@ def base_parameters(
         if name in stepper.parameter_domains and name not in found and name not in varied:
             found[name] = _by_rule(name, start.rules.get(name, "m"), inertia)
     for name, value in given.items():
-        if isinstance(value, str):
-            if name not in start.bodies or value not in MEANS:
-                raise InputError(f"Parameter {name} = {value!r} is no number; m, h, mt and ht are "
-                                 "for gamma and alpha.")
-            found[name] = mean_inertia(start.bodies[name], value)
-        else:
-            found[name] = value
+        is_rule = isinstance(value, Rule) and name in start.bodies
+        found[name] = _by_rule(name, value.name, start.bodies[name]) if is_rule else value
     return found
 
 

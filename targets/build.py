@@ -15,7 +15,8 @@ from ..core.arguments import as_items, as_path, choose, shown, unknown
 from ..core.errors import InputError
 from ..core.inertia import RepName
 from ..core.real_types import RealName
-from ..core.registry import MODELS, SYSTEMS, entry_named
+from ..core.registry import MEANS, MODELS, SYSTEMS, entry_named
+from ..core.start import Rule
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
 from ..generator.spec import Spec, is_model_file
 from ..runtime.bindings.array_checks import as_array, as_step
@@ -285,7 +286,8 @@ def _values(
     known: dict[str, Any] = {}
     if model is not None:
         rules = {name: model.rules.get(name, "m") for name in model.bodies}
-        means = {name: "m" if rule.startswith("auto") else rule for name, rule in rules.items()}
+        means = {name: Rule(rule if rule in MEANS else "m", model.bodies[name])
+                 for name, rule in rules.items()}
         known = {name: x for name, x in {**means, **model.parameters}.items() if name in domains}
     if given is not None and not isinstance(given, Mapping):
         raise InputError(f"parameters = {shown(given)} is not a dict; give {', '.join(domains)}.")

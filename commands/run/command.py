@@ -16,7 +16,6 @@ from ...core.interrupts import catch_signals
 from ...core.real_types import REALS
 from ...core.registry import MODELS, PROBLEMS, RULES
 from ...core.solver import Solver
-from ...core.start import Start
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.compilation.manifest import manifest_warnings
@@ -33,17 +32,17 @@ from ..options import (
     whole_number,
     with_default_scheme,
 )
-from .choices import aim_of, frame_for, gamma_for, parameters_for, step_for
+from .choices import tuned, with_options
 from .outputs import Angles, check_targets, events_of, integrate_to, stored_location
 from .report import (
-    about_choice,
+    about_tuning,
     as_text,
     axis_errors,
     json_text,
     result_of,
     warn_of_rest,
 )
-from .starts import projected, started
+from .starts import start_of, started
 
 __all__ = ["progress_bar", "run"]
 
@@ -72,17 +71,15 @@ class RunCommand(Grouped):
 @stepper_options
 @click.option("--gamma", metavar=f"{{{','.join(RULES)},NUMBER}}",
               shell_complete=completing(RULES),
-              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m; without "
-                   "--scheme auto for a single body); auto: smallest error of the motion in short "
-                   "pilot runs, γ_m if any axis would get worse; auto-energy: smallest energy "
-                   "error.")
+              help="γ: γ_m, γ_h, γ̃_m, γ̃_h of the body, or a number in kg m² (default m); auto: "
+                   "smallest error of the motion in short pilot runs, γ_m if any axis would get "
+                   "worse; auto-energy: smallest energy error.")
 @click.option("--alpha", metavar=f"{{{','.join(RULES)},NUMBER}}", shell_complete=completing(RULES),
               help="The same for --rep alpha.")
-@click.option("--frame", "frames", metavar="{auto,start,follow,NAME=RATE,...}", multiple=True,
+@click.option("--frame", "frames", metavar="{auto,start,NAME=RATE,...}", multiple=True,
               help="Integrate in a co-moving frame along the system's symmetries: auto searches "
                    "for its rates in short pilot runs (with --gamma auto for both at once), start "
-                   "takes the least squares of the start, follow those of the state every 100 "
-                   "steps ('follow 50': every 50); or rates in rad/s, omega_body=75.4.")
+                   "takes the least squares of the start; or rates in rad/s, omega_body=75.4.")
 @click.option("--dt", metavar="{DT,auto}",
               help="Time step in seconds (default: the model file's); auto: for --error and "
                    "--t-end, by pilot runs of ever halved steps.")
@@ -143,8 +140,7 @@ def run(
     **choice: Any,
 ) -> int:
     """Integrate PROBLEM: one of the paper's, (PROBLEMS); one of gs.models, (MODELS); a model file
-    (.toml); or a robot (.urdf, .xml, .sdf). Without a scheme by (DEFAULT), and a single body's γ
-    then by pilot runs.
+    (.toml); or a robot (.urdf, .xml, .sdf). Without a scheme by (DEFAULT).
 
     \b
     gyrospark run double_pendulum --view pendulum.html
@@ -178,36 +174,26 @@ def run(
     if not as_json:  # before a step is taken
         for line in (*note, *map(": ".join, manifest_warnings(step.manifest))):
             click.echo(line)
-    parameters = parameters_for(step, start, gamma, alpha)
+    defaults, search = with_options(step, start, gamma, alpha, frames)
+    # The problem's start is on the constraints to double only, a file's to its own digits.
     begin = start_time(t0)
-    (q0, p0), moved = start.state, 0.0
-    if chosen is None or REALS[step.manifest["real"]].wide:
-        # The problem's start is on the constraints to double only, a file's to its own digits.
-        q0, p0, moved = projected(step, start, parameters, begin)
+    state, moved = start_of(step, defaults, begin,
+                            project=chosen is None or REALS[step.manifest["real"]].wide)
     method = Solver(choose("solver", solver, SOLVERS),
                     None if tolerance is None else real_number("--tolerance", tolerance),
                     whole_number("--max-iterations", max_iterations))
-    step_size, count, measured = step_for(
-        step, start, {"q": q0, "p": p0, "t0": begin, "parameters": parameters, "solver": method},
-        {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, nearest)
-    aim = aim_of(start, parameters, gamma or alpha, unnamed=bool(note) and not frames)
-    state = q0, p0, begin
-    frame = frame_for(step, start, state, step_size, count, parameters, frames, aim)
-    parameters |= {} if frame is None else frame.values
-    made_choice = None if frame is not None and frame.has_gamma else gamma_for(
-        step, start, state, step_size, count,
-        {name: x for name, x in parameters.items() if name != "frame"}, aim)
-    if made_choice is not None:
-        parameters |= made_choice.values
+    state, size, count, found = tuned(
+        step, state, defaults, begin,
+        {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, search, nearest=nearest)
     arguments: dict[str, Any] = {
-        "dt": step_size, "steps": count, "every": whole_number("--every", every),
+        "dt": size, "steps": count, "every": whole_number("--every", every),
         "solver": method, **events_of(watched_for, start.events, step),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
             with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
-                done = integrate_to(step, Start(q0, p0, parameters, begin), out, arguments,
+                done = integrate_to(step, state, out, arguments,
                                     resume=resume, seed=drawn, progress=progress, angles=angles)
             trouble = done.trouble
             if isinstance(trouble, StepFailed):
@@ -218,13 +204,10 @@ def run(
                 else:
                     warn(message)
             result = result_of(start, step, done, begin)
-            result |= measured
             if moved:
                 result["start_moved"] = moved
-            if made_choice is not None:
-                result |= about_choice(made_choice)
-            if frame is not None:
-                result |= frame.about
+            if found is not None:
+                result |= about_tuning(found)
             if chosen is not None and (reference or chosen.exact is not None):
                 with suppress(Stopped):  # a reference is a run as well
                     result |= axis_errors(chosen, step, done.trajectory)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import StepFailed, Stopped
 from ...core.exact_numbers import digits_of
-from ...core.registry import AIMS
 from ...core.warnings import warn
 from ...generator.parsing.text_file import is_robot
 
@@ -17,10 +16,10 @@ if TYPE_CHECKING:
     from ...runtime.rigid_body.problems import Problem
     from ...runtime.steppers.run_defaults import RunDefaults
     from ...runtime.steppers.stepper import Stepper
-    from ...runtime.tuning.gamma_choice import GammaChoice
+    from ...runtime.tuning.tune import Tuned
     from .outputs import RunOutcome
 
-__all__ = ["about_choice", "as_text", "axis_errors", "json_text", "result_of", "warn_of_rest"]
+__all__ = ["about_tuning", "as_text", "axis_errors", "json_text", "result_of", "warn_of_rest"]
 
 #: Largest change of a coordinate, beside the largest of them, that is none: some round-off.
 _AT_REST = 1e-13
@@ -33,18 +32,12 @@ def json_text(result: dict[str, Any]) -> str:
     return json.dumps(finite, indent=2, allow_nan=False)
 
 
-def about_choice(choice: GammaChoice) -> dict[str, Any]:
-    """Return the report of a choice of γ."""
-    name = "alpha" if "alpha" in next(iter(choice.values)) else "gamma"
-    return {
-        **choice.values,
-        f"{name}_chosen": choice.values,
-        f"{name}_expected_gain": choice.expected_gain,
-        f"{name}_measured_gain": choice.measured_gain,
-        f"{name}_aim": choice.aim,
-        **{f"{name}_{aim}_gain": gain for aim, gain in choice.gains.items()},
-        f"{name}_reason": choice.reason,
-    }
+def about_tuning(tuned: Tuned) -> dict[str, Any]:
+    """Return the report of ``gs.tune``; null for an error and a gain that were not measured."""
+    finite = {name: x if math.isfinite(x) else None
+              for name, x in (("error", tuned.error), ("gain", tuned.gain))}
+    return {"tuned": {"parameters": tuned.parameters, "dt": float(tuned.dt), **finite,
+                      "reason": tuned.reason, "pilots": len(tuned.pilots)}}
 
 
 def result_of(
@@ -200,9 +193,6 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
     if "radians_per_step" in result:
         lines.append(f"  fastest rotation        {result['radians_per_step']:.3g} rad a step, of "
                      f"{result['fastest_body']}")
-    if "dt_error" in result:
-        lines.append(f"  dt chosen               error of the motion {result['dt_error']:.2e}, "
-                     f"measured in {len(result['dt_pilots'])} pilots")
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
     lines += [f"  {name:<23} {value:.9g}" for name, value in result.get("quantities", {}).items()]
@@ -213,10 +203,11 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
     if "start_moved" in result:
         lines.append("  start                   moved onto the constraints by "
                      f"{result['start_moved']:.2e}")
-    lines += [_choice_line(result, name) for name in ("gamma", "alpha")
-              if f"{name}_reason" in result]
-    if "frame" in result:
-        lines.append(_frame_line(result))
+    if "tuned" in result:
+        numbers = result["tuned"]["parameters"] | {"dt": result["tuned"]["dt"]}
+        values = ", ".join(f"{name} = {x:.8g}" for name, x in numbers.items())
+        lines.append(f"  tuned                   {values}, {result['tuned']['reason']}, in "
+                     f"{result['tuned']['pilots']} pilot runs")
     if "axis_reference" in result:
         lines.append(
             f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
@@ -231,29 +222,7 @@ def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _frame_line(result: dict[str, Any]) -> str:
-    """Return the line on the co-moving frame."""
-    rates = ", ".join(f"{name} = {rate:.8g}" for name, rate in result["frame"].items())
-    chosen = f", {result['frame_reason']}" if "frame_reason" in result else ""
-    if "frame_measured_gain" in result:
-        chosen += (f"; error {result['frame_measured_gain']:.3g} times smaller than without "
-                   f"(expected {result['frame_expected_gain']:.3g})")
-    gamma = f", gamma = {result['gamma']:.6g}" if chosen and "gamma" in result else ""
-    return f"  co-moving frame         {rates} rad/s{gamma}{chosen}"
-
-
 def _event_line(name: str, found: dict[str, Any]) -> str:
     times = ", ".join(f"{t:.12g}" for t in found["t"][:4])
     more = ", …" if len(found["t"]) > 4 else ""
     return f"  event {name:<17} {len(found['t']):,} times" + (f": {times}{more} s" if times else "")
-
-
-def _choice_line(result: dict[str, Any], name: str) -> str:
-    sign = {"gamma": "γ", "alpha": "α"}[name]
-    reason, expected, aim = (result[f"{name}_{end}"]
-                             for end in ("reason", "expected_gain", "aim"))
-    values = ", ".join(f"{value:.6g}" for value in result[f"{name}_chosen"].values())
-    told = ", ".join(f"{what} {result[f'{name}_{what}_gain']:.3g}"
-                     + (f" (expected {expected:.3g})" if what == aim else "")
-                     for what in AIMS.values())
-    return f"  {sign} chosen                {values} kg m², {reason}; gain over {sign}_m: {told}"

@@ -55,7 +55,8 @@ class Model:
     description : str
         One sentence for people.
     frame : str
-        "symmetries" where its steppers shall have co-moving frames.
+        "symmetries" where its steppers shall have co-moving frames, whose rates are the least
+        squares of the start unless a run is given others.
     events : tuple of Event
         Events of its runs: ``step.integrate(..., events=model.events)``. ``gyrospark run``
         does.
@@ -102,8 +103,10 @@ class Model:
             parameters=FrozenDict(numbers.parameters), q0=q0, p0=p0,
             bodies=FrozenDict({name: as_moments_or_tensor(inertia)
                                      for name, inertia in numbers.bodies.items()}),
-            dt=numbers.dt, steps=numbers.steps, description=numbers.description, frame="",
-            rules=FrozenDict(numbers.rules), events=numbers.events,
+            dt=numbers.dt, steps=numbers.steps, description=numbers.description,
+            frame="symmetries" if "frame" in numbers.rules else "",
+            rules=FrozenDict({name: rule for name, rule in numbers.rules.items()
+                              if name != "frame"}), events=numbers.events,
             units=FrozenDict({}), visuals=FrozenDict(numbers.visuals),
             system_digest=system_digest, _name=numbers.name,
             _make=make)
@@ -205,7 +208,8 @@ class Model:
     @property
     def start(self) -> Start:
         """Where a run of it starts; γ and α without a value are found by its rules."""
-        return Start(self.q0, self.p0, self.parameters).of_model(self.bodies, self.rules)
+        rules = {**self.rules, **({"frame": "start"} if self.frame else {})}
+        return Start(self.q0, self.p0, self.parameters).of_model(self.bodies, rules)
 
     def equilibrium(self) -> Model:
         """Return the model that starts at rest in static equilibrium, near its start.

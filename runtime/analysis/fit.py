@@ -23,7 +23,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, as_double
 from ...core.progress import log_progress
-from ...core.start import HasStart
+from ...core.start import HasStart, Rule
 from ..bindings.array_checks import as_numbers, as_positive_count, as_real
 from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..derivatives.kept_steps import refuse_run
@@ -462,12 +462,10 @@ def _first_run(
     numbers = step.parameters_with_inputs(start.parameters, fed)
     q, p = start.q, start.p
     if step.m:
-        plain = {name: x for name, x in numbers.items() if not isinstance(x, str)}
-        rules = {name: 1.0 for name, x in numbers.items()
-                 if isinstance(x, str) and name in step.parameter_domains}
-        q, p = step.project(q, p, parameters=plain | rules, t=start.t)
+        known = {name: 1.0 if isinstance(x, Rule) else x for name, x in numbers.items()}
+        q, p = step.project(q, p, parameters=known, t=start.t)
     run = step.resolved(step.run_arguments(
-        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=fed), quiet=True)
+        q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=fed))
     refuse_run(run)
     return run
 

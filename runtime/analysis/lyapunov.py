@@ -182,7 +182,7 @@ def lyapunov(
     as_progress(progress)
     run = stepper.resolved(stepper.run_arguments(
         state.q, state.p, dt=dt, steps=total, every=every, parameters=state.parameters, t0=state.t,
-        inputs=inputs, solver=solver), quiet=True)
+        inputs=inputs, solver=solver))
     refuse_run(run)
     stepper.warned(run)
     found = Benettin(stepper, run, wanted, keep)

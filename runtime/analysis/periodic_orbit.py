@@ -201,8 +201,7 @@ class OrbitSearch:
         fix: str | Sequence[str] | None, free: str | None,
     ) -> None:
         run = stepper.resolved(stepper.run_arguments(
-            start.q, start.p, dt=dt, steps=steps, t0=start.t, parameters=start.parameters),
-            quiet=True)
+            start.q, start.p, dt=dt, steps=steps, t0=start.t, parameters=start.parameters))
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
         self.start = run
         self.timed = stepper.binding.time is not None

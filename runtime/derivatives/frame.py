@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 
 if TYPE_CHECKING:
+    from ..integration.manifest_symmetries import Symmetry
     from ..integration.run_arguments import RunArguments
-    from ..tuning.manifest_symmetries import Symmetry
     from .binding import DerivativeBinding
 
 __all__ = ["FrameMotion"]

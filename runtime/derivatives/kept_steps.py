@@ -49,9 +49,6 @@ def split(steps: KeptSteps, at: Array) -> list[KeptSteps]:
 
 def refuse_run(run: RunArguments) -> None:
     """Refuse runs whose steps are not all alike."""
-    if run.follow is not None:
-        raise InputError("A frame that follows the motion has no derivatives; give rates of the "
-                         "frame, or frame = \"start\".")
     if run.stored_steps is not None:
         raise InputError("There are no derivatives at the steps that are stored here; give every.")
     if run.tolerance is not None:

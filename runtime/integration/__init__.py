@@ -2,11 +2,11 @@
 
     consistency      whether states are on the constraints
     step_loop        one integration, in chunks
-    frame_following  a co-moving frame that is chosen anew, block by block
     linear_frequency the frequency of the linearised motion at the start of a run
     failure          why a step failed, and what would do
     starts           what an integration starts from: a start, and the call's arguments
     run_arguments    arguments of one run and of many, checked; the number of steps to a time
+    manifest_symmetries  symmetries along which a stepper's frame may move
     lanes            trajectories side by side in a vector register
     dense_output     states of a run between its steps
 """

@@ -26,22 +26,21 @@ from ...core.arguments import proposal, shown
 from ...core.errors import InputError
 from ...core.event import Event
 from ...core.exact_numbers import Rounded, as_double, exact
-from ...core.registry import AIMS
+from ...core.start import GAMMA_M, Rule
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count, as_real, as_step
 from ..bindings.inputs import InputRows
 from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names, is_inertia_parameter
-from ..tuning.manifest_symmetries import Symmetry, refuse_broken
 from .consistency import defects_of_starts
+from .manifest_symmetries import Symmetry, refuse_broken
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding, SolverName
     from ..events.detection import EventDetector
     from ..steppers.stepper import Stepper
-    from .frame_following import Follow
 
 __all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
-           "as_parameters", "checked_runs", "refuse_auto", "refuse_choice", "step_count",
+           "as_parameters", "checked_runs", "refuse_texts", "step_count",
            "steps_until", "warn_of_late_start", "warn_of_negative", "with_rules"]
 
 Array = NDArray[Any]
@@ -49,7 +48,7 @@ Array = NDArray[Any]
 #: Numbers of moved states that are judged at a time: what a cache holds.
 _JUDGED = 2**16
 #: Types of parameters that are the same as long as they are the same object.
-_IMMUTABLE = {float, np.float64, int, str, Rounded}
+_IMMUTABLE = {float, np.float64, int, Rule, Rounded}
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,8 @@ class RunArguments:
     """The arguments of an integration, checked, in the stepper's own type of numbers.
 
     Each stage of a call takes this record and returns another: ``Stepper.run_arguments`` checks
-    what the caller gave, ``Stepper.resolved`` replaces rules among the parameters ("m", "auto",
-    "frame") by numbers, ``Stepper.checked_run`` checks the parameters and the start.
+    what the caller gave, ``Stepper.resolved`` replaces searches among the parameters by numbers,
+    ``Stepper.checked_run`` checks the parameters and the start.
     """
 
     q: Array
@@ -76,8 +75,6 @@ class RunArguments:
     stored_steps: Array | None = None
     #: What looks at every state for events; one for each trajectory.
     detector: EventDetector | None = None
-    #: How a co-moving frame follows the motion; the rates among the parameters are the first.
-    follow: Follow | None = None
 
     @property
     def rows(self) -> int:
@@ -87,7 +84,7 @@ class RunArguments:
     def pilot(self, steps: int) -> Self:
         """Return the arguments of a short run from the same start, with the default solver."""
         return replace(self, steps=steps, every=1, solver="auto", tolerance=None,
-                       max_iterations=50, follow=None,
+                       max_iterations=50,
                        inputs=None if self.inputs is None else self.inputs.of_steps(steps))
 
     def refined(self, factor: int) -> Self:
@@ -129,10 +126,6 @@ class RunArguments:
             return np.concatenate([[0], self.stored_steps[:stored]])
         rows = np.arange(stored + 1)
         return rows if self.every == 1 else np.minimum(rows * self.every, done)
-
-    def most(self, done: int, most: int) -> int:
-        """Return how many of so many steps may be done with the same parameters."""
-        return most if self.follow is None else min(most, self.follow.left(done))
 
 
 @dataclass(frozen=True)
@@ -293,21 +286,16 @@ def _given(
         if name in rates and name not in shared:
             return np.zeros(size)
         inertia = itertools.chain(*inertia_names(name))
-        if not isinstance(shared[name], str) or columns.keys().isdisjoint(inertia):
+        if not isinstance(shared[name], Rule) or columns.keys().isdisjoint(inertia):
             return np.full(size, first.parameters[name])
         values = [shared[name]] * size
-    if not any(isinstance(value, str) for value in values):
+    if not any(isinstance(value, Rule) for value in values):
         return values
     try:
-        return [_by_rule(name, value, given.parameters_of(i)) for i, value in enumerate(values)]
+        return [gamma_by_rule(name, value, given.parameters_of(i))
+                if isinstance(value, Rule) else value for i, value in enumerate(values)]
     except InputError:
-        return values  # text that is no number: the check of single runs names the run
-
-
-def _by_rule(name: str, value: Any, parameters: Mapping[str, Any]) -> Any:
-    if isinstance(value, str) and value not in AIMS:
-        return gamma_by_rule(name, value, parameters)
-    return value
+        return values  # no number: the check of single runs names the run
 
 
 def _in_domain(column: Array, domain: str) -> bool:
@@ -362,8 +350,7 @@ def as_parameters(
         raise InputError(
             f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(needed)}."
         )
-    if frame and "frame" in given and "frame" not in domains:
-        refuse_choice(given["frame"])
+    refuse_texts(given, domains)
     unknown = [str(name) for name in given if name not in domains]
     if unknown:
         raise InputError(
@@ -379,7 +366,7 @@ def as_parameters(
 def with_rules(given: Mapping[str, Any], domains: Mapping[str, str]) -> Mapping[str, Any]:
     """Return parameters in which each γ and α that is left out is to be the mean of its moments."""
     left = [name for name in _names_with_inertia(tuple(domains)) if name not in given]
-    return {**given, **dict.fromkeys(left, "m")} if left else given
+    return {**given, **dict.fromkeys(left, GAMMA_M)} if left else given
 
 
 class ParameterCheck:
@@ -425,26 +412,31 @@ def _constrained(domains: tuple[str, ...]) -> tuple[list[bool], list[bool]]:
     return [x == "positive" for x in domains], [x == "nonzero" for x in domains]
 
 
-def refuse_choice(value: Any) -> None:
-    """Refuse ``"frame"`` among the parameters where nothing chooses."""
-    raise InputError(f"Parameter frame = {shown(value)} is for runs, which look at their start: "
-                     "'start' or, for integrate alone, 'auto'; here give rates, those of "
-                     "choose_frame for example.")
+def refuse_texts(given: Mapping[str, Any], domains: Mapping[str, str]) -> None:
+    """Refuse text among parameters: searches and means are other calls.
 
-
-def refuse_auto(name: str, value: Any) -> None:
-    """Refuse the value "auto" where nothing chooses."""
-    if isinstance(value, str) and value in AIMS:
-        raise InputError(f"Parameter {name} = {value!r} is chosen by integrate alone; call "
-                         "choose_gamma once and give its number.")
+    Raises
+    ------
+    InputError
+        For "frame", and for text in place of γ or α.
+    """
+    for name, value in given.items():
+        if name == "frame" and name not in domains:
+            raise InputError(f"Parameter frame = {shown(value)} is none; the parameters= of a run "
+                             "are numbers: rates of the frame, such as those of "
+                             "gyrospark.tune(step, start, dt=..., frame='auto').parameters.")
+        if isinstance(value, str) and is_inertia_parameter(str(name)):
+            raise InputError(f"Parameter {name} = {shown(value)} is no number; give that of "
+                             "gyrospark.gamma(inertia, 'h'), a mean of the moments, or of "
+                             "gyrospark.tune(step, start, dt=..., gamma='auto').parameters. "
+                             "Without one it is γ_m.")
 
 
 def _as_parameter(
     name: str, domain: str, given: Mapping[str, Any], number: Callable[[Fraction], Any]
 ) -> Any:
     value = given[name]
-    refuse_auto(name, value)
-    if isinstance(value, str) and is_inertia_parameter(name):
+    if isinstance(value, Rule):
         value = gamma_by_rule(name, value, given)
     made = as_real(f"Parameter {name}", value, number)
     if domain == "positive" and made <= 0:

@@ -10,9 +10,7 @@ import numpy as np
 
 from ...core.arguments import as_mapping, shown
 from ...core.errors import InputError
-from ...core.registry import MEANS
-from ...core.start import HasStart, Start, as_start
-from ..rigid_body.gamma_rules import has_inertia, mean_inertia
+from ...core.start import HasStart, Rule, Start, as_start
 from .run_arguments import step_count
 
 if TYPE_CHECKING:
@@ -33,9 +31,11 @@ class StartNumbers:
 
 
 def merged_start(
-    stepper: Evaluation, start: Any, p: Any, parameters: Any, t: Any = None
+    stepper: Evaluation, start: Any, p: Any, parameters: Any, t: Any = None, *, frame: bool = True
 ) -> StartNumbers:
     """Return the numbers that a run starts from; ``parameters`` and t win over those of the start.
+
+    With ``frame`` the rates of a model with a co-moving frame are left to least squares.
 
     Raises
     ------
@@ -53,9 +53,11 @@ def merged_start(
     if len(shape) == 1 and shape != (stepper.n,):
         raise InputError(f"The start has {shape[0]} coordinates, and {stepper.name} has "
                          f"{stepper.n}: it is a start of another system.")
-    return StartNumbers(own.q, own.p,
-                        start_parameters(stepper.parameter_domains, own, parameters),
-                        own.t if t is None else t)
+    values = start_parameters(stepper.parameter_domains, own, parameters)
+    rates = [symmetry.name for symmetry in stepper.symmetries]
+    if frame and "frame" in own._rules and values.keys().isdisjoint(rates):
+        values |= dict.fromkeys(rates, Rule(own._rules["frame"]))
+    return StartNumbers(own.q, own.p, values, own.t if t is None else t)
 
 
 def start_parameters(
@@ -71,9 +73,7 @@ def start_parameters(
         "parameters", {} if parameters is None else parameters, "{'m': 1.0}")}
     for name, inertia in start._inertias.items():
         if name in names and name not in values:
-            rule = start._rules.get(name, "m")
-            by_number = rule in MEANS and not has_inertia(name, values)
-            values[name] = mean_inertia(inertia, rule) if by_number else rule
+            values[name] = Rule(start._rules.get(name, "m"), inertia)
     return values
 
 
@@ -123,7 +123,8 @@ def merged_starts(stepper: Evaluation, starts: Any, p: Any, parameters: Any) -> 
         given = [_row(given, i, len(starts)) for i in range(len(starts))]
     if len(given) != len(starts):
         raise InputError(f"{len(given)} sets of parameters are given for {len(starts)} starts.")
-    rows = [merged_start(stepper, one, None, own) for one, own in zip(starts, given, strict=True)]
+    rows = [merged_start(stepper, one, None, own, frame=False)
+            for one, own in zip(starts, given, strict=True)]
     return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
                         [row.parameters for row in rows], np.array([row.t for row in rows]))
 

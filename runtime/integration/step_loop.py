@@ -168,8 +168,6 @@ def fill(
         row = run.stored(int(report.steps))
         done = int(report.steps)
         count, every = next_chunk(run, done, pace.begin(run.steps - done))
-        if run.follow is not None:
-            parameters = run.follow.parameters(run, done, q, p, work)
         most = rows.iterations[row]  # of the pieces before, where a row takes several
         status = step_on(binding, run, parameters, count, every, q, p, rows.after(row), report,
                          work)
@@ -257,7 +255,7 @@ def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None)
     ``most`` steps at once, and there is room for ``rows`` stored states. Where it takes more steps
     to the next stored state, each piece is stored in its row and the last of them stays.
     """
-    left, most = run.steps - done, run.most(done, most)
+    left = run.steps - done
     to_row = min(run.every - done % run.every, left)
     if run.stored_steps is not None:
         piece = min(int(run.stored_steps[run.stored(done)]) - done, most)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ...core.start import Start
+from ...core.start import GAMMA_M, Start
 from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia
 
 __all__ = ["start_of_row"]
@@ -23,7 +23,7 @@ def start_of_row(
     for name, value in parameters.items():
         if name in inputs or value != value:  # an input that changes is no one number
             continue
-        if has_inertia(name, parameters) and value == gamma_by_rule(name, "m", parameters):
+        if has_inertia(name, parameters) and value == gamma_by_rule(name, GAMMA_M, parameters):
             continue
         own[name] = value
     return Start(q, p, own, t, inputs)

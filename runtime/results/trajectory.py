@@ -491,10 +491,8 @@ class Trajectory(Shown):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the states alone: the code that made them is not theirs."""
-        following = self._origin is not None and self._origin.run.follow is not None
         made = {name: getattr(self, name) for name in (*_OUTPUTS, "report")}
-        return {**self.__dict__, **made, "_stepper": None, "_states": None, "_read": None,
-                **({"_origin": None} if following else {})}
+        return {**self.__dict__, **made, "_stepper": None, "_states": None, "_read": None}
 
     # ------------------------------------------------------------ file
 

@@ -11,7 +11,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from ...core.arguments import choose, listed, shown
+from ...core.arguments import choose
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, exact
 from ...core.inertia import (
@@ -23,10 +23,11 @@ from ...core.inertia import (
     moments_of,
     tensor_of_inverse,
 )
-from ...core.registry import MEANS, RULES, Mean
+from ...core.registry import MEANS, Mean
+from ...core.start import Rule
 
-__all__ = ["gamma", "gamma_by_rule", "has_inertia", "inertia_names", "is_inertia_parameter",
-           "known_inertia", "mean_inertia", "principal_moments"]
+__all__ = ["gamma", "gamma_by_rule", "has_inertia", "inertia_names", "inertia_of",
+           "is_inertia_parameter", "known_inertia", "mean_inertia", "principal_moments"]
 
 
 def gamma(inertia: InertiaLike, rule: Mean = "m") -> float:
@@ -95,22 +96,23 @@ def inertia_names(name: str) -> tuple[list[str], list[str]]:
             [f"{prefix}K{pair}" for pair in ("11", "12", "13", "22", "23", "33")])
 
 
-def gamma_by_rule(name: str, rule: str, parameters: Mapping[str, Any]) -> float:
-    """Return γ or α by the name of a mean, from the inertia among the parameters.
+def gamma_by_rule(name: str, rule: Rule, parameters: Mapping[str, Any]) -> float:
+    """Return γ or α by a mean, from the inertia among the parameters, or that of the rule.
 
     Raises
     ------
     InputError
-        For another word, and where the inertia is not among the parameters.
+        For a search, and where there is no inertia.
     """
-    if rule not in MEANS:
-        raise InputError(f"Parameter {name} = {shown(rule)} is neither a number nor one of the "
-                         f"rules {listed(RULES)}.")
+    if rule.name not in MEANS:
+        raise InputError(f"Parameter {name} is left to a search ({rule.name}), which looks at a "
+                         "single run; give a number, such as that of gyrospark.tune(step, start, "
+                         "dt=..., gamma='auto').parameters.")
     for entries in reversed(inertia_names(name)):
         values = tuple(map(parameters.get, entries))
         if {*map(type, values)} == {float}:
-            return _mean_of_floats(rule, name, (*entries,), values)
-    return mean_inertia(known_inertia(name, parameters), rule)
+            return _mean_of_floats(rule.name, name, (*entries,), values)
+    return mean_inertia(inertia_of(name, rule, parameters), rule.name)
 
 
 @lru_cache(maxsize=256)
@@ -119,6 +121,14 @@ def _mean_of_floats(
 ) -> float:
     """Return γ or α by an inertia in plain floats: most calls give the one of the call before."""
     return mean_inertia(known_inertia(name, dict(zip(entries, values, strict=True))), rule)
+
+
+def inertia_of(name: str, rule: Rule, parameters: Mapping[str, Any]) -> InertiaLike:
+    """Return the inertia that a rule is for: of the parameters if it is there."""
+    if rule.inertia is not None and not has_inertia(name, parameters):
+        inertia: InertiaLike = rule.inertia
+        return inertia
+    return known_inertia(name, parameters)
 
 
 def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
@@ -136,11 +146,8 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
         return moments_of(tensor_of_inverse([parameters[entry] for entry in inverse]))
     missing = [moment for moment in wanted if moment not in parameters]
     if missing:
-        raise InputError(
-            f"{name} cannot be chosen: the moment {missing[0]!r} of its body is no parameter; "
-            f"give a number, or the moments to choose_gamma(..., bodies={{{name!r}: (I1, I2, "
-            "I3)})."
-        )
+        raise InputError(f"{name} cannot be chosen: the moment {missing[0]!r} of its body is no "
+                         "parameter; give a number.")
     return principal_moments(tuple(parameters[moment] for moment in wanted))
 
 

@@ -23,8 +23,9 @@ from ...core.html import card, table
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import log_progress
 from ...core.records import changed
+from ...core.start import Rule
 from ..bindings.array_checks import as_numbers, as_positive_count
-from ..bindings.inputs import InputRows, as_inputs
+from ..bindings.inputs import as_inputs
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
 from ..devices.cuda_text import cuda_text
@@ -47,8 +48,7 @@ from ..integration.run_arguments import (
     Origin,
     RawArguments,
     checked_runs,
-    refuse_auto,
-    refuse_choice,
+    refuse_texts,
     warn_of_late_start,
     warn_of_negative,
     with_rules,
@@ -58,7 +58,6 @@ from ..results.crossings import Crossings, CrossingsOfMany
 from ..results.table import as_dataset, as_frame, save_table, table_of_ensemble
 from ..results.tangent_rows import TangentRows
 from ..results.trajectory import Trajectory
-from ..tuning.frame_choice import asks_for_frame, start_frame
 
 if TYPE_CHECKING:
     import pandas
@@ -279,7 +278,6 @@ def _checked(
                   options)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]),
                     runs=size)
-    given = _with_frames(stepper, given, fed)
     runs = replace(checked_runs(stepper, given), inputs=fed)
     warn_of_negative(runs.parameters)
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
@@ -380,32 +378,6 @@ def _with_tangents(
     return replace(ensemble, tangents=tangents, _make=member)
 
 
-def _with_frames(stepper: Stepper, given: RawArguments, inputs: InputRows | None) -> RawArguments:
-    """Return the arguments with the least-squares frame of each start, where one is asked for."""
-    def rates(i: int) -> dict[str, float]:
-        own = given.parameters_of(i)
-        if own["frame"] != "start":
-            refuse_choice(own["frame"])
-        others = {name: value for name, value in own.items() if name != "frame"}
-        first = {} if inputs is None else inputs.of(i).first
-        return others | start_frame(stepper, given.q[i], given.p[i], others | first,
-                                    dt=given.dt[i], t0=given.t0[i])
-
-    if isinstance(given.parameters, list):
-        if not any(asks_for_frame(stepper, one) for one in given.parameters):
-            return given
-        return replace(given, parameters=[rates(i) if asks_for_frame(stepper, one) else one
-                                          for i, one in enumerate(given.parameters)])
-    shared, columns = given.parameters
-    if not asks_for_frame(stepper, shared):
-        return given
-    found = [rates(i) for i in range(len(given.q))]
-    others = {name: value for name, value in shared.items() if name != "frame"}
-    return replace(given, parameters=(others, columns | {
-        symmetry.name: np.array([one[symmetry.name] for one in found])
-        for symmetry in stepper.symmetries}))
-
-
 def _each(name: str, value: Any, size: int) -> Array:
     array = as_numbers(name, value)
     if array.shape not in ((), (size,)):
@@ -425,10 +397,8 @@ def _each_parameters(
 ) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
     if isinstance(parameters, Mapping):
         parameters = with_rules(parameters, domains)
-        for name, value in parameters.items():
-            if name != "frame":
-                refuse_auto(name, value)
-        rules = {name: value for name, value in parameters.items() if isinstance(value, str)}
+        refuse_texts(parameters, domains)
+        rules = {name: value for name, value in parameters.items() if isinstance(value, Rule)}
         columns = {name: _each(f"Parameter {name}", value, size)
                    for name, value in parameters.items() if name not in rules}
         shared = {name: column[()] for name, column in columns.items() if not column.shape}

@@ -22,9 +22,9 @@ from ..bindings.array_checks import as_real, as_step
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
+from ..integration.manifest_symmetries import symmetries_of
 from ..integration.run_arguments import ParameterCheck, warn_of_negative
 from ..integration.starts import merged_start
-from ..tuning.manifest_symmetries import symmetries_of
 
 __all__ = ["Evaluation"]
 

@@ -43,7 +43,8 @@ class RunDefaults:
     dt, steps : float and int, or None
         Where the model names them.
     rules : mapping of str to str
-        Name of an inertia parameter without a value → the rule to find it by; "m" for the others.
+        Name of an inertia parameter without a value → its rule, "m" for the others; "frame" →
+        "start" for rates of a co-moving frame by least squares.
     free : list of str
         Parameters that another value may be given for and nothing else changes.
     events : tuple of Event
@@ -84,7 +85,8 @@ class RunDefaults:
             [knowing(x) for x in model.q0], [knowing(x) for x in model.p0],
             {name: [_mapped(list(x), knowing) if isinstance(x, tuple) else knowing(x)
                     for x in inertia] for name, inertia in model.bodies.items()},
-            None if model.dt is None else knowing(model.dt), model.steps, dict(model.rules),
+            None if model.dt is None else knowing(model.dt), model.steps,
+            {**model.rules, **({"frame": "start"} if model.frame else {})},
             events=tuple(model.events), visuals=dict(getattr(model, "visuals", {})),
         )
 

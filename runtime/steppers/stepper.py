@@ -8,7 +8,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Literal, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,7 +36,6 @@ from ..devices.ensemble import DeviceName
 from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
-from ..integration.frame_following import follow_frame
 from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
     Origin,
@@ -49,8 +48,7 @@ from ..integration.starts import merged_start, merged_starts, steps_of_all
 from ..integration.step_loop import integrate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
-from ..tuning.frame_choice import choose_parameters
-from ..tuning.step_choice import step_choice
+from ..tuning.tune import tuned_run
 from .differentiation import Derive
 from .dynamics import Dynamics
 from .ensemble import Ensemble, integrate_members
@@ -204,7 +202,7 @@ class Stepper(Dynamics):
         """
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
-        run = self.checked_run(self.run_arguments(
+        run = self.resolved(self.run_arguments(
             state.q, state.p, dt=dt, steps=0, parameters=state.parameters, t0=state.t,
             solver=method))
         self.warned(run)
@@ -212,25 +210,23 @@ class Stepper(Dynamics):
 
     @overload
     def integrate(
-        self, start: HasStart, /, *, dt: Number | Literal["auto"], t_end: Number | None = None,
+        self, start: HasStart, /, *, dt: Number, t_end: Number | None = None,
         steps: int | None = None, parameters: Mapping[str, Any] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None, progress: Progress = None, round: bool = False,
-        error: Number | None = None,
     ) -> Trajectory: ...
 
     @overload
     def integrate(
-        self, q: ArrayLike, p: ArrayLike, /, *, dt: Number | Literal["auto"],
+        self, q: ArrayLike, p: ArrayLike, /, *, dt: Number,
         t_end: Number | None = None, steps: int | None = None,
         parameters: Mapping[str, Any] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None, progress: Progress = None, round: bool = False,
-        error: Number | None = None,
     ) -> Trajectory: ...
 
     def integrate(
@@ -239,7 +235,7 @@ class Stepper(Dynamics):
         p: ArrayLike | None = None,
         /,
         *,
-        dt: Number | Literal["auto"],
+        dt: Number,
         t_end: Number | None = None,
         steps: int | None = None,
         parameters: Mapping[str, Any] | None = None,
@@ -252,7 +248,6 @@ class Stepper(Dynamics):
         out: str | os.PathLike[str] | None = None,
         progress: Progress = None,
         round: bool = False,
-        error: Number | None = None,
     ) -> Trajectory:
         """Integrate from a start up to the time ``t_end``, or ``steps`` steps of ``dt`` seconds.
 
@@ -268,8 +263,8 @@ class Stepper(Dynamics):
             Time step; negative integrates backwards. As the parameters and the time of a start, a
             real number of any type, rounded once to the stepper's own: with ``real="float128"``
             mpmath numbers, ``Decimal("0.1")`` and ``Fraction(1, 3)`` keep 34 digits, and a Python
-            float is the binary number that it holds. ``"auto"`` finds the step for ``error`` and
-            ``t_end`` by pilot runs to t_end, each with half the step; ``Trajectory.dt`` has it.
+            float is the binary number that it holds. ``gyrospark.tune`` finds the step
+            for an error.
         t_end : float, optional
             Time of the last state, a whole number of steps after the start's but for the rounding
             of these; any other is refused. Step k starts at t0 + k dt, counted, not summed up.
@@ -278,19 +273,11 @@ class Stepper(Dynamics):
         parameters : mapping, optional
             Values that win over those of the start; together all of ``parameter_domains``, and
             rates of ``symmetries`` if wanted. Where ``gamma`` or ``alpha`` is left out it is the
-            mean γ_m of the moments beside it, or what the rule of the model says. As text
-            ``"m"``, ``"h"``, ``"mt"``, ``"ht"`` are the means,
-            ``"auto"`` what ``choose_gamma`` finds for this start and dt, ``"auto-energy"`` the same
-            aimed at the energy; ``"frame"`` is "start", the start's least squares, or "auto", what
-            ``choose_frame`` finds, or "follow", the least squares of the state every 100 steps
-            ("follow 50": every 50), for a motion that changes for good. ``Trajectory.parameters``
-            has the numbers, of such a frame those of the start. A warning tells of rates that
-            "start" and "follow" leave 0, near an axis of symmetry.
+            mean γ_m of the moments beside it, or by the rule of the model; rates that are left out
+            are 0, or of a model with a frame the least squares of its start. ``gyrospark.tune``
+            searches both; ``Trajectory.parameters`` has the numbers.
         round : bool
             End at the step next to ``t_end`` instead, within half a step of it.
-        error : float, optional
-            Wanted with ``dt="auto"``: the largest error of the motion on the way, attitudes in rad
-            and points in parts of their reach.
         inputs : mapping or array_like, optional
             The system's inputs, which are constant within a step: by name, a number or one for
             each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
@@ -339,12 +326,8 @@ class Stepper(Dynamics):
         state = merged_start(self, start, p, parameters)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver)}
-        choice = step_choice(self, state.q, state.p, dt=dt, steps=steps, t_end=t_end, error=error,
-                             inputs=inputs, **given)
-        nearest = as_flag("round", round)
-        size: Any = dt if choice is None else choice.dt
-        count = step_count(steps, t_end, state.t, dt, nearest) if choice is None else choice.steps
-        run = self.resolved(self.run_arguments(state.q, state.p, dt=size, steps=count, every=every,
+        count = step_count(steps, t_end, state.t, dt, as_flag("round", round))
+        run = self.resolved(self.run_arguments(state.q, state.p, dt=dt, steps=count, every=every,
                                                inputs=inputs, **given))
         if out is not None:
             stored: Trajectory = function_of("storage.record", "record")(
@@ -353,8 +336,7 @@ class Stepper(Dynamics):
             return stored
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
-        # Pilots have measured the error of a step that they have found.
-        warned = not run.steps or choice is not None or self.warned(run) or run.rows < 2
+        warned = not run.steps or self.warned(run) or run.rows < 2
         asked = as_events(events, self.manifest["system"])
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
             found = observed(self, run, asked, report).made_by(self, Origin(run, asked))
@@ -504,12 +486,9 @@ class Stepper(Dynamics):
             tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t", t0, number),
             inputs=fed)
 
-    def resolved(self, run: RunArguments, *, quiet: bool = False) -> RunArguments:
-        """Return a run with numbers for all parameters that it leaves to be chosen, checked.
-
-        A frame is chosen first, γ then. ``quiet`` leaves the warnings of ``start_frame`` away.
-        """
-        return self.checked_run(choose_parameters(self, follow_frame(self, run), quiet=quiet))
+    def resolved(self, run: RunArguments) -> RunArguments:
+        """Return a run with numbers for parameters that its model leaves to a search, checked."""
+        return self.checked_run(tuned_run(self, run))
 
     def checked_run(self, run: RunArguments) -> RunArguments:
         """Return a run with its parameters as numbers, or raise InputError; it is consistent."""
@@ -520,7 +499,7 @@ class Stepper(Dynamics):
         return run.with_inputs(run.inputs)
 
     def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
-        return self.resolved(self.run_arguments(q, p, **given), quiet=True)
+        return self.resolved(self.run_arguments(q, p, **given))
 
     def run(self, run: RunArguments) -> Trajectory:
         """Return the trajectory of a checked run, without warnings and events: for pilot runs."""

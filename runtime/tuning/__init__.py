@@ -1,11 +1,10 @@
-"""γ, co-moving frames and Δt chosen by measurement: pilot runs and the law of their errors.
+"""γ, rates of co-moving frames and Δt by pilot runs.
 
-    motion_distance      how far one motion is from another, path by path
-    gamma_search         short runs with different γ, the law of their errors in 1/γ
-    gamma_choice         ``choose_gamma``
-    frame_start          the rates of a frame by least squares, from states alone
-    frame_search         short runs in different frames, spectral lines, the search
-    frame_choice         ``choose_frame``
-    step_choice          the time step that an error asks for
-    manifest_symmetries  symmetries along which a stepper's frame may move
+    motion_distance  distance of one motion from another, path by path
+    pilots           pilot runs and their errors
+    frame_start      rates of a frame by least squares of a state, without a run
+    spectral_lines   rates from the spectrum of one motion
+    search           trials of rates and γ, Levenberg and Marquardt's steps, the choice
+    step_search      the time step that an error asks for
+    tune             ``gs.tune``
 """

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError, StepFailed
 from ...core.start import Start
-from .manifest_symmetries import Symmetry
+from ..integration.manifest_symmetries import Symmetry
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper

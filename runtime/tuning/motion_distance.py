@@ -9,6 +9,7 @@ spin. What stands between quaternions are positions: each block of them is the p
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..rigid_body.quaternion import left_matrix
 
-__all__ = ["MotionError", "sizes"]
+__all__ = ["MotionError", "distances", "root_mean_squares"]
 
 Array = NDArray[Any]
 
@@ -28,27 +29,25 @@ class MotionError:
     ----------
     paths : list of list of int
         Columns of each path: two components of φ, or the coordinates of a point.
-    units : numpy.ndarray
-        What a difference of 1 is to be held against: 1 for φ, the largest coordinate of a point.
     turning : list of int
-        The columns that are components of φ, in rad.
+        The columns that are components of φ, in rad; the others are in parts of the largest
+        coordinate of their point.
     """
 
     def __init__(self, reference: Array, like: Array) -> None:
         """Compare with ``reference``; ``like`` is a run, whose quaternions have norm 1."""
-        self.reference = reference
-        self.quaternions, points = _blocks(np.asarray(like, dtype=float))
+        self.reference, rows = reference, np.asarray(like, dtype=float)
+        self.quaternions, points = _blocks(rows)
         self.turning = list(range(3 * len(self.quaternions)))
         self.paths = [[column for column in range(3 * body, 3 * body + 3) if column != 3 * body + i]
                       for body in range(len(self.quaternions)) for i in range(3)]
-        largest = np.abs(np.asarray(like, dtype=float)).max(axis=0)
-        units, first = [1.0] * len(self.paths), len(self.turning)
+        first = len(self.turning)
         for point in points:
             self.paths.append(list(range(first, first + len(point))))
-            units.append(float(largest[point].max()))
             first += len(point)
-        self.units = np.array(units)
         self._points = [i for point in points for i in point]
+        largest = np.abs(rows).max(axis=0, initial=0)
+        self._reach = np.array([largest[point].max() or 1.0 for point in points for _ in point])
 
     def __call__(self, q: Array) -> Array:
         """Return the differences of a motion's rows from the reference, one column a component."""
@@ -56,12 +55,21 @@ class MotionError:
         place = np.asarray(self.reference, dtype=float)
         turns = [2 * np.einsum("kij,kj->ki", left_matrix(place[:, at]), change[:, at])
                  for at in self.quaternions]
-        return np.concatenate([*turns, change[:, self._points]], axis=1)
+        return np.concatenate([*turns, change[:, self._points] / self._reach], axis=1)
 
 
-def sizes(errors: Array, paths: list[list[int]]) -> Array:
-    """Return the mean distance of each path over the rows."""
-    return np.array([np.sqrt((errors[:, path] ** 2).sum(axis=1)).mean() for path in paths])
+def distances(errors: Array, paths: list[list[int]]) -> Array:
+    """Return the distance of each path in each row, shape (rows, paths)."""
+    return np.stack([np.sqrt((errors[:, path] ** 2).sum(axis=1)) for path in paths], axis=1)
+
+
+def root_mean_squares(errors: Array, paths: list[list[int]]) -> Array:
+    """Return the root mean square of each path's distance over the rows; infinite for NaN."""
+    if not len(errors):
+        return np.zeros(len(paths))
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = np.sqrt((distances(errors, paths) ** 2).mean(axis=0))
+    return np.where(np.isfinite(sizes), sizes, math.inf)
 
 
 def _blocks(q: Array) -> tuple[list[slice], list[list[int]]]:

@@ -45,10 +45,7 @@ def shown(gl3, tmp_path_factory):
     """Objects of every public class, and of those that their attributes and calls return."""
     run = gl3.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
     chain, tableau = gs.models.chain(3), gs.tableau("G-L", stages=3)
-    choice = gs.choose_gamma(gl3, TOP.q0, TOP.p0, dt=1e-3, parameters=TOP.parameters, steps=20,
-                             bodies={"gamma": TOP.inertia})
-    framed = systems.stepper("heavy_top_in_frame")
-    frame = gs.choose_frame(framed, TOP.q0, TOP.p0, dt=1e-2, parameters=RUN["parameters"], steps=8)
+    tuned = gs.tune(gl3, TOP, dt=1e-3, gamma="auto", steps=20)
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
     dip = gs.Event("q1", level=0.2)
     section = gs.section(gl3, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
@@ -58,11 +55,11 @@ def shown(gl3, tmp_path_factory):
     moved = gl3.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(), **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
-        framed, frame, *framed.symmetries,
+        *systems.stepper("heavy_top_in_frame").symmetries,
         gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, RunDefaults.of_problem(TOP), run, run.report,
         many, DeviceEnsemble(many.t, many.q, many.p, many.iterations, many.t, {}, "top"),
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
-        choice, *choice.pilots,
+        tuned, *tuned.pilots,
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), chain,
         chain.system, small_system(), *built(),
         gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),

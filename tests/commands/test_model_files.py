@@ -274,7 +274,8 @@ def test_a_sweep_has_no_motion_to_choose_for(ruled):
     with pytest.raises(gs.InputError, match="gamma = 'auto'"):
         gs.sweep(ruled("auto"), axis, scheme="G-L", stages=2, steps=3)
     by_rule = gs.sweep(ruled("h"), axis, scheme="G-L", stages=2, steps=3)
-    told = gs.sweep(SATELLITE, axis, scheme="G-L", stages=2, steps=3, parameters={"gamma": "h"})
+    told = gs.sweep(SATELLITE, axis, scheme="G-L", stages=2, steps=3,
+                    parameters={"gamma": gs.gamma((120.0, 100.0, 30.0), "h")})
     assert np.array_equal(by_rule["q"], told["q"])
 
 

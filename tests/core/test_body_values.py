@@ -219,7 +219,7 @@ def test_a_model_file_takes_a_tensor():
     assert {"J11", "J12", "J22", "J33", "K11", "K23", "n"} <= set(model.parameters)
     assert "J13" not in model.parameters  # nothing asks for it
     step = gs.stepper("G-L", 2, system=model.system)
-    parameters = dict(model.parameters) | {"gamma": "m"}
+    parameters = dict(model.parameters)
     made = step.integrate(model.q0, model.p0, dt=0.01, steps=50, parameters=parameters)
     assert made.parameters["gamma"] == pytest.approx(0.25, rel=8 * EPS)  # the trace over three
     assert np.allclose(made.angular_velocity()[:, 2], made.quantity("spin"), rtol=0, atol=1e-14)
@@ -244,7 +244,7 @@ def free_tensor_turns_as_its_closed_form(step, model, J):
     errors = []
     for steps in (50, 100):
         made = step.integrate(model.q0, model.p0, dt=5 / steps, steps=steps, every=steps,
-                              parameters=dict(model.parameters) | {"gamma": "m", "n": 0.0})
+                              parameters=dict(model.parameters) | {"n": 0.0})
         turned = (made.rotation() * principal).as_matrix()[:, :, 2]
         errors.append(np.abs(turned - exact.exact.axis(made.t)).max())
     assert errors[1] < 1e-6

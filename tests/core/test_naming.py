@@ -68,7 +68,7 @@ def test_what_lists_names_lists_all_of_them(gyrospark):
     (gs.Stepper.step, "solver", "SolverName"),
     (gs.Stepper.integrate, "solver", "SolverName"),
     (gs.Stepper.integrate_ensemble, "solver", "SolverName"),
-    (gs.choose_gamma, "aim", "Aim"), (gs.load_model, "rep", "RepName"),
+    (gs.tune, "aim", "Aim"), (gs.load_model, "rep", "RepName"),
     (gs.Multibody.body, "rep", "RepName"), (gs.Multibody.top, "rep", "RepName"),
     (gs.models.chain, "rep", "RepName"),
 ], ids=lambda x: getattr(x, "__qualname__", x))

@@ -170,7 +170,8 @@ def test_regular_precession_keeps_its_height_at_ten_times_the_papers_step(
     cone, dt = gs.problems.regular_precession(radius_ratio=ratio), {0.5: 5e-3, 1.5: 1e-2}[ratio]
     step, numbers = framed(scheme, stages), with_gamma(cone)
     run = step.integrate(cone.q0, cone.p0, dt=times * dt, steps=steps, every=max(1, steps // 2000),
-                         parameters=numbers | {"frame": "auto"})
+                         parameters=numbers | gs.tune(
+                             step, cone, dt=times * dt, steps=steps, frame="auto").parameters)
     assert np.ptp(height(run.q)) < (8 * EPS if times == 10 else 1e-13)  # of turning back
 
 
@@ -196,8 +197,9 @@ def test_what_moves_by_less_than_rounding_moves():
                        - 1 / sp.sqrt(X**2 + Y**2), name="lift")
     step = gs.stepper("G-L", 2, system=system, frame="symmetries")
     for lift in (0.0, 1e-18):
-        run = step.integrate([0.7, 0, 0], [0, 0.7**-0.5, lift], dt=0.3, steps=1000,
-                             parameters={"frame": "start"})
+        start = gs.Start([0.7, 0, 0], [0, 0.7**-0.5, lift])
+        run = step.integrate(start, dt=0.3, steps=1000, parameters=gs.tune(
+            step, start, dt=0.3, frame="start").parameters)
         assert np.ptp(np.linalg.norm(run.q[:, :2], axis=1)) < (4 * EPS if lift == 0 else 1e-13)
         assert run.q[-1, 2] == pytest.approx(300 * lift, rel=1e-13)
 

@@ -21,6 +21,7 @@ RESULT_CLASSES = tuple(f"gyrospark.{name}" for name in (
     "runtime.results.diagnostics.Report",
     "runtime.results.joint_motion.JointMotion",
     "runtime.results.tangent_rows.TangentRows",
+    "runtime.tuning.tune.Tuned",
     "storage.recording.Recording",
     "targets.artefact.Built",
 ))

@@ -212,7 +212,7 @@ def test_threads_share_nothing():
 def test_parameters_are_refused_by_name():
     flow, _ = flow_of("top", 1)
     *_, parameters, _, _ = start_of("top")
-    for wrong, word in (({"I4": 1.0}, "I4"), ({"gamma": "m"}, "rule")):
+    for wrong, word in (({"I4": 1.0}, "I4"), ({"gamma": "m"}, "no number")):
         with pytest.raises(InputError, match=word):
             flow.parameters(parameters | wrong)
     with pytest.raises(InputError, match="mgl"):

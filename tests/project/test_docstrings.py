@@ -29,9 +29,7 @@ EXAMPLES = {name: test for name, thing in public()
             if any(doctest.SKIP not in example.options for example in test.examples)}
 
 
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name == "choose_frame"))  # derives a frame
-    for name in EXAMPLES])
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_of_a_docstring(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     result = doctest.DocTestRunner().run(EXAMPLES[name])
@@ -39,4 +37,4 @@ def test_examples_of_a_docstring(name, tmp_path, monkeypatch, capsys):
 
 
 def test_there_are_examples():
-    assert {"gyrospark", "Multibody", "stepper", "choose_gamma", "cite"} <= EXAMPLES.keys()
+    assert {"gyrospark", "Multibody", "stepper", "tune", "cite"} <= EXAMPLES.keys()

@@ -45,7 +45,7 @@ def fast_top_run(dt=1e-3):
     top = gs.problems.fast_top()
     step = gs.Stepper(NAME, checked_in_files(NAME))  # not one that another test has loaded
     return step, step.integrate(top.q0, top.p0, dt=dt, steps=100,
-                                parameters=top.parameters | {"gamma": "m"})
+                                parameters=top.parameters)
 
 
 def test_runs_without_a_compiler(no_compiler, request):

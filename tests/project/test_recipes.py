@@ -186,7 +186,7 @@ def test_what_recipes_write_passes_the_tests_of_the_project(checkout):
     files = [f"tests/project/test_{name}.py" for name in ("architecture", "docstrings",
                                                           "packaging")]
     done = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",
-                 *files, "-k", "not (no_sympy or not_installed or fit or choose_frame)"],
+                 *files, "-k", "not (no_sympy or not_installed or fit)"],
                 cwd=checkout, PYTHONPATH=str(checkout.parent), PYTHONWARNINGS=None)
     assert done.returncode == 0, done.stdout
 

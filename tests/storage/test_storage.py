@@ -53,12 +53,14 @@ def test_backwards(gl3, tmp_path):
     check(gl3, tmp_path / "run.zarr", **START | {"dt": -1e-3}, steps=100, t0=5.0)
 
 
-def test_chosen_gamma(tmp_path):
-    """"auto" is chosen before the run begins; the store has the number."""
-    step = systems.stepper("heavy_top")
-    arguments = START | {"parameters": TOP.parameters | {"gamma": "auto"}, "steps": 50}
-    found = check(step, tmp_path / "run.zarr", **arguments)
-    assert isinstance(found.attributes["run"]["parameters"]["gamma"], float)
+def test_searched_gamma(tmp_path):
+    """A search of the model is made before the run begins; the store has the number."""
+    step, out = systems.stepper("heavy_top"), tmp_path / "run.zarr"
+    start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "auto"})
+    found = record(step, start, out=out, dt=1e-3, steps=50)
+    run = step.integrate(start, dt=1e-3, steps=50)
+    assert found.attributes["run"]["parameters"] == run.parameters
+    assert run.parameters["gamma"] != gs.gamma(TOP.inertia)
 
 
 def test_failed_step(failures, tmp_path, monkeypatch):

@@ -125,7 +125,7 @@ def test_torques_that_are_known_determine_all_moments():
     model = gs.load_model(ROOT / "examples" / "control_c" / "satellite.toml")
     step = gs.stepper("G-L", 2, system=model)
     inputs = np.random.default_rng(1).normal(size=(40, 3))
-    parameters = model.parameters | {"gamma": "m"}
+    parameters = model.parameters
     arguments = {"dt": 0.5, "inputs": gs.Inputs(inputs, hold=2)}
     run = step.integrate(model.q0, model.p0, steps=80, parameters=parameters, **arguments)
     guess = parameters | {"I1": 9.0, "I2": 12.0, "I3": 4.0, "gamma": 8.0}

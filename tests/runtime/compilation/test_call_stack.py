@@ -15,7 +15,7 @@ from gyrospark.runtime.compilation import call_stack
 from gyrospark.runtime.compilation.compiler import find_compiler
 
 TOP = gs.problems.fast_top()
-RUN = {"dt": 1e-3, "steps": 5, "parameters": TOP.parameters | {"gamma": "m"}}
+RUN = {"dt": 1e-3, "steps": 5, "parameters": TOP.parameters}
 BYTES = 48 * 2**20  # more than a thread has
 
 DEEP = f"""

@@ -181,8 +181,9 @@ def test_events_in_a_moving_frame():
     moving, rest = (systems.differentiable(name) for name in ("heavy_top_in_frame", "heavy_top"))
     rates = [symmetry.name for symmetry in moving.symmetries]
     arguments = {"dt": 4e-5, "steps": 2500, "events": gs.Event("q1", level=0.01)}
+    turning = gs.tune(moving, problem, dt=4e-5, frame="start").parameters
     run = moving.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
-                           parameters=parameters | {"frame": "start"},
+                           parameters=parameters | turning,
                            tangents=gs.Tangents("all", ["I3", *rates], multipliers=True))
     still = rest.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
                            parameters=parameters, tangents=gs.Tangents("all", ["I3"],

@@ -61,12 +61,15 @@ def test_run_that_is_over_is_reported_too(gl3):
     assert_same(error.value.trajectory, integrate(gl3, **START, steps=20))
 
 
-def test_choice_of_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
+def test_a_search_for_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
     monkeypatch.setattr(step_loop, "advance",
-                        lambda *arguments: (interrupt(), 0)[1])  # of the first pilot
-    with pytest.raises(gs.errors.Stopped, match=r"first step.*γ") as error:
-        integrate(gl3, **START | {"parameters": TOP.parameters | {"gamma": "auto"}}, steps=20)
-    assert error.value.trajectory is None
+                        lambda *arguments: (interrupt(), 0)[1])  # of the first pilot run
+    start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "auto"})
+    for call in (lambda: gl3.integrate(start, dt=1e-3, steps=20),
+                 lambda: gs.tune(gl3, TOP, dt=1e-3, gamma="auto")):
+        with pytest.raises(gs.errors.Stopped, match="first step") as error:
+            call()
+        assert error.value.trajectory is None
 
 
 def test_own_handler_is_left_alone(gl3):
@@ -176,7 +179,7 @@ def test_pace_grows_where_few_states_are_kept(every):
     step.binding.integrate = lambda *a: (calls.append(a), integrate(*a))[1]
     try:
         step.integrate(top.q0, top.p0, dt=1e-3, steps=30000, every=every,
-                       parameters=top.parameters | {"gamma": "m"})
+                       parameters=top.parameters)
     finally:
         del step.binding.integrate
     assert len(calls) < 30

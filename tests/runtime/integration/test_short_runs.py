@@ -29,7 +29,7 @@ def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
     def start(parameters: object) -> dict[str, float]:
         return gl3.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=parameters).parameters
 
-    given = {**PARAMETERS, "gamma": "m"}
+    given = dict(TOP.parameters)
     first = start(given)
     first["gamma"] = -1.0  # the caller's own
     assert start(given)["gamma"] == start(dict(reversed(given.items())))["gamma"] > 0

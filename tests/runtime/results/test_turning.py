@@ -61,7 +61,7 @@ def test_a_failed_step_and_its_rotation_are_reported_in_one_line(gyrospark):
 def test_the_error_and_the_bound_of_order_two(gl3):
     """A midpoint turns by 4 arctan(θ/4) in place of θ: two radians are lost in some turns."""
     top = gs.problems.fast_top()
-    parameters = top.parameters | {"gamma": "m"}
+    parameters = top.parameters
     dt = 1.5 / (40 * pi)
     made = systems.stepper("heavy_top", "EMS").integrate(top.q0, top.p0, dt=dt, steps=28,
                                                          parameters=parameters)
@@ -74,7 +74,7 @@ def test_the_error_and_the_bound_of_order_two(gl3):
 def test_the_error_that_order_six_has(gl3, radians):
     """The fast top errs by a hundredth of the expectation at least, and never by more."""
     top = gs.problems.fast_top()
-    parameters, dt = top.parameters | {"gamma": "m"}, radians / (40 * pi)
+    parameters, dt = top.parameters, radians / (40 * pi)
     made = gl3.integrate(top.q0, top.p0, dt=dt, steps=40, parameters=parameters)
     true = gl3.integrate(top.q0, top.p0, dt=dt / 8, steps=8 * 40, every=8, parameters=parameters)
     sign = np.sign((made.q[-1] * true.q[-1]).sum())
@@ -88,7 +88,7 @@ def test_a_warning_has_the_error_to_expect(gl3):
     for radians, words in ((3.6, "2e-02"), (4.5, "lost")):
         with pytest.warns(gs.errors.InputWarning, match=words):
             gl3.step(top.q0, top.p0, dt=radians / (40 * pi),
-                     parameters=top.parameters | {"gamma": "m"})
+                     parameters=top.parameters)
 
 
 def test_of_several_bodies_the_fastest(gyrospark):
@@ -123,7 +123,7 @@ def said_of(call):
 def test_python_warns_as_the_command_does(gl3, tmp_path):
     """At 2 rad a step nobody, at 6.3 everybody, once a call; the advice is a smaller step."""
     top = gs.problems.fast_top()
-    parameters = top.parameters | {"gamma": "m"}
+    parameters = top.parameters
     start, many = (top.q0, top.p0), ([top.q0] * 2, [top.p0] * 2)
     calls = {
         "integrate": lambda how: gl3.integrate(*start, steps=4, **how),
@@ -137,8 +137,8 @@ def test_python_warns_as_the_command_does(gl3, tmp_path):
                                         out=tmp_path / f"{how['dt']}.zarr"),
         "sweep": lambda how: gs.sweep("fast-top", {"dt": [1e-3, how["dt"]]}, scheme="G-L",
                                       stages=3, steps=4, parameters={"gamma": 4e-4}),
-        "pilots": lambda how: gl3.integrate(*start, steps=4, **how | {
-            "parameters": parameters | {"gamma": "auto"}}),
+        "tuned": lambda how: gl3.integrate(gs.Start(*start, parameters).of_model(
+            {"gamma": top.inertia}, {"gamma": "auto"}), dt=how["dt"], steps=4),
     }
     for name, call in calls.items():
         slow, fast = ({"dt": dt, "parameters": parameters} for dt in (2 / (40 * pi), 0.05))
@@ -151,7 +151,7 @@ def test_python_warns_as_the_command_does(gl3, tmp_path):
 def test_a_body_that_gets_fast_on_the_way():
     """Let go near its highest place, a top is at rest at first; shown by a state on the way."""
     top = gs.problems.fast_top()
-    parameters = top.parameters | {"gamma": "m"}
+    parameters = top.parameters
     q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
     step = systems.stepper("heavy_top")
     run = {"dt": 0.09, "parameters": parameters}

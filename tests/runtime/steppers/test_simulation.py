@@ -244,8 +244,6 @@ def test_wrong_use_is_refused(gl3):
         begun(gl3, solver="sweeps")
     with refused("constraints"):
         gl3.start(2 * TOP.q0, TOP.p0, **RUN)
-    with refused("integrate"):
-        begun(gl3, parameters=PARAMETERS | {"gamma": "auto"})
     sim = begun(gl3)
     sim.advance(2.0)
     sim.advance(np.int64(3))

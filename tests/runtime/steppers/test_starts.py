@@ -24,7 +24,7 @@ def top():
 def test_a_problem_is_a_start_and_gamma_is_by_rule():
     run = top().integrate(TOP, **STEP)
     by_number = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
-    for parameters in (by_number, TOP.parameters | {"gamma": "m"}, TOP.parameters):
+    for parameters in (by_number, TOP.parameters):
         plain = top().integrate(TOP.q0, TOP.p0, parameters=parameters, **STEP)
         assert np.array_equal(plain.q, run.q)
         assert plain.parameters == run.parameters == by_number
@@ -56,13 +56,10 @@ def test_a_gamma_that_is_given_stays():
 
 
 def test_the_rule_of_a_model_finds_gamma():
-    by = {rule: TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": rule})
-          for rule in ("h", "auto")}
-    assert top().integrate(by["h"], **STEP).parameters["gamma"] == gs.gamma(TOP.inertia, "h")
-    searched = top().integrate(TOP, parameters={"gamma": "auto"}, **STEP)
-    assert top().integrate(by["auto"], **STEP).parameters == searched.parameters
-    with pytest.raises(gs.InputError, match="auto"):
-        top().start(by["auto"], dt=1e-3)
+    start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "h"})
+    assert top().integrate(start, **STEP).parameters["gamma"] == gs.gamma(TOP.inertia, "h")
+    merged = top().integrate(start, parameters={"I1": 0.0021}, **STEP)
+    assert merged.parameters["gamma"] == gs.gamma((0.0021, *TOP.inertia[1:]), "h")
 
 
 def test_a_row_goes_on_to_round_off_and_finds_gamma_anew():

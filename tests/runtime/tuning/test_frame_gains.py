@@ -73,7 +73,8 @@ def gain(step, q, p, numbers, dt, exact):
 
     A relative equilibrium may have none at all: then it is one unit in the last place of 1.
     """
-    frame = gs.choose_frame(step, q, p, dt=dt, parameters=numbers, steps=STEPS).frame
+    frame = gs.tune(step, gs.Start(q, p, numbers), dt=dt, pilot_steps=STEPS,
+                    frame="auto").parameters
     plain, moved = (np.sqrt(((step.integrate(q, p, dt=dt, steps=2 * STEPS, parameters=par).q
                               - exact) ** 2).mean()) for par in (numbers, numbers | frame))
     return plain / max(moved, np.finfo(float).eps)
@@ -88,8 +89,9 @@ def test_the_median_gain_is_above_100_and_none_is_a_loss():
             rep = "gamma" if isinstance(system, str) else None
             return gs.stepper(scheme, stages, rep, system=system, frame="symmetries")
 
-        exact = framed("G-L", 6).integrate(q, p, dt=dt / 8, steps=16 * STEPS, every=8,
-                                           parameters=numbers | {"frame": "start"}).q
+        six, start = framed("G-L", 6), gs.Start(q, p, numbers)
+        exact = six.integrate(start, dt=dt / 8, steps=16 * STEPS, every=8, parameters=gs.tune(
+            six, start, dt=dt / 8, frame="start").parameters).q
         for method in METHODS:
             gains[name, *method] = gain(framed(*method), q, p, numbers, dt, exact)
     assert len(gains) == 16 * 8

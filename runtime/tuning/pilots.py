@@ -1,0 +1,285 @@
+"""Pilot runs: short integrations with trial parameters, and the errors of motion and energy.
+
+The error of the motion is q_k − q(t_k), path by path (``motion_distance``). The reference q(t) is
+extrapolated (Richardson) from the same method at Δt/4 and Δt/8, without a frame; or in the frame of
+the start, if its reference is more accurate and agrees with the first: near an axis of a symmetry
+all runs in one frame have similar errors. The error of the energy is H_k − H_0 − W_k.
+
+A trial is an array x: the rates of the frame in rad/s, then γ_m/γ of each body, for the error of a
+run is a polynomial of both, and linear in 1/γ to leading order (paper, (34)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import StepFailed
+from ...core.registry import Aim
+from .frame_start import Direction
+from .motion_distance import MotionError, root_mean_squares
+
+if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
+    from ..results.trajectory import Trajectory
+    from ..steppers.stepper import Stepper
+
+__all__ = ["DIFFERENCE", "Pilot", "Pilots"]
+
+Array = NDArray[Any]
+
+#: Label of runs for derivatives.
+DIFFERENCE = "difference"
+
+#: Rows of a run at which errors are evaluated, at most twice as many.
+_ROWS = 250
+#: Two references agree if their distance is at most this multiple of the last refinement of the
+#: less accurate one, or this part of the measured error.
+_AGREES, _SMALL = 4.0, 0.01
+#: Factor by which every path's error must decrease.
+_CLEAR = 1.05
+#: A path's error below this multiple of its uncertainty is round-off.
+_ROUND_OFF = 4.0
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """A pilot run: its purpose, its parameters, and its errors.
+
+    Attributes
+    ----------
+    label : str
+    parameters : dict of str to float
+        Rates in rad/s and γ or α in kg m².
+    dt : float
+        Time step in s.
+    motion : float
+        The largest error of a path: root mean square over the run, in a search for a step the
+        maximum. Attitudes in rad, points in parts of their largest coordinate. Infinite if a step
+        did not converge.
+    worst : float
+        The largest ratio of a path's error to the error of the first pilot; NaN if all are
+        round-off, and in a search for a step.
+    energy : float
+        Root mean square of H_k − H_0, with forces of H_k − H_0 − W_k, in the units of H; NaN in a
+        search for a step.
+    """
+
+    label: str
+    parameters: dict[str, float]
+    dt: float
+    motion: float
+    worst: float = math.nan
+    energy: float = math.nan
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """An extrapolated motion, and the size of its last refinement, of all paths and of each."""
+
+    motion: Array
+    error: MotionError
+    change: float
+    changes: Array
+    finest: Trajectory
+
+
+class Pilots:
+    """Pilot runs of one start, and their errors by number; equal trials run once."""
+
+    def __init__(
+        self, stepper: Stepper, run: RunArguments, directions: list[Direction],
+        means: dict[str, float], aim: Aim, report: Callable[[int], Any] | None, *, longer: bool,
+    ) -> None:
+        """``longer``: the choice is for a run that continues where the pilot runs end."""
+        self.stepper, self.arguments, self.directions = stepper, run, directions
+        self.means, self.aim, self.longer = means, aim, longer and aim == "motion"
+        self.every = max(1, run.steps // _ROWS)
+        self.trials: list[Array] = []
+        self._labels: list[str] = []
+        self._errors: list[tuple[Array, Array] | None] = []
+        self._runs, self._report = 0, report
+
+    def parameters(self, x: Array) -> dict[str, float]:
+        """Return the parameters of a trial."""
+        rates: dict[str, float] = {}
+        if self.directions:
+            rates = {symmetry.name: 0.0 for symmetry in self.stepper.symmetries}
+        for rate, direction in zip(x, self.directions, strict=False):
+            for name, weight in direction.weights.items():
+                rates[name] += float(rate) * weight
+        inverse = x[len(self.directions) :]
+        return rates | {name: mean / float(u)
+                        for (name, mean), u in zip(self.means.items(), inverse, strict=True)}
+
+    def run(self, x: Array, refinement: int = 1) -> Trajectory | None:
+        """Integrate with steps of Δt/refinement; None if a step does not converge."""
+        self._runs += 1
+        if self._report is not None:
+            self._report(self._runs)
+        try:
+            return self.stepper.run(self.stepper.checked_run(replace(
+                self.arguments.refined(refinement), every=refinement * self.every,
+                parameters=self.arguments.parameters | self.parameters(x))))
+        except StepFailed:
+            return None
+
+    # ------------------------------------------------------------ the reference
+
+    def set_reference(self, base: Array, start: Array) -> Trajectory:
+        """Extrapolate the motion from the base and in the start's frame; return the finest run.
+
+        Raises
+        ------
+        StepFailed
+            If the refined runs of neither converge.
+        """
+        plain = self._reference(base)
+        moved = None if np.array_equal(start, base) else self._reference(start)
+        reference = plain
+        if moved is not None and (plain is None or (
+                moved.change < plain.change and self._agrees(plain, moved, self.run(base)))):
+            reference = moved
+        if reference is None:
+            self.stepper.run(self.stepper.checked_run(self.arguments.refined(8)))  # raises
+            raise AssertionError("a step that failed has not failed again")
+        self._motion, finest = reference.error, reference.finest
+        epsilon = self.stepper.binding.epsilon
+        # A state is rounded once; compensated sums err by about ε √N / 4.
+        rounding = epsilon * (2 + math.sqrt(self.arguments.steps) / 4)
+        if self.aim == "motion":
+            self.paths, self.rounding = reference.error.paths, rounding
+            self.doubt = reference.changes / 2 ** (self.stepper.order + 2) + rounding
+        else:
+            H = float(np.abs(np.asarray(finest.energies, dtype=float)).max())
+            self.paths, self.rounding, self.doubt = [[0]], epsilon * H, np.array([epsilon * H])
+        self.rows = len(finest) - 1
+        return finest
+
+    def _reference(self, x: Array) -> _Reference | None:
+        runs = [self.run(x, refinement) for refinement in (2, 4, 8)]
+        second, fourth, eighth = (None if run is None else np.asarray(run.q) for run in runs)
+        if second is None or fourth is None or eighth is None or runs[-1] is None:
+            return None
+        factor = 2**self.stepper.order - 1
+        motion = eighth + (eighth - fourth) / factor
+        error = MotionError(motion, eighth)
+        change = error(fourth + (fourth - second) / factor)[1:]
+        return _Reference(motion, error, _total(change), root_mean_squares(change, error.paths),
+                          runs[-1])
+
+    def _agrees(self, plain: _Reference, moved: _Reference, run: Trajectory | None) -> bool:
+        distance, error = (0.0 if q is None else _total(plain.error(np.asarray(q))[1:])
+                           for q in (moved.motion, None if run is None else run.q))
+        return distance <= max(_AGREES * plain.change, _SMALL * error)
+
+    # ------------------------------------------------------------ errors
+
+    def measure(self, label: str, x: Array) -> int:
+        """Return the number of the pilot run of a trial, made now if it is new."""
+        for number, trial in enumerate(self.trials):
+            if np.array_equal(x, trial):
+                return number
+        run = self.run(x)
+        self.trials.append(x)
+        self._labels.append(label)
+        self._errors.append(None if run is None else (
+            self._motion(np.asarray(run.q))[1:],
+            np.asarray(run.energy_error()[1:], dtype=float)[:, None]))
+        return len(self.trials) - 1
+
+    def errors(self, number: int, part: slice | None = None) -> Array | None:
+        """Return the errors that the search makes small, by rows and columns; None: it failed."""
+        both = self._errors[number]
+        if both is None:
+            return None
+        return both[self.aim == "energy"][: self.rows][part or slice(None)]
+
+    def sizes(self, number: int, part: slice | None = None) -> Array:
+        """Return the root mean square error of each path; infinite if the run failed."""
+        errors = self.errors(number, part)
+        return root_mean_squares(errors, self.paths) if errors is not None else np.full(
+            len(self.paths), math.inf)
+
+    def largest(self, number: int, part: slice | None = None) -> float:
+        """Return the largest of ``sizes``."""
+        return float(self.sizes(number, part).max())
+
+    @property
+    def searched(self) -> slice:
+        """The rows that searches look at: of rates, which are many, the first half."""
+        return slice(0, (self.rows + 1) // 2 if self.directions else self.rows)
+
+    def is_round_off(self, number: int) -> bool:
+        """Whether the error of every path is round-off."""
+        return bool((self.sizes(number) <= _ROUND_OFF * self.doubt).all())
+
+    def is_clear(self, number: int, base: int = 0) -> bool:
+        """Return whether the error of every path is well below the base's.
+
+        1.05 (e + δ) ≤ e_base − δ over all rows, δ the uncertainty; for a longer run also
+        e + δ ≤ e_base − δ over the second, third and fourth quarter. Where the base's error is
+        round-off, e may be that.
+        """
+        if self.largest(number) * _CLEAR > self.largest(base):
+            return False
+        near = self.sizes(base) <= 2 * _ROUND_OFF * self.rounding
+        quarters = np.array_split(np.arange(self.rows), 4)[1:] if self.longer else []
+        for factor, part in ((_CLEAR, None), *((1.0, slice(rows[0], rows[-1] + 1))
+                                               for rows in quarters if len(rows))):
+            plain = self.sizes(base, part)
+            bound = np.where(near, np.maximum(plain, _ROUND_OFF * self.rounding) + self.rounding,
+                             (plain - self.doubt) / factor - self.doubt)
+            if not (self.sizes(number, part) <= bound).all():
+                return False
+        return True
+
+    def gain(self, number: int) -> float:
+        """Return the largest error of the base over the largest error of a run."""
+        if number == 0:
+            return 1.0
+        return self.largest(0) / max(self.largest(number), self.rounding)
+
+    def pilots(self) -> tuple[Pilot, ...]:
+        """Return all runs but those for differences, as callers see them."""
+        return tuple(self.pilot(number) for number, label in enumerate(self._labels)
+                     if label != DIFFERENCE)
+
+    def pilot(self, number: int) -> Pilot:
+        """Return a run as callers see it."""
+        both, label, values = (self._errors[number], self._labels[number],
+                               self.parameters(self.trials[number]))
+        dt = float(self.arguments.dt)
+        if both is None:
+            return Pilot(label, values, dt, math.inf, math.inf, math.inf)
+        paths, base, worst = self._motion.paths, self._errors[0], math.nan
+        motion = root_mean_squares(both[0][: self.rows], paths)
+        if base is not None:
+            plain = root_mean_squares(base[0][: self.rows], paths)
+            worst = float((motion[plain > 0] / plain[plain > 0]).max(initial=-math.inf))
+        return Pilot(label, values, dt, float(motion.max()),
+                     worst if math.isfinite(worst) else math.nan,
+                     float(root_mean_squares(both[1], [[0]])[0]))
+
+    def lost(self, number: int, angle: float) -> int:
+        """Return the rows before an attitude is off by so many rad."""
+        both = self._errors[number]
+        if both is None:
+            return self.rows
+        off = np.abs(both[0][:, self._motion.turning]).max(axis=1, initial=0) > angle
+        return int(off.argmax()) if off.any() else self.rows
+
+    def quarters(self, number: int) -> Array:
+        """Return the error of each path in each quarter of the rows, shape (4, paths)."""
+        return np.array([self.sizes(number, slice(rows[0], rows[-1] + 1))
+                         for rows in np.array_split(np.arange(self.rows), 4)])
+
+
+def _total(errors: Array) -> float:
+    """Return the root mean square over the rows of the distance of all columns."""
+    return float(root_mean_squares(errors, [[*range(errors.shape[1])]])[0])

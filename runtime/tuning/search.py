@@ -1,0 +1,276 @@
+"""The search for rates of a co-moving frame and for γ.
+
+Tried are no frame, the least squares of the start and of the whole motion, the frequencies of its
+spectrum, and parts of these; γ_m, γ_h, γ̃_m, γ̃_h, half and twice γ_m. From the best of them
+Levenberg and Marquardt's steps minimise the error; with rates, of which many would fit the pilot
+runs alone, over their first half. Chosen is the smallest of the largest error of a path, among
+trials whose error is well below the base's on every path (``Pilots.is_clear``): no axis and no
+point is sacrificed. Otherwise the base stays, γ_m without a frame.
+
+What pilot runs cannot tell of γ: where the base is off by more than 0.3 rad no law is linear, and
+rows are left out; where its error does not grow like t (a motion slower than the pilot runs, or a
+chaotic one) nothing follows for a run that is longer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.registry import MEANS
+from ..rigid_body.gamma_rules import mean_inertia
+from .frame_start import Velocities, least_squares, start_rates
+from .pilots import DIFFERENCE, Pilots
+from .spectral_lines import SpectralLines
+
+if TYPE_CHECKING:
+    from ..results.trajectory import Trajectory
+
+__all__ = ["Search"]
+
+Array = NDArray[Any]
+
+#: γ stays within this factor of the moments: beyond it the law is an extrapolation.
+_REACH = 10.0
+#: The error of the motion is linear in 1/γ up to about this angle, in rad.
+_LINEAR = 0.3
+#: Fewer rows than these, two a quarter, show no growth.
+_FEWEST = 8
+#: Factor by which the growth of the error, over t, may vary from the second quarter to the last.
+_STEADY = 1.5
+#: Factor by which searched rates must beat tried ones: they may be right for the pilots alone.
+_CLEARLY = 1.5
+#: Searches, from the best trials; steps of each, and steps between two trials.
+_SEARCHES, _STEPS, _BETWEEN = 3, 8, 4
+#: Searches start from trials that differ by this part at least.
+_APART = 0.04
+#: Differences for derivatives: parts of the rates' scale, and of 1/γ, which enters linearly.
+_CHANGE_OF_RATE, _CHANGE_OF_GAMMA = 1e-3, 0.1
+#: What a step must promise of a path, a little more than is asked of the measurement.
+_PROMISE = 0.9
+
+
+class Search:
+    """The search over rates and γ of one start."""
+
+    def __init__(
+        self, pilots: Pilots, velocities: Velocities, moments: Mapping[str, Any]
+    ) -> None:
+        self.pilots, self.velocities, self.moments = pilots, velocities, moments
+        self.rates, run = len(pilots.directions), pilots.arguments
+        self.base = np.concatenate([np.zeros(self.rates), np.ones(len(moments))])
+        self.start, self.free = self.base, len(self.base)
+        if self.rates:
+            self.start = self._with(start_rates(velocities, pilots.directions, run.q, run.p,
+                                                run.dt)[0])
+        self.scale = np.ones_like(self.base)
+        self.scale[: self.rates] = max(np.abs(self.start[: self.rates]).max(initial=0),
+                                       1 / (float(abs(run.dt)) * run.steps))
+        means = np.array([*pilots.means.values()])
+        self.low, self.high = (
+            np.concatenate([np.full(self.rates, sign * math.inf), means / bound])
+            for sign, bound in ((-1, _REACH * np.array([*map(max, moments.values())])),
+                                (1, np.array([*map(min, moments.values())]) / _REACH)))
+
+    def _with(self, rates: Array) -> Array:
+        return np.concatenate([rates, np.ones(len(self.moments))])
+
+    def best(self) -> tuple[int, str]:
+        """Return the number of the best pilot run, and why; the base is run 0."""
+        pilots, name = self.pilots, "no frame" if self.rates else self._symbol("γ_m")
+        finest = pilots.set_reference(self.base, self.start)
+        base = pilots.measure(name, self.base)
+        if pilots.is_round_off(base):
+            return base, f"{name}: the error is round-off"
+        tried = [base]
+        if self.rates:
+            tried.append(pilots.measure("least squares of the start", self.start))
+            if pilots.is_round_off(tried[1]) and pilots.is_clear(tried[1]):
+                return tried[1], "least squares of the start: the error is round-off"
+            tried += [pilots.measure(*pair) for pair in self._frames(finest)]
+        best, why = self._choose(tried), ""
+        if self.moments:
+            why = self._why_gamma_stays(best)
+            self.free = self.rates if why else self.free
+            tried += [] if why else [pilots.measure(*pair) for pair in self._gammas(best)]
+            best = self._choose(tried)
+        searched = [number for x in self._beginnings(tried) for number in self._searched(x, best)]
+        best = self._choose(searched, best, _CLEARLY if self.rates else 1.0)
+        return best, self._reason(best, why)
+
+    def _choose(self, numbers: Iterable[int], best: int = 0, factor: float = 1.0) -> int:
+        """Return the clear run with the smallest largest error; ``best`` unless that is beaten."""
+        pilots = self.pilots
+        number = min(filter(pilots.is_clear, numbers), key=pilots.largest, default=best)
+        return number if factor * pilots.largest(number) < pilots.largest(best) else best
+
+    # ------------------------------------------------------------ trials
+
+    def _frames(self, finest: Trajectory) -> Iterator[tuple[str, Array]]:
+        """Yield rates and their labels, γ being γ_m."""
+        pilots = self.pilots
+        rows = slice(0, (len(finest.q) + 1) // 2, max(1, len(finest.q) // 24))
+        q, p = (np.asarray(x, dtype=float) for x in (finest.q, finest.p))
+        mean = least_squares(self.velocities, pilots.directions, q[rows], p[rows])
+        yield "least squares of the motion", self._with(mean)
+        lines = SpectralLines(q, p, float(pilots.arguments.dt) * pilots.every,
+                              [direction.A for direction in pilots.directions])
+        order = pilots.stepper.order
+        for k in {order // 2 + 1, order + 1} if lines.resolved else ():
+            yield f"frequencies, power {2 * k}", self._with(lines.least(k, mean))
+        for part in (0.6, 0.8, 0.9, 1.1):
+            yield f"{part} of the least squares", self._with(part * self.start[: self.rates])
+
+    def _gammas(self, best: int) -> Iterator[tuple[str, Array]]:
+        """Yield γ of all bodies and labels, the rates being the best ones."""
+        rates, means = self.pilots.trials[best][: self.rates], [*self.pilots.means.values()]
+        for rule, symbol in MEANS.items():
+            u = np.divide(means, [mean_inertia(inertia, rule) for inertia in self.moments.values()])
+            yield self._symbol(symbol), np.concatenate([rates, u])
+        for factor in (0.5, 2.0):
+            yield f"{self._symbol('γ_m')} times {1 / factor:g}", np.concatenate(
+                [rates, np.full(len(means), factor)])
+
+    def _symbol(self, symbol: str) -> str:
+        alpha = bool(self.moments) and all(name.endswith("alpha") for name in self.moments)
+        return symbol.replace("γ", "α") if alpha else symbol
+
+    def _why_gamma_stays(self, number: int) -> str:
+        """Return why pilots tell nothing of γ, the best run with γ_m being given; "" if they do."""
+        pilots, steps = self.pilots, self.pilots.arguments.steps
+        if pilots.aim == "energy" or pilots.errors(number) is None:
+            return ""
+        all_rows = pilots.rows
+        pilots.rows = max(pilots.lost(number, _LINEAR) - 1, 1) if (
+            pilots.lost(number, _LINEAR) < all_rows) else all_rows
+        if pilots.rows < _FEWEST and (self.pilots.longer or pilots.rows < all_rows):
+            return (f"pilot runs of {steps} steps say nothing of a longer run"
+                    if pilots.rows == all_rows else
+                    f"the motion is lost within {(pilots.rows + 1) * pilots.every} steps")
+        growth = pilots.quarters(number)[1:] / np.array([[1.5], [2.5], [3.5]])
+        seen = pilots.sizes(number) > 4 * pilots.rounding
+        if self.pilots.longer and (growth.max(axis=0) > _STEADY * growth.min(axis=0))[seen].any():
+            return ("the error of the motion does not grow like t, and pilot runs say nothing of a "
+                    "longer run; let them see its slowest period")
+        return ""
+
+    # ------------------------------------------------------------ the search
+
+    def _beginnings(self, tried: list[int]) -> list[Array]:
+        """Return the best trials that are apart."""
+        pilots, beginnings = self.pilots, list[Array]()
+        if not self.free:
+            return beginnings
+        for number in sorted(dict.fromkeys(tried),
+                             key=lambda i: pilots.largest(i, pilots.searched)):
+            x = pilots.trials[number]
+            if math.isfinite(pilots.largest(number)) and all(
+                    np.abs((x - other) / self.scale).max() > _APART for other in beginnings):
+                beginnings.append(x)
+        return beginnings[:_SEARCHES]
+
+    def _searched(self, x: Array, best: int) -> list[int]:
+        """Return the runs of Levenberg and Marquardt's steps from a trial."""
+        pilots, numbers, damping = self.pilots, list[int](), 1e-3
+        number = pilots.measure("search", x)
+        for _ in range(_STEPS):
+            slopes = self._slopes(number)
+            if slopes is None:
+                break
+            forms = self._forms(number, slopes)
+            before = pilots.sizes(number, pilots.searched) ** 2
+            for _ in range(4):
+                change, weights = self._change(forms, damping)
+                new = pilots.trials[number].copy()
+                new[: self.free] += change * self.scale[: self.free]
+                after_number = pilots.measure("search", np.clip(new, self.low, self.high))
+                after = pilots.sizes(after_number, pilots.searched) ** 2
+                if weights @ after < weights @ before:
+                    damping = max(damping / 10, 1e-12)
+                    break
+                damping *= 10
+            else:
+                break
+            numbers.append(after_number)
+            number = after_number
+            if weights @ before < 1.02**2 * (weights @ after) or pilots.is_round_off(number):
+                break
+        return numbers + self._between(number, best)
+
+    def _between(self, number: int, best: int) -> list[int]:
+        """Return runs between the end of a search, if that is not clear, and the best clear run."""
+        pilots, numbers = self.pilots, list[int]()
+        if pilots.is_clear(number) or pilots.largest(number) >= pilots.largest(best):
+            return numbers
+        near, far = pilots.trials[best], pilots.trials[number]
+        for _ in range(_BETWEEN):
+            middle = (near + far) / 2
+            numbers.append(pilots.measure("search", middle))
+            if pilots.is_clear(numbers[-1]):
+                near = middle
+            else:
+                far = middle
+        return numbers
+
+    def _slopes(self, number: int) -> Array | None:
+        """Return ∂e/∂x times the scale, by differences, shape (rows, columns, free variables)."""
+        pilots, columns = self.pilots, list[Array]()
+        x, base = pilots.trials[number], pilots.errors(number, pilots.searched)
+        for i in range(self.free):
+            change = _CHANGE_OF_RATE if i < self.rates else _CHANGE_OF_GAMMA
+            moved = x.copy()
+            moved[i] += change * self.scale[i]
+            errors = pilots.errors(pilots.measure(DIFFERENCE, moved), pilots.searched)
+            if errors is None or base is None:
+                return None
+            columns.append((errors - base) / change)
+        return np.stack(columns, axis=-1)
+
+    def _forms(self, number: int, slopes: Array) -> Array:
+        """Return Σ e², a quadratic form in (1, change), of each path, shape (paths, n + 1, n + 1).
+        """
+        errors = self.pilots.errors(number, self.pilots.searched)
+        assert errors is not None
+        joined, rows = np.concatenate([errors[..., None], slopes], axis=-1), len(errors)
+        columns = [joined[:, path].reshape(-1, joined.shape[-1]) for path in self.pilots.paths]
+        return np.array([A.T @ A / rows for A in columns])
+
+    def _change(self, forms: Array, damping: float) -> tuple[Array, Array]:
+        """Return the damped step that minimises Σ_j w_j e_j², and the weights w of the paths.
+
+        Weights grow until no path's error is expected above the base's: multipliers of these
+        inequalities.
+        """
+        pilots = self.pilots
+        bound = (_PROMISE * pilots.sizes(0, pilots.searched)) ** 2
+        bound = np.where(bound > (4 * pilots.rounding) ** 2, bound, math.inf)
+        weights = np.ones(len(forms))
+        for _ in range(60):
+            A, b = (np.tensordot(weights, part, 1) for part in (forms[:, 1:, 1:], forms[:, 1:, 0]))
+            change = -np.linalg.lstsq(A + damping * np.diag(np.diag(A)), b, rcond=None)[0]
+            one = np.concatenate([[1.0], change])
+            above = one @ forms @ one > bound
+            if not above.any():
+                break
+            weights = weights * np.where(above, 1.25, 1.0)
+        return change, weights / weights.max()
+
+    # ------------------------------------------------------------ words
+
+    def _reason(self, best: int, why_gamma_stays: str) -> str:
+        """Return why a run is chosen, as a sentence."""
+        pilots = self.pilots
+        what = "error of the motion" if pilots.aim == "motion" else "energy error"
+        chosen, base = pilots.pilot(best), pilots.pilot(0)
+        stays = f"; {self._symbol('γ_m')} stays: {why_gamma_stays}" if why_gamma_stays else ""
+        if best == 0:
+            return f"{base.label}: no trial makes the {what} of every path 5 % smaller{stays}"
+        price = ""
+        if pilots.aim == "energy" and chosen.worst > 1.05:
+            price = f"; the error of the motion grows up to {chosen.worst:.3g} times"
+        return (f"{chosen.label}: the {what} is {pilots.gain(best):.3g} times smaller than with "
+                f"{base.label}{price}{stays}")

@@ -1,0 +1,80 @@
+"""Rates of a frame from the spectrum of one motion, without further runs.
+
+In the joint eigenvectors of the A_i a frame shifts frequencies and changes nothing else,
+c_j(ν) → c_j(ν − α_j·ω). A method of some order sees of the motion
+
+    M_k(ω) = Σ_j Σ_ν |c_j(ν)|² (ν − α_j·ω)^2k,
+
+a convex polynomial of ω, which Newton's method minimises.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["SpectralLines"]
+
+Array = NDArray[Any]
+
+#: Of the window: what leaks from a line is below round-off.
+_KAISER = 38.0
+#: Lines below this part of the strongest are left out: round-off, and what the window leaks.
+_FAINT = 1e-13
+#: The part of the power in the last eighth of the band above which lines may be folded into it.
+_FOLDED = 1e-10
+
+
+class SpectralLines:
+    """The lines of q and p of a motion, sampled evenly.
+
+    Parameters
+    ----------
+    q, p : ndarray, shape (rows, n)
+    dt : float
+        Between two rows.
+    generators : list of ndarray
+        The A_i, which commute.
+    """
+
+    def __init__(self, q: Array, p: Array, dt: float, generators: list[Array]) -> None:
+        mixed = sum((A / np.sqrt(i + 2) for i, A in enumerate(generators)),
+                    np.zeros_like(generators[0]))
+        _, vectors = np.linalg.eig(mixed)
+        back = np.linalg.inv(vectors)
+        shifts = np.array([np.einsum("ji,ik,kj->j", back, A, vectors).imag for A in generators]).T
+        frequencies = 2 * np.pi * np.fft.fftfreq(len(q), dt)
+        window = np.kaiser(len(q), _KAISER)[:, None]
+        turning = np.abs(shifts).max(axis=1) > 1e-9
+        power, nu, alpha = [], [], []
+        for x in (q, p) if all(np.array_equal(A, -A.T) for A in generators) else (q,):
+            modes = (x @ back.T)[:, turning]
+            found = np.abs(np.fft.fft(window * modes, axis=0)) ** 2
+            found /= found.sum() or 1.0
+            power.append(found.ravel())
+            nu.append(np.broadcast_to(frequencies[:, None], found.shape).ravel())
+            alpha.append(np.broadcast_to(shifts[turning], (*found.shape, shifts.shape[1])).reshape(
+                -1, shifts.shape[1]))
+        self._power, self._nu, self._alpha = (np.concatenate(x) for x in (power, nu, alpha))
+        self._band = float(np.abs(frequencies).max())
+        outer = np.abs(self._nu) > 0.875 * self._band
+        self.resolved = bool(self._power[outer].sum() <= _FOLDED * self._power.sum())
+        kept = self._power > _FAINT * self._power.max(initial=0)
+        self._power, self._nu, self._alpha = (x[kept] for x in (self._power, self._nu,
+                                                                self._alpha))
+
+    def least(self, k: int, start: Array) -> Array:
+        """Return the ω of least M_k, from a start."""
+        omega = np.array(start, dtype=float)
+        for _ in range(60):
+            rest = (self._nu - self._alpha @ omega) / self._band
+            slope = self._alpha.T @ (self._power * rest ** (2 * k - 1))
+            weighted = self._alpha * (self._power * rest ** (2 * k - 2))[:, None]
+            bend = (2 * k - 1) * self._alpha.T @ weighted / self._band
+            step = np.linalg.lstsq(bend, slope, rcond=1e-12)[0]
+            omega = omega + step
+            if np.abs(step).max() <= 1e-9 * max(np.abs(omega).max(), 1e-9 * self._band):
+                break
+        return omega

@@ -1,0 +1,145 @@
+"""The time step by measurement: pilot runs of the whole span, their steps halved.
+
+The error of n steps is taken from the run of 2n, e = |q_n − q_2n| 2^r/(2^r − 1), r the order: the
+largest of a path over the run, attitudes in rad and points in parts of their reach
+(``motion_distance``). Where e is small enough, n (e/error)^(1/r) steps between two pilot runs are
+measured too, against the finest one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError, StepFailed
+from ...core.exact_numbers import as_double
+from .motion_distance import MotionError, distances
+from .pilots import Pilot
+
+if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
+    from ..steppers.stepper import Stepper
+
+__all__ = ["StepSearch"]
+
+Array = NDArray[Any]
+
+#: Rows at which errors are evaluated: the number of steps is a multiple.
+_ROWS = 16
+#: Steps of the longest pilot run.
+_MOST = 2**22
+#: The law shall be met with a margin; a number of steps that saves less is not tried.
+_SPARE, _WORTH = 0.8, 0.9
+#: Errors of halved steps that decrease by less than this factor are round-off.
+_HALVED = 1.5
+
+
+class StepSearch:
+    """The search for the step with which a run over a span has a given error."""
+
+    def __init__(
+        self, stepper: Stepper, span: Fraction, bound: float, run: RunArguments,
+        report: Callable[[int], Any] | None = None,
+    ) -> None:
+        """``run`` has the start, the parameters and the solver; its steps are not looked at."""
+        self.stepper, self.span, self.bound, self.arguments = stepper, span, bound, run
+        self.order, self.epsilon = stepper.order, stepper.binding.epsilon
+        self.pilots: list[Pilot] = []
+        self._steps: list[int] = []
+        self._report = report
+
+    def best(self) -> tuple[int, Pilot]:
+        """Return the fewest steps that were measured to suffice, as all finer ones, and the run.
+
+        Raises
+        ------
+        InputError
+            If round-off, or the length of a pilot run, is in the way of the error.
+        StepFailed
+            If no step converges.
+        """
+        finest = self._halve()
+        best = len(self.pilots) - 1
+        while best and self.pilots[best - 1].motion <= self.bound:
+            best -= 1
+        if best and self._measures_between(best, finest):
+            best = len(self.pilots) - 1
+        return self._steps[best], self.pilots[best]
+
+    def _halve(self) -> Array:
+        """Halve the step until the error is small enough, in two pilots at least; return q."""
+        n, before, failure = _ROWS, None, None
+        while n <= _MOST:
+            after, failed = self._run(n)
+            failure = failed or failure
+            if n > _ROWS:
+                error = math.inf if before is None or after is None else (
+                    _distance(before, after) / (1 - 2.0**-self.order))
+                self._add(n // 2, math.inf if math.isnan(error) else error)
+                if len(self.pilots) > 1 and self.pilots[-1].motion <= self.bound:
+                    assert after is not None
+                    return after
+                self._refuse_round_off()
+            n, before = 2 * n, after
+        if before is None and failure is not None:
+            raise failure
+        raise InputError(
+            f"step_error = {self.bound:g} is not reached with {_MOST:,} steps: with "
+            f"{self._steps[-1]:,} of dt = {self.pilots[-1].dt:.3g} it is "
+            f"{self.pilots[-1].motion:.1e}; ask for a larger error, for a nearer t_end, or take a "
+            "method of higher order.")
+
+    def _run(self, n: int) -> tuple[Array | None, StepFailed | None]:
+        """Return q of a run at the rows, None where a step fails."""
+        if self._report is not None:
+            self._report(len(self.pilots) + 1)
+        try:
+            run = self.stepper.run(self.stepper.checked_run(replace(
+                self.arguments, dt=self.stepper.binding.number(self.span / n), steps=n,
+                every=n // _ROWS)))
+        except StepFailed as failure:
+            return None, failure
+        return np.asarray(run.q), None
+
+    def _add(self, n: int, error: float) -> None:
+        self._steps.append(n)
+        self.pilots.append(Pilot(f"{n:,} steps", {}, as_double(self.span / n), error))
+
+    def _measures_between(self, best: int, finest: Array) -> bool:
+        """Measure what the law asks for above a pilot; return whether it suffices."""
+        coarse = self.pilots[best - 1].motion
+        if not math.isfinite(coarse):
+            return False
+        law = self._steps[best - 1] * (coarse / (_SPARE * self.bound)) ** (1 / self.order)
+        n = _ROWS * math.ceil(law / _ROWS)
+        if n > _WORTH * self._steps[best]:
+            return False
+        q, _ = self._run(n)
+        if q is None:
+            return False
+        part = (n / (2 * self._steps[-1])) ** self.order
+        self._add(n, _distance(q, finest) / (1 - part))
+        return self.pilots[-1].motion <= self.bound
+
+    def _refuse_round_off(self) -> None:
+        """Refuse an error below what the last halved steps could not make smaller."""
+        last = [pilot.motion for pilot in self.pilots[-3:]]
+        if len(last) < 3 or max(last[1:]) > math.sqrt(self.epsilon) or any(
+                before >= _HALVED * after for before, after in pairwise(last)):
+            return
+        raise InputError(
+            f"step_error = {self.bound:g} is below round-off: the error stays at {min(last):.1e} "
+            "however small dt is; ask for more than that, or take a stepper of a wider type.")
+
+
+def _distance(q: Array, reference: Array) -> float:
+    """Return the largest distance of a path over the rows, in rad or in parts of its reach."""
+    error = MotionError(reference, reference)
+    return float(distances(error(q), error.paths).max())

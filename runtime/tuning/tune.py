@@ -1,0 +1,380 @@
+"""``gs.tune``: its arguments, the rules of a model, its result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Literal
+
+from numpy.typing import ArrayLike
+
+from ...core.arguments import as_mapping, choose, few, shown
+from ...core.calls import explain_arguments
+from ...core.errors import InputError
+from ...core.exact_numbers import Number, exact
+from ...core.html import card, table
+from ...core.interrupts import before_start
+from ...core.progress import Progress, log_progress
+from ...core.registry import AIMS, MEANS, Aim
+from ...core.start import HasStart, Rule
+from ..bindings.array_checks import as_positive_count, as_real
+from ..bindings.inputs import Inputs
+from ..integration.run_arguments import step_count
+from ..integration.starts import merged_start
+from ..rigid_body.gamma_rules import has_inertia, inertia_of, is_inertia_parameter, mean_inertia
+from .frame_start import Direction, Velocities, directions_of, start_rates
+from .pilots import Pilot, Pilots
+from .search import Search
+from .step_search import StepSearch
+
+if TYPE_CHECKING:
+    from ..integration.run_arguments import RunArguments
+    from ..steppers.stepper import Stepper
+
+__all__ = ["Tuned", "tune", "tuned_run"]
+
+#: Steps of a pilot run, unless the run itself is shorter; fewest.
+PILOT_STEPS, _LEAST = 1000, 8
+#: Pilot runs of a long search, of which progress is a part.
+_MOST_RUNS = 150
+
+
+@explain_arguments
+@dataclass(frozen=True)
+class Tuned:
+    """Parameters and a time step, and the pilot runs behind them.
+
+    Attributes
+    ----------
+    parameters : dict of str to float
+        γ or α in kg m² and rates in rad/s, those that were asked for: for ``parameters=`` of runs.
+    dt : number
+        The time step in s: as given, or (t_end − t)/n, a fraction.
+    error : float
+        The error of the chosen run: of the motion the largest of a path, root mean square, with
+        ``step_error`` its maximum over the run; of the energy the root mean square. NaN where
+        nothing was measured.
+    gain : float
+        The error with γ_m and without a frame over that of the choice: 1 where these stay, NaN
+        where nothing was searched.
+    reason : str
+        Why, in a sentence.
+    pilots : tuple of Pilot
+        All pilot runs.
+    """
+
+    parameters: dict[str, float]
+    dt: Number
+    error: float
+    gain: float
+    reason: str
+    pilots: tuple[Pilot, ...]
+
+    def _values(self) -> list[str]:
+        return [*(f"{name} = {x:.6g}" for name, x in self.parameters.items()),
+                f"dt = {float(self.dt):.6g} s"]
+
+    def __repr__(self) -> str:
+        return f"<Tuned {few(self._values())}: {len(self.pilots)} pilot runs>"
+
+    def __str__(self) -> str:
+        """Return the reason and a table of the pilot runs."""
+        rows = [self.reason, f"{'motion':>10}  {'worst path':>10}  {'energy':>10}  pilot run"]
+        for pilot in self.pilots:
+            cells = "  ".join(" " * 10 if math.isnan(x) else f"{x:10.3e}"
+                              for x in (pilot.motion, pilot.worst, pilot.energy))
+            values = ", ".join(f"{name} = {x:.8g}" for name, x in pilot.parameters.items())
+            rows.append(f"{cells}  {values or f'dt = {pilot.dt:.6g} s'} ({pilot.label})")
+        return "\n".join(rows)
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: the values, the reason, and the pilot runs."""
+        rows = [(pilot.label, few(f"{x:.6g}" for x in pilot.parameters.values()),
+                 f"{pilot.dt:.6g}", f"{pilot.motion:.3e}", f"{pilot.energy:.3e}")
+                for pilot in self.pilots]
+        return card(f"Tuned: {few(self._values())}", table([(self.reason,)]), table(
+            rows, ("pilot run", "parameters", "dt / s", "error of the motion", "of the energy")))
+
+
+def tune(
+    step: Stepper,
+    start: HasStart | ArrayLike,
+    p: ArrayLike | None = None,
+    /,
+    *,
+    dt: Number | None = None,
+    t_end: Number | None = None,
+    steps: int | None = None,
+    step_error: Number | None = None,
+    gamma: Literal["m", "h", "mt", "ht", "auto"] | None = None,
+    frame: Literal["start", "auto"] | None = None,
+    aim: Aim = "motion",
+    parameters: Mapping[str, Any] | None = None,
+    inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
+    pilot_steps: int = PILOT_STEPS,
+    progress: Progress = None,
+) -> Tuned:
+    """Return γ, the rates of a co-moving frame and the time step for runs from a start.
+
+    Parameters
+    ----------
+    step : Stepper
+    start, p
+        As for ``integrate``: a start, or q and p. The result is for this motion.
+    dt : float, optional
+        The time step that γ and rates are for, in s; or
+    step_error : float, optional
+        the error for which the time step is searched: the largest of the motion up to ``t_end``,
+        attitudes in rad and points in parts of their largest coordinate.
+    t_end, steps : float, int, optional
+        The end of the run, as for ``integrate``. Pilot runs are no longer; beyond them the motion's
+        error must be seen to grow like t.
+    gamma : {"auto", "m", "h", "mt", "ht"}, optional
+        "auto" searches γ (or α) of every body that ``parameters`` give none for; the others are
+        means of its moments (``gyrospark.gamma``).
+    frame : {"auto", "start"}, optional
+        "auto" searches the rates of a frame; "start" takes the least squares of the start, without
+        a run. For a stepper with ``frame="symmetries"``.
+    aim : {"motion", "energy"}
+        The error that searches minimise. "motion": the largest of a path, of each body's three axes
+        and of points, and each path must be more accurate than with γ_m and without a frame.
+        "energy": |H_k − H_0 − W_k|; the error of the motion may grow, which the result reports.
+    parameters, inputs, progress
+        As for ``integrate``.
+    pilot_steps : int
+        Length of pilot runs. They should see the motion's slowest period.
+
+    Raises
+    ------
+    InputError
+        For a stepper without γ or without a frame, where these are asked for; for an error below
+        round-off, and other unusable arguments.
+    StepFailed
+        If the steps of no pilot run converge.
+
+    Examples
+    --------
+    >>> import gyrospark as gs
+    >>> step, top = gs.stepper("G-L", stages=3), gs.problems.fast_top()
+    >>> tuned = gs.tune(step, top, dt=1e-3, gamma="auto")
+    >>> run = step.integrate(top, dt=tuned.dt, t_end=10, parameters=tuned.parameters)
+    """
+    if not hasattr(step, "parameter_domains"):
+        raise InputError(f"step = {shown(step)} is no stepper; make one with gyrospark.stepper.")
+    fixed = as_mapping("parameters", {} if parameters is None else parameters, "{'mgl': 0.4}")
+    state = merged_start(step, start, p, fixed)
+    error = choose("aim", aim, AIMS.values())
+    if error == "energy" and "auto" not in (gamma, frame):
+        raise InputError("aim = 'energy' is for gamma='auto' or frame='auto'; give one of them.")
+    rules = _searches(state.parameters)
+    if gamma is not None:
+        rule = choose("gamma", gamma, (*MEANS, "auto"))
+        rules |= _gammas(step, state.parameters, fixed, rule, error)
+    if frame is not None:
+        rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), error)
+    longest = as_positive_count("pilot_steps", pilot_steps, least=_LEAST)
+    given = {"t0": state.t, "parameters": {**state.parameters, **rules}, "inputs": inputs}
+    if step_error is not None:
+        span = _span(step_error, t_end, state.t, dt=dt, steps=steps, inputs=inputs)
+        run = step.run_arguments(state.q, state.p, dt=span, steps=1, **given)
+        with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
+            return _Rules(step, run, rules, report).tuned_step(span, float(step_error), longest)
+    if dt is None or not rules:
+        raise InputError("There is nothing to choose: give dt with gamma='auto' or frame='auto', "
+                         "or step_error with t_end.")
+    unbounded = steps is None and t_end is None
+    count = longest if unbounded else step_count(steps, t_end, state.t, dt)
+    run = step.run_arguments(state.q, state.p, dt=dt, steps=count, **given)
+    with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
+        return _Rules(step, run, rules, report).tuned(longest, longer=unbounded or count > longest)
+
+
+def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
+    """Return a run with numbers for the parameters that its model leaves to a search."""
+    rules = _searches(run.parameters) if isinstance(run.parameters, Mapping) else {}
+    if not rules:
+        return run
+    found = _Rules(stepper, run, rules).tuned(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
+    return replace(run, parameters={**run.parameters, **found.parameters})
+
+
+# ---------------------------------------------------------------- arguments
+
+
+def _searches(parameters: Mapping[str, Any]) -> dict[str, Rule]:
+    """Return the rules that are no means: searches and least squares that a model asks for."""
+    return {name: x for name, x in parameters.items()
+            if isinstance(x, Rule) and x.name not in MEANS}
+
+
+def _gammas(
+    step: Stepper, values: Mapping[str, Any], fixed: Mapping[str, Any], rule: str, aim: Aim
+) -> dict[str, Rule]:
+    """Return the rule of each γ, but for those that are fixed."""
+    inertias = {name: value.inertia for name, value in values.items() if isinstance(value, Rule)}
+    names = [name for name in step.parameter_domains if is_inertia_parameter(name)
+             and name not in fixed and (name in inertias or has_inertia(name, values))]
+    if not names:
+        raise InputError(f"{step.name} has no gamma or alpha to choose, of its parameters "
+                         f"{few(step.parameter_domains)}.")
+    return {name: Rule(_rule_of(rule, aim), inertias.get(name)) for name in names}
+
+
+def _rates(step: Stepper, fixed: Mapping[str, Any], rule: str, aim: Aim) -> dict[str, Rule]:
+    """Return the rule of each rate of the frame."""
+    if not step.symmetries:
+        raise InputError(f"{step.name} has no co-moving frame; make the stepper with "
+                         "frame='symmetries'.")
+    names = [symmetry.name for symmetry in step.symmetries]
+    if both := [name for name in names if name in fixed]:
+        raise InputError(f"{both[0]} is given besides frame = {rule!r}, which chooses it; give "
+                         "one of them.")
+    return dict.fromkeys(names, Rule(_rule_of(rule, aim)))
+
+
+def _rule_of(rule: str, aim: Aim) -> str:
+    return next(name for name, error in AIMS.items() if error == aim) if rule == "auto" else rule
+
+
+def _span(step_error: Any, t_end: Any, t: Any, **counts: Any) -> Fraction:
+    """Return t_end − t, for which a step is searched."""
+    if as_real("step_error", step_error) <= 0:
+        raise InputError(f"step_error = {shown(step_error)} is not positive; give one such as "
+                         "1e-9.")
+    for name, value in counts.items():
+        if value is not None:
+            raise InputError(f"step_error is for a search of the time step, and {name} depends on "
+                             "it; leave one of them away.")
+    if t_end is None:
+        raise InputError("step_error needs t_end, the time of the last state.")
+    begin, end = (exact(as_real(name, x)) for name, x in (("t", t), ("t_end", t_end)))
+    assert isinstance(begin, Fraction)
+    assert isinstance(end, Fraction)
+    if begin == end:
+        raise InputError(f"t_end = {shown(t_end)} is the time of the start: there is no step to "
+                         "choose.")
+    return end - begin
+
+
+# ---------------------------------------------------------------- rules
+
+
+class _Rules:
+    """Rules for some parameters of a run: means, least squares, searches."""
+
+    def __init__(
+        self, stepper: Stepper, run: RunArguments, rules: Mapping[str, Rule],
+        report: Callable[[int], Any] | None = None,
+    ) -> None:
+        self.stepper, self.run, self.rules, self.report = stepper, run, rules, report
+        rates = {symmetry.name for symmetry in stepper.symmetries}
+        self.rates = {name: x.name for name, x in rules.items() if name in rates}
+        self.gammas = {name: x.name for name, x in rules.items() if name not in rates}
+        self.moments = {name: inertia_of(name, rules[name], run.parameters)
+                        for name in self.gammas}
+        searches = {*self.rates.values(), *self.gammas.values()} & {*AIMS}
+        if len(searches) > 1:
+            raise InputError(f"The parameters ask for {' and for '.join(sorted(searches))}; all "
+                             "bodies have one aim, write one of them.")
+        self.aim = AIMS[searches.pop()] if searches else None
+        self.reasons: list[str] = []
+
+    def numbers(self) -> dict[str, Any]:
+        """Return parameters without a search: γ by its mean, or γ_m; rates by least squares, or 0.
+        """
+        means = {name: mean_inertia(self.moments[name], rule if rule in MEANS else "m")
+                 for name, rule in self.gammas.items()}
+        numbers = {**self.run.parameters, **means, **dict.fromkeys(self.rates, 0.0)}
+        if "start" in self.rates.values():
+            numbers |= self._least_squares(numbers)
+        return numbers
+
+    def tuned(self, longest: int, *, longer: bool) -> Tuned:
+        """Return numbers for the rules, by pilot runs of so many steps at most."""
+        length = longest if longer else max(self.run.steps, _LEAST)
+        pilot = self.stepper.checked_run(replace(self.run.pilot(length),
+                                                 parameters=self.numbers()))
+        chosen = {name: float(pilot.parameters[name]) for name in (*self.gammas, *self.rates)}
+        moments = {name: self.moments[name] for name, rule in self.gammas.items() if rule in AIMS}
+        directions = self._directions(pilot, longer=longer)
+        if not moments and not directions:
+            return Tuned(chosen, self.run.dt, math.nan, math.nan,
+                         "; ".join(self.reasons) or "a mean of the moments", ())
+        assert self.aim is not None
+        means = {name: float(mean_inertia(inertia)) for name, inertia in moments.items()}
+        pilots = Pilots(self.stepper, pilot, directions, means, self.aim, self.report,
+                        longer=longer)
+        velocities = Velocities(self.stepper, pilot.parameters, pilot.t0)
+        with before_start("the parameters"):
+            best, reason = Search(pilots, velocities, moments).best()
+        return Tuned(chosen | pilots.parameters(pilots.trials[best]), self.run.dt,
+                     pilots.largest(best), pilots.gain(best), "; ".join([*self.reasons, reason]),
+                     pilots.pilots())
+
+    def tuned_step(self, span: Fraction, bound: float, longest: int) -> Tuned:
+        """Return the time step too, with which a run over a span has an error below a bound.
+
+        With the numbers that rules find a larger one may suffice.
+        """
+        numbers = self.numbers()
+        steps, last, pilots = self._steps(numbers, span, bound)
+        tuned = Tuned({}, span / steps, last.motion, math.nan, "", ())
+        if self.gammas or self.rates:
+            # To leading order the best numbers do not depend on dt: the pilot runs see all of it.
+            count = min(steps, longest)
+            run = replace(self.run, dt=self.stepper.binding.number(span / count), steps=count)
+            tuned = _Rules(self.stepper, run, self.rules, self.report).tuned(longest, longer=False)
+            pilots += tuned.pilots
+            if any(numbers[name] != x for name, x in tuned.parameters.items()):
+                steps, last, more = self._steps(numbers | tuned.parameters, span, bound)
+                pilots += more
+        reason = f"{steps:,} steps: the error of the motion is {last.motion:.2g} at most"
+        return replace(tuned, dt=span / steps, error=last.motion, pilots=pilots,
+                       reason="; ".join(filter(None, [tuned.reason, reason])))
+
+    def _steps(
+        self, numbers: Mapping[str, Any], span: Fraction, bound: float
+    ) -> tuple[int, Pilot, tuple[Pilot, ...]]:
+        """Return the number of steps that suffice, its pilot run, and all of them."""
+        search = StepSearch(self.stepper, span, bound,
+                            replace(self.run, parameters=dict(numbers)), self.report)
+        with before_start("dt"):
+            return (*search.best(), tuple(search.pilots))
+
+    def _directions(self, pilot: RunArguments, *, longer: bool) -> list[Direction]:
+        """Return the rates to search; none, and a reason, where there is nothing to search."""
+        if not {*self.rates.values()} & {*AIMS}:
+            return []
+        directions = directions_of(self.stepper, pilot.q, pilot.p, pilot.parameters)
+        if not directions:
+            self.reasons.append("no frame: there is no symmetry with these parameters")
+        elif longer and self.stepper.binding.has_forces:
+            self.reasons.append("no frame: forces may change the motion after the pilot runs; take "
+                                "frame='start' anew for each block of steps")
+            return []
+        return directions
+
+    def _least_squares(self, numbers: Mapping[str, Any]) -> dict[str, float]:
+        """Return the rates of the least squares of the start.
+
+        A rate is 0 along which the frame is faster than the motion: ``start_rates``.
+        """
+        rates = dict.fromkeys(self.rates, 0.0)
+        run = self.run
+        known = self.stepper.checked_run(replace(run, parameters=dict(numbers))).parameters
+        directions = directions_of(self.stepper, run.q, run.p, known)
+        if not directions:
+            self.reasons.append("no frame: there is no symmetry with these parameters")
+            return rates
+        values, left_out = start_rates(Velocities(self.stepper, known, run.t0), directions, run.q,
+                                       run.p, run.dt)
+        for rate, direction in zip(values.tolist(), directions, strict=True):
+            for name, weight in direction.weights.items():
+                rates[name] += rate * weight
+        names = few(name for i in left_out for name in directions[i].weights)
+        self.reasons.append("least squares of the start" + (
+            f", without {names}: near its axis a frame would turn faster than the motion"
+            if left_out else ""))
+        return rates

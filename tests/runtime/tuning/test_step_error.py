@@ -1,0 +1,102 @@
+"""The time step of an error that is asked for, against motions that are known otherwise."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import pytest
+
+import gyrospark as gs
+import systems
+from calls import TOP, refused
+from command_line import refused as refused_by_command
+from gyrospark.runtime.tuning import step_search
+from gyrospark.runtime.tuning.motion_distance import MotionError, distances
+
+COMMAND = ("run", "fast-top", "--json", "--t-end", "0.4")
+
+
+def largest(run, true):
+    error = MotionError(true.q, true.q)
+    return distances(error(run.q), error.paths).max()
+
+
+@pytest.mark.parametrize(("scheme", "stages", "error"), [
+    ("EMS", None, 1e-3), ("G-L", 2, 1e-6), ("G-L", 3, 0.1),
+    *(pytest.param(*row, marks=pytest.mark.slow) for row in (
+        ("G-L", 3, 1e-9), ("G-L", 4, 1e-2), ("LIIIA-B", 3, 1e-6)))])
+def test_the_error_is_as_asked_for_and_not_much_smaller(scheme, stages, error):
+    """Against 6 stages; steps twice as long err more than that, if there are such pilot runs."""
+    step, true = gs.stepper(scheme, stages), gs.stepper("G-L", 6)
+    tuned = gs.tune(step, TOP, step_error=error, t_end=0.4)
+    run = step.integrate(TOP, dt=tuned.dt, t_end=0.4)
+    n = run.report.steps
+    assert n * tuned.dt == Fraction(0.4)
+    fine = -(-1000 // n)
+    there = true.integrate(TOP, dt=0.4 / n / fine, steps=n * fine, every=fine)
+    assert largest(run, there) <= 1.1 * error  # the largest between the rows that are compared
+    rows = n // 16
+    assert largest(step.at(run, there.t[::rows]), true.at(there, there.t[::rows])) \
+        == pytest.approx(tuned.error, rel=0.1)
+    if n > 16:
+        coarse = step.integrate(TOP, dt=0.8 / n, steps=n // 2)
+        assert largest(coarse, true.at(there, coarse.t)) > error
+
+
+def test_gamma_and_a_frame_allow_larger_steps():
+    """The fast top in a frame: the step is searched again, and the error is still as asked for."""
+    step, how = systems.stepper("heavy_top_in_frame"), {"step_error": 1e-9, "t_end": 0.4}
+    plain, moved = (gs.tune(step, TOP, **how, **more) for more in (
+        {}, {"frame": "auto", "gamma": "auto"}))
+    assert moved.dt > 5 * plain.dt
+    assert moved.parameters.keys() == {"gamma", "omega_body", "omega_space"}
+    run = step.integrate(TOP, dt=moved.dt, t_end=0.4, parameters=moved.parameters)
+    true = gs.stepper("G-L", 6).integrate(TOP, dt=float(moved.dt) / 16, t_end=0.4, every=16)
+    assert largest(run, true) <= 1.1e-9
+
+
+def test_backwards_and_from_another_time(gl3):
+    tuned = gs.tune(gl3, gs.Start(TOP.q0, TOP.p0, TOP.parameters, t=1), step_error=1e-6, t_end=0.6)
+    ahead = gs.tune(gl3, TOP, step_error=1e-6, t_end=0.4)
+    assert float(tuned.dt) == pytest.approx(-float(ahead.dt))
+
+
+def test_round_off_is_reported(gl3):
+    with refused(r"step_error = 1e-19.*\d\.\de-1\d"):
+        gs.tune(gl3, TOP, step_error=1e-19, t_end=0.01)
+
+
+def test_what_needs_more_steps_than_a_pilot_may_have_says_so(gl3, monkeypatch):
+    monkeypatch.setattr(step_search, "_MOST", 64)
+    with refused(r"64 steps.* 32 .*dt = 0\.0125"):
+        gs.tune(gl3, TOP, step_error=1e-12, t_end=0.4)
+    with pytest.raises(gs.StepFailed):
+        gs.tune(gl3, TOP, step_error=1e-12, t_end=400)
+
+
+@pytest.mark.parametrize(("more", "said"), [
+    ({}, "t_end"), ({"t_end": 0.4, "dt": 1e-3}, "dt"), ({"t_end": 0.4, "steps": 3}, "steps"),
+    ({"t_end": 0.4, "inputs": [1.0]}, "inputs"), ({"t_end": 0}, "t_end = 0"),
+    ({"t_end": 0.4, "step_error": -1}, "step_error = -1"),
+    ({"t_end": 0.4, "step_error": "small"}, "step_error = 'small'"),
+])
+def test_wrong_use_is_refused(more, said, gl3):
+    with refused(said):
+        gs.tune(gl3, TOP, **{"step_error": 1e-6} | more)
+
+
+def test_the_command_reports_what_was_measured(gyrospark):
+    document = gyrospark(*COMMAND, "--dt", "auto", "--error", "1e-8").document
+    assert document["tuned"]["error"] <= 1e-8
+    assert document["steps"] * document["dt"] == pytest.approx(0.4)
+    assert document["tuned"]["dt"] == document["dt"]
+
+
+@pytest.mark.parametrize(("more", "said"), [
+    (("--dt", "auto"), "--error"),
+    (("--dt", "auto", "--error", "1e-6", "--steps", "3"), "steps"),
+    (("--dt", "1e-3", "--error", "1e-6"), "--error 1e-6"),
+    (("--dt", "auto", "--error", "tiny"), "--error 'tiny'"),
+])
+def test_wrong_options_are_refused(more, said, gyrospark):
+    refused_by_command(gyrospark(*COMMAND, *more), said)
