@@ -122,7 +122,7 @@ class FastTop:
         heights = step.integrate(q, p, **run).quantity("height").astype(float)
         level = float((heights.min() + heights.max()) / 2)
         found = step.integrate(q, p, **run, events=gs.Event("height", level, -1))
-        between = step.at(found, self.times)
+        between = found.at(self.times)
         return level, found.events["height"].t.astype(float), LEVER * axis(between.q).astype(float)
 
     @staticmethod

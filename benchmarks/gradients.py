@@ -128,7 +128,7 @@ class _Case:
         """The tangent space at the start, in double."""
         step = self.make(3)
         q, p = self._start(step)
-        binding = step.derivative_binding()
+        binding = step._derivative_binding()
         numbers = step.integrate(q, p, dt=1e-3, steps=0, parameters=self.values).parameters
         self._names = binding.own.parameter_names
         return TangentSpace(binding, binding.own.parameters(numbers, 0.0), q, p,

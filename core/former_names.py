@@ -61,6 +61,7 @@ FORMER_MEMBERS: dict[str, dict[str, str]] = {
         "load": 'gyrospark.load("run.npz")',
     },
     "Ensemble": {"to_xarray": "many.dataset()"},
+    "Stepper": {"at": "run.at(times)"},
     "Recording": {"trajectory": "the run itself, run[first::thin]", "export": "run.save(path)"},
 }
 

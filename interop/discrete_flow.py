@@ -130,7 +130,7 @@ class DiscreteFlow:
         self._compile()
         width = self.size if linear == self.adjoint else 2 * self.n
         if self.exact:
-            _ = self.stepper.second_binding()  # compiled, as above
+            _ = self.stepper._second_binding()  # compiled, as above
             whole = self._second_adjoint if linear == self.adjoint else self._second_tangent
             return self._of_rows(whole, (v.shape[1], width), x, v, dx)
 
@@ -155,7 +155,7 @@ class DiscreteFlow:
 
     def _compile(self) -> None:
         """Compile the derivatives: a compiler that fails is no failure of a row."""
-        _ = self.stepper.derivative_binding()
+        _ = self.stepper._derivative_binding()
 
     # ------------------------------------------------------------ x from its parts
 
@@ -232,13 +232,13 @@ class DiscreteFlow:
         return np.concatenate([run.q, run.p])
 
     def _kept(self, run: RunArguments) -> tuple[KeptRun, TangentSpace]:
-        binding = self.stepper.derivative_binding()
+        binding = self.stepper._derivative_binding()
         kept = binding.begin(run)
         return kept, TangentSpace(binding, kept.parameters, run.q, run.p,
                                   self.stepper.constraint_names)
 
     def _tangent(self, x: Array, dx: Array) -> Array:
-        run, binding = self._run(x), self.stepper.derivative_binding()
+        run, binding = self._run(x), self.stepper._derivative_binding()
         kept, space = self._kept(run)
         own, count = self._places.size, len(dx)
         u = dx[:, own:].reshape(count, self.steps, -1)
@@ -259,7 +259,7 @@ class DiscreteFlow:
         return tangents.T
 
     def _adjoint(self, x: Array, w: Array) -> Array:
-        run, binding = self._run(x), self.stepper.derivative_binding()
+        run, binding = self._run(x), self.stepper._derivative_binding()
         kept, space = self._kept(run)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
         count, inputs = len(w), len(self.input_names)
@@ -291,12 +291,12 @@ class DiscreteFlow:
 
     def _second_adjoint(self, x: Array, w: Array, dx: Array) -> Array:
         """Return the derivative of F'(x)ᵀ w along dx, a row for each w and dx."""
-        run, first, second = self._run(x), self.stepper.derivative_binding(), \
-            self.stepper.second_binding()
+        run, first, second = self._run(x), self.stepper._derivative_binding(), \
+            self.stepper._second_binding()
         kept, space = self._kept(run)
         steps, status = kept.keep(self.steps)
         if status:
-            self.stepper.run(run)  # says why it fails
+            self.stepper._run(run)  # says why it fails
             raise singular(kept.done, status)
         parameters = second.own.parameters(run.parameters, run.t0)
         own, size = self._places.size, 2 * self.n

@@ -38,7 +38,7 @@ def identity_of(
         "format": FORMAT,
         "gyrospark": __version__,
         "stepper": stepper.name,
-        "code": stepper.provenance,
+        "code": stepper._provenance,
         "parameters": {name: digits_of(x) for name, x in run.parameters.items()},
         "q0": [digits_of(x) for x in run.q],
         "p0": [digits_of(x) for x in run.p],

@@ -75,7 +75,7 @@ def record(
     path, drawn = new_store_path(out, _AS_FILE), _as_seed(seed)
     as_progress(progress)
     refuse_unusable_names(events, "arrays of a store")
-    warned = stepper.warned(run)
+    warned = stepper._warned(run)
     with writer_lock(path):
         group = _opened(stepper, run, events, path, resume, drawn)
         if group.attrs["status"] == RUNNING:
@@ -132,7 +132,7 @@ def resume(
     dt, t0 = number(about["dt"]), number(about["t0"])
     count = about["steps"] if t_end is None and steps is None else step_count(steps, t_end, t0, dt)
     tolerance = about["tolerance"]
-    run = stepper.resolved(stepper.run_arguments(
+    run = stepper._resolved(stepper._run_arguments(
         [number(x) for x in about["q0"]], [number(x) for x in about["p0"]], dt=dt, steps=count,
         parameters=parameters, t0=t0, every=about["every"],
         solver=Solver(about["solver"], None if tolerance is None else number(tolerance),

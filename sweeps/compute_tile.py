@@ -53,7 +53,7 @@ def _run(
     study: Study, stepper: Stepper, steps: int, cells: Cells, group: Array
 ) -> dict[str, Array]:
     """Return the results of some cells that have the scheme and the steps in common."""
-    dtype = stepper.binding_of_many.dtype
+    dtype = stepper._binding_of_many.dtype
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
     structs = _structs(study, stepper, cells, group)
     with np.errstate(all="ignore"):
@@ -78,7 +78,7 @@ def _run_without_events(
     study: Study, stepper: Stepper, steps: int, structs: Array, dt: Array, q0: Array, p0: Array
 ) -> CellEnds:
     """Integrate cells in one call of compiled code."""
-    binding, every = stepper.binding_of_many, study.every or steps
+    binding, every = stepper._binding_of_many, study.every or steps
     q, p = q0.copy(), p0.copy()
     out = None
     if study.every is not None:
@@ -96,7 +96,7 @@ def _memory(stepper: Stepper) -> tuple[Any, ...]:
     kept: dict[int, tuple[Stepper, tuple[Any, ...]]] = _MEMORY.__dict__.setdefault("kept", {})
     if id(stepper) not in kept:
         kept.clear()  # a thread works at one stepper at a time
-        kept[id(stepper)] = stepper, stepper.binding_of_many.many_memory()
+        kept[id(stepper)] = stepper, stepper._binding_of_many.many_memory()
     return kept[id(stepper)][1]
 
 
@@ -190,7 +190,7 @@ def run_tiles(
     finished and written.
     """
     for stepper in study.steppers:
-        _ = stepper.binding_of_many  # compiled once, before threads ask for it
+        _ = stepper._binding_of_many  # compiled once, before threads ask for it
     begun: dict[Future[dict[str, NDArray[Any]]], Tile] = {}
     pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
     try:

@@ -269,7 +269,7 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
         "sweep": {
             "format": FORMAT,
             "gyrospark": __version__,
-            "steppers": {s.name: s.provenance for s in study.steppers},
+            "steppers": {s.name: s._provenance for s in study.steppers},
             "axes": {axis.name: {name: _digest(values) for name, values in axis.columns.items()}
                      | ({"labels": list(axis.labels)} if axis.labels else {})
                      for axis in study.axes},

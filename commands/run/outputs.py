@@ -283,7 +283,7 @@ def _stored(
     trouble: GyrosparkError | Stopped | None = None
     started = time.perf_counter()
     try:
-        run = step.resolved(step.run_arguments(start.q, start.p, **{
+        run = step._resolved(step._run_arguments(start.q, start.p, **{
             "parameters": start.parameters, "t0": start.t,
             **{name: x for name, x in arguments.items() if name != "events"}}))
         recording = record(step, run, as_events(arguments.get("events", ()),

@@ -191,7 +191,7 @@ class Fitting:
     def states(self, point: Point, halvings: int = 0) -> tuple[Array, Array]:
         """Return q and p of the samples."""
         run, rows = self.arguments(point, halvings)
-        found = self.step.run(run)
+        found = self.step._run(run)
         q, p = (np.asarray(x[rows], dtype=float) for x in (found.q, found.p))
         return q, p
 
@@ -259,7 +259,7 @@ class Fitting:
     def consistent(self, parameters: dict[str, float], q: Array, p: Array) -> Point:
         """Return the point next to this with a start on the constraints."""
         if self.step.m:
-            known = self.step.parameters_with_inputs(self.run.parameters, self.run.inputs)
+            known = self.step._parameters_with_inputs(self.run.parameters, self.run.inputs)
             q, p = self.step.project(q, p, parameters=known | parameters, t=self.run.t0)
         return Point(parameters, np.asarray(q, dtype=float), np.asarray(p, dtype=float))
 
@@ -459,12 +459,12 @@ def _first_run(
 ) -> RunArguments:
     """Return the run of the first guess, its start on the constraints."""
     fed: InputRows | None = as_inputs(inputs, step.binding, steps)
-    numbers = step.parameters_with_inputs(start.parameters, fed)
+    numbers = step._parameters_with_inputs(start.parameters, fed)
     q, p = start.q, start.p
     if step.m:
         known = {name: 1.0 if isinstance(x, Rule) else x for name, x in numbers.items()}
         q, p = step.project(q, p, parameters=known, t=start.t)
-    run = step.resolved(step.run_arguments(
+    run = step._resolved(step._run_arguments(
         q, p, dt=dt, steps=steps, parameters=start.parameters, t0=start.t, inputs=fed))
     refuse_run(run)
     return run

@@ -180,11 +180,11 @@ def lyapunov(
                          + (f"; give at most {size}." if size else ": nothing moves."))
     keep = as_flag("covariant", covariant)
     as_progress(progress)
-    run = stepper.resolved(stepper.run_arguments(
+    run = stepper._resolved(stepper._run_arguments(
         state.q, state.p, dt=dt, steps=total, every=every, parameters=state.parameters, t0=state.t,
         inputs=inputs, solver=solver))
     refuse_run(run)
-    stepper.warned(run)
+    stepper._warned(run)
     found = Benettin(stepper, run, wanted, keep)
     with log_progress(f"exponents of {stepper.name}", run.steps, progress) as report:
         for done in found.advance():
@@ -197,8 +197,8 @@ class Benettin:
     """Directions along a run, with a QR decomposition after every so many steps."""
 
     def __init__(self, stepper: Stepper, run: RunArguments, count: int, keep: bool) -> None:
-        self.stepper, self.run, self.binding = stepper, run, stepper.derivative_binding()
-        self.keep, self._kept_run = keep, stepper.derivative_binding().begin(run)
+        self.stepper, self.run, self.binding = stepper, run, stepper._derivative_binding()
+        self.keep, self._kept_run = keep, stepper._derivative_binding().begin(run)
         self.frame = self._frame(0, run.q, run.p)
         self.unit = isotropic_flag(self.frame.J)[:, :count]
         self.full = count == len(self.frame.J)

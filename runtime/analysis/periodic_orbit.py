@@ -200,7 +200,7 @@ class OrbitSearch:
         self, stepper: Stepper, start: StartNumbers, *, dt: Number, steps: int,
         fix: str | Sequence[str] | None, free: str | None,
     ) -> None:
-        run = stepper.resolved(stepper.run_arguments(
+        run = stepper._resolved(stepper._run_arguments(
             start.q, start.p, dt=dt, steps=steps, t0=start.t, parameters=start.parameters))
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
         self.start = run
@@ -334,7 +334,7 @@ class OrbitSearch:
         end = np.concatenate([now.tangents.q[-1], now.tangents.p[-1]]).astype(float)
         dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
         if not self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
-            binding, n = self.stepper.derivative_binding(), self.stepper.n
+            binding, n = self.stepper._derivative_binding(), self.stepper.n
             z = now.z + now.gap
             end = tangent_projection(binding, binding.own.parameters(now.parameters, self.t0),
                                      z[:n].copy(), z[n:].copy())[1] @ end

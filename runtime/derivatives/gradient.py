@@ -291,7 +291,7 @@ def gradient_of(
         As the run itself does: there is no partial gradient.
     """
     refuse_run(run)
-    binding, n = stepper.derivative_binding(), stepper.n
+    binding, n = stepper._derivative_binding(), stepper.n
     names = [*stepper.binding.parameter_names, "dt", "t0"]
     fed = stepper.binding.input_names if run.inputs is not None else []
     columns = [2 * n + names.index(u) for u in fed]
@@ -422,7 +422,7 @@ def backwards(
     own = stepper.binding
     width = 16 if own.c_type not in ("float", "double") else np.dtype(own.dtype).itemsize
     a_step = (2 * stepper.n + stepper.unknowns) * width
-    kept = stepper.derivative_binding().begin(run)
+    kept = stepper._derivative_binding().begin(run)
     if run.steps * a_step <= memory:
         steps, status = kept.keep(run.steps)
         _check(stepper, run, kept, status, end)
@@ -452,7 +452,7 @@ def _check(
 ) -> None:
     """Raise where the run fails, or leads elsewhere than it did."""
     if status:
-        stepper.run(run)
+        stepper._run(run)
         raise singular(kept.done, status)
     if end is not None and not stepper.symmetries:
         _refuse_mismatch((kept.q, kept.p), end, "the run, done again, ends elsewhere than it did; "
@@ -475,12 +475,12 @@ def _reversed(
         raise InputError("memory=\"none\" runs backwards, which runs with inputs or with a frame "
                          "cannot; give memory=\"256 MB\".")
     if end is None:
-        last = stepper.run(replace(run, every=max(run.steps, 1)))
+        last = stepper._run(replace(run, every=max(run.steps, 1)))
         end = last.q[-1], last.p[-1]
-    binding, state, left = stepper.derivative_binding(), end, run.steps
+    binding, state, left = stepper._derivative_binding(), end, run.steps
     while left:
         count = min(512, left)
-        back = stepper.run(replace(
+        back = stepper._run(replace(
             run, q=state[0].copy(), p=state[1].copy(), dt=-run.dt, steps=count, every=count,
             t0=run.t0 + left * run.dt))
         state = back.q[-1], back.p[-1]

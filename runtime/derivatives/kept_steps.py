@@ -34,7 +34,7 @@ def pieces(stepper: Stepper, run: RunArguments, kept: Any) -> Iterator[KeptSteps
     while kept.done < run.steps:
         steps, status = kept.keep(min(_PIECE, run.steps - kept.done))
         if status:
-            stepper.run(run)  # says why it fails, with everything before
+            stepper._run(run)  # says why it fails, with everything before
             raise singular(kept.done, status)
         yield steps
 
@@ -109,7 +109,7 @@ class SingleStep:
 
     def __init__(self, stepper: Stepper, run: RunArguments) -> None:
         refuse_run(run)
-        self._binding, self._run = stepper.derivative_binding(), run
+        self._binding, self._run = stepper._derivative_binding(), run
         kept = self._binding.begin(run)
         (steps,) = pieces(stepper, run, kept)
         self.parameters = kept.parameters

@@ -163,7 +163,7 @@ def _normal(
     stepper: Stepper, run: RunArguments, event: Event, found: Crossings, i: int
 ) -> Array:
     """Return the derivatives of an event's value at one of its crossings."""
-    binding, system = stepper.derivative_binding(), stepper.manifest["system"]
+    binding, system = stepper._derivative_binding(), stepper.manifest["system"]
     quantities, states = list(system.get("quantities", ())), [
         *system["coordinates"], *system["momenta"]]
     if event.quantity not in quantities:
@@ -242,7 +242,7 @@ def cotangent_at(
     the multipliers of the step that leads to the point.
     """
     if point.tau is None:
-        found = stepper.binding.new(stepper.derivative_binding().rows)
+        found = stepper.binding.new(stepper._derivative_binding().rows)
         found[: len(w)] = w
         found[-1] = s
         return found
@@ -251,7 +251,7 @@ def cotangent_at(
         found = step.adjoint(w, multipliers)
         of_start = found[-1] - found[-2]
     else:
-        unit = stepper.binding.new(stepper.derivative_binding().rows, 1)
+        unit = stepper.binding.new(stepper._derivative_binding().rows, 1)
         unit[-2] = 1
         v = step.tangent(unit, multipliers is not None)[:, 0]
         whole = w if multipliers is None else np.concatenate([w, multipliers])

@@ -164,7 +164,7 @@ def hessian_of(
     if cotangents.points:
         raise InputError("A Hessian is of states at the ends of steps, and this function depends "
                          "on states within them; give cotangents of rows alone.")
-    first, second = stepper.derivative_binding(), stepper.second_binding()
+    first, second = stepper._derivative_binding(), stepper._second_binding()
     own, n = first.own, stepper.n
     steps = _kept(stepper, run, memory)
     parameters, others = (b.own.parameters(run.parameters, run.t0) for b in (first, second))
@@ -215,10 +215,10 @@ def _kept(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
     if limit is None or needed > limit:
         raise InputError(f"memory = {memory!r} is too little: a Hessian keeps all "
                          f"{run.steps:,} steps, {needed:,} bytes; give these.")
-    kept = stepper.derivative_binding().begin(run)
+    kept = stepper._derivative_binding().begin(run)
     steps, status = kept.keep(run.steps)
     if status:
-        stepper.run(run)  # says why it fails, with everything before
+        stepper._run(run)  # says why it fails, with everything before
         raise singular(kept.done, status)
     return steps
 
@@ -316,7 +316,7 @@ def step_slope(
 ) -> Array:
     """Return how the cotangent of the start of one step, pulled back, changes along dz."""
     refuse_run(run)
-    second, n = stepper.second_binding(), stepper.n
+    second, n = stepper._second_binding(), stepper.n
     own = second.own
     parameters = own.parameters(run.parameters, run.t0)
     steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])

@@ -105,7 +105,7 @@ def _followed(
     In place of those of an event that has none is the error that says why.
     """
     refuse_run(run)
-    binding, n = stepper.derivative_binding(), stepper.n
+    binding, n = stepper._derivative_binding(), stepper.n
     own = binding.own
     kept_run = binding.begin(run)
     space = TangentSpace(binding, kept_run.parameters, run.q, run.p, stepper.constraint_names)

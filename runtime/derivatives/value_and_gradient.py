@@ -37,10 +37,10 @@ def objective(
     parameters = start.parameters
     rows: Any
     rows, hold = (held.values, held.hold) if isinstance(held, Inputs) else (held, 1)
-    first = stepper.resolved(stepper.run_arguments(
+    first = stepper._resolved(stepper._run_arguments(
         start.q, start.p, dt=dt, steps=0, t0=start.t,
-        parameters=stepper.parameters_with_inputs(parameters, held)))
-    binding = stepper.derivative_binding()
+        parameters=stepper._parameters_with_inputs(parameters, held)))
+    binding = stepper._derivative_binding()
     space = TangentSpace(binding, binding.own.parameters(first.parameters, first.t0), first.q,
                          first.p, stepper.constraint_names)
     basis = space.basis()
@@ -70,7 +70,7 @@ def objective(
                 now[name], moved = part[0], True
         if stepper.m and moved:
             found = stepper.consistent(
-                *state, t=here["t0"], parameters=stepper.parameters_with_inputs(now, held))
+                *state, t=here["t0"], parameters=stepper._parameters_with_inputs(now, held))
             state = found.q, found.p
         run = stepper.integrate(Start(*state, t=here["t0"]), steps=steps, parameters=now,
                                 inputs=inputs, dt=here["dt"], **options)

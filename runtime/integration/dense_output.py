@@ -48,7 +48,7 @@ class Places:
 def between(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike, workers: int | None
 ) -> Trajectory:
-    """Return the states of a trajectory at times; see ``Stepper.at``."""
+    """Return the states of a trajectory at times; see ``Trajectory.at``."""
     if not isinstance(trajectory, Trajectory):
         raise InputError(f"trajectory = {shown(trajectory)} is none; give what integrate returned.")
     threads = threads_of(workers)

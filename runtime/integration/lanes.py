@@ -72,7 +72,7 @@ class EnsembleStates:
         count, rows, binding = len(runs), runs.first.rows + 1, stepper.binding
         in_lanes = binding.lanes > 0 and runs.first.solver in ("auto", "fixed-point")
         if in_lanes:
-            binding = stepper.binding_of_many
+            binding = stepper._binding_of_many
         batch = binding.lanes * (
             1 if detectors else _batches_in_a_call(binding, runs.first)) if in_lanes else 1
         reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)

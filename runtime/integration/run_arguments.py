@@ -55,9 +55,9 @@ _IMMUTABLE = {float, np.float64, int, Rule, Rounded}
 class RunArguments:
     """The arguments of an integration, checked, in the stepper's own type of numbers.
 
-    Each stage of a call takes this record and returns another: ``Stepper.run_arguments`` checks
-    what the caller gave, ``Stepper.resolved`` replaces searches among the parameters by numbers,
-    ``Stepper.checked_run`` checks the parameters and the start.
+    Each stage of a call takes this record and returns another: ``Stepper._run_arguments`` checks
+    what the caller gave, ``Stepper._resolved`` replaces searches among the parameters by numbers,
+    ``Stepper._checked_run`` checks the parameters and the start.
     """
 
     q: Array
@@ -203,7 +203,7 @@ def checked_runs(stepper: Stepper, given: RawArguments) -> EnsembleArguments:
     """Return the runs, or raise InputError for the first that is unusable, with its number."""
     def one(i: int) -> RunArguments:
         try:
-            return stepper.checked_run(stepper.run_arguments(
+            return stepper._checked_run(stepper._run_arguments(
                 given.q[i], given.p[i], dt=given.dt[i], t0=given.t0[i],
                 parameters=given.parameters_of(i), **given.common))
         except InputError as error:

@@ -46,7 +46,7 @@ _OUTPUTS = {one.attribute: one for one in OUTPUTS}
 class Maker(Protocol):
     """A stepper, as a trajectory sees it."""
 
-    def at(self, trajectory: Trajectory, times: ArrayLike) -> Trajectory:
+    def _at(self, trajectory: Trajectory, times: ArrayLike) -> Trajectory:
         """Return the states of a trajectory at times."""
 
     def energy(
@@ -406,12 +406,18 @@ class Trajectory(Shown):
     def at(self, times: ArrayLike, *, stepper: Maker | None = None) -> Trajectory: ...
 
     def at(self, times: Any, *, stepper: Maker | None = None) -> Trajectory | Start:
-        """Return the states at times between the steps, by short real steps; see ``Stepper.at``.
+        """Return the states at times between the steps.
+
+        Each is a real step of a part of Δt from the state before (after whole steps, where the run
+        did not store each): on its constraints to round-off, and as near to the motion as the
+        states of the run. At a time of a stored state it is that state. The states do not go on
+        from each other, so that their order does not matter, and their number costs a step each.
+        Multipliers and iterations are those of the steps that end there, without the first row's.
 
         Parameters
         ----------
         times : float, or array_like of shape (N,)
-            In seconds, within the run. The state at one time comes as a ``Start``.
+            In seconds, in any order, within the run. The state at one time comes as a ``Start``.
         stepper : Stepper, optional
             What made the trajectory; known of what ``integrate`` returned in this process.
 
@@ -420,7 +426,7 @@ class Trajectory(Shown):
         InputError
             Where the stepper is not known, for times outside of the run.
         """
-        found = self._maker(stepper, "at(times, stepper=...)").at(self, times)
+        found = self._maker(stepper, "at(times, stepper=...)")._at(self, times)
         return found if np.ndim(times) else found[0]
 
     def _maker(self, stepper: Maker | None, call: str) -> Maker:
@@ -430,7 +436,7 @@ class Trajectory(Shown):
             raise InputError(
                 f"This trajectory of {self.manifest['name']} does not know the stepper that made "
                 f"it, for it was read from a file or belongs to an ensemble; give {call}.")
-        if not callable(getattr(maker, "at", None)):
+        if not callable(getattr(maker, "_at", None)):
             raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
                              "returned.")
         return maker

@@ -83,25 +83,25 @@ class Differentiation(Evaluation):
     def __init__(self, name: str, files: dict[str, str], derive: Derive | None = None) -> None:
         super().__init__(name, files)
         self._derive = derive
-        self._derivative_binding: list[DerivativeBinding] = []
-        self._second_binding: list[SecondBinding] = []
-        self._control_files: dict[str, str] = {}
+        self._derivative_bindings: list[DerivativeBinding] = []
+        self._second_bindings: list[SecondBinding] = []
+        self._controls: dict[str, str] = {}
         self._deriving = threading.Lock()
         system = self.manifest["system"]
         #: The name of each constraint.
         self.constraint_names: list[str] = list(system.get(
             "constraint_names", [f"g{i}" for i in range(self.m)]))
 
-    def derivative_binding(self) -> DerivativeBinding:
+    def _derivative_binding(self) -> DerivativeBinding:
         """Calls of tangents and adjoints, derived and compiled when first called."""
         with self._deriving:
-            if not self._derivative_binding:
+            if not self._derivative_bindings:
                 own = self._bound(load_module(self.name, self._derivative_files(), "derivatives"))
                 quad = self.manifest["real"] == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
-                self._derivative_binding.append(kind(
+                self._derivative_bindings.append(kind(
                     own, self.binding, self.manifest["scheme"]["keeps_momentum_constraint"]))
-        return self._derivative_binding[0]
+        return self._derivative_bindings[0]
 
     def _derivative_files(self) -> dict[str, str]:
         """Return the files with derivatives, which are kept."""
@@ -114,11 +114,11 @@ class Differentiation(Evaluation):
                               further=self._derive.of_others)
         return files
 
-    def second_binding(self) -> SecondBinding:
+    def _second_binding(self) -> SecondBinding:
         """Calls of derivatives of adjoints, derived and compiled when first called."""
-        first = self.derivative_binding()
+        first = self._derivative_binding()
         with self._deriving:
-            if not self._second_binding:
+            if not self._second_bindings:
                 if self.symmetries:
                     raise InputError(f"Stepper {self.name} moves with a frame, which has no second "
                                      "derivatives; leave the frame out.")
@@ -130,23 +130,23 @@ class Differentiation(Evaluation):
                         "gyrospark.stepper(...).")
                 files = derive.files(second=True)
                 own = self._bound(load_module(self.name, files, "second"))
-                self._second_binding.append(SecondBinding(own, first))
-        return self._second_binding[0]
+                self._second_bindings.append(SecondBinding(own, first))
+        return self._second_bindings[0]
 
-    def control_files(self) -> dict[str, str]:
+    def _control_files(self) -> dict[str, str]:
         """Header, source and manifest of profile control, derived when first called."""
         with self._deriving:
-            if not self._control_files:
+            if not self._controls:
                 derive = self._derive.of_others if self._derive is not None else None
                 if derive is None:
                     raise InputError(
                         f"Stepper {self.name} was read from a file, or sent to this process before "
                         "its code for a card was first used; make it with "
                         "gyrospark.stepper(...).")
-                self._control_files.update(derive.files(control=True))
-        return self._control_files
+                self._controls.update(derive.files(control=True))
+        return self._controls
 
-    def portable_derive(self) -> Derive | None:
+    def _portable_derive(self) -> Derive | None:
         """Return what another process derives with; None if it cannot."""
         derive = self._derive
         if derive is None or not derive.portable:
@@ -213,7 +213,7 @@ class Differentiation(Evaluation):
         run = self._single(start, p, dt, parameters, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
         kept, space = self._kept_step(run)
-        own, n = self.derivative_binding().own, self.n
+        own, n = self._derivative_binding().own, self.n
 
         def back(wq: ArrayLike, wp: ArrayLike, multipliers: ArrayLike | None = None) -> Gradient:
             w = np.concatenate([own.array("wq", wq, (n,)), own.array("wp", wp, (n,))])
@@ -248,7 +248,7 @@ class Differentiation(Evaluation):
         """
         p, dq, dp, wq, wp = after_start("dq, dp, wq, wp", directions)
         run = self._single(start, p, dt, parameters, inputs)
-        own, n = self.derivative_binding().own, self.n
+        own, n = self._derivative_binding().own, self.n
         kept, space = self._kept_step(run)
         dz = self._direction(dq, dp, d, 1)[:, 0].copy()
         if not as_flag("project", project):
@@ -267,7 +267,7 @@ class Differentiation(Evaluation):
         self, dq: ArrayLike, dp: ArrayLike, d: Mapping[str, Number] | None, count: int
     ) -> Array:
         """Return directions with all rows, a column each."""
-        binding, n = self.derivative_binding(), self.n
+        binding, n = self._derivative_binding(), self.n
         own = binding.own
         dz: Array = own.new(binding.rows, count)
         for place, (name, x) in enumerate((("dq", dq), ("dp", dp))):
@@ -289,16 +289,16 @@ class Differentiation(Evaluation):
         if inputs is not None:  # one step: they are parameters
             fed = as_inputs(inputs, self.binding, 1)
             given |= {} if fed is None else fed.first
-        return self._resolved(state.q, state.p, dt=dt, steps=1, parameters=given, t0=state.t)
+        return self._run_of(state.q, state.p, dt=dt, steps=1, parameters=given, t0=state.t)
 
-    def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
+    def _run_of(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
         raise NotImplementedError
 
     def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
         """Return one step, and the tangent space at its start."""
         stepper: Any = self
         kept = SingleStep(stepper, run)
-        return kept, TangentSpace(self.derivative_binding(), kept.parameters, run.q, run.p,
+        return kept, TangentSpace(self._derivative_binding(), kept.parameters, run.q, run.p,
                                   self.constraint_names)
 
     # ------------------------------------------------------------ runs
@@ -353,7 +353,7 @@ class Differentiation(Evaluation):
         value = None
         if loss is not None:
             value, cotangents = value_of(loss_of(loss), run)
-        kinds = self.rows_of(run, solver)
+        kinds = self._rows_of(run, solver)
         ended = bool(kinds.points)
         return gradient_of(self, kinds.run, cotangents_of(self, kinds, cotangents),  # type: ignore[arg-type]
                            names, memory, value, None if ended else (run.q[-1], run.p[-1]))
@@ -398,7 +398,7 @@ class Differentiation(Evaluation):
             if hasattr(loss, "free_symbols") and slopes is None:
                 slopes = function_of("generator.systems.run_functions", "slopes_over_states")(
                     loss, run)
-        kinds = self.rows_of(run, solver)
+        kinds = self._rows_of(run, solver)
 
         def checked(given: Mapping[str, Any]) -> Any:
             return cotangents_of(self, kinds, given)  # type: ignore[arg-type]
@@ -407,7 +407,7 @@ class Differentiation(Evaluation):
         return hessian_of(stepper, kinds.run, checked(cotangents), slopes, checked, names,  # type: ignore[arg-type]
                           memory, value)
 
-    def rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
+    def _rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
         """Return the whole steps of a run that was integrated or stored, and what its rows are."""
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
@@ -416,7 +416,7 @@ class Differentiation(Evaluation):
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]
             steps = int(np.rint(float((run.t[-1] - run.t[0]) / run.dt)))
-            arguments = self._resolved(
+            arguments = self._run_of(
                 run.q[0], run.p[0], dt=run.dt, steps=steps, every=run.every, solver=solver,
                 parameters=dict(run.parameters), t0=run.t[0], inputs=run._inputs)
         else:

@@ -273,7 +273,7 @@ def _checked(
     size = len(starts)
     given = RawArguments(starts, momenta, np.broadcast_to(_each("dt", dt, size), size),
                   np.broadcast_to(_each("t", t0, size), size),
-                  _each_parameters(stepper.parameters_with_inputs(parameters, inputs), size,
+                  _each_parameters(stepper._parameters_with_inputs(parameters, inputs), size,
                                    stepper.parameter_domains),
                   options)
     fed = as_inputs(inputs, stepper.binding, as_positive_count("steps", options["steps"]),
@@ -292,7 +292,7 @@ def _integrate_on(
 ) -> Ensemble | DeviceEnsemble:
     """Integrate each row of q and p on a card; arrays that lie there stay there."""
     try:
-        name, text = stepper.name, cuda_text(stepper.name, stepper.control_files())
+        name, text = stepper.name, cuda_text(stepper.name, stepper._control_files())
     except InputError as error:
         raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
     state, like = None, q
@@ -361,7 +361,7 @@ def _with_tangents(
     stepper: Stepper, ensemble: Ensemble, wanted: Tangents, threads: int, stop: Callable[[], bool]
 ) -> Ensemble:
     """Return an ensemble whose trajectories have their tangents, with the bits of each alone."""
-    _ = stepper.derivative_binding()  # compiled once, before threads ask for it
+    _ = stepper._derivative_binding()  # compiled once, before threads ask for it
 
     def made(i: int) -> Trajectory | None:
         if i in ensemble.failures or stop():

@@ -39,7 +39,7 @@ class Evaluation:
         self.files = complete(files)
         self.manifest = read_manifest(name, self.files)
         self.binding = self._bound(load_module(name, self.files))
-        self._binding_of_many: list[Binding] = []
+        self._lanes_binding: list[Binding] = []
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
         self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
@@ -51,17 +51,17 @@ class Evaluation:
         self.visuals: Mapping[str, Sequence[Shape]] = {}
 
     @property
-    def binding_of_many(self) -> Binding:
+    def _binding_of_many(self) -> Binding:
         """Calls for many trajectories; lanes are compiled when this is first asked for.
 
         What is passed to it was made by it: structs of the two modules have types of their own.
         """
         if not self.binding.lanes:
             return self.binding
-        if not self._binding_of_many:  # two threads may both load it; the first one's stays
-            self._binding_of_many.append(
+        if not self._lanes_binding:  # two threads may both load it; the first one's stays
+            self._lanes_binding.append(
                 self._bound(load_module(self.name, self.files, "lanes")))
-        return self._binding_of_many[0]
+        return self._lanes_binding[0]
 
     def _bound(self, module: Any) -> Binding:
         return _binding_type(self.manifest["real"])(module, self.name, self.manifest)
@@ -77,7 +77,7 @@ class Evaluation:
         ``t`` is the time at the start of the step.
         """
         self._refuse_unless_solving("residual")
-        unknowns, state, run = self._at(x, start, p, dt, parameters, t)
+        unknowns, state, run = self._equations_at(x, start, p, dt, parameters, t)
         return self.binding.residual(run, self._step(dt), *state, unknowns, self.binding.work())
 
     def jacobian(
@@ -86,7 +86,7 @@ class Evaluation:
     ) -> Array:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
         self._refuse_unless_solving("Jacobian")
-        unknowns, state, run = self._at(x, start, p, dt, parameters, t)
+        unknowns, state, run = self._equations_at(x, start, p, dt, parameters, t)
         return self.binding.jacobian(run, self._step(dt), *state, unknowns, self.binding.work())
 
     def guess(
@@ -302,7 +302,7 @@ class Evaluation:
         given = merged_start(self, start, p, parameters, t)
         return self._state(given.q, given.p), self._parameters(given.parameters, given.t)
 
-    def _at(
+    def _equations_at(
         self, x: ArrayLike, start: Any, p: Any, dt: Number, parameters: Any, t: Any
     ) -> tuple[Array, tuple[Array, Array], Any]:
         self._step(dt)

@@ -529,7 +529,7 @@ class Simulation:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the stepper's sources and the bytes of the memory."""
-        return _unpickled, (self._stepper, self._stepper.provenance, self._held.run, self._image(),
+        return _unpickled, (self._stepper, self._stepper._provenance, self._held.run, self._image(),
                             self._records)
 
     @property
@@ -631,7 +631,7 @@ def _unpickled(
     record: bool = False,
 ) -> Simulation:
     """Return a simulation in another process; the memory means the same to the same code alone."""
-    own = stepper.provenance
+    own = stepper._provenance
     differs = [name for name in own if own[name] != provenance.get(name)]
     if differs:
         raise InputError(

@@ -122,10 +122,10 @@ class Stepper(Dynamics):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by sources: another process, or another machine, compiles them or has them."""
-        return stepper_of, (self.name, tuple(sorted(self.files.items())), self.portable_derive())
+        return stepper_of, (self.name, tuple(sorted(self.files.items())), self._portable_derive())
 
     @property
-    def provenance(self) -> dict[str, str]:
+    def _provenance(self) -> dict[str, str]:
         """What the bits of a result depend on beside its arguments: source, compiler, CPU."""
         return provenance(self.files)
 
@@ -161,9 +161,9 @@ class Stepper(Dynamics):
         held: ContinuedStep | None = getattr(self._local, "held", None)
         self._local.held = None
         if held is None or not held.continues(q, p, t0, given):
-            run = self.checked_run(self.run_arguments(
+            run = self._checked_run(self._run_arguments(
                 q, p, dt=dt, steps=1, t0=t0, parameters=parameters, inputs=fed, solver=solver))
-            self.warned(run)
+            self._warned(run)
             work = None if held is None else held.work  # it needs no initialisation
             held = ContinuedStep(self.binding, run, given, work)
         if fed is not None:
@@ -202,10 +202,10 @@ class Stepper(Dynamics):
         """
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
-        run = self.resolved(self.run_arguments(
+        run = self._resolved(self._run_arguments(
             state.q, state.p, dt=dt, steps=0, parameters=state.parameters, t0=state.t,
             solver=method))
-        self.warned(run)
+        self._warned(run)
         return Simulation(self, run, as_flag("record", record))
 
     @overload
@@ -327,8 +327,8 @@ class Stepper(Dynamics):
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver)}
         count = step_count(steps, t_end, state.t, dt, as_flag("round", round))
-        run = self.resolved(self.run_arguments(state.q, state.p, dt=dt, steps=count, every=every,
-                                               inputs=inputs, **given))
+        run = self._resolved(self._run_arguments(
+            state.q, state.p, dt=dt, steps=count, every=every, inputs=inputs, **given))
         if out is not None:
             stored: Trajectory = function_of("storage.record", "record")(
                 self, _storable(run, t_eval, tangents), as_events(
@@ -336,7 +336,7 @@ class Stepper(Dynamics):
             return stored
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
-        warned = not run.steps or self.warned(run) or run.rows < 2
+        warned = not run.steps or self._warned(run) or run.rows < 2
         asked = as_events(events, self.manifest["system"])
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
             found = observed(self, run, asked, report).made_by(self, Origin(run, asked))
@@ -345,7 +345,7 @@ class Stepper(Dynamics):
             if found.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
                 warn_of_frequency(self.binding, run, self.order)
         if t_eval is not None:
-            found = self.at(found, t_eval)
+            found = self._at(found, t_eval)
         return found if tangents is None else with_tangents(self, tangents, found)
 
     def integrate_ensemble(
@@ -405,44 +405,18 @@ class Stepper(Dynamics):
             tangents, device, steps=steps_of_all(steps, t_end, state.t, dt), every=every,
             solver=as_solver(solver))
 
-    def at(
+    # ------------------------------------------------------------ inside
+
+    def _at(
         self, trajectory: Trajectory, times: ArrayLike, *, workers: int | None = None
     ) -> Trajectory:
-        """Return the states of a run at times between its steps.
-
-        Each is a real step of a part of Δt from the state before (after whole steps, where the run
-        did not store each): on its constraints to round-off, and as near to the motion as the
-        states of the run. At a time of a stored state it is that state. The states do not go on
-        from each other, so that their order does not matter, and their number costs a step each.
-
-        Parameters
-        ----------
-        trajectory : Trajectory
-            What this stepper integrated, or what ``gyrospark.load`` read of it.
-        times : array_like, shape (N,)
-            In seconds, in any order, from the first stored time to the last.
-        workers : int, optional
-            Threads; all cores by default.
-
-        Returns
-        -------
-        Trajectory
-            With a row for each time; multipliers and iterations are those of the steps that end
-            there, without the first row's. Its report is that of the run.
-
-        Raises
-        ------
-        InputError
-            For times outside of the run, and for a trajectory of another stepper.
-        """
+        """Return the states of a run at times between its steps; see ``Trajectory.at``."""
         found = between(self, trajectory, times, workers)
         if trajectory.tangents is None or trajectory._origin is None:
             return found
         return with_tangents(self, trajectory.tangents, found)
 
-    # ------------------------------------------------------------ inside
-
-    def parameters_with_inputs(self, parameters: Any, inputs: Any) -> Any:
+    def _parameters_with_inputs(self, parameters: Any, inputs: Any) -> Any:
         """Return parameters with a number for each input, where those of the steps are given."""
         if inputs is None and type(parameters) is dict:
             return dict(parameters)
@@ -454,7 +428,7 @@ class Stepper(Dynamics):
             return parameters
         return [{**one, **some} if isinstance(one, Mapping) else one for one in parameters]
 
-    def run_arguments(
+    def _run_arguments(
         self, q: ArrayLike, p: ArrayLike, *, dt: Number, steps: int,
         parameters: Mapping[str, Any] = NO_PARAMETERS, t0: Number = 0.0, every: int = 1,
         inputs: InputRows | Inputs | Mapping[str, Any] | ArrayLike | None = None, hold: int = 1,
@@ -482,15 +456,15 @@ class Stepper(Dynamics):
         return changed(  # the constructor of a frozen dataclass takes longer
             object.__new__(RunArguments), q=q_start, p=p_start, dt=self._step(dt), steps=count,
             every=as_positive_count("every", every, least=1),
-            parameters=self.parameters_with_inputs(parameters, fed), solver=method.kind,
+            parameters=self._parameters_with_inputs(parameters, fed), solver=method.kind,
             tolerance=bound, max_iterations=method.max_iterations, t0=as_real("t", t0, number),
             inputs=fed)
 
-    def resolved(self, run: RunArguments) -> RunArguments:
+    def _resolved(self, run: RunArguments) -> RunArguments:
         """Return a run with numbers for parameters that its model leaves to a search, checked."""
-        return self.checked_run(tuned_run(self, run))
+        return self._checked_run(tuned_run(self, run))
 
-    def checked_run(self, run: RunArguments) -> RunArguments:
+    def _checked_run(self, run: RunArguments) -> RunArguments:
         """Return a run with its parameters as numbers, or raise InputError; it is consistent."""
         run = changed(run, parameters=self.check_parameters(run.parameters))
         with np.errstate(over="ignore", invalid="ignore"):  # the steps judge what is not finite
@@ -498,14 +472,14 @@ class Stepper(Dynamics):
             refuse_inconsistent(self.binding, self.manifest, run)
         return run.with_inputs(run.inputs)
 
-    def _resolved(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
-        return self.resolved(self.run_arguments(q, p, **given))
+    def _run_of(self, q: ArrayLike, p: ArrayLike, **given: Any) -> RunArguments:
+        return self._resolved(self._run_arguments(q, p, **given))
 
-    def run(self, run: RunArguments) -> Trajectory:
+    def _run(self, run: RunArguments) -> Trajectory:
         """Return the trajectory of a checked run, without warnings and events: for pilot runs."""
         return integrate(self.binding, self.manifest, run)
 
-    def warned(self, run: RunArguments) -> bool:
+    def _warned(self, run: RunArguments) -> bool:
         """Warn of γ below 0, and where a body turns too far in a step; return whether one does."""
         warn_of_negative(run.parameters)
         warn_of_late_start(self.binding, run.t0, run.dt, run.steps)

@@ -123,7 +123,7 @@ class Pilots:
         if self._report is not None:
             self._report(self._runs)
         try:
-            return self.stepper.run(self.stepper.checked_run(replace(
+            return self.stepper._run(self.stepper._checked_run(replace(
                 self.arguments.refined(refinement), every=refinement * self.every,
                 parameters=self.arguments.parameters | self.parameters(x))))
         except StepFailed:
@@ -146,7 +146,7 @@ class Pilots:
                 moved.change < plain.change and self._agrees(plain, moved, self.run(base)))):
             reference = moved
         if reference is None:
-            self.stepper.run(self.stepper.checked_run(self.arguments.refined(8)))  # raises
+            self.stepper._run(self.stepper._checked_run(self.arguments.refined(8)))  # raises
             raise AssertionError("a step that failed has not failed again")
         self._motion, finest = reference.error, reference.finest
         epsilon = self.stepper.binding.epsilon

@@ -101,7 +101,7 @@ class StepSearch:
         if self._report is not None:
             self._report(len(self.pilots) + 1)
         try:
-            run = self.stepper.run(self.stepper.checked_run(replace(
+            run = self.stepper._run(self.stepper._checked_run(replace(
                 self.arguments, dt=self.stepper.binding.number(self.span / n), steps=n,
                 every=n // _ROWS)))
         except StepFailed as failure:

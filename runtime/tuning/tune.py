@@ -178,7 +178,7 @@ def tune(
     given = {"t0": state.t, "parameters": {**state.parameters, **rules}, "inputs": inputs}
     if step_error is not None:
         span = _span(step_error, t_end, state.t, dt=dt, steps=steps, inputs=inputs)
-        run = step.run_arguments(state.q, state.p, dt=span, steps=1, **given)
+        run = step._run_arguments(state.q, state.p, dt=span, steps=1, **given)
         with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
             return _Rules(step, run, rules, report).tuned_step(span, float(step_error), longest)
     if dt is None or not rules:
@@ -186,7 +186,7 @@ def tune(
                          "or step_error with t_end.")
     unbounded = steps is None and t_end is None
     count = longest if unbounded else step_count(steps, t_end, state.t, dt)
-    run = step.run_arguments(state.q, state.p, dt=dt, steps=count, **given)
+    run = step._run_arguments(state.q, state.p, dt=dt, steps=count, **given)
     with log_progress(f"tuning {step.name}", _MOST_RUNS, progress) as report:
         return _Rules(step, run, rules, report).tuned(longest, longer=unbounded or count > longest)
 
@@ -294,7 +294,7 @@ class _Rules:
     def tuned(self, longest: int, *, longer: bool) -> Tuned:
         """Return numbers for the rules, by pilot runs of so many steps at most."""
         length = longest if longer else max(self.run.steps, _LEAST)
-        pilot = self.stepper.checked_run(replace(self.run.pilot(length),
+        pilot = self.stepper._checked_run(replace(self.run.pilot(length),
                                                  parameters=self.numbers()))
         chosen = {name: float(pilot.parameters[name]) for name in (*self.gammas, *self.rates)}
         moments = {name: self.moments[name] for name, rule in self.gammas.items() if rule in AIMS}
@@ -363,7 +363,7 @@ class _Rules:
         """
         rates = dict.fromkeys(self.rates, 0.0)
         run = self.run
-        known = self.stepper.checked_run(replace(run, parameters=dict(numbers))).parameters
+        known = self.stepper._checked_run(replace(run, parameters=dict(numbers))).parameters
         directions = directions_of(self.stepper, run.q, run.p, known)
         if not directions:
             self.reasons.append("no frame: there is no symmetry with these parameters")

@@ -122,8 +122,8 @@ def test_unusable_parameters_are_those_of_a_trajectory(change, words, gl3):
 
 def test_plain_numbers_are_checked_all_at_once(gl3, monkeypatch):
     """One look at what all have in common, and not one at each."""
-    looks, check = [], type(gl3).checked_run
-    monkeypatch.setattr(type(gl3), "checked_run",
+    looks, check = [], type(gl3)._checked_run
+    monkeypatch.setattr(type(gl3), "_checked_run",
                         lambda *given, **how: looks.append(0) or check(*given, **how))
     q, p, dts, gammas = members(40)
     columns, run = PARAMETERS | {"gamma": gammas}, {"dt": dts, "steps": 3}

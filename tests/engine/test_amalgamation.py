@@ -234,9 +234,9 @@ def test_a_pickle_keeps_the_engine_it_was_made_with(other_engine):
     stored = pickle.dumps(step)
     other_engine(*CHANGE)
     again = pickle.loads(stored)
-    assert again.provenance["source"] == step.provenance["source"]
+    assert again._provenance["source"] == step._provenance["source"]
     other = gs.Stepper(NAME, checked_in_files(NAME))
-    assert other.provenance["source"] != step.provenance["source"]
+    assert other._provenance["source"] != step._provenance["source"]
     runs = [s.integrate(START["q"], START["p"], dt=1e-3, steps=5, parameters=PARAMETERS)
             for s in (step, again)]
     assert np.array_equal(runs[0].q, runs[1].q)

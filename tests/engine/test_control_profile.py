@@ -542,7 +542,7 @@ def check_derivatives(own, full, parameters, q, p):
     q, p = own.q.copy(), own.p.copy()
     assert own.step() == OK
     time = own.time(own.w) - 1e-3
-    binding = full.derivative_binding()
+    binding = full._derivative_binding()
     x = np.zeros(binding.own.unknowns, own.type)
     options = own.ffi.new(f"{own.name}_options *", [0.0, 50])
     own.keep(own.w, options, own.pointer(x))

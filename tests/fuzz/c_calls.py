@@ -144,7 +144,7 @@ def integrate(memory: Memory, choices: Choices) -> str:
 
 def lanes(memory: Memory, choices: Choices) -> str:
     """Side by side, with differing parameters and states; one that fails does not disturb."""
-    memory.use(memory.case.step.binding_of_many)
+    memory.use(memory.case.step._binding_of_many)
     binding, ffi, name = memory.binding, memory.ffi, memory.case.step.name
     if not binding.lanes:
         return "no lanes"

@@ -57,7 +57,7 @@ class Case:
                           "parameters": parameters, "events": self.events}
         self.path = scratch() / f"{stepper.name}-{len(self.events)}.zarr"
         self._record()
-        self.run = stepper.checked_run(stepper.run_arguments(
+        self.run = stepper._checked_run(stepper._run_arguments(
             q, p, dt=1e-3, steps=120, every=3, parameters=parameters))
         group = array_layout.open_group(self.path)
         self.sound = np.asarray(array_layout.array_of(group, array_layout.CHECKPOINT)[:])

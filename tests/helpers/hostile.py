@@ -212,7 +212,7 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("integrate_ensemble", step.integrate_ensemble, starts=[q, q], p=[p, p], **run,
               steps=3, t_end=None, every=1, solver=gs.Solver(), workers=1,
               events=gs.Event("q1"), inputs=None, tangents=gs.Tangents(), device="cpu"),
-        plain("at", step.at, trajectory=made, times=[0.0015], workers=1),
+        plain("at", made.at, times=[0.0015], stepper=step),
         plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
         plain("start", step.start, **state, **run, solver="auto", record=False),
         plain("advance", Later(lambda: resolve(step).start(q, p, **run)).advance, steps=2,

@@ -85,7 +85,7 @@ def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, seed=No
                            events=(), parameters=None, dt, steps, every=1, solver="auto"):
     """Begin a run in a store, or resume it, as the command line does."""
     state = merged_start(stepper, begin, p, parameters)
-    run = stepper.resolved(stepper.run_arguments(
+    run = stepper._resolved(stepper._run_arguments(
         state.q, state.p, dt=dt, steps=steps, every=every, parameters=state.parameters, t0=state.t,
         solver=solver))
     asked = as_events(events, stepper.manifest["system"])

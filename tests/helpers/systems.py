@@ -375,7 +375,7 @@ def differentiable(name: str, scheme: str = "G-L", stages: int | None = None,
     """Return the same stepper, its derivatives compiled too."""
     step = stepper(name, scheme, stages, real)
     with budget.shared():
-        step.derivative_binding()  # derives and compiles
+        step._derivative_binding()  # derives and compiles
     return step
 
 

@@ -50,8 +50,8 @@ def fast_top_run(dt=1e-3):
 
 def test_runs_without_a_compiler(no_compiler, request):
     step, run = fast_top_run()
-    assert "-march=native" not in step.provenance["flags"]
-    assert step.provenance["compiler"]
+    assert "-march=native" not in step._provenance["flags"]
+    assert step._provenance["compiler"]
     request.getfixturevalue("monkeypatch").undo()
     _, beside = fast_top_run()
     # Other instructions round otherwise: a hundred steps, each by a few eps of |q| = 1.

@@ -99,6 +99,11 @@ def test_what_is_stored_depends_on_no_machine():
     assert str(ROOT) not in text
 
 
+def test_a_stepper_has_few_public_attributes():
+    """What integrates by public name; the rest of the package uses private ones."""
+    assert len(dict(members(gs.Stepper))) <= 23
+
+
 class Changed:
     """A class whose members change."""
 

@@ -114,7 +114,7 @@ class OnCard:
 
 def test_a_trajectory_has_the_bits_of_profile_control(card, step):
     many = step.integrate_ensemble(*MANY, **RUN, device="cuda")
-    files = step.control_files()
+    files = step._control_files()
     written = Written(json.loads(files[f"{step.name}.json"]), files)
     start = Options(RUN["dt"], tuple(TOP.q0), tuple(TOP.p0),
                     PARAMETERS | {"mgl": PARAMETERS["mgl"] * 1.2})

@@ -64,7 +64,7 @@ def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
     found, read = varied.at([0.33]), gs.load(varied.save(tmp_path / "run.npz"))
     for forgotten in (found, read):
         with pytest.raises(InputError, match=r"'push'.*changes"):
-            step.at(forgotten, [0.33])
+            forgotten.at([0.33], stepper=step)
 
 
 @pytest.mark.parametrize("every", [1, 7])

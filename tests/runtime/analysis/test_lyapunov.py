@@ -105,7 +105,7 @@ def test_covariant_vectors_follow_the_run():
 def test_frame_is_unitary():
     """Ω is J, orthogonal and skew; coordinates of directions are those that made them."""
     step, (q, p) = pendulum(), released(0.5, 2)
-    frame = UnitaryFrame(step.derivative_binding(), PARAMETERS, 0.0, q, p)
+    frame = UnitaryFrame(step._derivative_binding(), PARAMETERS, 0.0, q, p)
     J, unit = frame.J, np.eye(4)
     assert np.abs(J + J.T).max() < 1e-14
     assert np.abs(J @ J + unit).max() < 1e-14

@@ -71,7 +71,7 @@ def test_interrupt_ends_an_ensemble_and_its_threads():
     what, before = case("gl3"), threading.active_count()
     q, p = np.tile(what.q, (64, 1)), np.tile(what.p, (64, 1))
     main = threading.main_thread().ident
-    assert what.step.binding_of_many.lanes  # compiled before, not meanwhile
+    assert what.step._binding_of_many.lanes  # compiled before, not meanwhile
     timer = threading.Timer(0.3, signal.pthread_kill, [main, signal.SIGINT])
     timer.start()
     with pytest.raises(KeyboardInterrupt):

@@ -108,12 +108,12 @@ def test_lanes_are_compiled_when_first_asked_for(own_cache, monkeypatch):
 
     def ask(_):
         together.wait()
-        return step.binding_of_many
+        return step._binding_of_many
 
     with ThreadPoolExecutor(4) as pool:
         assert len(set(map(id, pool.map(ask, range(4))))) == 1
     assert len(list(own_cache.glob(MODULES))) == 3
-    assert step.binding_of_many.lanes == step.binding.lanes > 0
+    assert step._binding_of_many.lanes == step.binding.lanes > 0
     step.integrate_ensemble([[0.8]] * 2, [[-0.3]] * 2, **what)
     assert len(list(own_cache.glob(MODULES))) == 3
 

@@ -205,7 +205,7 @@ def thrown():
     step = gs.stepper("G-L", stages=1, system=system)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(derivative_kernels, "_LARGEST_QUANTITIES", 0)
-        step.derivative_binding()
+        step._derivative_binding()
     return step
 
 

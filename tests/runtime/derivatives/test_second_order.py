@@ -75,8 +75,8 @@ def expected(name, scheme):
     n, one, loss = step.n, q[0] - q[0] + 1, loss_of(step, name)
     keeps = step.manifest["scheme"]["keeps_momentum_constraint"]
     names = step.binding.parameter_names
-    binding = step.derivative_binding()
-    run = step.rows_of(run_of(name, step)).run
+    binding = step._derivative_binding()
+    run = step._rows_of(run_of(name, step)).run
     space = TangentSpace(binding, binding.own.parameters(run.parameters, run.t0), run.q, run.p,
                          step.constraint_names)
     basis = space.basis()

@@ -33,9 +33,9 @@ def some(few, pairs):
 
 def space_at(step, name, q, p, t):
     """Return the tangent space of the constraints at a state of a case."""
-    own = step.derivative_binding().own
+    own = step._derivative_binding().own
     numbers = {k: own.number(x) for k, x in case_of(name).parameters.items()}
-    return TangentSpace(step.derivative_binding(), own.parameters(numbers, own.number(t)), q, p,
+    return TangentSpace(step._derivative_binding(), own.parameters(numbers, own.number(t)), q, p,
                         step.constraint_names)
 
 
@@ -115,7 +115,7 @@ def test_images_are_tangent_to_the_constraints(name, scheme):
 def test_momenta_along_the_constraints_are_absorbed(name, scheme):
     """Φ'(0, G₀ᵀ) = 0 of SPARK steps: the first multiplier takes them up."""
     step, case = stepper_for(name, scheme), case_of(name)
-    (q, p), binding = start_of(name, step), stepper_for(name, scheme).derivative_binding()
+    (q, p), binding = start_of(name, step), stepper_for(name, scheme)._derivative_binding()
     kept, space = step._kept_step(step._single(
         gs.Start(q, p, case.parameters, case.t0), None, case.dt, None, None))
     dz = np.zeros((binding.rows, step.m + 1))

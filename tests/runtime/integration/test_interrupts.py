@@ -114,7 +114,7 @@ def test_threads_hear_nothing(gl3):
 def test_ensemble_comes_with_what_it_has(solver, count, gl3):
     """Each member as far as it came; those that were not begun have their start."""
     q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
-    assert gl3.binding_of_many.lanes  # compiled before, not meanwhile
+    assert gl3._binding_of_many.lanes  # compiled before, not meanwhile
     timer = threading.Timer(0.3, interrupt)
     timer.start()
     with pytest.raises(gs.errors.Stopped, match=r"\.ensemble") as error:

@@ -79,9 +79,9 @@ def test_memory_needs_no_initialisation(solver, step) -> None:
 
     whole = runs()
     assert step.binding.works._free
-    assert solver == "newton" or step.binding_of_many.batches._free
+    assert solver == "newton" or step._binding_of_many.batches._free
     for byte in (0x00, 0x7F, 0xFF):
-        for pool in (step.binding.works, step.binding.batches, step.binding_of_many.batches):
+        for pool in (step.binding.works, step.binding.batches, step._binding_of_many.batches):
             for memory in pool._free:
                 for struct in memory if isinstance(memory, tuple) else [memory]:
                     step.binding.image(struct)[:] = byte
@@ -134,7 +134,7 @@ def test_many_batches_in_one_call_have_the_bits_of_single_ones(make, arguments, 
     given["parameters"] = given["parameters"] | {
         symmetry.name: RNG.uniform(1, 2, 61) for symmetry in step.symmetries
         if not symmetry.condition}
-    binding = type(step.binding_of_many)
+    binding = type(step._binding_of_many)
     called = binding.integrate_lanes
     for every in (1, 3, 4):
         sizes, found = [], []

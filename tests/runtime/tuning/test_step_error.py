@@ -36,11 +36,11 @@ def test_the_error_is_as_asked_for_and_not_much_smaller(scheme, stages, error):
     there = true.integrate(TOP, dt=0.4 / n / fine, steps=n * fine, every=fine)
     assert largest(run, there) <= 1.1 * error  # the largest between the rows that are compared
     rows = n // 16
-    assert largest(step.at(run, there.t[::rows]), true.at(there, there.t[::rows])) \
+    assert largest(run.at(there.t[::rows]), there.at(there.t[::rows])) \
         == pytest.approx(tuned.error, rel=0.1)
     if n > 16:
         coarse = step.integrate(TOP, dt=0.8 / n, steps=n // 2)
-        assert largest(coarse, true.at(there, coarse.t)) > error
+        assert largest(coarse, there.at(coarse.t)) > error
 
 
 def test_gamma_and_a_frame_allow_larger_steps():
