@@ -129,7 +129,7 @@ def _make(model: gs.Model | gs.System, stages: int, real: Any = "double") -> gs.
 def _ours(scene: ReferenceScene, step: gs.Stepper, dt: float) -> Array:
     model, steps = scene.model, round(T_END / dt)
     start = model.q0, model.p0
-    if step.manifest["real"] != "double":  # rounded to double it is off by more than this allows
+    if step.manifest.real != "double":  # rounded to double it is off by more than this allows
         start = step.project(*start, parameters=model.parameters)
     end = step.integrate(*start, dt=dt, steps=steps, every=steps, parameters=model.parameters)
     return np.array([end.body(name).position()[-1] for name in scene.bodies], dtype=float)

@@ -99,7 +99,7 @@ def measure(subject: Subject, real: str = "double") -> Accuracy:
     basis, images = at.tangents()
     end = at.end()
     forward = _Step(step, end[0], end[1], values, subject.dt, subject.dt)
-    conservative = not step.manifest["system"].get("forces")
+    conservative = not step.manifest.system.forces
     form = _omega(step.n)
     size = max(1.0, float(np.abs(images).max()) ** 2)
     symplectic = backwards = None
@@ -156,7 +156,7 @@ class _Step:
         if self.step.m and shift:
             found = self.step.consistent(q, p, parameters=values, t=self.t0)
             q = found.q
-            p = found.p if self.step.manifest["scheme"]["keeps_momentum_constraint"] else p
+            p = found.p if self.step.manifest.scheme.keeps_momentum_constraint else p
         run = self.step.integrate(gs.Start(q, p, t=self.t0), dt=self.dt + shift * d.get("dt", 0),
                                   steps=1, parameters=values)
         return run.q[-1], run.p[-1]

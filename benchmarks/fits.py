@@ -119,7 +119,7 @@ def double_body() -> FitCase:
     guess = true | {name: factor * true[name] for name, factor in factors.items()}
     inverse = np.diag(1 / np.array([1.4e-3, 1.2e-3, 8e-4]))  # axes that are not the body's
     guess |= dict(zip(entries, inverse[np.triu_indices(3)].tolist(), strict=True))
-    columns = [i for i, name in enumerate(run.manifest["system"]["coordinates"]) if "_q" in name]
+    columns = [i for i, name in enumerate(run.manifest.system.coordinates) if "_q" in name]
     return FitCase(step, 1e-2, run.t[1:], run.q[1:, columns], run.q[0], run.p[0], guess, true,
                    [*factors, *entries])
 

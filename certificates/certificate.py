@@ -150,7 +150,7 @@ def certify(
                          "is measured; choose double or float.")
     known, step = compiled(model, scheme, stages, rep, tableau, allow_invalid, frame, real,
                            energy=energy, order=order, composition=composition)
-    if "velocity_names" in step.manifest["system"]:
+    if step.manifest.system.velocity_names:
         raise InputError(f"System {known.system.name!r} is from a Lagrangian, and its H is not "
                          "written out: guarantees are not proved for it. Certify a model with the "
                          "system that its legendre() returns.")
@@ -214,6 +214,6 @@ def _guarantees(
         return MeanGuarantees(model.system, numbers, str(scheme), step.order)
     if tableau is None:
         return SparkGuarantees(model.system, numbers, make_tableau(str(scheme), stages),
-                               bool(step.manifest["scheme"].get("exact_energy")))
+                               bool(step.manifest.scheme.exact_energy))
     exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
     return SparkGuarantees(model.system, numbers, exact)

@@ -15,6 +15,7 @@ from .._version import __version__
 from ..core.arguments import shown
 from ..core.calls import explain_arguments
 from ..core.errors import InputError
+from ..core.manifest import Manifest, SchemeManifest
 from ..generator.schemes.named_schemes import SCHEMES
 from ..runtime.compilation.body_columns import bodies_of
 
@@ -183,35 +184,35 @@ def cite(stepper: Any) -> Citations:
     ['gyrospark', 'xu2020', 'betsch2009', 'gonzalez1996', 'gonzalez1999', 'mclachlan1999']
     """
     manifest = getattr(stepper, "manifest", None)
-    if not isinstance(manifest, dict) or "scheme" not in manifest:
+    if not isinstance(manifest, Manifest):
         raise InputError(f"cite takes a stepper, or a trajectory that one made, not "
                          f"{shown(stepper)}.")
     return Citations(dict(_reasons(manifest)))
 
 
-def _reasons(manifest: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def _reasons(manifest: Manifest) -> Iterator[tuple[str, str]]:
     """Yield key and reason, the program first."""
-    scheme, constrained = manifest["scheme"], bool(manifest["system"]["constraints"])
+    scheme, constrained = manifest.scheme, bool(manifest.system.constraints)
     yield "gyrospark", "the program"
     if bodies_of(manifest):
         yield "xu2020", "rigid bodies in unit quaternions with the free parameter γ or α"
         yield "betsch2009", "rigid bodies in unit quaternions, in Hamilton's form"
     yield from _of_scheme(scheme, constrained)
-    if "velocity_constraints" in manifest["system"]:
+    if manifest.system.velocity_constraints:
         yield "modin2020", "near energy of reversible motions with velocity constraints"
-    if scheme["kind"] == "spark" and manifest["fast_path"]["available"]:
+    if scheme.kind == "spark" and manifest.fast_path.available:
         yield "hairer2008", "implicit Runge-Kutta methods in which round-off grows like √t"
         yield "antonana2017", "fixed-point sweeps down to round-off, coefficients that are " \
                               "symplectic in floating point"
 
 
-def _of_scheme(scheme: dict[str, Any], constrained: bool) -> Iterator[tuple[str, str]]:
+def _of_scheme(scheme: SchemeManifest, constrained: bool) -> Iterator[tuple[str, str]]:
     """Yield the works behind a scheme: those of its record, and of its kind."""
-    name = re.sub(r"^\d+-", "", scheme["method"])  # "3-G-L"; "SPARK ..." is a tableau of a user
+    name = re.sub(r"^\d+-", "", scheme.method)  # "3-G-L"; "SPARK ..." is a tableau of a user
     record = next((one for one in SCHEMES.values() if one.name == name), None)
     for key, reason in (record.sources if record else {}).items():
         if constrained or key not in ("gonzalez1999", "jay1996"):
             yield key, reason
-    if scheme["kind"] == "spark":
+    if scheme.kind == "spark":
         yield ("jay2007", "SPARK methods, their order and their constraints") if constrained else (
             "hairer2006", "Runge-Kutta methods for Hamiltonian systems")

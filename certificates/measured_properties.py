@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import InputError
+from ..core.manifest import SchemeManifest
 from ..generator.multibody.model import Model
 from ..generator.symbolic.derivatives import derivative
 from ..generator.symbolic.numeric_evaluation import evaluate
@@ -156,12 +157,12 @@ class Examination:
         expected = np.broadcast_to(evaluate(expressions, at), (len(expressions), len(rows)))
         sizes = np.broadcast_to(rounding(expressions, at, {}), expected.shape)
         still = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
-        stages = self._manifest["stages"] or 1
+        stages = self._scheme.stages or 1
         found = np.empty_like(expected)
         for k, (q, p, t) in enumerate(zip(*(x[rows] for x in (self.run.q, self.run.p, self.run.t)),
                                           strict=True)):
             x = np.zeros(step.unknowns)
-            if self._manifest["unknowns_are_state"]:
+            if self._scheme.unknowns_are_state:
                 x[: 2 * n] = *q, *p
             energy = float(step.energy(q, p, parameters=still, t=t))
             if not solves:
@@ -239,7 +240,7 @@ class Examination:
         value = max(back.q_error / sizes[0], back.p_error / sizes[1])
         found = f"q {back.q_error:.1e}, p {back.p_error:.1e}"
         if not self.guarantees.symmetric:
-            why = "θ is not that of the way back" if self._manifest.get("exact_energy") else \
+            why = "θ is not that of the way back" if self._scheme.exact_energy else \
                 "the tableau is not symmetric"
             return reported(quantity, found, "not guaranteed", why, value)
         jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
@@ -259,13 +260,12 @@ class Examination:
 
     @property
     def _projects(self) -> bool:
-        return bool(self._manifest["keeps_momentum_constraint"])
+        return bool(self._scheme.keeps_momentum_constraint)
 
     @property
-    def _manifest(self) -> dict[str, Any]:
+    def _scheme(self) -> SchemeManifest:
         """The scheme in the stepper's manifest."""
-        about: dict[str, Any] = self.step.manifest["scheme"]
-        return about
+        return self.step.manifest.scheme
 
     # ------------------------------------------------------------ constraints and energy
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +13,13 @@ from ..core.arguments import listed
 from ..core.errors import CompilerError, InputError
 from ..core.file_formats import staged_file
 from ..core.lazy_imports import imported_for_good
+from ..core.manifest import Manifest
 from ..core.progress import log_task
 from ..core.registry import MODELS
 from ..engine.amalgamate import complete
 from ..generator.codegen.profiles import PROFILES
 from ..generator.fingerprint import generator_fingerprint
 from ..generator.spec import PAPER_SPECS, Spec
-from ..runtime.compilation.manifest import manifest_warnings
 from .options import (
     check_no_file,
     completing,
@@ -122,7 +121,7 @@ def write_stepper(
             if named and not derivatives:
                 Derivation(spec).keep(files)
     done = time.perf_counter()
-    click.echo(summary(name, json.loads(files[f"{name}.json"]), out, derived - start,
+    click.echo(summary(name, Manifest.from_text(files[f"{name}.json"]), out, derived - start,
                        done - derived if compile_it else None))
 
 
@@ -145,17 +144,17 @@ def refuse_without_compiler(files: dict[str, str], part: Part) -> None:
 
 
 def summary(
-    name: str, manifest: dict[str, Any], out: Path, derive: float, compile_seconds: float | None
+    name: str, manifest: Manifest, out: Path, derive: float, compile_seconds: float | None
 ) -> str:
     """Return the properties of a generated stepper, in a few lines."""
-    scheme, system = manifest["scheme"], manifest["system"]
-    remarks = "".join(f"  {part}: {remark}\n" for part, remark in manifest_warnings(manifest))
+    scheme, system = manifest.scheme, manifest.system
+    remarks = "".join(f"  {part}: {remark}\n" for part, remark in manifest.warnings)
     seconds = f"derived and written in {derive:.2f} s"
     if compile_seconds is not None:
         seconds += f", compiled in {compile_seconds:.2f} s"
     return (
-        f"{name}: order {scheme['order']}, {scheme['unknowns']} unknowns a step, "
-        f"{scheme['multipliers'] * len(system['constraints'])} multipliers\n"
+        f"{name}: order {scheme.order}, {scheme.unknowns} unknowns a step, "
+        f"{scheme.multipliers * len(system.constraints)} multipliers\n"
         f"{remarks}"
         f"  kernels: {sum_operations(manifest)}\n"
         f"  {out / name}.h .c .json\n"
@@ -163,9 +162,9 @@ def summary(
     )
 
 
-def sum_operations(manifest: dict[str, Any]) -> str:
+def sum_operations(manifest: Manifest) -> str:
     """Return e.g. ``gradient 96, hessian 295 operations``."""
-    counts = {name: sum(kinds.values()) for name, kinds in manifest["operations"].items()}
+    counts = {name: sum(kinds.values()) for name, kinds in manifest.operations.items()}
     return ", ".join(f"{name} {count}" for name, count in counts.items()) + " operations"
 
 

@@ -18,6 +18,8 @@
     projection     states projected onto the constraints
     frozen_dict    a dict that refuses changes
     records        copies of frozen dataclasses, made without their checks
+    json_records   frozen dataclasses as JSON, and back
+    manifest       the manifest of a stepper: the contract of generator and runtime
     html           tables and formulas as HTML for notebooks
     file_formats   the ending of a file's name
     interrupts     Ctrl-C and signals: finish the step, then stop

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,10 +66,10 @@ class Event:
         object.__setattr__(self, "name", self.name or self.quantity)
 
 
-def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
+def as_events(given: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     """Return a caller's events, each of a quantity that the system has.
 
-    ``system`` has the names of its "quantities", "coordinates" and "momenta".
+    ``quantities`` are names of quantities, coordinates and momenta.
 
     Raises
     ------
@@ -82,9 +82,8 @@ def as_events(given: Any, system: Mapping[str, Any]) -> tuple[Event, ...]:
     if not isinstance(events, Sequence) or not all(isinstance(one, Event) for one in events):
         raise InputError(f"events = {shown(given)} is no list of events; give "
                          'events=[gs.Event("height", level=0.0, direction=-1)].')
-    known = [*system.get("quantities", ()), *system["coordinates"], *system["momenta"]]
     for one in events:
-        choose("quantity of an event", one.quantity, known)
+        choose("quantity of an event", one.quantity, quantities)
     names = [one.name for one in events]
     twice = [name for name in names if names.count(name) > 1]
     if twice:

@@ -71,8 +71,8 @@ class DiscreteFlow:
         if not isinstance(stepper, Stepper):
             raise InputError(f"step = {shown(stepper)} is no stepper; give one of "
                              "gyrospark.stepper(...).")
-        if stepper.manifest["real"] != "double":
-            raise InputError(f"{stepper.name} computes in {stepper.manifest['real']}, and other "
+        if stepper.manifest.real != "double":
+            raise InputError(f"{stepper.name} computes in {stepper.manifest.real}, and other "
                              "libraries in double; give a stepper with real=\"double\".")
         self.stepper = stepper
         #: Whether second derivatives are exact; else differences.
@@ -214,7 +214,7 @@ class DiscreteFlow:
         if not stepper.m:
             return run
         q, p = stepper._projected(run.q, run.p, binding.parameters(run.parameters, run.t0))
-        if not stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+        if not stepper.manifest.scheme.keeps_momentum_constraint:
             p = run.p  # of IMS and EMS f oscillates at their truncation error
         return replace(run, q=_unless_near(run.q, q), p=_unless_near(run.p, p))
 

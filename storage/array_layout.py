@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import zarr
 
+from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import WIDE_BYTES
 from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
@@ -99,23 +100,24 @@ def wide_name(name: str) -> str:
     return f"{name}_bytes"
 
 
-def fields_of(manifest: dict[str, Any]) -> list[StoredField]:
+def fields_of(manifest: Manifest) -> list[StoredField]:
     """Return the arrays of a run of the stepper with this manifest."""
-    system, real = manifest["system"], REALS[manifest["real"]]
+    system, real = manifest.system, REALS[manifest.real]
     found = []
     for one in OUTPUTS:
         said: dict[str, Any] = {}
-        if one.labels in system and not one.split:
-            said["components"] = list(system[one.labels])
+        names = getattr(system, one.labels) if one.labels and not one.split else ()
+        if names:
+            said["components"] = list(names)
         found += [StoredField(name, one.inner(manifest) or (), about(one, manifest, name) | said,
                               one.dtype or real.stored, real.wide and not one.whole)
                   for name in parts(one, manifest)]
     return found
 
 
-def fields_of_event(manifest: dict[str, Any], name: str) -> list[StoredField]:
+def fields_of_event(manifest: Manifest, name: str) -> list[StoredField]:
     """Return the arrays of an event of this name, in the order of ``Crossings``."""
-    real = REALS[manifest["real"]]
+    real = REALS[manifest.real]
     state = [(one, one.inner(manifest) or ()) for one in OUTPUTS if one.name in ("q", "p")]
     return [
         StoredField(f"event_{name}_t", (), {"long_name": f"times of {name}", "units": "s"}, "f8",

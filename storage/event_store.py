@@ -14,6 +14,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.crossings import Crossings
@@ -29,7 +30,7 @@ Array = NDArray[Any]
 class EventStore:
     """Appendable arrays of a run's events."""
 
-    def __init__(self, group: zarr.Group, manifest: dict[str, Any], names: list[str]) -> None:
+    def __init__(self, group: zarr.Group, manifest: Manifest, names: list[str]) -> None:
         self._fields = {name: fields_of_event(manifest, name) for name in names}
         self._arrays = {one: array_of(group, one) for fields in self._fields.values()
                         for one in names_of(fields)}
@@ -82,10 +83,10 @@ def values_of(crossings: Crossings) -> tuple[Array, ...]:
 
 
 def crossings_in(
-    path: Path, group: zarr.Group, manifest: dict[str, Any], counts: Mapping[str, int]
+    path: Path, group: zarr.Group, manifest: Manifest, counts: Mapping[str, int]
 ) -> dict[str, Crossings]:
     """Return the given number of crossings of each event."""
-    dtype = REALS[manifest["real"]].dtype
+    dtype = REALS[manifest.real].dtype
     found = {}
     for name, count in counts.items():
         fields = fields_of_event(manifest, name)

@@ -118,7 +118,7 @@ def resume(
         As of ``Stepper.integrate``.
     """
     kept = open_recording(path)
-    about, real = kept.attributes["run"], kept.manifest["real"]
+    about, real = kept.attributes["run"], kept.manifest.real
     stepper = kept.stepper
 
     def number(value: Any) -> Any:
@@ -156,7 +156,7 @@ def _opened(
         "steps_done": 0,
         "seed": seed,
         "versions": versions(),
-        "manifest": stepper.manifest,
+        "manifest": stepper.manifest.as_json(),
     }
     with storage_errors(path, _NEW):
         with created_atomically(path) as fresh:

@@ -18,6 +18,7 @@ from ..core.arguments import listed
 from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
 from ..core.html import card
+from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..core.records import changed
 from ..runtime.bindings.real_numbers import from_text
@@ -96,8 +97,9 @@ class Recording(Trajectory):
         """Return the run in a store."""
         group = group_of(path)
         about = checked_attributes(path, group)
-        manifest, run, report = about["manifest"], about["run"], about.get("report")
-        real = manifest["real"]
+        manifest = Manifest.from_json(about["manifest"])
+        run, report = about["run"], about.get("report")
+        real = manifest.real
         return changed(
             object.__new__(cls), path=path, attributes=about, status=about["status"],
             steps_done=about["steps_done"], states=about["states"], manifest=manifest,
@@ -198,7 +200,7 @@ class Recording(Trajectory):
             except UNREADABLE as error:
                 raise InputError(f"{str(self.path)!r} has no source of its stepper; give the "
                                  "stepper, or begin another store.") from error
-            self.__dict__["_stepper"] = stepper_of(self.manifest["name"],
+            self.__dict__["_stepper"] = stepper_of(self.manifest.name,
                                                    tuple(sorted(files.items())))
         stepper: Stepper = self._stepper
         return stepper
@@ -236,18 +238,18 @@ class Recording(Trajectory):
             raise InputError(f"{str(self.path)!r} is damaged: {one_line(error)}.") from error
         counts: dict[str, int] = self.attributes["events"]
         of_events = [one for name in counts for one in names_of(
-            fields_of_event(self.attributes["manifest"], name))]
+            fields_of_event(self.manifest, name))]
         kept: xarray.Dataset = whole[[*self.attributes["arrays"], *of_events]].isel(
             time=slice(0, self.states),
             **{f"event_{name}": slice(0, count) for name, count in counts.items()})
         return kept.assign_coords({
             dimension: (dimension, names, {"long_name": meaning})
-            for dimension, (names, meaning) in labels_of(self.attributes["manifest"]["system"])
+            for dimension, (names, meaning) in labels_of(self.manifest.system)
             .items() if dimension in kept.dims})
 
     def failure(self) -> StepFailed:
         """Return the error of a failed run; its trajectory has the last states."""
-        run, real = self.attributes["run"], self.attributes["manifest"]["real"]
+        run, real = self.attributes["run"], self.manifest.real
         t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
         return StepFailed(step=self.steps_done + 1, t=float(t0 + self.steps_done * dt),
                           reason=self.status.removeprefix(FAILED), trajectory=self[-_LAST:])
@@ -262,14 +264,14 @@ class Recording(Trajectory):
             stored it.
         """
         self._refuse_unless_begun()
-        group, manifest, run = self._group, self.attributes["manifest"], self.attributes["run"]
+        group, manifest, run = self._group, self.manifest, self.attributes["run"]
         first, stop, thin = rows.start, rows.stop, rows.step
         refuse_missing_blocks(self.path, group, first, stop)
         stored: list[str] = self.attributes["arrays"]
         missing = [name for one in OUTPUTS for name in parts(one, manifest) if name not in stored]
         if missing:
             raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
-        real = REALS[manifest["real"]]
+        real = REALS[manifest.real]
         wide, dtype = real.wide, real.dtype
 
         def read(name: str, *, after_start: bool = False) -> Array:

@@ -76,6 +76,6 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
         **about, "status": COMPLETE, "states": len(run), "steps_done": run.report.steps,
         "versions": versions(), "events": {name: len(found) for name, found in run.events.items()},
         "run": {**about["run"], "format": FORMAT, "gyrospark": __version__,
-                "stepper": run.manifest["name"], "t0": digits_of(run.t[0]), "rows": len(run),
+                "stepper": run.manifest.name, "t0": digits_of(run.t[0]), "rows": len(run),
                 **({"events": {name: {} for name in run.events}} if run.events else {})},
     }

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from .._version import __version__
 from ..core.errors import InputError
-from ..core.real_types import REALS, RealName
+from ..core.json_records import UnfitError
+from ..core.manifest import Manifest
+from ..core.real_types import RealName
 from ..runtime.bindings.real_numbers import from_bytes, from_text
-from ..runtime.compilation.manifest import sizes_of
+from ..runtime.compilation.manifest import parse_manifest
 from ..runtime.results.diagnostics import Report, known_fields
 from .array_layout import (
     CHECKPOINT,
@@ -122,17 +124,13 @@ def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
 
 
 def _check_manifest(about: Mapping[str, Any]) -> Iterator[str]:
-    manifest = about.get("manifest")
-    system = manifest.get("system") if isinstance(manifest, Mapping) else None
-    if not isinstance(manifest, Mapping) or not isinstance(system, Mapping):
+    if not isinstance(about.get("manifest"), Mapping):
         yield "it has no manifest"
-    elif manifest.get("real") not in list(REALS):
-        yield f"manifest.real is {manifest.get('real')!r}"
-    else:
-        try:
-            sizes_of(manifest)
-        except (KeyError, TypeError, ValueError, AttributeError):
-            yield "its manifest is not complete"
+        return
+    try:
+        parse_manifest(about["manifest"])
+    except UnfitError as error:
+        yield f"of its manifest, {error}"
 
 
 def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:
@@ -173,7 +171,7 @@ def _check_events(
         if not _is_count(count, 0):
             yield f"events.{name} is {count!r}"
             continue
-        for one in names_of(fields_of_event(about["manifest"], name)):
+        for one in names_of(fields_of_event(Manifest.from_json(about["manifest"]), name)):
             try:
                 array = array_of(group, one)
             except UNREADABLE:

@@ -14,6 +14,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from ..core.manifest import Manifest
 from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import Rows
@@ -70,7 +71,7 @@ class Writer:
                         for name in (*attributes_of(group)["arrays"], CHECKPOINT)}
         self._binding, self._run, self._block = binding, run, block
         about = attributes_of(group)
-        self._manifest = about["manifest"]
+        self._manifest = Manifest.from_json(about["manifest"])
         self._happened = EventStore(group, self._manifest, list(about.get("events", {})))
         # After a killed process the copies of their metadata in the root may be outdated.
         self._changed = self._happened.names
@@ -139,7 +140,7 @@ class Writer:
 
 
 def stored_arrays(
-    binding: Binding, manifest: dict[str, Any], run: RunArguments, parameters: Any, batch: Batch
+    binding: Binding, manifest: Manifest, run: RunArguments, parameters: Any, batch: Batch
 ) -> dict[str, Array]:
     """Return every array of a batch by the field's name."""
     kept = slice(0, batch.count)

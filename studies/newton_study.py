@@ -132,14 +132,14 @@ class _Run:
         self.b = b = stepper.binding
         self.dt, self.rule = dt, rule
         self.parameters, self.work = b.parameters(dict(parameters)), b.work()
-        self.is_state = bool(stepper.manifest["scheme"]["unknowns_are_state"])
+        self.is_state = bool(stepper.manifest.scheme.unknowns_are_state)
         self.q, self.p = b.new(b.n), b.new(b.n)
         self.x, self.J = b.new(b.unknowns), b.new(b.unknowns, b.unknowns)
         self.r = b.new(b.unknowns)
         self.constraints = b.unknowns if not b.m else self._first_constraint()
         self.A_bar = None if self.is_state else np.frombuffer(
             b.ffi.buffer(b.function("coefficients")().A_bar), dtype=b.dtype).reshape(
-                -1, stepper.manifest["scheme"]["stages"])
+                -1, stepper.manifest.scheme.stages or 1)
         self.before: Array | None = None  # unknowns of the step before
         self.pointers = [b.pointer(a) for a in (self.q, self.p, self.x, self.r, self.J)]
 

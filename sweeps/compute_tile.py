@@ -163,10 +163,10 @@ def _consistent(
                                  dt[same]).consistent
 
     varied = [cells.parameters[name][group]
-              for name in stepper.manifest["system"]["start_parameters"] if study.varied(name)]
+              for name in stepper.manifest.system.start_parameters if study.varied(name)]
     for same in _alike(varied, len(group)):
         found[same] = judge(same if study.varied("q") else same[:1], True)
-    if not stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+    if not stepper.manifest.scheme.keeps_momentum_constraint:
         for i in np.flatnonzero(~found):
             found[i] = judge(np.array([i]), False)[0]
     return found

@@ -88,7 +88,7 @@ def _warn_of_moved(stepper: Stepper, given: Any, moved: Any, what: str) -> None:
     change = np.abs(new - old)
     k = int(np.argmax(change))
     if change[k] > _ROUNDING * stepper.binding.epsilon * np.abs(old).max():
-        name = stepper.manifest["system"][what][k]
+        name = getattr(stepper.manifest.system, what)[k]
         warn(f"The start of the sweep is off the constraints; {name} = {old[k]:.9g} is moved "
              f"furthest, to {new[k]:.9g}.")
 
@@ -103,7 +103,7 @@ def _on_constraints(study: Study) -> Study:
     stepper = study.steppers[0]
     values = study.parameters | {name: float(axis.columns[name][0]) for axis in study.axes
                                  for name in axis.columns if name in stepper.parameter_domains}
-    wide = REALS[stepper.manifest["real"]].wide
+    wide = REALS[stepper.manifest.real].wide
 
     def moved(q: Any, p: Any) -> tuple[Any, Any]:
         return stepper.project(q, p, parameters=values, t=study.t0)

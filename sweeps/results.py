@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..core.arguments import as_items, as_path, proposal, shown
 from ..core.errors import InputError
+from ..core.manifest import Manifest
 from ..runtime.bindings.binding import REASONS
 from ..runtime.results.run_arrays import labels_of
 from ..storage.array_layout import (
@@ -85,7 +86,7 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
         If one to keep is none of them.
     """
     stepper = study.steppers[0]
-    body = stepper.manifest["system"]["rigid_body"]
+    body = stepper.manifest.system.rigid_body
     joule, momentum = ({"units": unit} if body else {} for unit in ("J", "kg m2 s-1"))
     state = (("coordinate", stepper.n),)
 
@@ -245,7 +246,7 @@ def _labelled(name: str, values: Array, attributes: dict[str, Any]) -> Array:
 
 def _named(dataset: xarray.Dataset) -> xarray.Dataset:
     """Return a result whose coordinates go by the names that the system gives them."""
-    system = next(iter(dataset.attrs["manifests"].values()))["system"]
+    system = Manifest.from_json(next(iter(dataset.attrs["manifests"].values()))).system
     found: xarray.Dataset = dataset.assign_coords({
         dimension: (dimension, names, {"long_name": meaning})
         for dimension, (names, meaning) in labels_of(system).items() if dimension in dataset.dims})

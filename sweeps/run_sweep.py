@@ -286,7 +286,7 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
         } | _events(study),
         "seed": study.seed,
         "versions": versions(),
-        "manifests": {s.name: s.manifest for s in study.steppers},
+        "manifests": {s.name: s.manifest.as_json() for s in study.steppers},
     }
 
 

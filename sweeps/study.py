@@ -152,19 +152,19 @@ def checked_study(study: Study) -> Study:
     dt = None if study.varied("dt") else as_step(study.dt)
     choose("solver for sweeps:", study.solver, SOLVERS)
     for one in study.steppers:
-        if REALS[one.manifest["real"]].in_mpmath:
+        if REALS[one.manifest.real].in_mpmath:
             raise InputError("A sweep's results are doubles: float128 is for single runs; choose "
                              "long-double, double or float.")
         if study.solver == "fixed-point" and not one.binding.lanes:
             raise InputError(f"{one.name} has no solver fixed-point: "
-                             f"{one.manifest['fast_path']['reason']}; choose auto or newton.")
+                             f"{one.manifest.fast_path.reason}; choose auto or newton.")
     return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt,
                    events=_events(study))
 
 
 def _events(study: Study) -> tuple[Event, ...]:
     """Return the events, by names that results can have."""
-    events = as_events(study.events, study.steppers[0].manifest["system"])
+    events = as_events(study.events, study.steppers[0].manifest.system.event_quantities)
     for one in events:
         if one.terminal:
             raise InputError(f"The event {one.name!r} is terminal: it ends single runs. The cells "

@@ -31,11 +31,11 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
 
+from ..core.manifest import Manifest
 from ..core.real_types import RealName
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from typing import Any
 
     from .artefact import Built, Options
 
@@ -46,7 +46,7 @@ class TargetModule(Protocol):
     """What the module of a target has."""
 
     def files(
-        self, manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+        self, manifest: Manifest, sources: Mapping[str, str], options: Options
     ) -> dict[str, str | bytes]:
         """Return path → content of all that is written; the same for the same arguments."""
 

@@ -6,8 +6,8 @@ import json
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from ..core.manifest import Manifest
 from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
 from .cpp import KEYWORDS
 from .native import C_FLAGS, refuse_difference
@@ -27,12 +27,12 @@ _MACROS = frozenset(_WORDS.split()) | {
 
 
 def files(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the library."""
     refuse_names(manifest, KEYWORDS | _MACROS, "Arduino")
     values = template_values(manifest, sources, options)
-    name = manifest["name"]
+    name = manifest.name
     values["given"] = dict(values["parameters"])
     about = {"name": name, "version": "0.1.0", "description": f"{values['about']}, one step at a "
              "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},

@@ -19,6 +19,7 @@ import numpy as np
 from .._version import __version__
 from ..core.calls import explain_arguments
 from ..core.errors import GyrosparkError, InputError
+from ..core.manifest import Manifest
 
 if TYPE_CHECKING:
     import jinja2
@@ -50,13 +51,13 @@ class Written:
         ``NAME.h``, ``NAME.c`` (which compiles alone) and ``NAME.json``.
     """
 
-    manifest: Mapping[str, Any]
+    manifest: Manifest
     sources: Mapping[str, str]
 
     @property
     def name(self) -> str:
         """The prefix of the C."""
-        return str(self.manifest["name"])
+        return str(self.manifest.name)
 
 
 @dataclass(frozen=True)
@@ -138,11 +139,11 @@ class Built:
         return self.target.load().check(self)
 
 
-def parameter_fields(manifest: Mapping[str, Any]) -> list[str]:
+def parameter_fields(manifest: Manifest) -> list[str]:
     """Return the names of the members of the parameters' struct, all real numbers."""
-    system = manifest["system"]
-    time = [system["time"]] if "time" in system else []
-    return [*system["parameters"], *time] or ["none"]
+    system = manifest.system
+    time = [system.time] if system.time else []
+    return [*system.parameters, *time] or ["none"]
 
 
 @cache
@@ -162,31 +163,30 @@ def filled(template: str, **values: Any) -> str:
 
 
 def template_values(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, Any]:
     """Return what templates of several targets are filled with.
 
     Numbers are texts of the stepper's own type, each as exact as the type holds it.
     """
-    system, name = manifest["system"], manifest["name"]
+    system, name = manifest.system, manifest.name
     header = sources[f"{name}.h"]
-    q, p, values = ([literal(x, manifest["real"]) for x in numbers]
+    q, p, values = ([literal(x, manifest.real) for x in numbers]
                     for numbers in (options.q, options.p, options.parameters.values()))
-    known = {one["name"]: one["unit"] for one in system["numbers"] if one["unit"]}
+    known = {number.name: number.unit for number in system.numbers if number.unit}
     return {
         "name": name, "NAME": name.upper(), "version": __version__,
-        "about": f"{manifest['scheme']['method']} for {system['name'].replace('_', ' ')}",
+        "about": f"{manifest.scheme.method} for {system.name.replace('_', ' ')}",
         "description": " ".join(options.description.split()) or "A mechanical system.",
-        "n": len(options.q), "real": manifest["real"],
-        "suffix": "f" if manifest["real"] == "float" else "",  # of literals in C
-        "dt": literal(options.dt, manifest["real"]),
+        "n": len(options.q), "real": manifest.real,
+        "suffix": "f" if manifest.real == "float" else "",  # of literals in C
+        "dt": literal(options.dt, manifest.real),
         "q": q, "p": p, "parameters": [*zip(options.parameters, values, strict=True)],
         "units": {name: f", {known[name]}" if name in known else "" for name in options.parameters},
-        "inputs": system.get("inputs", []),
-        "velocities": [one["name"] for one in system["numbers"]
-                       if one["role"] == "velocity"],
-        "quantities": [*system.get("quantities", ())],
-        "quantities_take_time": system.get("quantities_take_time", False),
+        "inputs": system.inputs,
+        "velocities": [number.name for number in system.numbers if number.role == "velocity"],
+        "quantities": [*system.quantities],
+        "quantities_take_time": system.quantities_take_time,
         "max_iterations": options.max_iterations, "steps": EXAMPLE_STEPS,
         "work_size": work_size(name, header)}
 
@@ -213,7 +213,7 @@ def work_size(name: str, header: str) -> int:
 
 
 def refuse_names(
-    manifest: Mapping[str, Any], taken: Collection[str], language: str
+    manifest: Manifest, taken: Collection[str], language: str
 ) -> None:
     """Refuse members of the parameters' struct that a language keeps for itself.
 
@@ -224,7 +224,7 @@ def refuse_names(
     for field_ in parameter_fields(manifest):
         if field_ in taken:
             raise InputError(f"{language} keeps the name {field_!r} for itself, which is a "
-                             f"parameter of {manifest['system']['name']}; call it otherwise, such "
+                             f"parameter of {manifest.system.name}; call it otherwise, such "
                              f"as {field_ + '_'!r}.")
 
 

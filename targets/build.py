@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ from ..api import consistent, load_model, text_of
 from ..core.arguments import as_items, as_path, choose, shown, unknown
 from ..core.errors import InputError
 from ..core.inertia import RepName
+from ..core.manifest import Manifest
 from ..core.real_types import RealName
 from ..core.registry import MEANS, MODELS, SYSTEMS, entry_named
 from ..core.start import Rule
@@ -215,8 +215,8 @@ def _resolved(system: Any, rep: Any) -> Any:
 
 
 def _written(files: Mapping[str, str]) -> Written:
-    return Written(json.loads(next(text for name, text in files.items()
-                                   if name.endswith(".json"))), files)
+    text = next(text for name, text in files.items() if name.endswith(".json"))
+    return Written(Manifest.from_text(text), files)
 
 
 def _options(
@@ -224,8 +224,8 @@ def _options(
     steppers: tuple[Written, ...],
 ) -> Options:
     """Return the numbers of the start, each checked."""
-    system = stepper.manifest["system"]
-    name, n = system["name"], len(system["coordinates"])
+    system = stepper.manifest.system
+    name, n = system.name, len(system.coordinates)
     if model is not None and model.events:
         raise InputError(f"{name} has the event {model.events[0].name!r}, which no artefact looks "
                          "for; leave [events] out.")
@@ -239,8 +239,8 @@ def _options(
     q, p = (model.q0, model.p0) if start is None and model is not None else _pair(start)
     q, p = (as_array(what, x, (n,), np.float64).tolist() for what, x in (("q", q), ("p", p)))
     dt, values = float(as_step(dt)), _values(stepper.manifest, model, parameters)
-    if stepper.manifest["real"] == "float":
-        names = (*system["coordinates"], *system["momenta"])
+    if stepper.manifest.real == "float":
+        names = (*system.coordinates, *system.momenta)
         _refuse_beyond_float({"dt": dt, **values, **dict(zip(names, (*q, *p), strict=True))})
     return Options(dt, tuple(q), tuple(p), values, "" if model is None else model.description,
                    steppers=steppers)
@@ -279,10 +279,10 @@ def _pair(start: Any) -> tuple[Any, Any]:
 
 
 def _values(
-    manifest: Mapping[str, Any], model: RunDefaults | None, given: Any
+    manifest: Manifest, model: RunDefaults | None, given: Any
 ) -> dict[str, float]:
     """Return the value of every member of the parameters' struct."""
-    domains = manifest["system"]["parameters"]
+    domains = manifest.system.parameters
     known: dict[str, Any] = {}
     if model is not None:
         rules = {name: model.rules.get(name, "m") for name in model.bodies}

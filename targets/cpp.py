@@ -5,8 +5,8 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from ..core.manifest import Manifest
 from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
 from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
@@ -24,13 +24,13 @@ KEYWORDS = frozenset(_WORDS.split())
 
 
 def files(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the header, the C, an example and CMakeLists.txt."""
     refuse_names(manifest, KEYWORDS, "C++")
     values = template_values(manifest, sources, options)
-    values["klass"] = class_name(manifest["system"]["name"])
-    return {**sources, f"{manifest['name']}.hpp": filled("stepper.hpp", **values),
+    values["klass"] = class_name(manifest.system.name)
+    return {**sources, f"{manifest.name}.hpp": filled("stepper.hpp", **values),
             "main.cpp": filled("main.cpp", **values),
             "CMakeLists.txt": filled("CMakeLists.txt", **values)}
 

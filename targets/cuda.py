@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..core.errors import GyrosparkError
+from ..core.manifest import Manifest
 from ..runtime.devices.cuda_text import THREADS, cuda_text
 from ..runtime.devices.host_device import HostDevice
 from .artefact import EXAMPLE_STEPS, Built, Options, filled, template_values
@@ -24,10 +25,10 @@ _ARCHITECTURES = ("sm_80", "sm_90")
 
 
 def files(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the CUDA text, its header for programs on the host, an example and the manifest."""
-    name = manifest["name"]
+    name = manifest.name
     values = template_values(manifest, sources, options) | {"threads": THREADS}
     return {f"{name}.cu": cuda_text(name, sources) + filled("launch.cu", **values),
             f"{name}_cuda.h": filled("trajectories.h", **values),
@@ -57,7 +58,7 @@ def check(built: Built) -> str:
 def _bits(built: Built) -> str:
     """Return the bits of the last of three trajectories, whose steps two launches take."""
     options, device, name = built.options, HostDevice(), built.stepper.name
-    real = np.float32 if built.stepper.manifest["real"] == "float" else np.float64
+    real = np.float32 if built.stepper.manifest.real == "float" else np.float64
     program = device.load(name, (built.path / f"{name}.cu").read_text(encoding="ascii"))
     count, n, total = 3, len(options.q), EXAMPLE_STEPS
 

@@ -45,7 +45,7 @@ def native_bits(stepper: Written, options: Options, steps: int) -> str:
 
 def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) -> str:
     name, manifest = stepper.name, stepper.manifest
-    real = ctypes.c_float if manifest["real"] == "float" else ctypes.c_double
+    real = ctypes.c_float if manifest.real == "float" else ctypes.c_double
     fields = parameter_fields(manifest)
     parameters = (real * len(fields))(*(options.parameters[field] for field in fields))
 

@@ -6,8 +6,8 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from ..core.manifest import Manifest
 from .artefact import EXAMPLE_STEPS, Built, Options, filled, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
@@ -16,13 +16,13 @@ __all__ = ["check", "compile", "files"]
 
 
 def files(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the C of the function, its help, and what compiles it."""
     values = template_values(manifest, sources, options)
     names = [*options.parameters]
     values["places"] = [names.index(name) for name in values["inputs"]]
-    name = manifest["name"]
+    name = manifest.name
     return {**sources, f"{name}_mex.c": filled("mex.c", **values),
             f"{name}.m": filled("stepper.m", **values)}
 
@@ -37,7 +37,7 @@ def check(built: Built) -> str:
     octave = require("octave", "Checking target octave")
     require("mkoctfile", "Checking target octave")
     name = built.stepper.name
-    kind = "single" if built.stepper.manifest["real"] == "float" else "double"
+    kind = "single" if built.stepper.manifest.real == "float" else "double"
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for file in built.files:

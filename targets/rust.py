@@ -6,8 +6,8 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from ..core.manifest import Manifest
 from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
@@ -24,7 +24,7 @@ _KEYWORDS = frozenset(_WORDS.split())
 
 
 def files(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the crate."""
     refuse_names(manifest, _KEYWORDS, "Rust")

@@ -18,7 +18,6 @@ from ...core.registry import MODELS, PROBLEMS, RULES
 from ...core.solver import Solver
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
-from ...runtime.compilation.manifest import manifest_warnings
 from ...runtime.plotting.scene import check_bodies
 from ..options import (
     DEFAULT,
@@ -172,13 +171,13 @@ def run(
         check_bodies(step.manifest)
     angles.check_bodies(step.manifest)
     if not as_json:  # before a step is taken
-        for line in (*note, *map(": ".join, manifest_warnings(step.manifest))):
+        for line in (*note, *map(": ".join, step.manifest.warnings)):
             click.echo(line)
     defaults, search = with_options(step, start, gamma, alpha, frames)
     # The problem's start is on the constraints to double only, a file's to its own digits.
     begin = start_time(t0)
     state, moved = start_of(step, defaults, begin,
-                            project=chosen is None or REALS[step.manifest["real"]].wide)
+                            project=chosen is None or REALS[step.manifest.real].wide)
     method = Solver(choose("solver", solver, SOLVERS),
                     None if tolerance is None else real_number("--tolerance", tolerance),
                     whole_number("--max-iterations", max_iterations))
@@ -221,7 +220,7 @@ def run(
                 except GyrosparkError as error:  # the numbers are still printed
                     trouble = trouble or error
             warn_of_rest(done.trajectory, problem)
-            click.echo(json_text(result) if as_json else as_text(result, step.manifest["system"]))
+            click.echo(json_text(result) if as_json else as_text(result, step.manifest.system))
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {stored_location(out)}".rstrip(), err=True)
             return 130

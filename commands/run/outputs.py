@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +14,7 @@ from ...core.arguments import why_unwritable
 from ...core.errors import GyrosparkError, InputError, StepFailed, Stopped, StorageError
 from ...core.event import Event, as_events, event_of_text
 from ...core.file_formats import ending_of, endings, format_of
+from ...core.manifest import Manifest
 from ...runtime.compilation.body_columns import bodies_of
 from ...runtime.rigid_body.euler_angles import check_sequence
 from ..options import check_ending, check_film, check_picture, check_writable
@@ -81,10 +82,10 @@ class Angles:
                              f"{out.name!r} is none; choose such a name, or leave them out.")
         return cls(euler, degrees)
 
-    def check_bodies(self, manifest: Mapping[str, Any]) -> None:
+    def check_bodies(self, manifest: Manifest) -> None:
         """Refuse angles of a system without bodies."""
         if self.euler is not None and not bodies_of(manifest):
-            raise InputError(f"System {manifest['system']['name']!r} has no rigid body, so no "
+            raise InputError(f"System {manifest.system.name!r} has no rigid body, so no "
                              "Euler angles; leave out --euler.")
 
 
@@ -119,7 +120,7 @@ def check_targets(
 def events_of(texts: tuple[str, ...], own: Sequence[Event], step: Stepper) -> dict[str, Any]:
     """Return the argument for the model's own events and what --event adds."""
     events = [*own, *map(_named, texts)]
-    return {"events": as_events(events, step.manifest["system"])} if events else {}
+    return {"events": as_events(events, step.manifest.system.event_quantities)} if events else {}
 
 
 def _named(text: str) -> Event:
@@ -286,9 +287,8 @@ def _stored(
         run = step._resolved(step._run_arguments(start.q, start.p, **{
             "parameters": start.parameters, "t0": start.t,
             **{name: x for name, x in arguments.items() if name != "events"}}))
-        recording = record(step, run, as_events(arguments.get("events", ()),
-                                                step.manifest["system"]), store, resume=resume,
-                           seed=seed, progress=progress)
+        events = as_events(arguments.get("events", ()), step.manifest.system.event_quantities)
+        recording = record(step, run, events, store, resume=resume, seed=seed, progress=progress)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, _open(store)
     seconds = time.perf_counter() - started

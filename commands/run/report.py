@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.errors import StepFailed, Stopped
 from ...core.exact_numbers import digits_of
+from ...core.manifest import SystemManifest
 from ...core.warnings import warn
 from ...generator.parsing.text_file import is_robot
 
@@ -73,7 +74,7 @@ def result_of(
         "iterations_mean": report.iterations_mean,
         "iterations_max": report.iterations_max,
         "newton_steps": report.newton_steps,
-        **({"energy_waits": report.energy_waits} if step.manifest["scheme"].get("exact_energy")
+        **({"energy_waits": report.energy_waits} if step.manifest.scheme.exact_energy
            else {}),
         "seconds": done.seconds,
         "ns_per_step": done.seconds / done.steps * 1e9 if done.steps else None,
@@ -83,7 +84,7 @@ def result_of(
             of_motion = abs(done.trajectory.energy_error(of_motion=True, stepper=step))
         result["motion_energy_error_max"] = float(of_motion.max())
         result["motion_energy_error_mean"] = float(of_motion.mean())
-    if REALS[step.manifest["real"]].wide:
+    if REALS[step.manifest.real].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
         result["work"] = report.work
@@ -153,11 +154,11 @@ def axis_errors(problem: Problem, step: Stepper, trajectory: Trajectory) -> dict
     return result
 
 
-def _constraint_lines(result: dict[str, Any], system: dict[str, Any]) -> list[str]:
+def _constraint_lines(result: dict[str, Any], system: SystemManifest) -> list[str]:
     """Return the lines on g and on the constraint that it puts on the momenta."""
-    if not system["constraints"]:
+    if not system.constraints:
         return []
-    g, f = ("|qᵀq − 1|", "|qᵀp|") if system["rigid_body"] else ("|g(q)|", "|g_q H_p|")
+    g, f = ("|qᵀq − 1|", "|qᵀp|") if system.rigid_body else ("|g(q)|", "|g_q H_p|")
     return [f"  constraint {g:12s} largest {result['constraint_max']:.2e}",
             f"  momentum   {f:12s} largest {result['momentum_constraint_max']:.2e}"]
 
@@ -169,7 +170,7 @@ def _resumed_lines(result: dict[str, Any]) -> list[str]:
     return [f"  gone on with at step {result['resumed_at']:,}"] if "resumed_at" in result else []
 
 
-def as_text(result: dict[str, Any], system: dict[str, Any]) -> str:
+def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     """Return the report as text; ``system`` is that part of the manifest."""
     balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
     lines = [

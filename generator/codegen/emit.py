@@ -353,7 +353,7 @@ def _frame(derived: Derived) -> FrameTransformation | None:
         kernels=[emit_kernel(kernel, Constants(system.parameters), real, target)
                  for kernel in turning.kernels()],
         rotates_multipliers=turning.turns_multipliers,
-        symmetries=frame_manifest(frame, system)["symmetries"],
+        symmetries=frame_manifest(frame, system).symmetries,
     )
 
 

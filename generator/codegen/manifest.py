@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from typing import Any
 
 import sympy as sp
 
 from ..._version import __version__
+from ...core.manifest import (
+    BodyManifest,
+    ConstraintForceManifest,
+    FastPathManifest,
+    FrameManifest,
+    JointManifest,
+    Manifest,
+    PlacedManifest,
+    SchemeManifest,
+    SymmetryManifest,
+    SystemManifest,
+    TableauManifest,
+    VelocityConstraintsManifest,
+)
 from ..schemes.fast_tableau import FastTableau
 from ..schemes.splitting_scheme import SplittingScheme
 from ..schemes.step_equations import MeanScheme
@@ -45,54 +58,58 @@ def manifest_text(derived: Derived, program: Program, identity: str) -> str:
     """
     scheme, system, elements = derived.scheme, derived.system, program.elements
     tableau, frame = scheme.tableau, derived.frame
-    content = {
-        "schema": SCHEMA,
-        "generator": __version__,
-        "name": derived.name,
-        "profile": derived.profile,
-        **({} if derived.profile == "full" else {"hash": identity}),
-        "system": {
-            "name": system.name,
-            "coordinates": [str(x) for x in system.q],
-            "momenta": [str(x) for x in system.p],
-            "parameters": {str(x): domain_of(x) for x in system.parameters},
-            "hamiltonian": _hamiltonian(system, elements),
+    return Manifest(
+        schema=SCHEMA,
+        generator=__version__,
+        name=derived.name,
+        profile=derived.profile,
+        hash="" if derived.profile == "full" else identity,
+        system=SystemManifest(
+            name=system.name,
+            coordinates=_texts(system.q),
+            momenta=_texts(system.p),
+            parameters={str(x): domain_of(x) for x in system.parameters},
+            hamiltonian=_hamiltonian(system, elements),
+            constraints=tuple(text_of(g) for g in system.constraints),
+            hidden=tuple(hidden_constraints(derived, elements)),
+            start_parameters=tuple(_start_parameters(derived, elements)),
+            constraint_names=tuple(system.constraint_names),
+            velocity_constraints=_velocity_constraints(system),
+            rigid_body=system.rigid_body,
+            forces=tuple(text_of(f) for f in system.forces),
+            time=str(system.time) if system.is_nonautonomous else None,
+            inputs=_texts(system.inputs),
+            time_in_H_or_g=system.is_time_dependent,
+            quantities={name: text_of(e) for name, e in system.quantities.items()},
+            quantities_take_time=system.time is not None,
             **_lagrangian(system),
-            "constraints": [text_of(g) for g in system.constraints],
-            "hidden": list(hidden_constraints(derived, elements)),
-            "start_parameters": _start_parameters(derived, elements),
-            **_given_names(system),
-            **_velocity_constraints(system),
-            "rigid_body": system.rigid_body,
             **_bodies(system),
-            **_forces_and_quantities(system),
             **_numbers(derived, program),
             **Switching(system).said(
                 scheme.order, discrete=isinstance(scheme, MeanScheme) and scheme.discrete),
-        },
-        "scheme": {
-            "method": derived.method,
-            "kind": "spark" if tableau else "splitting" if program.flows else "mean",
-            "stages": tableau.s if tableau else None,
-            "constraint_nodes": tableau.p + 1 if tableau else None,
-            "order": scheme.order,
+        ),
+        scheme=SchemeManifest(
+            method=derived.method,
+            kind="spark" if tableau else "splitting" if program.flows else "mean",
+            stages=tableau.s if tableau else None,
+            constraint_nodes=tableau.p + 1 if tableau else None,
+            order=scheme.order,
+            unknowns=scheme.size,
+            unknowns_are_state=scheme.unknowns_are_state,
+            multipliers=scheme.multipliers,
+            reactions=scheme.reactions,
+            keeps_momentum_constraint=tableau is not None or program.flows is not None,
+            exact_energy=program.features.exact_energy,
+            remarks=tuple(_remarks(derived, program)),
             **_composition(scheme),
-            "unknowns": scheme.size,
-            "unknowns_are_state": scheme.unknowns_are_state,
-            "multipliers": scheme.multipliers,
-            **({"reactions": scheme.reactions} if scheme.reactions else {}),
-            "keeps_momentum_constraint": tableau is not None or program.flows is not None,
-            **({"exact_energy": True} if program.features.exact_energy else {}),
-            **_remarks(derived, program),
-        },
-        **({} if frame is None else {"frame": frame_manifest(frame, system)}),
-        **_given_tableau(tableau, constrained=derived.system.m > 0),
-        "fast_path": _fast_path(program),
-        "real": derived.real.name,
-        "operations": elements.operations if elements is not None
+        ),
+        frame=None if frame is None else frame_manifest(frame, system),
+        tableau=_given_tableau(tableau, constrained=derived.system.m > 0),
+        fast_path=_fast_path(program),
+        real=derived.real.name,
+        operations=elements.operations if elements is not None
         else {k.name: k.operations for k in program.kernels},
-    }
-    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+    ).text
 
 
 def _numbers(derived: Derived, program: Program) -> dict[str, Any]:
@@ -100,11 +117,11 @@ def _numbers(derived: Derived, program: Program) -> dict[str, Any]:
     if derived.profile == "full":
         return {}
     dt = derived.model.dt if derived.model else None
-    return {"numbers": numbers_of(derived, program.states),
+    return {"numbers": tuple(numbers_of(derived, program.states)),
             "dt": None if dt is None else float(dt)}
 
 
-def _remarks(derived: Derived, program: Program) -> dict[str, Any]:
+def _remarks(derived: Derived, program: Program) -> list[str]:
     """Return what a user of the scheme should know of its errors."""
     scheme, remarks = derived.scheme, list[str]()
     if isinstance(scheme, SplittingScheme) and scheme.order > 2 and scheme.work_has_order_2:
@@ -114,45 +131,40 @@ def _remarks(derived: Derived, program: Program) -> dict[str, Any]:
     if program.features.exact_energy and scheme.tableau and scheme.tableau.s == 2:
         remarks.append("with 2 stages and energy=True the error of the state may be a hundred "
                        "times that of energy=False; choose 3 stages or more, and compare the two")
-    return {"remarks": remarks} if remarks else {}
+    return remarks
 
 
 def _composition(scheme: object) -> dict[str, Any]:
     """Return compositions of a splitting, and the longest free motion among its flows over h."""
     if not isinstance(scheme, SplittingScheme):
         return {}
-    return {"compositions": [one.name for one in scheme.compositions],
+    return {"compositions": tuple(one.name for one in scheme.compositions),
             "longest_flow": float(max(abs(a) for one in scheme.compositions for a in
                                       (*one.drifts[1:-1], one.drifts[0] + one.drifts[-1])))}
 
 
-def _fast_path(program: Program) -> dict[str, Any]:
+def _fast_path(program: Program) -> FastPathManifest:
     """Return whether there is a fixed-point iteration, what was proved for it, or why not."""
     iteration = program.iteration
     if iteration is None:
-        return {"available": False, "reason": program.no_fixed_point}
-    return {
-        "available": True,
-        "constant_schur": iteration.constant_schur,
-        "scalar_correction": iteration.scalar_schur,
-        "gauss_seidel": iteration.separable,
-        "operations": {k.name: k.operations for k in program.lanes.kernels}
-        if program.lanes else {},
-    }
+        return FastPathManifest(available=False, reason=program.no_fixed_point)
+    return FastPathManifest(
+        available=True, constant_schur=iteration.constant_schur,
+        scalar_correction=iteration.scalar_schur, gauss_seidel=iteration.separable,
+        operations={k.name: k.operations for k in program.lanes.kernels} if program.lanes else {})
 
 
-def _given_tableau(tableau: Tableau | None, *, constrained: bool) -> dict[str, Any]:
+def _given_tableau(tableau: Tableau | None, *, constrained: bool) -> TableauManifest | None:
     """Say what holds of a given tableau and what does not; the families hold by derivation."""
     if tableau is None or not tableau.given:
-        return {}
+        return None
     refusal = FastTableau(tableau).refusal
-    return {"tableau": {
-        "name": tableau.name,
-        "remarks": [*remarks(tableau, constrained=constrained),
-                    *([] if refusal is None else [f"no fixed-point iteration: {refusal}"])],
-        "conditions": {line.name: {"found": line.found, "residual": line.residual}
-                       for line in check_tableau(tableau)},
-    }}
+    iteration = [] if refusal is None else [f"no fixed-point iteration: {refusal}"]
+    return TableauManifest(
+        name=tableau.name,
+        remarks=(*remarks(tableau, constrained=constrained), *iteration),
+        conditions={line.name: {"found": line.found, "residual": line.residual}
+                    for line in check_tableau(tableau)})
 
 
 def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
@@ -186,27 +198,10 @@ def _lagrangian(system: System) -> dict[str, Any]:
     """Return L and its velocities, where H is made of one."""
     if not isinstance(system, LagrangianSystem):
         return {}
-    return {"lagrangian": system.texts()[1], "velocity_names": [str(v) for v in system.velocities],
-            **({} if system.is_definite else {"indefinite": True}),
-            **({"placed": {name: {what: list(names) for what, names in one.items()}
-                           for name, one in system.placed.items()}} if system.placed else {})}
-
-
-def _forces_and_quantities(system: System) -> dict[str, Any]:
-    """Return what is said of forces, time and quantities; nothing of what is not there."""
-    said: dict[str, Any] = {}
-    if system.forces:
-        said["forces"] = [text_of(f) for f in system.forces]
-    if system.is_nonautonomous:
-        said["time"] = str(system.time)
-    if system.inputs:
-        said["inputs"] = [str(u) for u in system.inputs]
-    if system.is_time_dependent:
-        said["time_in_H_or_g"] = True
-    if system.quantities:
-        said["quantities"] = {name: text_of(e) for name, e in system.quantities.items()}
-        said["quantities_take_time"] = system.time is not None
-    return said
+    placed = {name: PlacedManifest(**{key: tuple(names) for key, names in one.items()})
+              for name, one in system.placed.items()}
+    return {"lagrangian": system.texts()[1], "velocity_names": _texts(system.velocities),
+            "indefinite": not system.is_definite, "placed": placed}
 
 
 def _bodies(system: System) -> dict[str, Any]:
@@ -216,68 +211,62 @@ def _bodies(system: System) -> dict[str, Any]:
     """
     if (system.rigid_body and len(system.bodies[0].inertia) == 3) or not system.bodies:
         return {}
-    joints = {"joints": {joint.name: _joint(joint) for joint in system.joints}}
     return {"bodies": {body.name: _body(body) for body in system.bodies},
-            **(joints if system.joints else {})}
+            "joints": {joint.name: _joint(joint) for joint in system.joints}}
 
 
-def _body(body: BodyLayout) -> dict[str, Any]:
-    inertia = "inertia" if len(body.inertia) == 3 else "inverse_inertia"
-    place = {"x": [str(x) for x in body.x]} if body.x else {"origin": _entries(body.origin)}
-    centre = {"centre": _entries(body.centre)} if body.centre else {}
-    mass: dict[str, Any] = {} if body.mass is None else {"mass": _entries([body.mass])[0]}
-    return {"q": [str(x) for x in body.q], inertia: [str(x) for x in body.inertia], **place,
-            **centre, **mass}
+def _body(body: BodyLayout) -> BodyManifest:
+    inertia, tensor = _texts(body.inertia), len(body.inertia) != 3
+    return BodyManifest(
+        q=_texts(body.q), inertia=() if tensor else inertia,
+        inverse_inertia=inertia if tensor else (), x=_texts(body.x),
+        origin=() if body.x else _entries(body.origin), centre=_entries(body.centre or ()),
+        mass=None if body.mass is None else _entries([body.mass])[0])
 
 
-def _joint(joint: JointLayout) -> dict[str, Any]:
-    pulls = {name: None if pull is None else {"kind": pull.kind, **_vectors(pull, "on_a", "on_b")}
-             for name, pull in joint.constraint_forces}
-    places = _vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero")
-    return {"bodies": [joint.a, joint.b], **places, "constraints": pulls}
+def _joint(joint: JointLayout) -> JointManifest:
+    pulls = {name: None if pull is None else ConstraintForceManifest(
+        kind=pull.kind, **_vectors(pull, "on_a", "on_b"))
+        for name, pull in joint.constraint_forces}
+    return JointManifest(bodies=(joint.a, joint.b), constraints=pulls,
+                         **_vectors(joint, "on_a", "on_b", "axis_a", "axis_b", "zero"))
 
 
-def _vectors(one: JointLayout | ConstraintForce, *names: str) -> dict[str, list[str | float]]:
-    """Return those of its vectors that it has."""
-    return {name: _entries(getattr(one, name)) for name in names if getattr(one, name)}
+def _vectors(one: JointLayout | ConstraintForce, *names: str) -> dict[str, Any]:
+    """Return its vectors of these names; () where it has none."""
+    return {name: _entries(getattr(one, name) or ()) for name in names}
 
 
-def _entries(entries: Iterable[Entry]) -> list[str | float]:
+def _entries(entries: Iterable[Entry]) -> tuple[str | float, ...]:
     """Return names of parameters and numbers."""
-    return [e if isinstance(e, float) else str(e) for e in entries]
+    return tuple(e if isinstance(e, float) else str(e) for e in entries)
 
 
-def _given_names(system: System) -> dict[str, list[str]]:
-    """Return the constraints' names where somebody gave them; g0, g1, … go without saying."""
-    names = list(system.constraint_names)
-    default = [f"g{i}" for i in range(system.m)]
-    return {} if names == default else {"constraint_names": names}
+def _texts(symbols: Iterable[sp.Expr]) -> tuple[str, ...]:
+    return tuple(map(str, symbols))
 
 
-def _velocity_constraints(system: System) -> dict[str, Any]:
+def _velocity_constraints(system: System) -> VelocityConstraintsManifest | None:
     """Return the velocity constraints as text, the velocities in them and their names."""
     if not system.velocity_count:
-        return {}
-    return {"velocity_constraints": {
-        "expressions": [str(row) for row in system.velocity_constraints],
-        "velocities": [str(v) for v in system.velocities],
-        "names": list(system.velocity_constraint_names)}}
+        return None
+    return VelocityConstraintsManifest(
+        expressions=_texts(system.velocity_constraints), velocities=_texts(system.velocities),
+        names=tuple(system.velocity_constraint_names))
 
 
 # ---------------------------------------------------------------- co-moving frames
 
 
-def frame_manifest(frame: CoMovingFrame, system: System) -> dict[str, Any]:
-    """Return the symmetries as JSON: A by its entries, conditions as polynomials that vanish."""
-    return {"symmetries": [{
-        "name": symmetry.name,
-        "group": group,
-        "meaning": symmetry.field.name,
-        "A": [[i, j, str(x)] for (i, j), x in sorted(symmetry.field.weights.items())],
-        "J": str(symmetry.momentum(system)),
-        "conditions": [_equation(e) for e in symmetry.conditions],
-        "vanishing": [_terms(e) for e in symmetry.conditions],
-    } for group, together in enumerate(frame.groups) for symmetry in together]}
+def frame_manifest(frame: CoMovingFrame, system: System) -> FrameManifest:
+    """Return the symmetries: A by its entries, conditions as polynomials that vanish."""
+    return FrameManifest(symmetries=tuple(SymmetryManifest(
+        name=symmetry.name, group=group, meaning=symmetry.field.name,
+        A=tuple((i, j, str(x)) for (i, j), x in sorted(symmetry.field.weights.items())),
+        J=str(symmetry.momentum(system)),
+        conditions=tuple(_equation(e) for e in symmetry.conditions),
+        vanishing=tuple(_terms(e) for e in symmetry.conditions),
+    ) for group, together in enumerate(frame.groups) for symmetry in together))
 
 
 def _equation(e: sp.Expr) -> str:
@@ -288,8 +277,8 @@ def _equation(e: sp.Expr) -> str:
     return f"{sp.Add(*left)} = {sp.Add(*right)}"
 
 
-def _terms(e: sp.Expr) -> list[list[Any]]:
-    """Return a polynomial as its terms: [coefficient, {parameter: power}]."""
+def _terms(e: sp.Expr) -> tuple[tuple[str, dict[str, int]], ...]:
+    """Return a polynomial as its terms (coefficient, {parameter: power})."""
     symbols = sorted(e.free_symbols, key=str)
-    return [[str(x), {str(s): n for s, n in zip(symbols, powers, strict=True) if n}]
-            for powers, x in sp.Poly(e, *symbols).terms()]
+    return tuple((str(x), {str(s): n for s, n in zip(symbols, powers, strict=True) if n})
+                 for powers, x in sp.Poly(e, *symbols).terms())

@@ -8,6 +8,7 @@ from typing import Any
 import sympy as sp
 
 from ...core.exact_numbers import exact
+from ...core.manifest import Domain, NumberManifest
 from ...core.registry import MEANS, function_of
 from ...core.units import base_units, combined, unit_name
 from ..multibody.model import Model
@@ -17,14 +18,14 @@ from .program import Derived, StateFunctions
 __all__ = ["domain_of", "numbers_of"]
 
 
-def domain_of(parameter: sp.Symbol) -> str:
+def domain_of(parameter: sp.Symbol) -> Domain:
     """Return what a value must be, from the assumptions of the symbol."""
     if parameter.is_positive:
         return "positive"
     return "nonzero" if parameter.is_nonzero else "real"
 
 
-def numbers_of(derived: Derived, states: StateFunctions | None) -> list[dict[str, Any]]:
+def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberManifest]:
     """Return name, role, domain, unit and starting value of each number.
 
     Within a role, the order is that of the C. Names are C identifiers and differ.
@@ -33,12 +34,12 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[dict[str
     units = units_of(system, model.units if model else {})
     start = _start(derived, model, states) if model else {}
     inputs = {*system.inputs}
-    made: list[dict[str, Any]] = []
+    made: list[NumberManifest] = []
 
-    def add(role: str, names: Sequence[str], domain: str = "real", **known: Any) -> None:
-        made.extend({"name": name, "role": role, "domain": domain,
-                     "unit": known.get("unit", units.get(name)), "start": start.get(name)}
-                    for name in names)
+    def add(role: Any, names: Sequence[str], domain: Domain = "real", **known: Any) -> None:
+        made.extend(NumberManifest(name=name, role=role, domain=domain,
+                                   unit=known.get("unit", units.get(name)),
+                                   start=start.get(name)) for name in names)
 
     for x in system.parameters:
         add("input" if x in inputs else "parameter", [str(x)], domain_of(x))

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from ...core.manifest import SymmetryManifest
 from ...core.real_types import Real
 from ..kernels.kernel import Constants, EmittedKernel
 from ..multibody.model import Model
@@ -213,7 +214,7 @@ class FrameTransformation:
     rates: list[str]
     kernels: list[EmittedKernel]
     rotates_multipliers: bool
-    symmetries: list[dict[str, Any]]
+    symmetries: tuple[SymmetryManifest, ...]
 
 
 @dataclass(frozen=True)

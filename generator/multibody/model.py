@@ -131,9 +131,8 @@ class Model:
         as_text("description", self.description)
         if not isinstance(self.frame, str) or self.frame:
             choose("frame", self.frame, FRAMES)
-        object.__setattr__(self, "events", as_events(self.events, {
-            "quantities": self.system.quantities, "coordinates": map(str, self.system.q),
-            "momenta": map(str, self.system.p)}))
+        object.__setattr__(self, "events", as_events(self.events, [
+            *self.system.quantities, *map(str, (*self.system.q, *self.system.p))]))
         for name in ("q0", "p0"):
             object.__setattr__(self, name, self._state(name, getattr(self, name)))
         values = {name: self._number(f"parameter {name!r}", value) for name, value in as_mapping(

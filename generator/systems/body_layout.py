@@ -6,7 +6,7 @@ An entry of a vector is a parameter of the system, or a number where it is no pa
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import sympy as sp
 
@@ -66,7 +66,7 @@ class ConstraintForce:
         torque e, the axis of φ, in a's.
     """
 
-    kind: str
+    kind: Literal["force", "torque", "distance", "axial"]
     on_a: Entries = ()
     on_b: Entries = ()
 

@@ -45,11 +45,11 @@ def sum_over_states(
         has not stored every step.
     """
     e = as_expression(expression)
-    system, rows = run.manifest["system"], len(run.t)
-    columns = dict(zip(system["coordinates"], run.q.T, strict=True))
-    columns |= dict(zip(system["momenta"], run.p.T, strict=True))
-    time = system.get("time", "t")
-    forces = [f"lambda_{k}" for k in range(len(system["constraints"]))]
+    system, rows = run.manifest.system, len(run.t)
+    columns = dict(zip(system.coordinates, run.q.T, strict=True))
+    columns |= dict(zip(system.momenta, run.p.T, strict=True))
+    time = system.time or "t"
+    forces = [f"lambda_{k}" for k in range(len(system.constraints))]
     known = dict(zip(forces, at_states(run).T, strict=True)) if forces else {}
     known |= {time: run.t} | {name: run.parameters[name] for name in run.parameters} | columns
     values: dict[sp.Symbol, Any] = {}
@@ -66,8 +66,8 @@ def sum_over_states(
     slopes = {str(symbol): of_rows(derivative(e, symbol)) for symbol in values}
     zero = 0 * run.t
     found: dict[str, Any] = {
-        "q": np.stack([slopes.get(x, zero) for x in system["coordinates"]], axis=1),
-        "p": np.stack([slopes.get(x, zero) for x in system["momenta"]], axis=1)}
+        "q": np.stack([slopes.get(x, zero) for x in system.coordinates], axis=1),
+        "p": np.stack([slopes.get(x, zero) for x in system.momenta], axis=1)}
     if {*forces} & {*slopes}:
         w = np.stack([slopes.get(name, zero) for name in forces], axis=1)
         found["multipliers"] = to_steps(run, w)
@@ -92,8 +92,8 @@ def slopes_over_states(
         For symbols of other numbers; multipliers have no second derivatives.
     """
     e = as_expression(expression)
-    system = run.manifest["system"]
-    time, names = system.get("time", "t"), [*system["coordinates"], *system["momenta"]]
+    system = run.manifest.system
+    time, names = system.time or "t", [*system.coordinates, *system.momenta]
     known = dict(zip(names, [*run.q.T, *run.p.T], strict=True))
     known |= {time: run.t, **run.parameters}
     values: dict[sp.Symbol, Any] = {}
@@ -111,7 +111,7 @@ def slopes_over_states(
         found = dict.fromkeys(known, 0 * run.t)
         for x, y, by_both in second:
             found[x] = found[x] + by_both * moved[y]
-        q, p = (np.stack([found[x] for x in system[kind]], axis=1)
+        q, p = (np.stack([found[x] for x in getattr(system, kind)], axis=1)
                 for kind in ("coordinates", "momenta"))
         return {"q": q, "p": p, "t": found[time],
                 "parameters": {name: found[name].sum() for name in run.parameters}}

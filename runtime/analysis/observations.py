@@ -143,8 +143,8 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
     n = step.n
     if callable(observe):
         return Observation(n, [], [], observe, [])
-    system = step.manifest["system"]
-    coordinates, momenta = list(system["coordinates"]), list(system["momenta"])
+    system = step.manifest.system
+    coordinates, momenta = list(system.coordinates), list(system.momenta)
     both = coordinates + momenta
     bodies = bodies_of(step.manifest)
     many = {"q": list(range(n)), "p": list(range(n, 2 * n))}

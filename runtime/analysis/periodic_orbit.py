@@ -324,7 +324,7 @@ class OrbitSearch:
 
     def _kept(self, run: Trajectory) -> tuple[Array, Array]:
         """Return the end on the constraints, which some schemes keep of g alone."""
-        if self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+        if self.stepper.manifest.scheme.keeps_momentum_constraint:
             return run.q[-1], run.p[-1]
         return self.stepper.project(run.q[-1], run.p[-1], parameters=run.parameters, t=run.t[-1])
 
@@ -333,7 +333,7 @@ class OrbitSearch:
         names, start = now.tangents.names, now.tangents.start.astype(float)
         end = np.concatenate([now.tangents.q[-1], now.tangents.p[-1]]).astype(float)
         dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
-        if not self.stepper.manifest["scheme"]["keeps_momentum_constraint"]:
+        if not self.stepper.manifest.scheme.keeps_momentum_constraint:
             binding, n = self.stepper._derivative_binding(), self.stepper.n
             z = now.z + now.gap
             end = tangent_projection(binding, binding.own.parameters(now.parameters, self.t0),
@@ -373,8 +373,8 @@ class OrbitSearch:
         return (both[0] - both[1]) / (2 * size)
 
     def _names(self) -> list[str]:
-        system = self.stepper.manifest["system"]
-        return [*system["coordinates"], *system["momenta"]]
+        system = self.stepper.manifest.system
+        return [*system.coordinates, *system.momenta]
 
     def _scale(self, now: Guess) -> float:
         return max(float(np.linalg.norm(now.z.astype(float))), 1e-300)
@@ -409,8 +409,8 @@ def _fixed(
     """Return what is fixed, checked."""
     names = () if fix is None else (fix,) if isinstance(fix, str) else tuple(
         as_items("fix", fix, "names"))
-    system = stepper.manifest["system"]
-    allowed = ["energy", "period", *system["coordinates"], *system["momenta"]]
+    system = stepper.manifest.system
+    allowed = ["energy", "period", *system.coordinates, *system.momenta]
     for name in names:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in fix", name, allowed)

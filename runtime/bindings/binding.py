@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.manifest import Manifest
 from .compiled_module import SOLVERS, Compiled, SolverName
 
 __all__ = ["REASONS", "SOLVERS", "Binding", "CompiledConstraints", "SolverName"]
@@ -180,13 +181,12 @@ class Binding(Compiled):
 class CompiledConstraints:
     """g, f and their derivatives at given parameters, in double."""
 
-    def __init__(self, binding: Binding, manifest: dict[str, Any], parameters: Any) -> None:
+    def __init__(self, binding: Binding, manifest: Manifest, parameters: Any) -> None:
         self._binding, self._parameters = binding, parameters
-        system = manifest["system"]
-        self.coordinates, self.momenta = system["coordinates"], system["momenta"]
-        default = [f"g{i}" for i in range(binding.m)]
-        self.constraint_names = system.get("constraint_names", default)
-        self.velocity_constraint_names = system.get("velocity_constraints", {}).get("names", [])
+        system = manifest.system
+        self.coordinates, self.momenta = system.coordinates, system.momenta
+        self.constraint_names = system.constraint_names
+        self.velocity_constraint_names = system.velocity_constraint_names
 
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""

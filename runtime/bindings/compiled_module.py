@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.manifest import Manifest
 from ...core.real_types import REALS
 from ...core.solver import SolverName
 from ..compilation.call_stack import on_large_stack
@@ -63,48 +64,48 @@ class Compiled:
     Work memory has about 8 U² bytes for U unknowns; most of them are Newton's method's.
     """
 
-    def __init__(self, module: Any, name: str, manifest: dict[str, Any]) -> None:
+    def __init__(self, module: Any, name: str, manifest: Manifest) -> None:
         self.ffi, self.lib, self.name = module.ffi, module.lib, name
         self._functions: dict[str, Callable[..., Any]] = {}
         self._newton_apart = hasattr(self.lib, f"{name}_newton_table")
         frames = getattr(module, "frames", None)
         #: Bytes of stack that calls take at most; work memory is larger than all their arrays.
         self.frames: int = 2 * self.ffi.sizeof(f"{name}_work") if frames is None else frames
-        real = REALS[manifest["real"]]
+        real = REALS[manifest.real]
         self.c_type, self.dtype = real.c_type, real.dtype
         self._reals = None if self.dtype is object else self.ffi.typeof(f"{self.c_type}[]")
         #: Distance from 1 to the next number of the stepper's type.
         self.epsilon = self._epsilon()
         #: Rounds a fraction to the stepper's own type; where that is float, to double.
-        self.number = rounding(manifest["real"])
-        system = manifest["system"]
-        self.parameter_names = list(system["parameters"])
+        self.number = rounding(manifest.real)
+        system = manifest.system
+        self.parameter_names = list(system.parameters)
         #: Those of them that may change from step to step.
-        self.input_names = list(system.get("inputs", ()))
-        self.n = len(system["coordinates"])
-        self.m = len(system["constraints"])
+        self.input_names = list(system.inputs)
+        self.n = len(system.coordinates)
+        self.m = len(system.constraints)
         #: Velocity constraints, and all conditions on momenta: these and the hidden constraints.
-        self.rows = len(system.get("velocity_constraints", {}).get("names", ()))
+        self.rows = len(system.velocity_constraint_names)
         self.conditions = self.m + self.rows
-        self.has_forces = "forces" in system
+        self.has_forces = bool(system.forces)
         #: The field of the parameters with the time at the start; None where nothing has t.
-        self.time: str | None = system.get("time")
+        self.time: str | None = system.time
         #: Whether H or g has t, so that what is asked of a state is asked at a time.
-        self.is_timed = bool(system.get("time_in_H_or_g"))
-        self.quantity_names = list(system.get("quantities", ()))
-        self.quantities_take_time = bool(system.get("quantities_take_time"))
-        self.unknowns = int(manifest["scheme"]["unknowns"])
+        self.is_timed = bool(system.time_in_H_or_g)
+        self.quantity_names = list(system.quantities)
+        self.quantities_take_time = bool(system.quantities_take_time)
+        self.unknowns = int(manifest.scheme.unknowns)
         #: How many multipliers a step has, and how many of them are of velocity constraints.
-        self.reactions = int(manifest["scheme"].get("reactions", 0)) * self.rows
-        self.multipliers = int(manifest["scheme"]["multipliers"]) * self.m + self.reactions
+        self.reactions = int(manifest.scheme.reactions) * self.rows
+        self.multipliers = int(manifest.scheme.multipliers) * self.m + self.reactions
         #: Whether a step solves equations; a composition of exact flows does not.
-        self.solves = manifest["scheme"].get("kind") != "splitting"
+        self.solves = manifest.scheme.kind != "splitting"
         #: Whether the unknowns are increments of the state, and residuals are rates.
-        self.solves_increments = bool(manifest["scheme"]["unknowns_are_state"])
+        self.solves_increments = bool(manifest.scheme.unknowns_are_state)
         #: The unknowns that are rates of momenta, or their increments.
-        self.kicks = slice(*(self.n * k * (manifest["scheme"]["stages"] or 1) for k in (1, 2)))
+        self.kicks = slice(*(self.n * k * (manifest.scheme.stages or 1) for k in (1, 2)))
         #: Trajectories that one call of ``integrate_lanes`` takes; 0 where there is no fast path.
-        self.lanes = int(self.function("lanes")()) if manifest["fast_path"]["available"] else 0
+        self.lanes = int(self.function("lanes")()) if manifest.fast_path.available else 0
         self._report_type: np.dtype[Any] | None = None
         #: Memory of ``integrate``, and of ``integrate_lanes``.
         size = self.ffi.sizeof(f"{self.name}_work")

@@ -6,7 +6,7 @@ A vector is a list of numbers and of names of parameters.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from ...core.arguments import choose
 from ...core.errors import InputError
 from ...core.inertia import Inertia, as_moments, tensor_of_inverse
+from ...core.json_records import UnfitError
+from ...core.manifest import ConstraintForceManifest, Entry, Manifest, SystemManifest
 
 __all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "bodies_of", "body_named", "joint_named",
            "joints_of", "numbers", "placed_of"]
 
 Array = NDArray[np.float64]
-Entry = str | float
 #: Vectors of a joint, where it has them, and how many entries they have.
 _VECTORS = {"on_a": 3, "on_b": 3, "axis_a": 6, "axis_b": 3, "zero": 5}
 #: How a multiplier acts → how many entries its vectors on a and on b have.
@@ -127,60 +128,65 @@ def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Array:
     return np.array([float(parameters[e]) if isinstance(e, str) else e for e in entries])
 
 
-def bodies_of(manifest: Mapping[str, Any]) -> dict[str, BodyAt]:
+def bodies_of(manifest: Manifest) -> dict[str, BodyAt]:
     """Return the rigid bodies of a stepper by name.
 
-    Raises ``ValueError``, ``TypeError``, ``KeyError`` or ``AttributeError`` for a manifest in
-    which something is missing or of another type.
+    Raises
+    ------
+    UnfitError
+        For a body with other names than the system has.
     """
-    system = manifest["system"]
-    found = {}
-    at = {x: column for column, x in enumerate(system["coordinates"])}
-    for name, body in system.get("bodies", {}).items():
-        inertia = list(body["inertia"] if "inertia" in body else body["inverse_inertia"])
-        if not {*inertia} <= {*system["parameters"]} or len(inertia) != (
-                3 if "inertia" in body else 6):
-            raise ValueError("the manifest holds another body")
-        mass = _vector(system, [body["mass"]], 1)[0] if "mass" in body else None
-        found[str(name)] = BodyAt(
-            _columns(at, body["q"], 4), inertia, _columns(at, body.get("x", []), 0, 3),
-            _vector(system, body.get("origin", [0.0, 0.0, 0.0]), 3),
-            _vector(system, body.get("centre", []), 0, 3), mass)
-    if system["rigid_body"] and not found:
-        found["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"], [], [0.0, 0.0, 0.0], [], None)
-    return found
+    system = manifest.system
+    columns = {x: column for column, x in enumerate(system.coordinates)}
+    bodies = {}
+    for name, body in system.bodies.items():
+        place = f"system.bodies.{name}"
+        inertia = body.inertia or body.inverse_inertia
+        if not {*inertia} <= {*system.parameters} or len(inertia) != (3 if body.inertia else 6):
+            raise UnfitError("has another inertia", place)
+        if not {*body.q, *body.x} <= {*columns} or len(body.q) != 4 or len(body.x) not in (0, 3):
+            raise UnfitError("has other coordinates", place)
+        bodies[name] = BodyAt(
+            [columns[x] for x in body.q], list(inertia), [columns[x] for x in body.x],
+            _vector(system, place, body.origin or (0.0, 0.0, 0.0), 3),
+            _vector(system, place, body.centre, 0, 3),
+            None if body.mass is None else _vector(system, place, [body.mass], 1)[0])
+    if system.rigid_body and not bodies:
+        bodies["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"], [], [0.0, 0.0, 0.0], [], None)
+    return bodies
 
 
-def placed_of(manifest: Mapping[str, Any]) -> dict[str, PlacedAt]:
+def placed_of(manifest: Manifest) -> dict[str, PlacedAt]:
     """Return the bodies that quantities tell the place of; raises as ``bodies_of`` does."""
-    system = manifest["system"]
-    found = {}
-    for name, placed in system.get("placed", {}).items():
-        x, axes = list(placed["x"]), list(placed["axes"])
-        if len(x) != 3 or len(axes) not in (0, 6) or not {*x, *axes} <= {*system["quantities"]}:
-            raise ValueError("the manifest holds another body")
-        found[str(name)] = PlacedAt(x, axes)
-    return found
+    system = manifest.system
+    for name, placed in system.placed.items():
+        if len(placed.x) != 3 or len(placed.axes) not in (0, 6) or not (
+                {*placed.x, *placed.axes} <= {*system.quantities}):
+            raise UnfitError("has other quantities", f"system.placed.{name}")
+    return {name: PlacedAt(list(placed.x), list(placed.axes))
+            for name, placed in system.placed.items()}
 
 
-def joints_of(manifest: Mapping[str, Any]) -> dict[str, JointAt]:
+def joints_of(manifest: Manifest) -> dict[str, JointAt]:
     """Return the joints of a stepper by name; raises as ``bodies_of`` does."""
-    system = manifest["system"]
-    found = {}
-    for name, joint in system.get("joints", {}).items():
-        a, b = joint["bodies"]
-        if not {a, b} <= {"", *system["bodies"]}:
-            raise ValueError("the manifest holds a joint of another body")
-        on_a, on_b, axis_a, axis_b, zero = (
-            _vector(system, joint.get(key, []), 0, length) for key, length in _VECTORS.items())
-        pulls = [_pull(system, key, pull) for key, pull in joint["constraints"].items()]
+    system = manifest.system
+    joints = {}
+    for name, joint in system.joints.items():
+        place = f"system.joints.{name}"
+        if not {*joint.bodies} <= {"", *system.bodies}:
+            raise UnfitError("has other bodies", place)
+        vectors = {key: _vector(system, place, getattr(joint, key), 0, length)
+                   for key, length in _VECTORS.items()}
+        pulls = [_pull(system, place, key, pull) for key, pull in joint.constraints.items()]
         known = [pull for pull in pulls if pull is not None]
-        found[str(name)] = JointAt(a, b, on_a, on_b, axis_a, axis_b, zero,
-                                   known if len(known) == len(pulls) else None, len(pulls))
-    return found
+        a, b = joint.bodies
+        joints[name] = JointAt(
+            a=a, b=b, **vectors, pulls=known if len(known) == len(pulls) else None,
+            constraints=len(pulls))
+    return joints
 
 
-def body_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, BodyAt | PlacedAt]:
+def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
     """Return a body and its name; None is the name of a single one.
 
     Raises
@@ -188,7 +194,7 @@ def body_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, BodyAt | Pl
     InputError
         Where there is no body, or several and none is named.
     """
-    system = manifest["system"]["name"]
+    system = manifest.system.name
     bodies: dict[str, BodyAt | PlacedAt] = {**bodies_of(manifest), **placed_of(manifest)}
     if not bodies:
         raise InputError(
@@ -202,7 +208,7 @@ def body_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, BodyAt | Pl
     return known, bodies[known]
 
 
-def joint_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, JointAt]:
+def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
     """Return a joint and its name; None is the name of a single one.
 
     Raises
@@ -210,7 +216,7 @@ def joint_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, JointAt]:
     InputError
         Where there is no joint, or several and none is named.
     """
-    system = manifest["system"]["name"]
+    system = manifest.system.name
     joints = {key: at for key, at in joints_of(manifest).items() if at.constraints}
     if not joints:
         raise InputError(f"System {system!r} has no joints; those of gyrospark.Multibody and "
@@ -223,30 +229,23 @@ def joint_named(manifest: Mapping[str, Any], name: Any) -> tuple[str, JointAt]:
     return known, joints[known]
 
 
-def _pull(system: Mapping[str, Any], name: str, pull: Any) -> Pull | None:
-    index = system["constraint_names"].index(name)
+def _pull(
+    system: SystemManifest, place: str, name: str, pull: ConstraintForceManifest | None
+) -> Pull | None:
+    if name not in system.constraint_names:
+        raise UnfitError("has other constraints", place)
     if pull is None:
         return None
-    lengths = _PULLS[pull["kind"]]
-    vectors = [_vector(system, pull.get(side, []), length)
-               for side, length in zip(("on_a", "on_b"), lengths, strict=True)]
-    return Pull(index, pull["kind"], *vectors)
+    on_a, on_b = (_vector(system, place, vector, length) for vector, length in zip(
+        (pull.on_a, pull.on_b), _PULLS[pull.kind], strict=True))
+    return Pull(system.constraint_names.index(name), pull.kind, on_a, on_b)
 
 
-def _columns(at: Mapping[str, int], names: Any, *lengths: int) -> list[int]:
-    """Return the columns of coordinates, by their names."""
-    columns = [at[x] for x in names]
-    if len(columns) not in lengths:
-        raise ValueError("the manifest holds another body")
-    return columns
-
-
-def _vector(system: Mapping[str, Any], entries: Any, *lengths: int) -> list[Entry]:
+def _vector(
+    system: SystemManifest, place: str, entries: Sequence[Entry], *lengths: int
+) -> list[Entry]:
     """Return a vector of so many names of parameters and numbers."""
-    for e in entries:
-        if not (isinstance(e, str) and e in system["parameters"]) and not (
-                isinstance(e, float) and math.isfinite(e)):
-            raise ValueError(f"the manifest has {e!r} for a parameter or a number")
-    if not isinstance(entries, list) or len(entries) not in lengths:
-        raise ValueError("the manifest holds a vector of another length")
-    return entries
+    if len(entries) not in lengths or not all(
+            e in system.parameters if isinstance(e, str) else math.isfinite(e) for e in entries):
+        raise UnfitError("has another vector", place)
+    return list(entries)

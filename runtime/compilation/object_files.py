@@ -29,12 +29,12 @@ wrong, are compiled again without the passes that make permutations.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from ...core.manifest import Manifest
 from .kernel_check import Kind
 
 __all__ = ["NEWTON_CALLS", "WITHOUT_PERMUTATIONS", "Object", "Part", "declarations_of",
@@ -125,7 +125,7 @@ def has_newton_apart(name: str, files: Mapping[str, str]) -> bool:
     """
     header = files[f"{name}.h"]
     return (_has_lanes(name, header) and "T1" in _functions(name, header)
-            and not json.loads(files[f"{name}.json"])["system"].get("velocity_constraints")
+            and not Manifest.from_text(files[f"{name}.json"]).system.velocity_constraints
             and "NUMBERS_ELSEWHERE" not in files[f"{name}.c"])
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import importlib.machinery
 import importlib.util
-import json
 import shlex
 from pathlib import Path
 from typing import Any
 
 from ...core.errors import CompilerError
+from ...core.manifest import Manifest
 from ...core.real_types import REALS
 from ...core.warnings import warn
 from .call_stack import frames_of
@@ -46,10 +46,10 @@ def compile_verified(
     CompilerError
         If kernels differ whatever the flags, naming them.
     """
-    manifest = json.loads(files[f"{name}.json"])
-    real = REALS[manifest["real"]]
+    manifest = Manifest.from_text(files[f"{name}.json"])
+    real = REALS[manifest.real]
     # The other modules have some of the kernels, on lanes for example, or none that is checked.
-    expected = set(manifest["operations"]) if part == "runs" else set()
+    expected = set(manifest.operations) if part == "runs" else set()
     first: list[KernelMismatch] = []
     for number, flags in enumerate(SAFER_FLAGS):
         inside = folder / str(number)

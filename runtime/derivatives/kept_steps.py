@@ -89,7 +89,7 @@ def warn_of_growth(stepper: Stepper, what: str, growth: float) -> None:
 
 def warn_of_jumps(stepper: Stepper, switched: int) -> None:
     """Warn where steps cross places where forces jump."""
-    jumps = stepper.manifest["system"].get("jumps")
+    jumps = stepper.manifest.system.jumps
     if switched and jumps:
         warn(f"{switched:,} steps end on another side of a switch than they begin, and forces jump "
              f"at {jumps}: these derivatives are those of the discrete run, and lack what the time "

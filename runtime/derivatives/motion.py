@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ...core.arguments import shown, unknown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.manifest import Manifest
 from ..bindings.binding import REASONS, Binding
 from ..bindings.real_numbers import aligned
 from ..compilation.body_columns import BodyAt, JointAt, bodies_of, joints_of, numbers
@@ -41,7 +42,7 @@ _DEPENDENT = 1e12
 class MotionBinding:
     """Calls into the module of accelerations."""
 
-    def __init__(self, own: Binding, manifest: Mapping[str, Any]) -> None:
+    def __init__(self, own: Binding, manifest: Manifest) -> None:
         self.own, self.layout = own, Layout.of(manifest)
         self._size = int(own.function("derivative_size")())
 
@@ -109,13 +110,13 @@ class Layout:
     measures: dict[str, str]
 
     @classmethod
-    def of(cls, manifest: Mapping[str, Any]) -> Layout:
+    def of(cls, manifest: Manifest) -> Layout:
         """Return the layout that a manifest has."""
-        system = manifest["system"]
+        system = manifest.system
         measures = {name.removesuffix(f"_{kind}"): name for kind in ("speed", "rate")
-                    for name in system.get("quantities", ()) if name.endswith(f"_{kind}")}
-        slides = frozenset(name for name, joint in system.get("joints", {}).items()
-                           if f"{name}: turn" in joint["constraints"]
+                    for name in system.quantities if name.endswith(f"_{kind}")}
+        slides = frozenset(name for name, joint in system.joints.items()
+                           if f"{name}: turn" in joint.constraints
                            or measures.get(name, "").endswith("_speed"))
         return cls(bodies_of(manifest), joints_of(manifest), slides, measures)
 

@@ -163,9 +163,9 @@ def _normal(
     stepper: Stepper, run: RunArguments, event: Event, found: Crossings, i: int
 ) -> Array:
     """Return the derivatives of an event's value at one of its crossings."""
-    binding, system = stepper._derivative_binding(), stepper.manifest["system"]
-    quantities, states = list(system.get("quantities", ())), [
-        *system["coordinates"], *system["momenta"]]
+    binding, system = stepper._derivative_binding(), stepper.manifest.system
+    quantities, states = list(system.quantities), [
+        *system.coordinates, *system.momenta]
     if event.quantity not in quantities:
         unit: Array = binding.own.new(binding.rows)
         unit[states.index(event.quantity)] = 1

@@ -110,7 +110,7 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
     """
     cure = "leave device out, and the trajectories run on the CPU"
     manifest, n = stepper.manifest, stepper.n
-    real, scheme = manifest["real"], manifest["scheme"]
+    real, scheme = manifest.real, manifest.scheme
     for name, value in absent.items():
         if value is not None and not (isinstance(value, tuple | list) and not value):
             raise InputError(f"device = 'cuda' has no {name}; leave {name} out, or {cure}.")
@@ -122,9 +122,9 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
         (n > _LARGEST, f"systems of {n} coordinates: the largest has {_LARGEST}"),
         (bool(stepper.symmetries), "co-moving frames"),
         (bool(stepper.binding.rows), "velocity constraints"),
-        (bool(scheme.get("exact_energy")), "steps of exact energy"),
-        (stepper.binding.solves and not manifest["fast_path"]["available"],
-         f"fixed-point iteration for {stepper.name}: {manifest['fast_path'].get('reason')}")]
+        (bool(scheme.exact_energy), "steps of exact energy"),
+        (stepper.binding.solves and not manifest.fast_path.available,
+         f"fixed-point iteration for {stepper.name}: {manifest.fast_path.reason}")]
     for holds, what in refused:
         if holds:
             raise InputError(f"device = 'cuda' has no {what}; {cure}.")

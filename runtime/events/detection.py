@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.event import Event
+from ...core.manifest import Manifest
 from ..bindings.array_checks import as_real
 from ..bindings.binding import Binding
 
@@ -49,12 +50,12 @@ class Levels:
     rounded: Array
 
     @classmethod
-    def of(cls, binding: Binding, manifest: Any, events: tuple[Event, ...]) -> Levels:
+    def of(cls, binding: Binding, manifest: Manifest, events: tuple[Event, ...]) -> Levels:
         """Return them for the events of a stepper's runs."""
-        system = manifest["system"]
-        places = {name: ("p", i) for i, name in enumerate(system["momenta"])}
-        places |= {name: ("q", i) for i, name in enumerate(system["coordinates"])}
-        places |= {name: ("", i) for i, name in enumerate(system.get("quantities", ()))}
+        system = manifest.system
+        places = {name: ("p", i) for i, name in enumerate(system.momenta)}
+        places |= {name: ("q", i) for i, name in enumerate(system.coordinates)}
+        places |= {name: ("", i) for i, name in enumerate(system.quantities)}
         columns = tuple(places[one.quantity] for one in events)
         first = {"q": 0, "p": binding.n, "": 2 * binding.n}
         levels = np.array([as_real("level", one.level, binding.number) for one in events],

@@ -74,14 +74,14 @@ class Section:
         InputError
             If the system has none of that name.
         """
-        system = self._stepper.manifest["system"]
-        quantities = list(system.get("quantities", ()))
+        system = self._stepper.manifest.system
+        quantities = list(system.quantities)
         name = choose("quantity of a section", name,
-                      [*quantities, *system["coordinates"], *system["momenta"]])
+                      [*quantities, *system.coordinates, *system.momenta])
         if name in quantities:
             return self._quantity(quantities.index(name))
-        of, names = (self.q, system["coordinates"]) if name in system["coordinates"] else (
-            self.p, system["momenta"])
+        of, names = (self.q, system.coordinates) if name in system.coordinates else (
+            self.p, system.momenta)
         found: Array = of[:, list(names).index(name)]
         return found
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.manifest import Manifest
 from ...core.projection import project
 from ..bindings.binding import Binding, CompiledConstraints
 
@@ -71,21 +72,21 @@ def defects_of_starts(
     return found
 
 
-def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
+def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments) -> None:
     """Refuse a start that is off the constraints by more than round-off."""
     if not binding.conditions:
         return
     parameters = binding.parameters(run.parameters, run.t0)
     if _is_plainly_consistent(binding, parameters, run.q, run.p):
         return
-    found = defects_of_starts(binding, manifest["scheme"]["keeps_momentum_constraint"], parameters,
+    found = defects_of_starts(binding, manifest.scheme.keeps_momentum_constraint, parameters,
                               run.q[None], run.p[None], np.array([run.dt]))
     if found.consistent[0]:
         return
     g, f, g_bound, f_bound = (float(x[0]) for x in (found.g, found.f, found.g_bound,
                                                     found.f_bound))
     q_size = float(np.linalg.norm(run.q.astype(float)))
-    rigid = manifest["system"]["rigid_body"]
+    rigid = manifest.system.rigid_body
     norm = f", |q| = {q_size:.15g}" if rigid else ""
     what = "q^T p" if rigid else "the momentum constraint"
     if binding.rows:
@@ -96,7 +97,7 @@ def refuse_inconsistent(binding: Binding, manifest: dict[str, Any], run: RunArgu
 
 
 def _cure(
-    binding: Binding, manifest: dict[str, Any], parameters: Any, run: RunArguments
+    binding: Binding, manifest: Manifest, parameters: Any, run: RunArguments
 ) -> str:
     """Return how a start gets onto the constraints, or why it does not."""
     q, p = run.q.copy(), run.p.copy()
@@ -117,13 +118,13 @@ def _cure(
     return cure
 
 
-def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: RunArguments) -> None:
+def refuse_singular_mass(binding: Binding, manifest: Manifest, run: RunArguments) -> None:
     """Refuse a start where the M of a Lagrangian has no inverse, or not the sign it was seen with.
 
     Its columns are what momenta gain by one velocity each.
     """
-    system = manifest["system"]
-    if "velocity_names" not in system:
+    system = manifest.system
+    if not system.velocity_names:
         return
     n = binding.n
     moving = np.concatenate([np.zeros((1, n)), np.eye(n)]).astype(binding.dtype)
@@ -133,7 +134,7 @@ def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: RunArg
     sizes = np.sqrt(np.abs(M).max(axis=1, initial=0))
     if not np.isfinite(M).all():
         return  # the first step fails, and says why
-    still = next((name for name, size in zip(system["velocity_names"], sizes, strict=True)
+    still = next((name for name, size in zip(system.velocity_names, sizes, strict=True)
                   if not size), "")
     values = np.linalg.eigvalsh(M / np.outer(sizes, sizes)) if not still else np.zeros(1)
     small = 8 * n * np.finfo(float).eps * np.abs(values).max()
@@ -141,7 +142,7 @@ def refuse_singular_mass(binding: Binding, manifest: dict[str, Any], run: RunArg
         where = f": motion with {still} costs no kinetic energy there" if still else ""
         raise InputError("The mass matrix has no inverse at the start, so that momenta do not tell "
                          f"velocities{where}; start elsewhere, or take other coordinates.")
-    if values[0] < 0 and not system.get("indefinite", False):
+    if values[0] < 0 and not system.indefinite:
         raise InputError("The mass matrix is not positive definite at the start, and it was at "
                          "every place where it was looked at, so that it is factorised without "
                          "pivots; write the numbers of its parameters into L.")

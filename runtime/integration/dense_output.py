@@ -244,11 +244,11 @@ def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
     """Refuse a trajectory that another stepper made, or another version of this one."""
     here, there = stepper.manifest, trajectory.manifest
     named = ("name", "real", "system", "scheme")
-    other = [name for name in named if here.get(name) != there.get(name)]
+    other = [name for name in named if getattr(here, name) != getattr(there, name)]
     if other:
         raise InputError(
-            f"The trajectory is of {there['name']} in {there['real']}, not of this stepper, "
-            f"{here['name']} in {here['real']}: they differ in {other[0]}. Give the stepper that "
+            f"The trajectory is of {there.name} in {there.real}, not of this stepper, "
+            f"{here.name} in {here.real}: they differ in {other[0]}. Give the stepper that "
             "made it.")
 
 

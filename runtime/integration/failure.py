@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.manifest import Manifest
 from ..bindings.binding import REASONS, Binding, CompiledConstraints
 
 __all__ = ["Diagnosis", "diagnose"]
@@ -45,7 +46,7 @@ class Diagnosis:
 
 
 def diagnose(
-    binding: Binding, manifest: dict[str, Any], run: Any, status: int, q: Array, p: Array, t: Any
+    binding: Binding, manifest: Manifest, run: Any, status: int, q: Array, p: Array, t: Any
 ) -> Diagnosis:
     """Return why a step from (q, p) at time t ended with this status."""
     told, increment = _tried_by_newton(binding, run, q, p, t) \
@@ -107,7 +108,7 @@ def _smaller_step(
 
 
 def _dependent_constraints(
-    binding: Binding, manifest: dict[str, Any], run: Any, q: Array
+    binding: Binding, manifest: Manifest, run: Any, q: Array
 ) -> str:
     """Return the names of constraints whose slopes are dependent at q; empty if none are."""
     if binding.m < 2:

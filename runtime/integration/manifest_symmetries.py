@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.exact_numbers import exact
+from ...core.manifest import Manifest, SymmetryManifest
 
 __all__ = ["Symmetry", "refuse_broken", "symmetries_of"]
 
@@ -56,16 +57,16 @@ class Symmetry:
     vanishing: tuple[Polynomial, ...] = ()
 
     @classmethod
-    def of(cls, said: Mapping[str, Any], n: int) -> Symmetry:
-        """Return what a manifest says."""
+    def of(cls, symmetry: SymmetryManifest, n: int) -> Symmetry:
+        """Return a symmetry of a manifest as arrays and fractions."""
         A = np.zeros((n, n))
-        for i, j, x in said["A"]:
+        for i, j, x in symmetry.A:
             A[i, j] = float(Fraction(x))
         A.setflags(write=False)
         vanishing = tuple(tuple((Fraction(x), dict(powers)) for x, powers in terms)
-                          for terms in said["vanishing"])
-        return cls(said["name"], said["meaning"], A, said["J"], " and ".join(said["conditions"]),
-                   said["group"], vanishing)
+                          for terms in symmetry.vanishing)
+        return cls(symmetry.name, symmetry.meaning, A, symmetry.J,
+                   " and ".join(symmetry.conditions), symmetry.group, vanishing)
 
     def __repr__(self) -> str:
         where = f", where {self.condition}" if self.condition else ""
@@ -97,10 +98,11 @@ class Symmetry:
         return sorted({name for terms in self.vanishing for _, powers in terms for name in powers})
 
 
-def symmetries_of(manifest: Mapping[str, Any]) -> tuple[Symmetry, ...]:
+def symmetries_of(manifest: Manifest) -> tuple[Symmetry, ...]:
     """Return the symmetries of a stepper, none of one without a frame."""
-    n = len(manifest["system"]["coordinates"])
-    return tuple(Symmetry.of(said, n) for said in manifest.get("frame", {}).get("symmetries", ()))
+    n = len(manifest.system.coordinates)
+    symmetries = () if manifest.frame is None else manifest.frame.symmetries
+    return tuple(Symmetry.of(symmetry, n) for symmetry in symmetries)
 
 
 def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any]) -> None:

@@ -309,7 +309,7 @@ def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     binding = stepper.binding
     if not binding.conditions:
         return True
-    keeps_f = stepper.manifest["scheme"]["keeps_momentum_constraint"]
+    keeps_f = stepper.manifest.scheme.keeps_momentum_constraint
     varied = any((column != column[0]).any() for column in (runs.t0, *runs.parameters.values()))
     shared = binding.parameters(runs.first.parameters, runs.first.t0)
     at_once = max(_JUDGED // (binding.n * (2 * binding.n + 1)), 1)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError, StepFailed, Stopped
 from ...core.interrupts import Interrupts, catch_ctrl_c
+from ...core.manifest import Manifest
 from ..bindings.binding import Binding
 from ..compilation.call_stack import thread_seconds
 from ..results.diagnostics import Report
@@ -102,7 +103,7 @@ class ChunkSize:
 
 def integrate(
     binding: Binding,
-    manifest: dict[str, Any],
+    manifest: Manifest,
     run: RunArguments,
     progress: Callable[[int], None] | None = None,
 ) -> Trajectory:
@@ -138,7 +139,7 @@ def ended_at(done: int, steps: int) -> str:
 
 
 def course(
-    binding: Binding, manifest: dict[str, Any], run: RunArguments, stop: Callable[[], bool],
+    binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Trajectory, int]:
     """Return a run up to its end, to a step that fails, or until it shall stop; and the status."""
@@ -268,7 +269,7 @@ def next_chunk(run: RunArguments, done: int, most: int, rows: int | None = None)
 
 
 def trajectory_of(
-    binding: Binding, manifest: dict[str, Any], run: RunArguments, rows: Rows, report: Any,
+    binding: Binding, manifest: Manifest, run: RunArguments, rows: Rows, report: Any,
     q: Array, p: Array,
 ) -> Trajectory:
     """Return the rows that were filled; they, the report, q and p are read when asked for."""

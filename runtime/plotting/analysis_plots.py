@@ -67,7 +67,7 @@ def draw_orbit(orbit: PeriodicOrbit, path: str | os.PathLike[str] | None) -> Any
     right.set_aspect("equal", adjustable="datalim")
     right.set_title("Floquet multipliers", fontsize=10)
     right.grid(alpha=0.3)
-    figure.suptitle(run.manifest["name"], fontsize=11)
+    figure.suptitle(run.manifest.name, fontsize=11)
     if target is not None:
         save(figure, target)
     return figure

@@ -40,7 +40,7 @@ def draw_body(body: BodyMotion, run: Trajectory, path: str | os.PathLike[str] | 
     if body.moves:
         panels += [("centre of mass [m]", ["x", "y", "z"], body.position()),
                    ("momentum [kg m/s]", ["x", "y", "z"], body.momentum())]
-    return _panels(f"{body.name} of {run.manifest['name']}", run, panels, path)
+    return _panels(f"{body.name} of {run.manifest.name}", run, panels, path)
 
 
 def draw_joint(joint: JointMotion, run: Trajectory, path: str | os.PathLike[str] | None) -> Any:
@@ -51,7 +51,7 @@ def draw_joint(joint: JointMotion, run: Trajectory, path: str | os.PathLike[str]
     b = joint.bodies[1] or "the ground"
     panels += [(f"force on {b} [N]", ["x", "y", "z"], joint.force()),
                (f"torque on {b} about the joint [N m]", ["x", "y", "z"], joint.torque())]
-    return _panels(f"{joint.name} of {run.manifest['name']}", run, panels, path)
+    return _panels(f"{joint.name} of {run.manifest.name}", run, panels, path)
 
 
 def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[str] | None) -> Any:
@@ -65,7 +65,7 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
     target = None if path is None else check_picture_path(path)
     for name in names:
         if name not in run.coordinates:
-            raise InputError(f"System {run.manifest['system']['name']!r} has no coordinate "
+            raise InputError(f"System {run.manifest.system.name!r} has no coordinate "
                              f"{shown(name)}; it has {', '.join(run.coordinates)}"
                              f"{proposal(name, run.coordinates)}.")
     moving = [name for name, q in zip(run.coordinates, run.q.T, strict=True) if (q != q[0]).any()]
@@ -85,7 +85,7 @@ def draw_phase(run: Trajectory, names: Sequence[str], path: str | os.PathLike[st
         axes.grid(alpha=0.3)
         if k == 1:
             axes.legend(fontsize=8)
-    figure.suptitle(run.manifest["name"], fontsize=11)
+    figure.suptitle(run.manifest.name, fontsize=11)
     if target is not None:
         save(figure, target)
     return figure

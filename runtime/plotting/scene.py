@@ -7,7 +7,6 @@ body is shown as large as it is; one of which the mass is not known in its propo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.manifest import Manifest
 from ...core.shapes import Shape
 from ..compilation.body_columns import (
     JointAt,
@@ -166,14 +166,14 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
     up, ties = _up(trajectory), _ties(trajectory, parts)
     drawn = _with_shapes(parts, ties, _rolling(trajectory.manifest))
     return Scene(
-        f"{trajectory.manifest['system']['name']}, {trajectory.manifest['scheme']['method']}",
+        f"{trajectory.manifest.system.name}, {trajectory.manifest.scheme.method}",
         t[some].astype(float), error[some].astype(float), drawn, ties,
         np.array([0.0, 0.0, 1.0]) if up is None else up,
         up is not None or any(part.plate is not None for part in parts),
         list(_remarks(trajectory, parts, some)))
 
 
-def check_bodies(manifest: Mapping[str, Any]) -> None:
+def check_bodies(manifest: Manifest) -> None:
     """Refuse a system without a body that a scene could show.
 
     Raises
@@ -181,7 +181,7 @@ def check_bodies(manifest: Mapping[str, Any]) -> None:
     InputError
     """
     if not bodies_of(manifest) and not placed_of(manifest):
-        raise InputError(f"System {manifest['system']['name']!r} has no rigid body to show; a plot "
+        raise InputError(f"System {manifest.system.name!r} has no rigid body to show; a plot "
                          "draws its coordinates.")
 
 
@@ -250,7 +250,7 @@ def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
     return found
 
 
-def drawn_joints(manifest: Mapping[str, Any]) -> dict[str, tuple[str, JointAt]]:
+def drawn_joints(manifest: Manifest) -> dict[str, tuple[str, JointAt]]:
     """Return kind and place of the joints, rods and springs that a scene shows, by name."""
     found = {}
     for name, joint in joints_of(manifest).items():
@@ -295,7 +295,7 @@ def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None
     return w[:3] @ axes if known and size > 1e-9 * float(np.abs(V).max() + size) else None
 
 
-def _rolling(manifest: Mapping[str, Any]) -> set[str]:
+def _rolling(manifest: Manifest) -> set[str]:
     """Return the bodies that roll: a constraint of theirs has neither a place nor an axis."""
     return {body for joint in joints_of(manifest).values() for body in (joint.a, joint.b)
             if joint.constraints and not (joint.on_a or joint.on_b or joint.axis_b)}

@@ -71,7 +71,7 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
     _constraints(figure.add_subplot(grid[1, 1]), trajectory)
     for row, (title, values) in enumerate(more.items(), 2):
         _output(figure.add_subplot(grid[row, 1]), trajectory, title, values)
-    figure.suptitle(f"{trajectory.manifest['name']}, Δt = {trajectory.dt:g} s, "
+    figure.suptitle(f"{trajectory.manifest.name}, Δt = {trajectory.dt:g} s, "
                     f"{trajectory.report.steps:,} steps", fontsize=11)
     if target is not None:
         save(figure, target)
@@ -182,7 +182,7 @@ def _energy(axes: Any, trajectory: Trajectory) -> None:
     error = trajectory.energy_error()[some].astype(float)
     axes.plot(t, error, color=_INK, linewidth=0.8)
     axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
-    less = " − W" if "forces" in trajectory.manifest["system"] else ""
+    less = " − W" if trajectory.manifest.system.forces else ""
     axes.set_title(f"energy error H − H₀{less}", fontsize=10)
     axes.grid(alpha=0.3)
 
@@ -201,7 +201,7 @@ def _constraints(axes: Any, trajectory: Trajectory) -> None:
     """Draw the constraint errors; exact zeros are drawn at the bottom."""
     some = thin(trajectory)
     t = trajectory.t[some].astype(float)
-    floor = 1e-36 if REALS[trajectory.manifest["real"]].in_mpmath else 1e-18
+    floor = 1e-36 if REALS[trajectory.manifest.real].in_mpmath else 1e-18
     for values, name, colour in zip(trajectory.constraint_errors(),
                                     ("|g(q)|", "momentum constraint"), (_INK, _ACCENT),
                                     strict=True):
@@ -262,7 +262,7 @@ def draw_ensemble(
     some_of = f", {len(shown)} of them drawn" if len(shown) < count else ""
     default = [*(first.quantities or first.coordinates)[:_PANELS], "energy_error"]
     return draw_values([ensemble.members[i] for i in shown], names or default, path,
-                       f"{first.manifest['name']}: {count:,} trajectories{some_of}, "
+                       f"{first.manifest.name}: {count:,} trajectories{some_of}, "
                        f"{len(ensemble.failures):,} failed")
 
 
@@ -284,13 +284,13 @@ def draw_values(
             row = values[name]()
             axes.plot(run.t[-len(row):][some].astype(float), row[some].astype(float),
                       color=colour, linewidth=0.7)
-    less = " − W" if "forces" in runs[0].manifest["system"] else ""
+    less = " − W" if runs[0].manifest.system.forces else ""
     for axes, name in zip(panels, wanted, strict=True):
         axes.set_title(f"energy error H − H₀{less}" if name == "energy_error" else name,
                        fontsize=10)
         axes.grid(alpha=0.3)
     panels[-1].set_xlabel("t [s]")
-    figure.suptitle(title or f"{runs[0].manifest['name']}, Δt = {runs[0].dt:g} s", fontsize=11)
+    figure.suptitle(title or f"{runs[0].manifest.name}, Δt = {runs[0].dt:g} s", fontsize=11)
     if target is not None:
         save(figure, target)
     return figure

@@ -49,7 +49,7 @@ class BodyMotion:
         self._run, self._at = trajectory, at
 
     def __repr__(self) -> str:
-        return (f"<BodyMotion of {self.name} in {self._run.manifest['name']}: "
+        return (f"<BodyMotion of {self.name} in {self._run.manifest.name}: "
                 f"{len(self._run):,} states>")
 
     # ------------------------------------------------------------ attitude
@@ -243,7 +243,7 @@ class BodyMotion:
         return vectors if in_body else self._in_space(vectors)
 
     def _unknown(self, what: str) -> str:
-        return (f"System {self._run.manifest['system']['name']!r} does not say {what} of body "
+        return (f"System {self._run.manifest.system.name!r} does not say {what} of body "
                 f"{self.name!r}; bodies of gyrospark.Multibody and of [[bodies]] in model files "
                 "have it.")
 
@@ -265,7 +265,7 @@ def total_momenta(run: Trajectory) -> tuple[Array, Array]:
     """
     bodies = bodies_of(run.manifest).values()
     if sum(bool(at.x) for at in bodies) * 7 != run.q.shape[1]:
-        raise InputError(f"System {run.manifest['system']['name']!r} has coordinates of others "
+        raise InputError(f"System {run.manifest.system.name!r} has coordinates of others "
                          "than free bodies; add up what body(name).momentum() and "
                          "angular_momentum() return.")
     places, positions = ([at.q for at in bodies], [at.x for at in bodies])

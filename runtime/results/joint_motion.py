@@ -304,10 +304,10 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
 
 def _rows_of_multipliers(trajectory: Trajectory) -> Array:
     """Return the multipliers of each step, shape (N, nodes, m), at least doubles."""
-    m = len(trajectory.manifest["system"]["constraints"])
+    m = len(trajectory.manifest.system.constraints)
     rows = trajectory.multipliers
     rows = rows.astype(float) if rows.dtype == np.float32 else rows
-    return rows.reshape(len(rows), trajectory.manifest["scheme"]["multipliers"], m)
+    return rows.reshape(len(rows), trajectory.manifest.scheme.multipliers, m)
 
 
 def _is_whole(trajectory: Trajectory) -> bool:

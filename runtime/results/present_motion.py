@@ -18,6 +18,7 @@ from ...core.arguments import as_flag, choose
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.inertia import inertia_matrix
+from ...core.manifest import Manifest
 from ..compilation.body_columns import BodyAt, JointAt, PlacedAt, numbers
 from .body_motion import FRAMES, BodyMotion, FrameName, PlacedMotion
 from .joint_motion import JointMotion, shortest_rotation
@@ -34,7 +35,7 @@ class Present(Protocol):
 
     q: Array
     p: Array
-    manifest: dict[str, Any]
+    manifest: Manifest
     quantities: tuple[str, ...]
 
     @property
@@ -58,7 +59,7 @@ class _OfOneState:
     _run: Any
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.name} of {self._run.manifest['name']}>"
+        return f"<{type(self).__name__} {self.name} of {self._run.manifest.name}>"
 
     def plot(self, *arguments: Any, **options: Any) -> Any:
         """Refuse to draw one state."""

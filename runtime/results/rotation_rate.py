@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.manifest import Manifest
 from ...core.warnings import warn
 from ..compilation.body_columns import BodyAt, bodies_of
 
@@ -91,14 +92,16 @@ class Rotations:
     A co-moving frame needs no resolving of the rotation along it: with one there is no answer.
     """
 
-    def __init__(self, manifest: Mapping[str, Any]) -> None:
+    def __init__(self, manifest: Manifest) -> None:
         self.bodies = bodies_of(manifest)
-        self._rates = [one["name"] for one in manifest.get("frame", {}).get("symmetries", ())]
-        self._order = manifest["scheme"]["order"]
+        self._rates = [] if manifest.frame is None else [
+            symmetry.name for symmetry in manifest.frame.symmetries]
+        self._order = manifest.scheme.order
         self._limit = min(max(self._order // 2, 1) + 0.5, _MOST)
-        self._solves_stages = "longest_flow" not in manifest["scheme"]
-        if not self._solves_stages:
-            self._limit = _MOST_A_FLOW / manifest["scheme"]["longest_flow"]
+        longest_flow = manifest.scheme.longest_flow
+        self._solves_stages = longest_flow is None
+        if longest_flow is not None:
+            self._limit = _MOST_A_FLOW / longest_flow
         #: Bodies with moments, and those with tensors: names, columns, and inertia in a row.
         self._groups = []
         for entries in (3, 6):

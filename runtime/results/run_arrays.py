@@ -6,7 +6,7 @@ An output is a number, or an array of them, for each stored state. To add one: a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...core.arguments import proposal, shown
 from ...core.errors import InputError
+from ...core.manifest import Manifest, SystemManifest
 from ..bindings.binding import Binding
 
 __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect_sizes",
@@ -22,7 +23,6 @@ __all__ = ["OUTPUTS", "QUANTITY", "Output", "States", "about", "absent", "defect
            "value_of"]
 
 Array = NDArray[Any]
-Manifest = Mapping[str, Any]
 #: Dimensions of one state's entry: (name, length) of each.
 Inner = tuple[tuple[str, int], ...]
 
@@ -108,31 +108,31 @@ def _scalar(manifest: Manifest) -> Inner | None:
 
 def _coordinates(manifest: Manifest) -> Inner | None:
     """One for each coordinate."""
-    return (("coordinate", len(manifest["system"]["coordinates"])),)
+    return (("coordinate", len(manifest.system.coordinates)),)
 
 
 def _multipliers(manifest: Manifest) -> Inner | None:
     """Those of a step, of each constraint."""
-    m = len(manifest["system"]["constraints"])
+    m = len(manifest.system.constraints)
     along = [("constraint", m)] if m > 1 else []
-    return (("node", manifest["scheme"]["multipliers"]), *along) if m else None
+    return (("node", manifest.scheme.multipliers), *along) if m else None
 
 
 def _reactions(manifest: Manifest) -> Inner | None:
     """Those of a step, of each velocity constraint."""
-    rows = manifest["system"].get("velocity_constraints")
-    return (("stage", manifest["scheme"]["reactions"]),
-            ("velocity_constraint", len(rows["names"]))) if rows else None
+    names = manifest.system.velocity_constraint_names
+    return (("stage", manifest.scheme.reactions),
+            ("velocity_constraint", len(names))) if names else None
 
 
 def _where_forces(manifest: Manifest) -> Inner | None:
     """A number a state, of a system with forces."""
-    return () if "forces" in manifest["system"] else None
+    return () if manifest.system.forces else None
 
 
 def _where_lagrangian(manifest: Manifest) -> Inner | None:
     """One for each coordinate, of a system from its Lagrangian."""
-    return _coordinates(manifest) if "velocity_names" in manifest["system"] else None
+    return _coordinates(manifest) if manifest.system.velocity_names else None
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ def value_of(one: Output, states: States) -> Array:
 def parts(one: Output, manifest: Manifest) -> list[str]:
     """Return the names under which files have an output of this stepper; none if it has none."""
     if one.split:
-        return [QUANTITY + name for name in manifest["system"].get(one.labels, ())]
+        return [QUANTITY + name for name in getattr(manifest.system, one.labels)]
     return [] if one.inner(manifest) is None else [one.name]
 
 
@@ -252,23 +252,23 @@ def absent(one: Output, rows: int, dtype: Any) -> Array:
 
 def about(one: Output, manifest: Manifest, name: str) -> dict[str, str]:
     """Return the attributes of the array of this name: long name and units."""
-    units = one.units or (one.body_units if manifest["system"]["rigid_body"] else "")
+    units = one.units or (one.body_units if manifest.system.rigid_body else "")
     long_name = one.long_name.format(name.removeprefix(QUANTITY))
     return {"long_name": long_name, **({"units": units} if units else {})}
 
 
-def labels_of(system: Mapping[str, Any]) -> dict[str, tuple[list[str], str]]:
+def labels_of(system: SystemManifest) -> dict[str, tuple[list[str], str]]:
     """Return the labels of each dimension that has some, and their meaning.
 
     A momentum stands where the coordinate does to which it belongs.
     """
-    found = {"coordinate": (list(system["coordinates"]), "name of the coordinate")}
-    names = list(system.get("constraint_names", ()))
+    found = {"coordinate": (list(system.coordinates), "name of the coordinate")}
+    names = list(system.constraint_names)
     if len(names) > 1:
         found["constraint"] = names, "name of the constraint"
-    rows = system.get("velocity_constraints")
-    if rows:
-        found["velocity_constraint"] = list(rows["names"]), "name of the velocity constraint"
+    if system.velocity_constraint_names:
+        found["velocity_constraint"] = (list(system.velocity_constraint_names),
+                                        "name of the velocity constraint")
     return found
 
 
@@ -295,11 +295,11 @@ def place_of_quantity(manifest: Manifest, name: Any) -> int:
     InputError
         If the system has no quantity of that name.
     """
-    system = manifest["system"]
-    names = tuple(system.get("quantities", ()))
+    system = manifest.system
+    names = tuple(system.quantities)
     if not isinstance(name, str) or name not in names:
         raise InputError(
-            f"System {system['name']!r} has no quantity {shown(name)}; it has "
+            f"System {system.name!r} has no quantity {shown(name)}; it has "
             f"{', '.join(names) or 'none: give System(..., quantities={...}), '}"
             f"{'' if names else 'or quantity(name, expression) of a Multibody'}"
             f"{proposal(name, names)}."

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ...core.arguments import as_items, as_text, listed, proposal, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
+from ...core.manifest import SystemManifest
 from .run_arrays import OUTPUTS, QUANTITY, pieces
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def states_of(trajectory: Trajectory) -> dict[str, Array]:
 
 
 def headings(
-    system: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]],
+    system: SystemManifest, shapes: Mapping[str, tuple[int, ...]],
     of_bodies: Mapping[str, list[str]] = MappingProxyType({}),
 ) -> list[str]:
     """Return a heading for each number of a state, all of them different.
@@ -68,16 +69,17 @@ def headings(
     that the system gives them, unless a name is taken: by the time, the energy, … or by another
     one of these.
     """
-    own = {"q": ("q", system["coordinates"]), "p": ("p", system["momenta"])}
-    own |= {"velocities": ("velocity", system.get("velocity_names", ()))}
-    own |= {QUANTITY + name: ("quantity", [name]) for name in system.get("quantities", ())}
+    own: dict[str, tuple[str, Sequence[str]]] = {
+        "q": ("q", system.coordinates), "p": ("p", system.momenta)}
+    own |= {"velocities": ("velocity", system.velocity_names)}
+    own |= {QUANTITY + name: ("quantity", (name,)) for name in system.quantities}
     own |= {name: ("body", labels) for name, labels in of_bodies.items()}
     counted = {name: [name + "_".join(map(str, index)) for index in np.ndindex(*shape)]
                for name, shape in shapes.items()}
     taken = {label for name, labels in counted.items() if name not in own for label in labels}
     found = []
-    for name, labels in counted.items():
-        kind, labels = own.get(name, ("", labels))
+    for name, numbered in counted.items():
+        kind, labels = own.get(name, ("", numbered))
         for label in labels:
             while kind and label in taken:
                 label = f"{kind}_{label}"
@@ -155,9 +157,9 @@ def events_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}.events{path.suffix}")
 
 
-def event_headings(system: Mapping[str, Any]) -> list[str]:
+def event_headings(system: SystemManifest) -> list[str]:
     """Return the headings of that file: the event's name, then what ``Crossings`` have of it."""
-    shape = (len(system["coordinates"]),)
+    shape = (len(system.coordinates),)
     return headings(system, {"event": (), "time": (), "q": shape, "p": shape, "steps": (),
                              "rising": (), "elapsed": ()})
 

@@ -23,6 +23,7 @@ from ...core.arguments import as_flag
 from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
 from ...core.file_formats import format_of, result_file
+from ...core.manifest import Manifest
 from ..bindings.real_numbers import WIDE_BYTES, as_bytes
 from ..rigid_body.euler_angles import check_sequence
 from .body_motion import FrameName
@@ -68,7 +69,7 @@ class Table:
         Name → ``long_name`` and ``units``.
     read : callable
         Returns an iterator over the blocks, in order.
-    manifest : dict
+    manifest : Manifest
         Of the stepper.
     attributes : dict
         Of the run, for files.
@@ -84,7 +85,7 @@ class Table:
     inner: dict[str, tuple[str, ...]]
     said: dict[str, dict[str, Any]]
     read: Callable[[], Iterator[Block]]
-    manifest: dict[str, Any]
+    manifest: Manifest
     attributes: dict[str, Any] = field(default_factory=dict)
     labels: dict[str, tuple[list[str], str]] = field(default_factory=dict)
     titles: dict[str, list[str]] = field(default_factory=dict)
@@ -111,7 +112,7 @@ class Table:
                     if not isinstance(i, slice)}
             flat = {name: rows.reshape(count, math.prod(rows.shape[1:]))
                     for name, rows in (lead | arrays).items()}
-            titles = headings(self.manifest["system"], {
+            titles = headings(self.manifest.system, {
                 name: rows.shape[1:] for name, rows in (lead | arrays).items()}, self.titles)
             columns = [column for rows in flat.values() for column in rows.T]
             places = places_of(wanted, titles, {name: rows.shape[1] for name, rows in flat.items()})
@@ -139,12 +140,12 @@ def table_of_run(
     inner: dict[str, tuple[str, ...]] = {}
     said: dict[str, dict[str, Any]] = {}
     for one in OUTPUTS:
-        named = {"components": list(manifest["system"][one.labels])} if (
-            one.labels in manifest["system"] and not one.split) else {}
+        names = getattr(manifest.system, one.labels) if one.labels and not one.split else ()
+        named = {"components": list(names)} if names else {}
         for name in parts(one, manifest):
             inner[name] = () if one.split else tuple(d for d, _ in one.inner(manifest) or ())
             said[name] = about(one, manifest, name) | named
-    labels, titles = labels_of(manifest["system"]), {}
+    labels, titles = labels_of(manifest.system), {}
     bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
     for name, (dimension, about_it, columns, _) in bodies.items():
         inner[name], said[name] = ("body", dimension), about_it
@@ -214,8 +215,8 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
               for name, found in ensemble.events.items()]
     return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first.inner,
                  first.said, read, first.manifest,
-                 {"stepper": first.manifest["name"], "gyrospark": __version__,
-                  "every": members[0].every, "manifest": first.manifest}, first.labels,
+                 {"stepper": first.manifest.name, "gyrospark": __version__,
+                  "every": members[0].every, "manifest": first.manifest.as_json()}, first.labels,
                  parts=[of_each, *events])
 
 
@@ -226,7 +227,7 @@ def _status(ensemble: Ensemble, i: int) -> str:
 
 
 def _table_of_event(
-    manifest: dict[str, Any], name: str, found: list[Crossings], numbered: bool = False
+    manifest: Manifest, name: str, found: list[Crossings], numbered: bool = False
 ) -> Table:
     """Return the table of an event of one run, or of several with the ``numbered`` ones first."""
     along = f"event_{name}"
@@ -317,7 +318,7 @@ def save_table(table: Table, path: Path, what: str, wanted: Any = None) -> Path:
             _write_parquet(table.columns(wanted), part)
     events = [of for of in table.parts if next(iter(of.along)).startswith("event_")]
     if form.tabular and events:
-        titles = event_headings(table.manifest["system"])
+        titles = event_headings(table.manifest.system)
         if "trajectory" in table.along:
             titles = ["trajectory", *titles]
         rows = [_rows_of_event(of, numbered="trajectory" in table.along) for of in events]

@@ -17,6 +17,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import format_of
+from ...core.manifest import Manifest
 from ...core.records import changed
 from ...core.start import Start
 from ..compilation.body_columns import (
@@ -107,7 +108,7 @@ class Trajectory(Shown):
     every: int
     parameters: dict[str, Any]
     report: Report
-    manifest: dict[str, Any]
+    manifest: Manifest
     energies: Array
     g_errors: Array
     f_errors: Array
@@ -217,10 +218,10 @@ class Trajectory(Shown):
     def _attributes(self) -> dict[str, Any]:
         """Return what files say of the run beside its arrays, as JSON values."""
         return {
-            "title": f"{self.manifest['name']}: {self.report.steps} steps of {float(self.dt):g} s",
+            "title": f"{self.manifest.name}: {self.report.steps} steps of {float(self.dt):g} s",
             "run": {"parameters": {name: digits_of(x) for name, x in self.parameters.items()},
                     "dt": digits_of(self.dt), "every": self.every, "steps": self.report.steps},
-            "report": asdict(self.report), "manifest": self.manifest}
+            "report": asdict(self.report), "manifest": self.manifest.as_json()}
 
     def __iter__(self) -> Iterator[Start]:
         """Iterate over the stored states as starts."""
@@ -239,7 +240,7 @@ class Trajectory(Shown):
 
     def __repr__(self) -> str:
         report = self.report
-        return (f"<Trajectory of {self.manifest['name']}: {len(self):,} states of {report.steps:,} "
+        return (f"<Trajectory of {self.manifest.name}: {len(self):,} states of {report.steps:,} "
                 f"steps, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
@@ -277,24 +278,23 @@ class Trajectory(Shown):
     def has_motion_energy(self) -> bool:
         """Whether the energy of the motion may differ from H: the scheme does not project p onto
         the constraint on the momenta."""
-        about = self.manifest
-        return bool(about["system"]["constraints"]
-                    and not about["scheme"]["keeps_momentum_constraint"])
+        return bool(self.manifest.system.constraints
+                    and not self.manifest.scheme.keeps_momentum_constraint)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """The name of each coordinate, of a column of ``q``."""
-        return tuple(self.manifest["system"]["coordinates"])
+        return tuple(self.manifest.system.coordinates)
 
     @property
     def momenta(self) -> tuple[str, ...]:
         """The name of each momentum, of a column of ``p``."""
-        return tuple(self.manifest["system"]["momenta"])
+        return tuple(self.manifest.system.momenta)
 
     @property
     def quantities(self) -> tuple[str, ...]:
         """The names that ``quantity`` takes."""
-        return tuple(self.manifest["system"].get("quantities", ()))
+        return tuple(self.manifest.system.quantities)
 
     def quantity(self, name: str) -> Array:
         """Return a quantity of the system at each stored state, shape (N+1,).
@@ -434,7 +434,7 @@ class Trajectory(Shown):
         maker: Maker | None = self._stepper if stepper is None else stepper
         if maker is None:
             raise InputError(
-                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                f"This trajectory of {self.manifest.name} does not know the stepper that made "
                 f"it, for it was read from a file or belongs to an ensemble; give {call}.")
         if not callable(getattr(maker, "_at", None)):
             raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
@@ -463,7 +463,7 @@ class Trajectory(Shown):
         maker = self._stepper if stepper is None else stepper
         if not callable(getattr(maker, "gradient", None)):
             raise InputError(
-                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                f"This trajectory of {self.manifest.name} does not know the stepper that made "
                 "it; give gradient(..., stepper=...).")
         return maker.gradient(self, cotangents, **options)
 
@@ -487,7 +487,7 @@ class Trajectory(Shown):
         maker = self._stepper if stepper is None else stepper
         if not callable(getattr(maker, "hessian", None)):
             raise InputError(
-                f"This trajectory of {self.manifest['name']} does not know the stepper that made "
+                f"This trajectory of {self.manifest.name} does not know the stepper that made "
                 "it; give hessian(..., stepper=...).")
         return maker.hessian(self, cotangents, **options)
 

@@ -35,7 +35,7 @@ class Shown:
         """Return what notebooks show: the report, and the energy error over time."""
         run = self._run
         report, t = run.report, run.t.astype(float)
-        less = " − W" if "forces" in run.manifest["system"] else ""
+        less = " − W" if run.manifest.system.forces else ""
         rows = [("states", f"{len(run):,} of {report.steps:,} steps of {float(run.dt):g} s"),
                 ("time", f"{t[0]:.6g} to {t[-1]:.6g} s"),
                 ("bodies", ", ".join(run.bodies) or "none"),
@@ -44,7 +44,7 @@ class Shown:
                 (f"largest |H − H₀{less}|", f"{report.energy_error_max:.2e}"),
                 ("largest |g(q)|", f"{report.constraint_max:.2e}"),
                 ("largest |g_q H_p|", f"{report.momentum_constraint_max:.2e}")]
-        return card(f"Trajectory of {run.manifest['name']}", table(rows),
+        return card(f"Trajectory of {run.manifest.name}", table(rows),
                     curve(t, run.energy_error().astype(float), f"H − H₀{less}"))
 
     def table(
@@ -99,7 +99,7 @@ class Shown:
         table = table_of_run(run, euler=euler, degrees=degrees, angular_velocity=angular_velocity,
                              attitudes=True)
         return as_dataset(table, {
-            "stepper": run.manifest["name"], "dt": float(run.dt), "every": run.every,
+            "stepper": run.manifest.name, "dt": float(run.dt), "every": run.every,
             **{f"parameter_{name}": float(x) for name, x in run.parameters.items()}})
 
     def panels(self) -> dict[str, Array]:

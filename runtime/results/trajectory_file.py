@@ -17,9 +17,11 @@ from ...core.arguments import listed
 from ...core.errors import InputError
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import result_file
+from ...core.json_records import UnfitError
+from ...core.manifest import Manifest
 from ...core.real_types import REALS
 from ..bindings.real_numbers import from_bytes, from_text, without_padding
-from ..compilation.manifest import sizes_of
+from ..compilation.manifest import parse_manifest
 from .crossings import Crossings
 from .diagnostics import Report, known_fields
 from .run_arrays import OUTPUTS, Output, absent, parts, together
@@ -50,7 +52,7 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "every": trajectory.every,
         "parameters": {name: digits_of(x) for name, x in trajectory.parameters.items()},
         "report": asdict(trajectory.report),
-        "manifest": trajectory.manifest,
+        "manifest": trajectory.manifest.as_json(),
         "events": list(trajectory.events),
         "tangents": [] if trajectory.tangents is None else trajectory.tangents.names,
         "switched_steps": getattr(trajectory.tangents, "switched_steps", 0),
@@ -85,6 +87,9 @@ def _readable(path: Path) -> Iterator[None]:
     """Turn whatever a missing or damaged file raises into a sentence."""
     try:
         yield
+    except UnfitError as error:
+        raise InputError(f"{str(path)!r} is no run that gyrospark saved, or damaged: of its "
+                         f"manifest, {error}.") from error
     except InputError:
         raise
     except OSError as error:
@@ -112,8 +117,9 @@ def load_npz(path: Path) -> Trajectory:
                     f"{str(path)!r} was written by gyrospark {writer} in format "
                     f"{about['format']}; this is gyrospark {__version__}, which reads format "
                     f"{_FORMAT}.")
+            manifest = about["manifest"] = parse_manifest(about["manifest"])
             missing = [one.attribute for one in OUTPUTS
-                       if one.attribute not in file and parts(one, about["manifest"])]
+                       if one.attribute not in file and parts(one, manifest)]
             if missing and "t" in file:
                 raise InputError(
                     f"{str(path)!r} has no {listed(missing)}: it was written by gyrospark "
@@ -135,11 +141,12 @@ def load_netcdf(path: Path) -> Trajectory:
     import h5netcdf
 
     with _readable(path), h5netcdf.File(path, "r") as file:
-        run, report, manifest = (json.loads(file.attrs[name])
-                                 for name in ("run", "report", "manifest"))
+        run, report, content = (json.loads(file.attrs[name])
+                                for name in ("run", "report", "manifest"))
+        manifest = parse_manifest(content)
         about = {"dt": run["dt"], "every": run["every"], "parameters": run["parameters"],
                  "report": report, "manifest": manifest}
-        real = REALS[manifest["real"]]
+        real = REALS[manifest.real]
 
         def read(name: str) -> Array:
             if f"{name}_bytes" not in file.variables:
@@ -171,7 +178,8 @@ def _trajectory(fields: dict[str, Any]) -> Trajectory:
 def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, ...]]
             ) -> dict[str, Any]:
     """Return the fields; raise whatever is found wrong with them."""
-    manifest, real = about["manifest"], about["manifest"]["real"]
+    manifest: Manifest = about["manifest"]
+    real = manifest.real
     if REALS[real].in_mpmath:
         in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
         arrays |= {one.attribute: _from_bytes(arrays[one.attribute]) for one in OUTPUTS
@@ -191,8 +199,8 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
 
 def _events(about: Any, crossings: dict[str, list[Array]]) -> dict[str, Crossings]:
     """Return the events; raise whatever is found wrong with them."""
-    wide = REALS[about["manifest"]["real"]].in_mpmath
-    n, found = len(about["manifest"]["system"]["coordinates"]), {}
+    wide = REALS[about["manifest"].real].in_mpmath
+    n, found = len(about["manifest"].system.coordinates), {}
     for name, (t, q, p, steps, rising, elapsed) in crossings.items():
         t, q, p, elapsed = (_from_bytes(x) if wide else x for x in (t, q, p, elapsed))
         shapes = [x.shape for x in (t, q, p, steps, rising, elapsed)]
@@ -208,11 +216,11 @@ def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
     """Return the tangents, if there are any; raise whatever is found wrong with them."""
     if not about.get("tangents"):
         return None
-    wide = REALS[about["manifest"]["real"]].in_mpmath
+    wide = REALS[about["manifest"].real].in_mpmath
     given = {name: _from_bytes(x) if wide else x for name, x in arrays.items()}
     q, p, start, t = (given[name] for name in _TANGENTS[:4])
     multipliers = given.get("multipliers")
-    n, names = len(about["manifest"]["system"]["coordinates"]), about["tangents"]
+    n, names = len(about["manifest"].system.coordinates), about["tangents"]
     if q.shape != p.shape or q.shape[1:] != (n, len(names)) or start.shape != (2 * n, len(names)) \
             or t.shape != (len(q), len(names)) or (multipliers is not None and (
                 multipliers.shape[0] + 1, multipliers.shape[-1]) != (len(q), len(names))):
@@ -224,7 +232,6 @@ def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
 def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> None:
     """Raise for arrays, numbers and a manifest that no integration returns together."""
     manifest, report, rows = found["manifest"], asdict(found["report"]), len(arrays["t"])
-    sizes_of(manifest)
     for one in OUTPUTS:
         array, shape = arrays[one.attribute], _shape(one, manifest, rows)
         if array.shape != shape:
@@ -237,11 +244,11 @@ def _refuse_unless_sound(arrays: dict[str, Array], found: dict[str, Any]) -> Non
     if (not all(type(x) in (int, float) for x in numbers)
             or not all(type(x) is int for x in counts)
             or not all(abs(x) < 2**63 for x in numbers if type(x) is int)
-            or found["parameters"].keys() != manifest["system"]["parameters"].keys()):
+            or found["parameters"].keys() != manifest.system.parameters.keys()):
         raise ValueError("a number is of another type")
 
 
-def _shape(one: Output, manifest: dict[str, Any], rows: int) -> tuple[int, ...]:
+def _shape(one: Output, manifest: Manifest, rows: int) -> tuple[int, ...]:
     """Return the shape of an output's array in a trajectory of so many states."""
     inner = one.inner(manifest)
     if one.split:
@@ -251,8 +258,8 @@ def _shape(one: Output, manifest: dict[str, Any], rows: int) -> tuple[int, ...]:
     return (rows - one.of_steps, *(length for _, length in inner))
 
 
-def _names(manifest: dict[str, Any], labels: str) -> tuple[str, ...]:
-    return tuple(manifest["system"].get(labels, ()))
+def _names(manifest: Manifest, labels: str) -> tuple[str, ...]:
+    return tuple(getattr(manifest.system, labels))
 
 
 def storable(array: Array) -> Array:

@@ -87,20 +87,18 @@ class Differentiation(Evaluation):
         self._second_bindings: list[SecondBinding] = []
         self._controls: dict[str, str] = {}
         self._deriving = threading.Lock()
-        system = self.manifest["system"]
         #: The name of each constraint.
-        self.constraint_names: list[str] = list(system.get(
-            "constraint_names", [f"g{i}" for i in range(self.m)]))
+        self.constraint_names = list(self.manifest.system.constraint_names)
 
     def _derivative_binding(self) -> DerivativeBinding:
         """Calls of tangents and adjoints, derived and compiled when first called."""
         with self._deriving:
             if not self._derivative_bindings:
                 own = self._bound(load_module(self.name, self._derivative_files(), "derivatives"))
-                quad = self.manifest["real"] == "float128"
+                quad = self.manifest.real == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_bindings.append(kind(
-                    own, self.binding, self.manifest["scheme"]["keeps_momentum_constraint"]))
+                    own, self.binding, self.manifest.scheme.keeps_momentum_constraint))
         return self._derivative_bindings[0]
 
     def _derivative_files(self) -> dict[str, str]:

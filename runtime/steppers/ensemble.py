@@ -315,7 +315,7 @@ def _integrate_on(
 
 def _levels(stepper: Stepper, events: Any) -> Levels | None:
     """Return the levels of a caller's events, none of which ends a run; None without events."""
-    asked = as_events(events, stepper.manifest["system"])
+    asked = as_events(events, stepper.manifest.system.event_quantities)
     ending = [one.name for one in asked if one.terminal]
     if ending:
         raise InputError(f"The event {ending[0]!r} is terminal: it ends single runs. The "

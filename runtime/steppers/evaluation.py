@@ -42,7 +42,7 @@ class Evaluation:
         self._lanes_binding: list[Binding] = []
         self.n, self.m = self.binding.n, self.binding.m
         self.unknowns = self.binding.unknowns
-        self.parameter_domains: dict[str, str] = self.manifest["system"]["parameters"]
+        self.parameter_domains: Mapping[str, str] = self.manifest.system.parameters
         self.symmetries = symmetries_of(self.manifest)
         #: Returns parameters as numbers, or raises InputError.
         self.check_parameters = ParameterCheck(self.parameter_domains, self.binding.number,
@@ -64,7 +64,7 @@ class Evaluation:
         return self._lanes_binding[0]
 
     def _bound(self, module: Any) -> Binding:
-        return _binding_type(self.manifest["real"])(module, self.name, self.manifest)
+        return _binding_type(self.manifest.real)(module, self.name, self.manifest)
 
     # ------------------------------------------------------------ what a step solves
 
@@ -173,7 +173,7 @@ class Evaluation:
         return v.reshape(*shape, self.n)
 
     def _refuse_unless_lagrangian(self, what: str) -> None:
-        if "velocity_names" not in self.manifest["system"]:
+        if not self.manifest.system.velocity_names:
             raise InputError(f"{self.name} has no {what}: its system was given by its Hamiltonian; "
                              "System.from_lagrangian makes one that knows them.")
 
@@ -313,7 +313,7 @@ class Evaluation:
     def _origin(self, q: Array, p: Array) -> Array:
         """Return what the compiled code leaves out of x: IMS and EMS solve for increments."""
         origin = self.binding.new(self.unknowns)
-        if self.manifest["scheme"]["unknowns_are_state"]:
+        if self.manifest.scheme.unknowns_are_state:
             origin[: 2 * self.n] = np.concatenate([q, p])
         return origin
 

@@ -24,6 +24,7 @@ from ...core.errors import AbsentError, InputError, StepFailed, Stopped
 from ...core.exact_numbers import Number
 from ...core.frozen_dict import FrozenDict
 from ...core.interrupts import catch_ctrl_c
+from ...core.manifest import Manifest
 from ...core.records import changed
 from ...core.start import Start
 from ..bindings.array_checks import as_positive_count, as_real
@@ -111,7 +112,7 @@ class AdvancingRun:
         memory = self.binding.image(self.work)
         memory[:] = np.frombuffer(image[2], dtype=np.uint8)
 
-    def trajectory(self, manifest: dict[str, Any]) -> Trajectory:
+    def trajectory(self, manifest: Manifest) -> Trajectory:
         """Return what is kept of the run: the state reached."""
         t = self.run.t0 + self.steps * self.run.dt
         run = replace(self.run, q=self.q, p=self.p, t0=t, steps=self.steps + 1,
@@ -226,7 +227,7 @@ class RecordingRun(AdvancingRun):
         self._rows = Rows.allocate(self.binding, max(self.steps, FIRST_STEPS))
         self._put(self.steps, rows, inputs)
 
-    def trajectory(self, manifest: dict[str, Any]) -> Trajectory:
+    def trajectory(self, manifest: Manifest) -> Trajectory:
         """Return all states, and the inputs of each step."""
         done = self.steps
         rows = Rows(**{name: array[: done + (name in ("q", "p", "work"))].copy()
@@ -505,7 +506,7 @@ class Simulation:
         held, stepper = self._held, self._stepper
         made = stepper.check_parameters(parameters)
         warn_of_negative(made)
-        deciding = stepper.manifest["system"]["start_parameters"]
+        deciding = stepper.manifest.system.start_parameters
         if any(made[name] != held.run.parameters[name] for name in deciding):
             refuse_inconsistent(held.binding, stepper.manifest,
                                 replace(held.run, q=held.q, p=held.p, parameters=made))
@@ -562,7 +563,7 @@ class _PresentState:
         self.q, self.p = self._held.q, self._held.p  # compiled code writes into these
         self.manifest = simulation._stepper.manifest
         self.body, self.quantity = simulation.body, simulation.quantity
-        self.quantities = tuple(self.manifest["system"].get("quantities", ()))
+        self.quantities = tuple(self.manifest.system.quantities)
 
     @property
     def parameters(self) -> dict[str, Any]:

@@ -28,7 +28,6 @@ from ...core.start import HasStart
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import SOLVERS
 from ..bindings.inputs import InputRows, Inputs, as_inputs
-from ..compilation.manifest import manifest_warnings
 from ..compilation.stepper_module import provenance
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
@@ -93,8 +92,8 @@ class Stepper(Dynamics):
         self, name: str, files: dict[str, str], derive: Derive | None = None
     ) -> None:
         super().__init__(name, files, derive)
-        self.order = int(self.manifest["scheme"]["order"])
-        self.warnings = [text for _, text in manifest_warnings(self.manifest)]
+        self.order = int(self.manifest.scheme.order)
+        self.warnings = [text for _, text in self.manifest.warnings]
         #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
@@ -104,20 +103,20 @@ class Stepper(Dynamics):
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: method, system, and what a run must be given."""
-        system, scheme = self.manifest["system"], self.manifest["scheme"]
+        system, scheme = self.manifest.system, self.manifest.scheme
         domains = self.parameter_domains.items()
-        rows = [("method", f"{scheme['method']}, order {self.order}, {self.unknowns} unknowns"),
-                ("system", f"{system['name']}: {self.n} coordinates, {self.m} constraints"
+        rows = [("method", f"{scheme.method}, order {self.order}, {self.unknowns} unknowns"),
+                ("system", f"{system.name}: {self.n} coordinates, {self.m} constraints"
                  + f", {self.binding.rows} velocity constraints" * bool(self.binding.rows)),
-                ("H", textwrap.shorten(str(system["hamiltonian"]), _LONGEST, placeholder=" …")),
+                ("H", textwrap.shorten(str(system.hamiltonian), _LONGEST, placeholder=" …")),
                 ("parameters", few(name if domain == "real" else f"{name} ({domain})"
                                    for name, domain in domains)),
                 *((what, few(names)) for what, names in (
-                    ("inputs", self.binding.input_names), ("bodies", system.get("bodies", ())),
-                    ("joints", system.get("joints", ())),
-                    ("quantities", system.get("quantities", ())),
+                    ("inputs", self.binding.input_names), ("bodies", system.bodies),
+                    ("joints", system.joints),
+                    ("quantities", system.quantities),
                     ("frame", [s.name for s in self.symmetries])) if names),
-                ("numbers", self.manifest["real"]), *(("note", text) for text in self.warnings)]
+                ("numbers", self.manifest.real), *(("note", text) for text in self.warnings)]
         return card(f"Stepper {self.name}", table(rows))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -332,12 +331,12 @@ class Stepper(Dynamics):
         if out is not None:
             stored: Trajectory = function_of("storage.record", "record")(
                 self, _storable(run, t_eval, tangents), as_events(
-                    events, self.manifest["system"]), out, progress=progress)
+                    events, self.manifest.system.event_quantities), out, progress=progress)
             return stored
         if t_eval is not None:
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
         warned = not run.steps or self._warned(run) or run.rows < 2
-        asked = as_events(events, self.manifest["system"])
+        asked = as_events(events, self.manifest.system.event_quantities)
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
             found = observed(self, run, asked, report).made_by(self, Origin(run, asked))
         if not warned:
@@ -447,7 +446,7 @@ class Stepper(Dynamics):
                              f"solver = {method.kind!r}.")
         if method.kind == "fixed-point" and not self.binding.lanes:
             raise InputError(f"{self.name} has no solver fixed-point: "
-                             f"{self.manifest['fast_path']['reason']}; choose auto or newton.")
+                             f"{self.manifest.fast_path.reason}; choose auto or newton.")
         number = self.binding.number
         bound = None if method.tolerance is None else as_real("tolerance", method.tolerance, number)
         count = as_positive_count("steps", steps)

@@ -91,7 +91,7 @@ class Velocities:
         rates = {symmetry.name for symmetry in stepper.symmetries}
         self._parameters = {name: x for name, x in parameters.items() if name not in rates}
         self.epsilon: float = stepper.binding.epsilon
-        self._ends = bool(stepper.manifest["scheme"]["unknowns_are_state"])
+        self._ends = bool(stepper.manifest.scheme.unknowns_are_state)
 
     def __call__(self, q: Array, p: Array) -> Array:
         """Return H_p, shape (n,)."""
@@ -108,7 +108,7 @@ class Velocities:
         """
         step, h = self._stepper, float(dt) * self.epsilon ** (1 / 3)
         try:
-            if step.m and not step.manifest["scheme"]["keeps_momentum_constraint"]:
+            if step.m and not step.manifest.scheme.keeps_momentum_constraint:
                 q, p = step.project(q, p, parameters=self._parameters, t=self._t)
             end = step.integrate(Start(q, p, self._parameters, self._t), dt=h, steps=1)
         except (InputError, StepFailed):

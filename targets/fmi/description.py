@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.etree.ElementTree import SubElement as Sub
 
+from ...core.manifest import Manifest
 from ...core.units import base_units
 from ..artefact import Options, parameter_fields
 from .variables import LEAST, Variable, unit_of
@@ -17,9 +17,9 @@ from .variables import LEAST, Variable, unit_of
 __all__ = ["build_description", "model_description", "model_header", "token"]
 
 
-def token(manifest: Mapping[str, Any], variables: Sequence[Variable], version: int) -> str:
+def token(manifest: Manifest, variables: Sequence[Variable], version: int) -> str:
     """Return the guid: of a model and its start, so that two builds are equal to the byte."""
-    content = [manifest, [[v.name, v.start] for v in variables], version]
+    content = [manifest.as_json(), [[v.name, v.start] for v in variables], version]
     return str(uuid.uuid5(uuid.NAMESPACE_URL, json.dumps(content, sort_keys=True)))
 
 
@@ -29,16 +29,16 @@ def _text(root: Element) -> str:
 
 
 def model_description(
-    manifest: Mapping[str, Any], options: Options, variables: Sequence[Variable], version: int,
+    manifest: Manifest, options: Options, variables: Sequence[Variable], version: int,
 ) -> str:
     """Return modelDescription.xml of FMI 2.0 or 3.0."""
-    name, two = manifest["name"], version == 2
+    name, two = manifest.name, version == 2
     root = Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": name,
         "guid" if two else "instantiationToken": token(manifest, variables, version),
-        "description": options.description or f"{manifest['system']['name']}, "
-                                              f"{manifest['scheme']['method']}",
-        "generationTool": f"gyrospark {manifest['generator']}",
+        "description": options.description or f"{manifest.system.name}, "
+                                              f"{manifest.scheme.method}",
+        "generationTool": f"gyrospark {manifest.generator}",
         "variableNamingConvention": "flat",
         **({"numberOfEventIndicators": "0"} if two else {})})
     state = "FMUstate" if two else "FMUState"
@@ -122,13 +122,13 @@ def build_description(name: str) -> str:
 
 
 def model_header(
-    manifest: Mapping[str, Any], options: Options, variables: Sequence[Variable], version: int,
+    manifest: Manifest, options: Options, variables: Sequence[Variable], version: int,
 ) -> str:
     """Return sources/model.h: the stepper and its numbers, as core.h reads them."""
-    name, system = manifest["name"], manifest["system"]
-    roles = [number["role"] for number in system["numbers"]]
+    name, system = manifest.name, manifest.system
+    roles = [number.role for number in system.numbers]
     velocities, quantities = roles.count("velocity"), roles.count("quantity")
-    time = "&(m)->time, " if system.get("quantities_take_time") else ""
+    time = "&(m)->time, " if system.quantities_take_time else ""
     start = f"{name}_start(&(m)->parameters, (m)->q, (m)->velocity, (m)->p)"
     velocity = f"{name}_velocity(&(m)->parameters, (m)->q, (m)->p, (m)->velocity)"
     observe = f"{name}_quantities(&(m)->parameters, {time}(m)->q, (m)->p, (m)->quantities)"
@@ -152,13 +152,13 @@ def model_header(
 #define STATUS(x) {name.upper()}_##x
 #define GUID "{token(manifest, variables, version)}"
 
-enum {{ N = {len(system["coordinates"])}, V = {velocities}, OBSERVED = {quantities},
+enum {{ N = {len(system.coordinates)}, V = {velocities}, OBSERVED = {quantities},
     ITERATIONS = {options.max_iterations} }};
 
 #define START(m) {start if velocities else "STATUS(OK)"}
 #define VELOCITY(m) {velocity if velocities else "(void)(m)"}
 #define OBSERVE(m) {observe if quantities else "(void)(m)"}
-#define SET_TIME(m) {f"(m)->parameters.{system['time']} = (m)->time" if "time" in system
+#define SET_TIME(m) {f"(m)->parameters.{system.time} = (m)->time" if system.time
                      else "(void)(m)"}
 
 #define VARIABLES \\

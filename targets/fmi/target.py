@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from ...core.errors import GyrosparkError, InputError
+from ...core.manifest import Manifest
 from ..artefact import MARKER, Built, Options, refuse_names
 from ..native import native_bits
 from .archive import compile_fmu, library_of
@@ -41,7 +40,7 @@ class Fmu:
         self.version = version
 
     def files(
-        self, manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+        self, manifest: Manifest, sources: Mapping[str, str], options: Options
     ) -> dict[str, str | bytes]:
         """Return descriptions, sources and a mark by their paths in the FMU.
 
@@ -50,11 +49,11 @@ class Fmu:
         InputError
             For another type than double, and for numbers that an FMU cannot hold.
         """
-        if manifest["real"] != "double":
-            raise InputError(f"An FMU holds numbers of type double, and {manifest['name']} is of "
-                             f"type {manifest['real']}; choose real='double'.")
+        if manifest.real != "double":
+            raise InputError(f"An FMU holds numbers of type double, and {manifest.name} is of "
+                             f"type {manifest.real}; choose real='double'.")
         refuse_names(manifest, _MACROS, "core.h of an FMU")
-        version, name = self.version, manifest["name"]
+        version, name = self.version, manifest.name
         variables = variables_of(manifest, options)
         own = {file: (_HERE / file).read_text(encoding="utf-8")
                for file in ("core.h", "export.h", f"fmi{version}.h", f"fmi{version}.c")}
@@ -65,14 +64,14 @@ class Fmu:
         }
         return {
             "modelDescription.xml": model_description(manifest, options, variables, version),
-            f"resources/{MARKER}": json.dumps(manifest, indent=2, ensure_ascii=False) + "\n",
+            f"resources/{MARKER}": manifest.text,
             **{f"sources/{file}": text for file, text in code.items()},
         }
 
     def compile(self, folder: Path, platforms: tuple[str, ...]) -> Path:
         """Compile the sources for platforms; return the FMU, a file in the folder."""
-        manifest = json.loads((folder / "resources" / MARKER).read_text(encoding="utf-8"))
-        return compile_fmu(folder, manifest["name"], self.version, platforms)
+        manifest = Manifest.from_text((folder / "resources" / MARKER).read_text(encoding="utf-8"))
+        return compile_fmu(folder, manifest.name, self.version, platforms)
 
     def check(self, built: Built) -> str:
         """Compare its attitude and momenta with those of native C, and a repeated run.

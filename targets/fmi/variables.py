@@ -7,11 +7,11 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...core.errors import InputError
+from ...core.manifest import BodyManifest, Manifest, SystemManifest
 from ...core.units import base_units
 from ..artefact import Options
 
@@ -61,7 +61,7 @@ class Variable:
         return "BEFORE_THE_START" if self.initial == "exact" else "NEVER"
 
 
-def variables_of(manifest: Mapping[str, Any], options: Options) -> list[Variable]:
+def variables_of(manifest: Manifest, options: Options) -> list[Variable]:
     """Return the variables in the order of their value references: time is the first.
 
     Parameters are fixed, inputs are constant over a communication step, coordinates and velocities
@@ -78,7 +78,7 @@ def variables_of(manifest: Mapping[str, Any], options: Options) -> list[Variable
     for variable in found:
         if variable.name in names:
             raise InputError(
-                f"An FMU of {manifest['name']} would have two variables {variable.name!r}: time, "
+                f"An FMU of {manifest.name} would have two variables {variable.name!r}: time, "
                 "dt and energy are its own; rename that number of the model.")
         names.add(variable.name)
         if variable.start is not None and not math.isfinite(variable.start):
@@ -87,15 +87,15 @@ def variables_of(manifest: Mapping[str, Any], options: Options) -> list[Variable
     return found
 
 
-def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variable]:
-    system = manifest["system"]
-    numbers = system["numbers"]
-    hamiltonian = system["hamiltonian"]
-    quantities: Mapping[str, str] = system.get("quantities", {})
-    known = [n["name"] for n in numbers if n["role"] in ("parameter", "input")]
-    time = system.get("time")
-    first = "velocity" if any(n["role"] == "velocity" for n in numbers) else "p"
-    mechanical = any("kg" in base_units(n["unit"]) for n in numbers if n["unit"])
+def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
+    system = manifest.system
+    numbers = system.numbers
+    hamiltonian = system.hamiltonian
+    quantities: Mapping[str, str] = system.quantities
+    known = [n.name for n in numbers if n.role in ("parameter", "input")]
+    time = system.time
+    first = "velocity" if any(n.role == "velocity" for n in numbers) else "p"
+    mechanical = any("kg" in base_units(n.unit) for n in numbers if n.unit)
     starts = {"q": options.q, first: options.p if first == "p" else _velocities(system, options)}
     yield Variable("time", "time", "time", "independent", unit="s")
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
@@ -109,7 +109,7 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
         return (*(["time"] if time in words else []), *(name for name in known if name in words))
 
     for number in numbers:
-        name, role, unit, domain = (number[key] for key in ("name", "role", "unit", "domain"))
+        name, role, unit, domain = number.name, number.role, number.unit, number.domain
         if role in counts:
             place = f"{'quantities' if role == 'quantity' else role}[{counts[role]}]"
             counts[role] += 1
@@ -130,24 +130,25 @@ def _variables(manifest: Mapping[str, Any], options: Options) -> Iterator[Variab
                    unit="J" if mechanical else None, depends=depends(hamiltonian))
 
 
-def _bodies(system: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+def _bodies(system: SystemManifest) -> Mapping[str, BodyManifest]:
     """Return the coordinates of each body by its name."""
-    one = {"body": {"q": system["coordinates"]}} if system["rigid_body"] else {}
-    return dict(system.get("bodies") or one)
+    if system.rigid_body and not system.bodies:
+        return {"body": BodyManifest(q=system.coordinates)}
+    return system.bodies
 
 
-def _meanings(system: Mapping[str, Any]) -> dict[str, str]:
+def _meanings(system: SystemManifest) -> dict[str, str]:
     """Return what coordinates and velocities of bodies are."""
     found: dict[str, str] = {}
     for name, body in _bodies(system).items():
-        found |= dict.fromkeys(body["q"], f"attitude of {name}, a unit quaternion")
-        found |= dict.fromkeys(body.get("x", ()), f"position of {name} in space")
+        found |= dict.fromkeys(body.q, f"attitude of {name}, a unit quaternion")
+        found |= dict.fromkeys(body.x, f"position of {name} in space")
         found |= {f"{name}_omega_{a}": f"angular velocity of {name} in its axes" for a in "xyz"}
         found |= {f"{name}_v_{a}": f"velocity of {name} in space" for a in "xyz"}
     return found
 
 
-def _velocities(system: Mapping[str, Any], options: Options) -> list[float]:
+def _velocities(system: SystemManifest, options: Options) -> list[float]:
     """Return the velocities of a start: 2 L(q) q' of a quaternion, else q', with q' = H_p.
 
     H_p is Im H(q, p + iε e_k)/ε, a way that shares nothing with the C.
@@ -159,18 +160,18 @@ def _velocities(system: Mapping[str, Any], options: Options) -> list[float]:
     from ...runtime.rigid_body.quaternion import left_matrix
 
     names = {name: sp.Symbol(name) for name in (
-        *system["coordinates"], *system["momenta"], *options.parameters)}
-    text = system["hamiltonian"].replace("Abs(", "abs(")  # SymPy's name, and that of formulas
+        *system.coordinates, *system.momenta, *options.parameters)}
+    text = system.hamiltonian.replace("Abs(", "abs(")  # SymPy's name, and that of formulas
     H = parse_formula(text, names, frozenset(names.values()))
     p = np.array(options.p)[:, None] + 1e-100j * np.eye(len(options.p))
-    values = {**options.parameters, **dict(zip(system["coordinates"], options.q, strict=True)),
-              **dict(zip(system["momenta"], p, strict=True))}
+    values = {**options.parameters, **dict(zip(system.coordinates, options.q, strict=True)),
+              **dict(zip(system.momenta, p, strict=True))}
     rates = evaluate([H], {names[name]: x for name, x in values.items()}).imag[0] / 1e-100
-    at = {name: k for k, name in enumerate(system["coordinates"])}
+    at = {name: k for k, name in enumerate(system.coordinates)}
     found: list[float] = []
     seen: set[int] = set()
     for body in _bodies(system).values():
-        turning, moving = [at[x] for x in body["q"]], [at[x] for x in body.get("x", ())]
+        turning, moving = [at[x] for x in body.q], [at[x] for x in body.x]
         if turning:
             found += (2 * left_matrix([options.q[k] for k in turning]) @ rates[turning]).tolist()
         found += rates[moving].tolist()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..._version import __version__
 from ...core.errors import InputError
+from ...core.manifest import Manifest
 from ...runtime.compilation.body_columns import bodies_of
 from ...runtime.plotting.html_view import View, compact, drawing, page_file
 from ...runtime.plotting.scene import check_bodies, drawn_joints
@@ -43,7 +44,7 @@ _MODULE = "@MODULE@"
 
 
 def files(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the C, and the page but for the module.
 
@@ -54,7 +55,7 @@ def files(
     """
     check_bodies(manifest)
     if not bodies_of(manifest):
-        raise InputError(f"The place of the bodies of {manifest['system']['name']!r} is a formula "
+        raise InputError(f"The place of the bodies of {manifest.system.name!r} is a formula "
                          "of its coordinates, which a page does not evaluate; build target wasm.")
     content = json.dumps(_content(manifest, options), allow_nan=False, ensure_ascii=False)
     page = read("page.html")
@@ -68,42 +69,42 @@ def files(
     return {**c_files(options), _PAGE: page}
 
 
-def _title(manifest: Mapping[str, Any]) -> str:
-    name = str(manifest["system"]["name"]).replace("_", " ")
+def _title(manifest: Manifest) -> str:
+    name = str(manifest.system.name).replace("_", " ")
     return name[:1].upper() + name[1:]
 
 
-def _content(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
+def _content(manifest: Manifest, options: Options) -> dict[str, Any]:
     """Return what page.js reads: places in arrays, names, numbers of the start."""
-    system, bodies = manifest["system"], bodies_of(manifest)
+    system, bodies = manifest.system, bodies_of(manifest)
     velocities, spins = [], []
     for i, number in enumerate(velocities_of(manifest)):
         owner = next((name for name in sorted(bodies, key=len, reverse=True)
-                      if number["name"].startswith(f"{name}_")), "")
-        text = number["name"].removeprefix(f"{owner}_")
+                      if number.name.startswith(f"{name}_")), "")
+        text = number.name.removeprefix(f"{owner}_")
         if "omega" in text:
             spins.append(i)
-        velocities.append({"name": number["name"], "body": owner, "unit": _unit(number),
+        velocities.append({"name": number.name, "body": owner, "unit": _unit(number.unit),
                            "text": text.replace("omega", "ω").replace("_", " ")})
-    fixed = {*re.findall(r"\w+", " ".join(system["constraints"]))}
+    fixed = {*re.findall(r"\w+", " ".join(system.constraints))}
     numbered = {name: i for i, name in enumerate(bodies)} | {"": -1}
-    known = {x["name"]: x for x in system.get("numbers", [])}
-    inputs = [*system.get("inputs", ())]
-    sliders = sorted(system["parameters"].items(), key=lambda pair: pair[0] not in inputs)
+    known = {number.name: number.unit for number in system.numbers}
+    inputs = [*system.inputs]
+    sliders = sorted(system.parameters.items(), key=lambda pair: pair[0] not in inputs)
     about = " ".join(filter(None, [
         options.description,
         f"The generated C of gyrospark {__version__}, as WebAssembly, integrates in this page."]))
     return {
         "about": about, MARKER: "web",
-        "hash": [stepper.manifest["hash"] for stepper in options.steppers],
-        "conserves": not {"forces", "time"} & {*system},
+        "hash": [stepper.manifest.hash for stepper in options.steppers],
+        "conserves": not system.forces and system.time is None,
         "schemes": schemes_of(options), "start": start_of(manifest, options),
-        "jointed": len(system["constraints"]) > len(bodies),
-        "curves": 3 if system["constraints"] else 1,
+        "jointed": len(system.constraints) > len(bodies),
+        "curves": 3 if system.constraints else 1,
         "velocities": velocities, "spins": spins,
         "numbers": [{"name": name, "domain": domain,
                      "role": "input" if name in inputs else "parameter",
-                     "unit": _unit(known.get(name, {}))}
+                     "unit": _unit(known.get(name))}
                     for name, domain in sliders if name not in fixed],
         "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
                     "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
@@ -116,10 +117,10 @@ def _content(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
     }
 
 
-def _unit(number: Mapping[str, Any]) -> str:
+def _unit(unit: str | None) -> str:
     """Return a unit as a page shows it, of FMI's spelling: ``kg m²`` of ``kg.m2``."""
     digits = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-    text = str(number.get("unit") or "").replace(".", " ").replace("-", "⁻")
+    text = (unit or "").replace(".", " ").replace("-", "⁻")
     return re.sub(r"(?<=[a-zA-Z⁻])\d", lambda found: found[0].translate(digits), text)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import InputError
+from ...core.manifest import Manifest, NumberManifest
 from ..artefact import Built, Options, Written
 from ..native import C_FLAGS, refuse_difference
 from ..tools import TOOLS, require, run_tool
@@ -31,12 +32,12 @@ _STEPS = 2000
 
 
 def files(
-    manifest: Mapping[str, Any], sources: Mapping[str, str], options: Options
+    manifest: Manifest, sources: Mapping[str, str], options: Options
 ) -> dict[str, str | bytes]:
     """Return the C, and ``NAME.mjs`` with the class ``Stepper``, names and numbers."""
-    name = manifest["name"]
+    name = manifest.name
     facts = {"schemes": schemes_of(options), "start": start_of(manifest, options),
-             "velocities": [x["name"] for x in velocities_of(manifest)]}
+             "velocities": [x.name for x in velocities_of(manifest)]}
     values = "".join(f"export const {what} = {json.dumps(value)};\n"
                      for what, value in facts.items())
     script = f"{read('stepper.js')}\n{values}export {{ Stepper }};\n"
@@ -62,25 +63,25 @@ def refuse_other_numbers(first: Written, other: Written) -> None:
     InputError
     """
     for key in ("coordinates", "parameters"):
-        if list(other.manifest["system"][key]) != list(first.manifest["system"][key]):
-            raise InputError(f"{other.manifest['scheme']['method']} has other {key} than "
-                             f"{first.manifest['scheme']['method']}; build them apart.")
+        if getattr(other.manifest.system, key) != getattr(first.manifest.system, key):
+            raise InputError(f"{other.manifest.scheme.method} has other {key} than "
+                             f"{first.manifest.scheme.method}; build them apart.")
 
 
 def schemes_of(options: Options) -> list[dict[str, str]]:
     """Return label and name of each stepper."""
-    return [{"label": stepper.manifest["scheme"]["method"], "name": stepper.name}
+    return [{"label": stepper.manifest.scheme.method, "name": stepper.name}
             for stepper in options.steppers]
 
 
-def velocities_of(manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
+def velocities_of(manifest: Manifest) -> list[NumberManifest]:
     """Return the numbers that ``NAME_start`` takes as velocities; none where it is not there."""
-    return [x for x in manifest["system"].get("numbers", []) if x["role"] == "velocity"]
+    return [x for x in manifest.system.numbers if x.role == "velocity"]
 
 
-def start_of(manifest: Mapping[str, Any], options: Options) -> dict[str, Any]:
+def start_of(manifest: Manifest, options: Options) -> dict[str, Any]:
     """Return the numbers that ``Stepper`` of stepper.js begins with."""
-    return {"real": manifest["real"], "dt": options.dt, "parameters": dict(options.parameters),
+    return {"real": manifest.real, "dt": options.dt, "parameters": dict(options.parameters),
             "q": list(options.q), "p": list(options.p),
             "velocities": len(velocities_of(manifest))}
 
@@ -100,26 +101,26 @@ def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
 def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
     """Compile all steppers of a folder, each with glue.c, as one module that imports nothing."""
     command = [*require("zig", "WebAssembly"), "cc", *_LINK[:2], "-msimd128", *C_FLAGS, level]
-    manifests = [json.loads(path.read_text(encoding="utf-8"))
+    manifests = [Manifest.from_text(path.read_text(encoding="utf-8"))
                  for path in sorted(folder.glob("*.json"))]
     for manifest in manifests:
         run_tool([*command, *definitions(manifest), "-c", "glue.c", "-o",
-                  f"{manifest['name']}.o"], folder, "Compiling WebAssembly")
-    objects = [f"{manifest['name']}.o" for manifest in manifests]
+                  f"{manifest.name}.o"], folder, "Compiling WebAssembly")
+    objects = [f"{manifest.name}.o" for manifest in manifests]
     exports = [f"-Wl,--export={function}" for manifest in manifests for function in exported(
-        manifest["name"], (folder / f"{manifest['name']}.h").read_text(encoding="utf-8"))]
+        manifest.name, (folder / f"{manifest.name}.h").read_text(encoding="utf-8"))]
     run_tool([*command, *_LINK[2:], *exports, *objects, "-o", str(module.resolve())], folder,
              "Linking WebAssembly")
     for name in objects:
         (folder / name).unlink()
 
 
-def definitions(manifest: Mapping[str, Any]) -> list[str]:
+def definitions(manifest: Manifest) -> list[str]:
     """Return what glue.c is told about a stepper."""
-    kind = manifest["scheme"]["kind"]
-    return [f'-DSTEPPER="{manifest["name"]}.c"', f"-DSPARK={int(kind == 'spark')}",
+    kind = manifest.scheme.kind
+    return [f'-DSTEPPER="{manifest.name}.c"', f"-DSPARK={int(kind == 'spark')}",
             f"-DSPLITTING={int(kind == 'splitting')}",
-            f"-DCONSTRAINTS={len(manifest['system']['constraints'])}"]
+            f"-DCONSTRAINTS={len(manifest.system.constraints)}"]
 
 
 def exported(name: str, header: str) -> list[str]:
@@ -181,7 +182,7 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
     base = exports["__heap_base"].value(store)
     found = []
     for stepper in options.steppers:
-        real = "f" if stepper.manifest["real"] == "float" else "d"
+        real = "f" if stepper.manifest.real == "float" else "d"
 
         def call(what: str, *arguments: float, name: str = stepper.name) -> Any:
             return exports[f"{name}_{what}"](store, *arguments)

@@ -37,7 +37,7 @@ def test_ensemble_of_newton_equals_single_runs_bit_for_bit(step):
     assert not many.failures
     assert many.q.shape == many.p.shape == (6, 8, 4)
     assert many.t.shape == (6, 8)
-    assert many.multipliers.shape == (6, 7, step.manifest["scheme"]["multipliers"])
+    assert many.multipliers.shape == (6, 7, step.manifest.scheme.multipliers)
     assert many.iterations.shape == (6, 7)
     for i in range(6):
         one = step.integrate(q[i], p[i], dt=dts[i], parameters=PARAMETERS | {"gamma": gammas[i]},

@@ -18,7 +18,7 @@ from python_newton import integrate
 @pytest.mark.parametrize(("dq", "dp"), [(1e-10, 0), (-1e-6, 0), (0.5, 0), (0, 1e-9), (1e-12, 1e-3)])
 def test_start_off_the_constraint_is_refused_and_projection_cures_it(dq, dp, step):
     q, p = TOP.q0 * (1 + dq), TOP.p0 + dp * TOP.q0 * np.linalg.norm(TOP.p0)
-    momentum_free = not step.manifest["scheme"]["keeps_momentum_constraint"]
+    momentum_free = not step.manifest.scheme.keeps_momentum_constraint
     if not (momentum_free and dq == 0 and dp < 1e-3):
         with refused(r"constraints.*project\(") as caught:
             step.step(q, p, **RUN)
@@ -98,7 +98,7 @@ def test_every_stores_every_kth_and_the_last(steps, every, gl3):
 
 def test_shapes_are_those_of_the_contract(step):
     made = step.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
-    nodes = step.manifest["scheme"]["multipliers"]
+    nodes = step.manifest.scheme.multipliers
     assert made.t.shape == (6,)
     assert made.q.shape == made.p.shape == (6, 4)
     assert made.multipliers.shape == (5, nodes)
@@ -119,7 +119,7 @@ def test_no_steps_give_the_start(step):
     made = step.integrate(TOP.q0, TOP.p0, steps=0, **RUN)
     assert np.array_equal(made.q, [TOP.q0])
     assert made.iterations.shape == (0,)
-    assert made.multipliers.shape == (0, step.manifest["scheme"]["multipliers"])
+    assert made.multipliers.shape == (0, step.manifest.scheme.multipliers)
     assert made.report.steps == 0
     assert made.report.energy_start == made.energy()[0]
     assert made.report.energy_error_max == 0

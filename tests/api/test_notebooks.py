@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import types
 from dataclasses import replace
@@ -71,7 +70,7 @@ def test_a_trajectory_shows_its_report_and_a_curve(run):
 
 
 def test_what_others_wrote_stays_text(run):
-    manifest = json.loads(json.dumps(run.manifest)) | {"name": HOSTILE}
+    manifest = replace(run.manifest, name=HOSTILE)
     line = CertificateLine(HOSTILE, HOSTILE, HOSTILE, False, HOSTILE)
     for thing in (replace(run, manifest=manifest),
                   Certificate(HOSTILE, HOSTILE, 2, 0.1, 3, {}, [line])):

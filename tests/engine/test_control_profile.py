@@ -20,6 +20,7 @@ import gyrospark as gs
 import systems
 from compilers import MAIN, compiler
 from gyrospark.core.errors import InputError
+from gyrospark.core.manifest import Manifest
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.spec import Spec
@@ -61,8 +62,8 @@ class Control:
         self.ffi = cffi.FFI()
         self.ffi.cdef(header[: header.index(f"#ifdef {name.upper()}_WORK")])
         self.library = self.ffi.dlopen(str(folder / f"{name}.so"))
-        self.manifest = json.loads(source.manifest)
-        self.type = np.float32 if self.manifest["real"] == "float" else np.float64
+        self.manifest = Manifest.from_text(source.manifest)
+        self.type = np.float32 if self.manifest.real == "float" else np.float64
 
     def __getattr__(self, function):
         return getattr(self.library, f"{self.name}_{function}")
@@ -79,8 +80,8 @@ class Control:
 
     def velocities(self, parameters, q, p):
         """Return the velocities of a state."""
-        names = self.manifest["system"]["numbers"]
-        made = np.zeros(sum(one["role"] == "velocity" for one in names), self.type)
+        names = self.manifest.system.numbers
+        made = np.zeros(sum(one.role == "velocity" for one in names), self.type)
         self.velocity(self.parameters(parameters), *map(self.pointer, (
             np.array(q, self.type), np.array(p, self.type), made)))
         return made
@@ -553,7 +554,7 @@ def check_derivatives(own, full, parameters, q, p):
     dz = np.ascontiguousarray(dz, own.type)
     ends, z_bar = np.zeros((2 * full.n, binding.rows), own.type), np.zeros(binding.rows, own.type)
     w = np.linspace(1, 2, 2 * full.n).astype(own.type)
-    timed = {own.manifest["system"]["time"]: time} if "time" in own.manifest["system"] else {}
+    timed = {own.manifest.system.time: time} if own.manifest.system.time else {}
     step = own.parameters(parameters | timed), 1e-3, *map(own.pointer, (q, p, x))
     none, empty = own.ffi.NULL, binding.own.new(0)
     assert own.tangent(*step, binding.rows, own.pointer(dz), own.pointer(ends), none,
@@ -565,7 +566,7 @@ def check_derivatives(own, full, parameters, q, p):
     values = [parameters[name] for name in binding.own.parameter_names]
     size[2 * full.n : -2] = np.maximum(size[2 * full.n : -2], state / np.abs(values))
     units = np.full((2 * full.n, 1), 16.0)
-    if not own.manifest["scheme"]["keeps_momentum_constraint"]:
+    if not own.manifest.scheme.keeps_momentum_constraint:
         units[full.n:] += 4 / 1e-3
     allowed = np.finfo(own.type).eps * units * size
     assert size.max() > 0.5

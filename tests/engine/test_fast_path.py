@@ -239,11 +239,11 @@ def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
 
 
 def test_manifest_says_what_was_proved():
-    fast = gs.stepper("G-L", 2).manifest["fast_path"]
-    assert fast["available"]
-    assert fast["constant_schur"]
-    assert fast["scalar_correction"]
-    assert not fast["gauss_seidel"]
+    fast = gs.stepper("G-L", 2).manifest.fast_path
+    assert fast.available
+    assert fast.constant_schur
+    assert fast.scalar_correction
+    assert not fast.gauss_seidel
 
 
 @pytest.mark.parametrize(("dt", "most"), [(1e-4, 2), (1e-3, 3), (5e-3, 4)])

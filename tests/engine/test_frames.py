@@ -207,7 +207,7 @@ def test_what_moves_by_less_than_rounding_moves():
 def rates_of(step, q, p, numbers):
     """Return ω with H_p = Σ ω_i A_i q, by least squares; H_p from the residual of no step."""
     x = np.zeros(step.unknowns)
-    if step.manifest["scheme"]["unknowns_are_state"]:
+    if step.manifest.scheme.unknowns_are_state:
         x[: 2 * step.n] = [*q, *p]
     H_p = -step.residual(x, q, p, dt=1.0, parameters=numbers)[: step.n]
     moves = np.stack([s.A @ np.asarray(q, float) for s in step.symmetries], axis=1)

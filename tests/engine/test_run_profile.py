@@ -6,7 +6,6 @@ step needs Newton; and both come to where the full stepper comes, but for roundi
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from functools import cache
@@ -19,6 +18,7 @@ import systems
 from calls import PARAMETERS, TOP
 from compilers import MAIN, compiler
 from gyrospark.core.errors import InputError
+from gyrospark.core.manifest import Manifest
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation.compiler import read_declarations
@@ -84,8 +84,8 @@ class Program:
         self.ffi.cdef(declared(source))
         self.path = folder / f"{name}.so"
         self.library = self.ffi.dlopen(str(self.path))
-        self.manifest = json.loads(source.manifest)
-        real = self.manifest["real"]
+        self.manifest = Manifest.from_text(source.manifest)
+        real = self.manifest.real
         self.c_type = real.replace("-", " ")
         self.type = {"float": np.float32, "double": np.float64}.get(real, np.longdouble)
 
@@ -98,7 +98,7 @@ class Program:
 
     def start(self, name, solver=None):
         _, _, (q0, p0), values, dt = MODELS[name]
-        time = self.manifest["system"].get("time")
+        time = self.manifest.system.time
         fields = {key: float(value) for key, value in values.items()}
         parameters = self.ffi.new(f"{self.name}_parameters *",
                                   fields | ({time: 1.25} if time else {}))
@@ -112,12 +112,12 @@ class Program:
     def run(self, name, solver):
         """Return all that a whole run leaves: rows, record, status."""
         parameters, options, dt, _, state, memory = self.start(name, solver)
-        n = len(self.manifest["system"]["coordinates"])
+        n = len(self.manifest.system.coordinates)
         (q, q_at), (p, p_at) = self.new(ROWS, n), self.new(ROWS, n)
         counts = self.ffi.new(f"int[{ROWS}]")
         work, work_at = self.new(ROWS)
-        forced = [work_at] if "forces" in self.manifest["system"] else []
-        wanted = [self.ffi.NULL] if self.manifest["profile"] == "full" else []  # multipliers
+        forced = [work_at] if self.manifest.system.forces else []
+        wanted = [self.ffi.NULL] if self.manifest.profile == "full" else []  # multipliers
         report = self.ffi.new(f"{self.name}_report *")
         status = self.integrate(parameters, options, dt, 2 * ROWS, 2, *state, q_at, p_at, *wanted,
                                 counts, *forced, report,

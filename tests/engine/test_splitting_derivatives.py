@@ -68,7 +68,7 @@ class HeavyTop:
 def reference(q, p, h, values, steps):
     """Return the end of steps of order 4, of the composition that the parameters choose."""
     top, even = HeavyTop(*values), values[0] == values[1]
-    one = COMPOSITIONS[splitting().manifest["scheme"]["compositions"][even]]
+    one = COMPOSITIONS[splitting().manifest.scheme.compositions[even]]
     q, l = list(q), [x / 2 for x in product(p, conjugate(q))[1:]]  # noqa: E741
     for _ in range(steps):
         for i, b in enumerate(one.kicks):

@@ -49,7 +49,7 @@ class Case:
     def __init__(self, stepper: Any, event: bool) -> None:
         top = gs.problems.fast_top()
         self.stepper, self.binding = stepper, stepper.binding
-        self.events = ([gs.Event(stepper.manifest["system"]["coordinates"][0], level=0.3)]
+        self.events = ([gs.Event(stepper.manifest.system.coordinates[0], level=0.3)]
                        if event else [])
         parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
         q, p = stepper.project(top.q0, top.p0, parameters=parameters)

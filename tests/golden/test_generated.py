@@ -7,13 +7,13 @@
 from __future__ import annotations
 
 import difflib
-import json
 import re
 
 import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.core.manifest import Manifest
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import PAPER_SPECS, Spec
 from processes import ROOT, python
@@ -122,15 +122,15 @@ def test_c_is_plain_ascii_text():
 def test_comments_carry_equations_and_operation_counts(spec):
     header = (FOLDER / f"{spec.name}.h").read_text(encoding="ascii")
     source = (FOLDER / f"{spec.name}.c").read_text(encoding="ascii")
-    manifest = json.loads((FOLDER / f"{spec.name}.json").read_text(encoding="utf-8"))
+    manifest = Manifest.from_text((FOLDER / f"{spec.name}.json").read_text(encoding="utf-8"))
     assert "q' = H_p(q, p),   p' = -H_q(q, p) - g_q(q)^T lambda,   0 = g(q)" in header
-    H = manifest["system"]["hamiltonian"].replace("**", "^")
+    H = manifest.system.hamiltonian.replace("**", "^")
     assert f"* H = {H}\n" in header
     assert "* g = q0^2 + q1^2 + q2^2 + q3^2 - 1\n" in header
-    assert f"{manifest['scheme']['unknowns']} unknowns a step" in header
-    assert f"order {manifest['scheme']['order']}" in header
+    assert f"{manifest.scheme.unknowns} unknowns a step" in header
+    assert f"order {manifest.scheme.order}" in header
     assert "kg m^2" in header
-    for kernel, counts in manifest["operations"].items():
+    for kernel, counts in manifest.operations.items():
         text = ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "no operations"
         assert re.search(rf"\* +{kernel} +{re.escape(text)}\n", source), kernel
     if spec.stages:
@@ -155,20 +155,20 @@ def test_c_needs_only_math_and_no_memory_of_its_own(spec):
 
 def test_manifest_is_the_contract():
     for spec in PAPER_SPECS:
-        made = json.loads((FOLDER / f"{spec.name}.json").read_text(encoding="utf-8"))
-        assert made["name"] == spec.name
-        assert made["real"] == "double"
-        assert list(made["system"]["parameters"]) == ["I1", "I2", "I3", "mgl", spec.rep]
-        assert made["scheme"]["stages"] == spec.stages
+        made = Manifest.from_text((FOLDER / f"{spec.name}.json").read_text(encoding="utf-8"))
+        assert made.name == spec.name
+        assert made.real == "double"
+        assert list(made.system.parameters) == ["I1", "I2", "I3", "mgl", spec.rep]
+        assert made.scheme.stages == spec.stages
         if spec.scheme in ("IMS", "EMS"):
             unknowns, multipliers, order = 9, 1, 2
         else:
             p = spec.stages if spec.scheme == "G-L" else spec.stages - 1
             unknowns, multipliers = 8 * spec.stages + p, p + 1
             order = 2 * spec.stages - (0 if spec.scheme == "G-L" else 2)
-        assert made["scheme"]["unknowns"] == unknowns
-        assert made["scheme"]["multipliers"] == multipliers
-        assert made["scheme"]["order"] == order
+        assert made.scheme.unknowns == unknowns
+        assert made.scheme.multipliers == multipliers
+        assert made.scheme.order == order
 
 
 def test_real_types_differ_in_literals_and_functions():

@@ -188,7 +188,7 @@ def _checked_in(name: str) -> StepperSource:
     assert files is not None, name
     problem = free_body() if name.startswith("free_body") else fast_top()
     values = {"gamma": 0.0013, "alpha": 0.0007, **problem.parameters}
-    wanted = read_manifest(name, files)["system"]["parameters"]
+    wanted = read_manifest(name, files).system.parameters
     return StepperSource(name, files, problem.q0, problem.p0, {key: values[key] for key in wanted})
 
 
@@ -208,9 +208,9 @@ class _Functions:
         self.ffi.cdef(self.declarations)
         self.lib = self.ffi.dlopen(str(library))
         manifest = read_manifest(self.name, source.files)
-        system, self.unknowns = manifest["system"], int(manifest["scheme"]["unknowns"])
-        self.n, self.m = len(system["coordinates"]), len(system["constraints"])
-        self.quantities = len(system.get("quantities", ()))
+        system, self.unknowns = manifest.system, int(manifest.scheme.unknowns)
+        self.n, self.m = len(system.coordinates), len(system.constraints)
+        self.quantities = len(system.quantities)
         self.parameters = self.ffi.new(
             f"{self.name}_parameters *", {k: float(v) for k, v in source.parameters.items()})
         self.work = np.zeros(int(getattr(self.lib, f"{self.name}_work_size")()) + 64, np.uint8)
@@ -289,7 +289,7 @@ def compare_kernels(
     """Yield for each build the kernels that differ from their statements, or that all agree."""
     name = next(f[:-2] for f in source.files if f.endswith(".c"))
     manifest = read_manifest(name, source.files)
-    parts: list[Part] = ["runs", "lanes"] if manifest["fast_path"]["available"] else ["runs"]
+    parts: list[Part] = ["runs", "lanes"] if manifest.fast_path.available else ["runs"]
     if not is_whole() and has_newton_apart(name, source.files):
         parts.append("newton")
     for build in builds:
@@ -299,7 +299,7 @@ def compare_kernels(
                 path, checks = compile_module(name, dict(source.files), compiler, Path(folder),
                                               part, (*build.flags, "-Wno-error"))
                 found, kernels, _ = differences(import_module(name, path, part), checks,
-                                                REALS[manifest["real"]], points - points % 16)
+                                                REALS[manifest.real], points - points % 16)
             entries = points * sum(kernels.values())
             yield KernelDifference(source.name, str(build), f"{len(kernels)} kernels of {part}",
                                    entries,

@@ -61,7 +61,7 @@ def moved_step(
     t0 = one * case.t0 + shift * direction.get("t0", 0.0)
     if step.m:
         found = step.consistent(q, p, parameters=values, t=t0)
-        q, p = found.q, found.p if step.manifest["scheme"]["keeps_momentum_constraint"] else p
+        q, p = found.q, found.p if step.manifest.scheme.keeps_momentum_constraint else p
     dt = one * case.dt + shift * direction.get("dt", 0.0)
     run = step.integrate(gs.Start(q, p, t=t0), dt=dt, steps=1, parameters=values)
     return np.concatenate([run.q[-1], run.p[-1], run.multipliers[-1].ravel()])

@@ -88,7 +88,7 @@ def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, seed=No
     run = stepper._resolved(stepper._run_arguments(
         state.q, state.p, dt=dt, steps=steps, every=every, parameters=state.parameters, t0=state.t,
         solver=solver))
-    asked = as_events(events, stepper.manifest["system"])
+    asked = as_events(events, stepper.manifest.system.event_quantities)
     return recording_of(stepper, run, asked, out, resume=resume, seed=seed, progress=progress)
 
 

@@ -87,7 +87,7 @@ def test_about_a_recording(gl3, tmp_path):
     assert "run.zarr" in repr(found)
     assert "complete, 20 of 20" in repr(found)
     assert found.attributes["seed"] == 7
-    assert found.attributes["manifest"] == gl3.manifest
+    assert found.manifest == gl3.manifest
     assert found.attributes["run"]["parameters"] == PARAMETERS
     assert found.attributes["run"]["code"] == gl3._provenance
     assert set(found.attributes["versions"]) == {"gyrospark", "numpy", "zarr", "python"}

@@ -8,6 +8,7 @@ import re
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -122,11 +123,10 @@ def test_files_go_by_the_systems_names(name, tmp_path):
 
 def test_headings_differ_whatever_the_names():
     """A name that is taken is told apart by what it is the name of."""
-    system = {"coordinates": ["energy", "work"], "momenta": ["p", "q0"],
-              "quantities": ["energy", "q_energy", "spin"]}
-
+    system = SimpleNamespace(coordinates=("energy", "work"), momenta=("p", "q0"),
+                             velocity_names=(), quantities=("energy", "q_energy", "spin"))
     shapes = {"time": (), "q": (2,), "p": (2,), "energy": (), "work": (),
-              **{f"quantity_{name}": () for name in system["quantities"]}}
+              **{f"quantity_{name}": () for name in system.quantities}}
     assert headings(system, shapes) == [
         "time", "q_energy", "q_work", "p", "q0", "energy", "work", "quantity_energy",
         "quantity_q_energy", "spin"]

@@ -53,7 +53,7 @@ def test_values(opened, gl3):
 
 def test_attributes(opened, gl3):
     about = opened.attrs
-    assert about["manifest"] == gl3.manifest
+    assert about["manifest"] == gl3.manifest.as_json()
     assert about["run"]["parameters"] == PARAMETERS
     assert about["run"]["q0"] == list(TOP.q0)
     assert about["seed"] == 7

@@ -7,7 +7,6 @@ talks to a card is called where there is one.
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import re
 import shutil
@@ -22,6 +21,7 @@ import gyrospark as gs
 from gyrospark.api import text_of
 from gyrospark.core.errors import InputError, MissingDependencyError, Stopped
 from gyrospark.core.extras import install
+from gyrospark.core.manifest import Manifest
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.devices import ensemble as devices
 from gyrospark.runtime.devices import trajectories
@@ -92,7 +92,7 @@ def texts():
         files, _ = text_of(spec.with_profile("control"))
         name = next(one for one in files if one.endswith(".h"))[:-2]
         made[kind] = SimpleNamespace(name=name, files=files, text=cuda_text(name, files),
-                                     manifest=json.loads(files[f"{name}.json"]))
+                                     manifest=Manifest.from_text(files[f"{name}.json"]))
     return made
 
 
@@ -115,7 +115,7 @@ class OnCard:
 def test_a_trajectory_has_the_bits_of_profile_control(card, step):
     many = step.integrate_ensemble(*MANY, **RUN, device="cuda")
     files = step._control_files()
-    written = Written(json.loads(files[f"{step.name}.json"]), files)
+    written = Written(Manifest.from_text(files[f"{step.name}.json"]), files)
     start = Options(RUN["dt"], tuple(TOP.q0), tuple(TOP.p0),
                     PARAMETERS | {"mgl": PARAMETERS["mgl"] * 1.2})
     bits = many.q[2, -1].tobytes() + many.p[2, -1].tobytes()
@@ -251,12 +251,13 @@ def test_what_a_card_does_not_have_is_refused(card, step, arguments, said):
 ])
 def test_steppers_that_no_card_has_are_refused(change, said):
     of = {"real": "double", "n": 4, "frame": [], "rows": 0, "exact_energy": False,
-          "fast_path": {"available": True}} | change
+          "fast_path": {"available": True, "reason": None}} | change
     stepper = SimpleNamespace(
         name="own", n=of["n"], symmetries=of["frame"],
         binding=SimpleNamespace(rows=of["rows"], solves=True),
-        manifest={"real": of["real"], "scheme": {"exact_energy": of["exact_energy"]},
-                  "fast_path": of["fast_path"]})
+        manifest=SimpleNamespace(
+            real=of["real"], scheme=SimpleNamespace(exact_energy=of["exact_energy"]),
+            fast_path=SimpleNamespace(**of["fast_path"])))
     with pytest.raises(InputError, match=re.escape(said)):
         devices.refuse_on_device(stepper, "auto")
 

@@ -10,6 +10,7 @@ import shutil
 import struct
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,6 +20,7 @@ import sympy as sp
 import gyrospark as gs
 from c_programs import STRICT, run
 from compilers import MAIN, compiler
+from gyrospark.core.manifest import NumberManifest, SystemManifest
 from gyrospark.targets.artefact import MARKER, Options
 from gyrospark.targets.fmi.archive import library_of, own_platform
 from gyrospark.targets.fmi.slave import Slave
@@ -462,11 +464,13 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
 def test_velocities_of_a_start_are_derived_from_h():
     """q' = H_p at any p, with all that a formula may contain."""
     roles = {"m": "parameter", "q": "q", "p": "p", "q_dot": "velocity"}
-    numbers = [{"name": name, "role": role, "domain": "real", "unit": None, "start": None}
-               for name, role in roles.items()]
-    system = {"hamiltonian": "(p - sin(q))**2/(2*m) + q**2*Abs(q)", "coordinates": ["q"],
-              "momenta": ["p"], "rigid_body": False, "numbers": numbers}
-    found = {v.name: v for v in variables_of({"name": "one", "system": system}, Options(
+    numbers = tuple(NumberManifest(name=name, role=role, domain="real", unit=None, start=None)
+                    for name, role in roles.items())
+    system = SystemManifest(
+        name="one", hamiltonian="(p - sin(q))**2/(2*m) + q**2*Abs(q)", coordinates=("q",),
+        momenta=("p",), parameters={"m": "real"}, constraints=(), hidden=(), start_parameters=(),
+        rigid_body=False, numbers=numbers)
+    found = {v.name: v for v in variables_of(SimpleNamespace(name="one", system=system), Options(
         0.1, (0.5,), (2.0,), {"m": 4.0}))}
     assert found["q_dot"].start == pytest.approx((2 - math.sin(0.5)) / 4, rel=1e-15)
     assert found["q_dot"].depends == found["energy"].depends == ("m",)

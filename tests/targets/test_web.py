@@ -142,12 +142,12 @@ def test_many_steps_a_call_are_the_steps(glued):
         q, p, work, done = _run(stepper, library, made.options, 40)
         assert (bytes(q) + bytes(p)).hex() == native_bits(stepper, made.options, 40)
         assert done[0] == 40
-        assert (done[1] >= 40) == (stepper.manifest["scheme"]["kind"] != "splitting")
+        assert (done[1] >= 40) == (stepper.manifest.scheme.kind != "splitting")
         q[0], p[1] = q[0] + 1e-3, p[1] + 1e-2
         defects = (ctypes.c_double*2)()
         getattr(library, f"{stepper.name}_defects")(work, q, p, defects)
         assert defects[0] == pytest.approx(abs(np.dot(q, q) - 1), rel=1e-9)
-        if stepper.manifest["scheme"]["kind"] != "mean":
+        if stepper.manifest.scheme.kind != "mean":
             hidden = np.dot(q, p)  # of a stepper in γ, times the constant of its own
             assert defects[1] in (0, pytest.approx(abs(hidden), rel=1e-9))
 

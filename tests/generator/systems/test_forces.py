@@ -45,9 +45,9 @@ def test_driven_oscillator():
 
 def test_the_manifest_has_forces_and_time_where_there_is_one():
     for name, timed in (("pushed_pendulum", False), ("dragged_pendulum", True)):
-        manifest = stepper(name).manifest["system"]
-        assert manifest["forces"] == [str(e) for e in case(name).system.forces]
-        assert ("time" in manifest) == timed
+        manifest = stepper(name).manifest.system
+        assert manifest.forces == tuple(str(e) for e in case(name).system.forces)
+        assert (manifest.time is not None) == timed
 
 
 def body_with_drag(rep):

@@ -132,7 +132,7 @@ def test_reported_by_run(step):
     assert result["work"] == run.report.work
     assert result["quantities"] == {name: run.quantity(name)[-1] for name in QUANTITIES}
     assert result["quantities"]["height"] == result["q"][1]
-    text = as_text(result, step.manifest["system"])
+    text = as_text(result, step.manifest.system)
     assert "|H − H₀ − W|" in text
     assert "work of" in text
     assert "height" in text

@@ -99,7 +99,7 @@ def rubbing(friction, name):
 def test_a_stepper_says_where_its_order_does_not_hold():
     """In the manifest and by ``remarks``; nothing is said of smooth systems."""
     step = gs.stepper("G-L", 2, system=rubbing(sp.sign(u), "rubbing"))
-    assert step.warnings == step.manifest["system"]["remarks"]
+    assert step.warnings == list(step.manifest.system.remarks)
     assert re.search(r"order 4 .*u = 0", step.warnings[0])
     assert gs.stepper("G-L", 3).warnings == []
 
@@ -133,7 +133,7 @@ def test_IMS_may_have_no_step_across_a_kink_of_H_and_EMS_has():
     run = gs.stepper("EMS", system=system).integrate(*start, **options)
     assert run.report.energy_error_max <= 400 * EPS
     assert np.count_nonzero(np.diff(np.sign(run.q[:, 0]))) > 5
-    assert "jumps" not in run.manifest["system"]
+    assert not run.manifest.system.jumps
 
 
 # ---------------------------------------------------------------- momentum maps

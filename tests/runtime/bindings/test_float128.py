@@ -178,7 +178,7 @@ def test_order_is_twice_the_stages(stages):
 def test_constraints_hold_to_round_off_and_the_manifest_says_float128():
     step = stepper("G-L", 2)
     run = step.integrate(*start(step), dt=2.0**-6, steps=200, every=7, parameters=TOP)
-    assert step.manifest["real"] == "float128"
+    assert step.manifest.real == "float128"
     assert step.name == "heavy_top_gl2_gamma_float128"
     assert 0 < run.report.constraint_max < 4 * EPS
     assert run.report.momentum_constraint_max < 8 * EPS

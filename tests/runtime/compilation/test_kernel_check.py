@@ -17,6 +17,7 @@ import gyrospark as gs
 import systems
 from gyrospark.api import checked_in_files
 from gyrospark.core.errors import CompilerError, InputWarning
+from gyrospark.core.manifest import Manifest
 from gyrospark.core.real_types import REALS
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
@@ -75,9 +76,9 @@ def test_every_kernel_is_read(name):
         manifest, text = step.manifest, step.files[f"{step.name}.c"]
     else:
         source = source_of(name)
-        manifest, text = json.loads(source.manifest), source.source
+        manifest, text = Manifest.from_text(source.manifest), source.source
     read = {kernel.name for kernel in kernel_text.kernels_of(text)}
-    said = {*manifest["operations"], *manifest["fast_path"].get("operations", ())}
+    said = {*manifest.operations, *manifest.fast_path.operations}
     assert read >= said
     assert "prepare" in read
     on_lanes = set(re.findall(r"\b(lanes_(?:\w+_)?(?:energy|gradient|velocity|force))\(const",
@@ -242,8 +243,8 @@ def test_a_kernel_that_is_not_checked_is_recorded_and_told(tmp_path, monkeypatch
     text = text.replace(gradient, f"{gradient}    if (0) H_p[0] = 0;\n", 1)
     text = re.sub(r"(\n    g\[0\] = )", r"\1log(-4.0)*", text, count=1)
     manifest = json.loads(files[f"{name}.json"])
-    assert "velocity" not in manifest["operations"]  # it is in the text as lanes_velocity alone
-    manifest["operations"] |= {"velocity": {"add": 1}, "absent": {"add": 1}}
+    assert "velocity" not in manifest.operations  # it is in the text as lanes_velocity alone
+    manifest.operations |= {"velocity": {"add": 1}, "absent": {"add": 1}}
     files |= {f"{name}.c": text, f"{name}.json": json.dumps(manifest)}
     with pytest.warns(InputWarning, match="not checked") as told:
         load_module(name, files)

@@ -134,7 +134,7 @@ def test_steps_that_fail(top):
 
 def test_runs_of_other_systems(run):
     free = systems.differentiable("pushed_pendulum")
-    with refused(run.manifest["name"]):
+    with refused(run.manifest.name):
         free.gradient(run, {"q": [1.0, 0.0]})
 
 

@@ -33,10 +33,10 @@ BOTH = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
 
 def loss_of(step, name):
     """Return a polynomial loss in all states, a parameter, and the time."""
-    system = step.manifest["system"]
+    system = step.manifest.system
     q, p = (sp.symbols(system[kind], real=True) for kind in ("coordinates", "momenta"))
     theta = sp.Symbol(next(iter(case_of(name).parameters)), positive=True)
-    time = sp.Symbol(system.get("time") or "t", real=True)
+    time = sp.Symbol(system.time or "t", real=True)
     return (sum((k + 1) * x**3 for k, x in enumerate(q)) + sum(x**2 * q[0] for x in p)
             ) * theta + q[0] ** 2 * time**2
 
@@ -73,7 +73,7 @@ def expected(name, scheme):
     step, case = stepper_for(name, scheme, "float128"), case_of(name)
     q, p = start_of(name, step)
     n, one, loss = step.n, q[0] - q[0] + 1, loss_of(step, name)
-    keeps = step.manifest["scheme"]["keeps_momentum_constraint"]
+    keeps = step.manifest.scheme.keeps_momentum_constraint
     names = step.binding.parameter_names
     binding = step._derivative_binding()
     run = step._rows_of(run_of(name, step)).run

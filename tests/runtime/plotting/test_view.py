@@ -173,8 +173,8 @@ def test_the_script_is_javascript_and_draws(name, tops, gl3, tmp_path):
 
 @needs_node
 def test_text_of_others_stays_text(tops, tmp_path):
-    manifest = json.loads(json.dumps(tops.manifest))
-    manifest["scheme"]["method"] = "</script><b>@SCENE@ & \"x\""
+    method = "</script><b>@SCENE@ & \"x\""
+    manifest = replace(tops.manifest, scheme=replace(tops.manifest.scheme, method=method))
     hostile = replace(tops, manifest=manifest)
     page = hostile.show().page
     assert "<b>" not in page

@@ -1,0 +1,175 @@
+"""Frozen dataclasses as JSON, and back: each value is checked against its type.
+
+Fields stand in JSON in their order, under their names. A field with a default is left out where it
+has that value; with ``field(metadata={"beside": NAME})`` where field NAME is false or empty; with
+``metadata={"implied": function}`` where it has the value of the function of the record; with
+``metadata={"written": True}`` never.
+Types may be ``str``, ``int``, ``float``, ``bool``, ``Literal``, unions of these and None,
+``tuple``, ``Mapping[str, ...]`` and other such dataclasses.
+"""
+
+from __future__ import annotations
+
+import types
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+
+from .arguments import shown
+from .errors import InputError
+from .frozen_dict import FrozenDict
+
+__all__ = ["UnfitError", "as_json", "from_json"]
+
+Record = TypeVar("Record")
+Decoder = Callable[[Any], Any]
+
+
+class UnfitError(InputError):
+    """A value of JSON has another type than its field; ``place`` is where it stands."""
+
+    def __init__(self, reason: str, place: str = "") -> None:
+        super().__init__(reason)
+        self.reason, self.place = reason, place
+
+    def __str__(self) -> str:
+        return f"{self.place.removeprefix('.') or 'it'} {self.reason}"
+
+
+def as_json(record: Any) -> dict[str, Any]:
+    """Return a record as JSON has it: dicts and lists, fields in their order."""
+    return {field.name: _encoded(getattr(record, field.name))
+            for field in fields(record) if _is_written(field, record)}
+
+
+def from_json(cls: type[Record], content: Any) -> Record:
+    """Return the record of JSON content; values of other types and unknown keys are refused.
+
+    Raises
+    ------
+    UnfitError
+        With the place and the type that belongs there.
+    """
+    decode: Callable[[Any], Record] = _decoder(cls)  # type: ignore[arg-type]  # a class is hashable
+    return decode(content)
+
+
+def _encoded(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_encoded(entry) for entry in value]
+    if isinstance(value, Mapping):
+        return {key: _encoded(entry) for key, entry in value.items()}
+    return as_json(value) if is_dataclass(value) else value
+
+
+def _is_written(field: Field[Any], record: Any) -> bool:
+    value = getattr(record, field.name)
+    if "written" in field.metadata:
+        return True
+    if "beside" in field.metadata:
+        return bool(getattr(record, field.metadata["beside"]))
+    if "implied" in field.metadata:
+        return bool(value != field.metadata["implied"](record))
+    if field.default_factory is not MISSING:
+        return bool(value != field.default_factory())
+    return field.default is MISSING or bool(value != field.default)
+
+
+def _refuse(value: Any, what: str) -> Any:
+    raise UnfitError(f"is {shown(value)}, not {what}")
+
+
+def _at(place: str, decode: Decoder, value: Any) -> Any:
+    """Return a decoded value; errors get its place."""
+    try:
+        return decode(value)
+    except UnfitError as error:
+        error.place = f"{place}{error.place}"
+        raise
+
+
+@cache
+def _decoder(hint: Any) -> Decoder:
+    """Return the function that checks JSON against a type."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if is_dataclass(hint):
+        return _of_record(hint)
+    if origin is Literal:
+        return lambda value: value if isinstance(value, str) and value in inner else _refuse(
+            value, f"one of {', '.join(inner)}")
+    if origin in (Union, types.UnionType):
+        return _of_union(inner)
+    if origin is tuple:
+        return _of_items(_decoder(inner[0])) if inner[1:] == (...,) else _of_row(
+            [_decoder(part) for part in inner])
+    if origin is not None and issubclass(origin, Mapping):
+        return _of_mapping(_decoder(inner[1]))
+    kinds = (int, float) if hint is float else (hint,)
+    name = {str: "text", int: "a whole number", float: "a number", bool: "true or false",
+            type(None): "null"}[hint]
+    return lambda value: value if type(value) in kinds else _refuse(value, name)
+
+
+def _of_union(inner: tuple[Any, ...]) -> Decoder:
+    decoders = [_decoder(part) for part in inner]
+
+    def decode(value: Any) -> Any:
+        for decoder in decoders[:-1]:
+            try:
+                return decoder(value)
+            except UnfitError:
+                continue
+        return decoders[-1](value)
+
+    return decode
+
+
+def _of_items(decode_one: Decoder) -> Decoder:
+    def decode(value: Any) -> Any:
+        if type(value) is not list:
+            _refuse(value, "a list")
+        return tuple(_at(f"[{i}]", decode_one, entry) for i, entry in enumerate(value))
+
+    return decode
+
+
+def _of_row(decoders: list[Decoder]) -> Decoder:
+    def decode(value: Any) -> Any:
+        if type(value) is not list or len(value) != len(decoders):
+            _refuse(value, f"a list of {len(decoders)}")
+        return tuple(_at(f"[{i}]", decode_one, entry)
+                     for i, (decode_one, entry) in enumerate(zip(decoders, value, strict=True)))
+
+    return decode
+
+
+def _of_mapping(decode_one: Decoder) -> Decoder:
+    def decode(value: Any) -> Any:
+        if type(value) is not dict:
+            _refuse(value, "an object")
+        return FrozenDict({key: _at(f".{key}", decode_one, entry)
+                           for key, entry in value.items()})
+
+    return decode
+
+
+def _of_record(cls: Any) -> Decoder:
+    hints = typing.get_type_hints(cls)
+    known = {field.name: _decoder(hints[field.name]) for field in fields(cls)}
+    needed = [field.name for field in fields(cls)
+              if field.default is MISSING and field.default_factory is MISSING]
+
+    def decode(value: Any) -> Any:
+        if type(value) is not dict:
+            _refuse(value, "an object")
+        for key in value:
+            if key not in known:
+                raise UnfitError(f"has the unknown key {key!r:.60}")
+        for key in needed:
+            if key not in value:
+                raise UnfitError(f"lacks {key!r}")
+        return cls(**{key: _at(f".{key}", known[key], entry) for key, entry in value.items()})
+
+    return decode

@@ -1,0 +1,105 @@
+"""Manifests as JSON and back, to the byte; what is no manifest is refused by its place."""
+
+from __future__ import annotations
+
+import copy
+import json
+import pickle
+from contextlib import suppress
+
+import pytest
+
+import gyrospark as gs
+import systems
+from gyrospark.api import text_of
+from gyrospark.core.json_records import UnfitError
+from gyrospark.core.manifest import Manifest
+from gyrospark.generator.spec import Spec
+from processes import ROOT
+
+#: Between them these have every key but those of velocity constraints and symmetries.
+NAMES = ("heavy_top", "double_top", "pushed_pendulum", "dragged_pendulum", "bead", "lagrangian")
+#: Parts whose keys are names.
+NAMED = ("bodies", "joints", "constraints", "operations", "quantities", "parameters")
+#: A value of each type of JSON.
+VALUES = (None, True, 7, 0.5, "x", [], [3.5], {}, {"x": 3.5})
+
+
+def contents():
+    """Yield the manifests of steppers, and of one of profile control."""
+    for name in NAMES:
+        yield json.loads(systems.stepper(name).manifest.text)
+    files, _ = text_of(Spec("G-L", 2).with_profile("control"), gs.models.satellite())
+    yield json.loads(next(text for name, text in files.items() if name.endswith(".json")))
+
+
+def places(content, place=()):
+    """Yield the path of every value, of lists and of names the first."""
+    if place:
+        yield place
+    inner = [*content.items()] if isinstance(content, dict) else (
+        [*enumerate(content)][:1] if isinstance(content, list) else [])
+    for key, value in inner[:1] if place and place[-1] in NAMED else inner:
+        yield from places(value, (*place, key))
+
+
+def changed(content, place, value):
+    made = copy.deepcopy(content)
+    *above, last = place
+    part = made
+    for key in above:
+        part = part[key]
+    part[last] = value
+    return made
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "generated").glob("*.json")), ids=lambda p: p.stem)
+def test_text_is_read_and_written_to_the_byte(path):
+    text = path.read_text(encoding="utf-8")
+    assert Manifest.from_text(text).text == text
+
+
+def test_every_key_comes_back():
+    for content in contents():
+        assert Manifest.from_json(content).as_json() == content
+
+
+def test_a_value_of_another_type_is_refused_or_comes_back():
+    """At each place of some manifests, a value of each type."""
+    tried = accepted = 0
+    for content in contents():
+        for place in places(content):
+            for value in VALUES:
+                spoilt = changed(content, place, value)
+                tried += 1
+                with suppress(UnfitError):
+                    found = Manifest.from_json(spoilt).as_json()
+                    # A text for a text; an empty value, of a key that may be absent.
+                    assert found == spoilt or not value
+                    accepted += 1
+    assert tried - accepted > 500
+
+
+def changed_to_absent(content, place):
+    made = copy.deepcopy(content)
+    part = made
+    for key in place[:-1]:
+        part = part[key]
+    del part[place[-1]]
+    return made
+
+
+def test_unknown_and_missing_keys_are_named():
+    content = systems.stepper("heavy_top").manifest.as_json()
+    with pytest.raises(UnfitError, match="'more'"):
+        Manifest.from_json(content | {"more": 1})
+    for place in (("system", "name"), ("scheme", "order"), ("real",)):
+        with pytest.raises(UnfitError, match=place[-1]):
+            Manifest.from_json(changed_to_absent(content, place))
+
+
+def test_a_manifest_is_copied_and_pickled():
+    manifest = systems.stepper("double_top").manifest
+    for same in (copy.deepcopy(manifest), pickle.loads(pickle.dumps(manifest))):
+        assert same == manifest
+        assert same.text == manifest.text
