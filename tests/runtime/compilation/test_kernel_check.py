@@ -243,8 +243,8 @@ def test_a_kernel_that_is_not_checked_is_recorded_and_told(tmp_path, monkeypatch
     text = text.replace(gradient, f"{gradient}    if (0) H_p[0] = 0;\n", 1)
     text = re.sub(r"(\n    g\[0\] = )", r"\1log(-4.0)*", text, count=1)
     manifest = json.loads(files[f"{name}.json"])
-    assert "velocity" not in manifest.operations  # it is in the text as lanes_velocity alone
-    manifest.operations |= {"velocity": {"add": 1}, "absent": {"add": 1}}
+    assert "velocity" not in manifest["operations"]  # it is in the text as lanes_velocity alone
+    manifest["operations"] |= {"velocity": {"add": 1}, "absent": {"add": 1}}
     files |= {f"{name}.c": text, f"{name}.json": json.dumps(manifest)}
     with pytest.warns(InputWarning, match="not checked") as told:
         load_module(name, files)
