@@ -654,7 +654,7 @@ def test_what_a_tableau_lacks_is_said_before_a_step(gyrospark, generate):
     made = generate("--tableau", file, "--no-compile").stdout
     assert all(f"  {line}\n" in made for line in lines[:2])
     manifest = json.loads(Path("generated/heavy_top_radau_plain_2_gamma.json").read_text("utf-8"))
-    assert manifest.tableau["remarks"] == remarks
+    assert manifest["tableau"]["remarks"] == remarks
 
 
 # ---------------------------------------------------------------- cache
