@@ -56,7 +56,7 @@ UNRELATED = re.compile(r"/(docs|fuzz|project)/")
 
 MEMORY = 1 << 21  # pages, of 4 KiB, that a mutant may take
 COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
-LIMIT, SEEN = "GYROSPARK_MUTATION_LIMIT", "GYROSPARK_MUTATION_SEEN"
+LIMIT, SEEN, FAILED = (f"GYROSPARK_MUTATION_{word}" for word in ("LIMIT", "SEEN", "FAILED"))
 _seen: dict[str, Any] = {"tests": {}, "failed": [], "steppers": {}}
 
 
@@ -117,9 +117,13 @@ def pytest_collection_modifyitems(items: list[Any]) -> None:
 
 
 def pytest_runtest_logreport(report: Any) -> None:
-    """Note a test that fails without a change, for it tells nothing."""
+    """Note a test that fails: without a change, it tells nothing."""
     if report.failed:
         _seen["failed"].append(report.nodeid)
+        Path(os.environ[FAILED]).write_text(report.nodeid)
+
+
+pytest_collectreport = pytest_runtest_logreport  # a file that cannot be imported
 
 
 def pytest_runtest_logstart(nodeid: str) -> None:
@@ -171,6 +175,7 @@ class Copy:
             ".git", "__pycache__", ".*_cache", ".venv", "*.egg-info", "mutation"))
         self.cache.mkdir(parents=True, exist_ok=True)
         self.clock, self.sound = int(time.time()) - 10**6, dict[str, bytes]()
+        self.failed = self.folder.parent / "failed.txt"  # the last test that did
 
     def write(self, mutant: Mutant, *, changed: bool) -> None:
         """Write a file with or without the change, newer than its bytecode in each case."""
@@ -191,7 +196,9 @@ class Copy:
             cache.chmod(0o700)
         here = os.pathsep.join([str(self.folder.parent), str(self.folder / "tests" / "helpers")])
         environment = {"PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0", "GYROSPARK_CACHE": str(cache),
-                       LIMIT: str(int(seconds))} | ({SEEN: str(seen)} if seen else {})
+                       LIMIT: str(int(seconds)), FAILED: str(self.failed)} | (
+                           {SEEN: str(seen)} if seen else {})
+        self.failed.unlink(missing_ok=True)
         command = ["-p", Path(__file__).stem, "-q", "-n", "0", "-p", "no:cacheprovider",
                    "--basetemp", str(self.scratch), *([] if seen else ["-x"]),
                    *(f"--deselect={name}" for name in skipped), *tests]
@@ -266,15 +273,15 @@ class Map:
 def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) -> str | None:
     """Return the first test that fails, "" if none does, None after too long a time."""
     code, said = copy.run(tests, cost, skipped=failed)
-    if code == 4 and (gone := set(re.findall(r"not found: \S*?(tests/.*)", said))):
-        tests = [name for name in tests if name not in gone]  # renamed since the map was made
-        return failing(copy, tests, cost, failed) if tests else ""
+    if code == 4 and "not found: " in said:  # cases whose values the change has renamed
+        renamed = list(dict.fromkeys(name.split("[")[0] for name in tests))
+        return failing(copy, renamed, cost, failed) if renamed != tests else ""
     if code is None or code in (0, 5):  # 5: no test was left
         return None if code is None else ""
     if code < 0:
         return CRASH
-    if found := re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", said, re.MULTILINE):
-        return COMPILE if re.search(r"\.[ch]:\d+:\d+: .*error:", said) else found[1]
+    if copy.failed.is_file():
+        return COMPILE if re.search(r"\.[ch]:\d+:\d+: .*error:", said) else copy.failed.read_text()
     if "while loading conftest" in said:
         return CONFTEST
     raise RuntimeError(said)
