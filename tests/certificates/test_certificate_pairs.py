@@ -355,6 +355,7 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
 # ---------------------------------------------------------------- a compiled tableau
 
 
+@pytest.mark.slow  # a stepper of one tableau
 def test_a_compiled_tableau(tmp_path: Path) -> None:
     """1e-12 is not measured: exact algebra refutes it, and says that the run does not show it."""
     path = tmp_path / "table.json"

@@ -48,7 +48,7 @@ def models():
 
 MODELS = models()
 #: Of these, the default run compiles two profiles each.
-FEW = ("G-L2 double", "long steps", "forces EMS float")
+FEW = ("G-L2 double", "long steps")
 EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name not in FEW)) for name in MODELS]
 every_model = pytest.mark.parametrize("name", EVERY)
 

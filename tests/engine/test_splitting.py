@@ -139,6 +139,7 @@ def test_drag_in_rotating_axes_against_gauss_lobatto(turntable):
     assert own.report.work == pytest.approx(run.report.work, abs=1e-8)
 
 
+@pytest.mark.slow  # a stepper of one system
 def test_a_bead_in_a_plane_that_turns():
     """Beside a top in axes at rest."""
     x, y, u, v, w = sp.symbols("x y u v w", real=True)

@@ -26,7 +26,8 @@ ROLLING = ["sleigh", "skate_chain"]
 PAIRS = [*((name, "G-L", 2) for name in (*POINTS, *ROLLING, "heavy_top", "double_top")),
          *((name, "EMS", None) for name in (*EMS, "heavy_top"))]
 #: The symplectic schemes act on phase space without forces and without constraints on velocities.
-CONSERVATIVE = ["ellipse", "breathing", "two_rods", "heavy_bob", "heavy_top", "heavy_top_in_frame"]
+CONSERVATIVE = ["ellipse", "heavy_bob", "heavy_top", "heavy_top_in_frame", *(
+    pytest.param(name, marks=pytest.mark.slow) for name in ("breathing", "two_rods"))]
 
 
 def scales(trajectory):

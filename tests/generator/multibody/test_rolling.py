@@ -123,6 +123,7 @@ def test_point_masses_do_not_roll():
         made.rolls("foot", made.point_mass("bead", mass=1.0), sphere=0.1)
 
 
+@pytest.mark.slow  # a stepper of one system
 def test_a_ball_on_a_turntable_moves_on_a_circle_at_two_sevenths_of_its_rate():
     """And the forces of the plane, at the stages, carry its momentum and its weight."""
     build = gs.Multibody("turntable")

@@ -126,6 +126,7 @@ def test_hessians_are_the_limits_of_differences_of_gradients(name, scheme):
             1e3 * float(step.binding.epsilon) * np.abs(gradient.astype(float)).max())
 
 
+@pytest.mark.slow  # second derivatives of one more stepper
 def test_a_step_has_the_derivative_of_its_vjp_along_a_direction():
     """Against differences of ``vjp``; and along v₁ and v₂ in either order."""
     name = "ellipse"

@@ -266,7 +266,7 @@ def test_a_section_of_many_starts(tmp_path) -> None:
                    parameters={"g": 1.0})
 
 
-@pytest.mark.parametrize("real", ["double", "float128"])
+@pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_a_file_keeps_events(tmp_path, real: str) -> None:
     run = pendulum(real).integrate(
         [1, 0], [0, 0], dt=0.05, steps=40, parameters={"g": 1.0}, events=gs.Event("side"))
