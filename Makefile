@@ -3,8 +3,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 # mypy needs a folder named as the package; the repository may be cloned under any name.
 LINK := .venv/src/gyrospark
-# Bytecode is written of what is imported, when it is: most of what is installed never is.
+# Bytecode is written of what is imported, when it is: most of what is installed never is. Workers of
+# the tests would each compile the largest packages.
 INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile -e
+LARGE := distributed, h5netcdf, matplotlib.pyplot, pandas, scipy.spatial.transform, sympy, xarray, zarr
 
 .PHONY: demo test test-long bench lint generated docs clean
 
@@ -49,6 +51,7 @@ generated: .venv/ready
 .venv/ready: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(INSTALL) ".[test]"
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -c "import $(LARGE)"
 	mkdir -p .venv/src && ln -sfn ../.. $(LINK) && ln -sfn ../../benchmarks .venv/src/benchmarks
 	touch .venv/demo $@
 

@@ -10,6 +10,7 @@ import sys
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 import gyrospark as gs
 from calls import SCHEMES, identify, late_failures
@@ -34,9 +35,11 @@ sys.dont_write_bytecode = False
 
 # The same examples in every run, so that what fails is what was changed. Look for others now and
 # then: pytest --hypothesis-profile=random.
-settings.register_profile("same", derandomize=True)
-settings.register_profile("random", derandomize=False)
+settings.register_profile("same", derandomize=True, deadline=None)  # of a busy machine
+settings.register_profile("random", derandomize=False, deadline=None)
 settings.load_profile("same")
+# Nor do they change with constants of the code, of which each process would read every module.
+providers._get_local_constants = lambda: providers._local_constants
 
 # A shell that starts the run in the background has SIGINT ignored, and so would every process
 # that a test starts and interrupts.
