@@ -169,7 +169,7 @@ def test_another_centre():
     assert abs(ratio) == 1
 
 
-@settings(max_examples=5, deadline=None, derandomize=True)
+@settings(max_examples=5, derandomize=True)
 @given(down=st.tuples(*[st.integers(-3, 3)] * 3).filter(any))
 def test_gravity_in_any_direction(down):
     """A spherical pendulum keeps the angular momentum about gravity, and nothing else."""
@@ -186,7 +186,7 @@ def test_gravity_in_any_direction(down):
     assert J.name == named if named else J.name.startswith("angular momentum about")
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=6, derandomize=True)
 @given(scale=st.floats(-6, 6), stretch=st.sampled_from([0.0, 1e-3, 1.0]))
 def test_no_symmetry_is_invented_in_any_units(scale, stretch):
     """An oscillator that is round to one part in a thousand keeps no angular momentum."""

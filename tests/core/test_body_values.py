@@ -105,7 +105,7 @@ def test_means_of_a_tensor_are_those_of_its_moments(rule):
 
 @given(st.lists(st.floats(0.5, 1.0), min_size=3, max_size=3),
        st.lists(st.floats(-3, 3), min_size=3, max_size=3))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_tensor_and_its_inverse(moments, turn):
     R = Rotation.from_rotvec(turn).as_matrix()
     tensor = as_inertia(((R @ np.diag(moments) @ R.T) + (R @ np.diag(moments) @ R.T).T) / 2)

@@ -78,7 +78,7 @@ def test_what_is_no_real_number(value):
 
 @given(st.from_regex(r"[+-]?([0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})([eE][+-]?[0-9]{1,3})?",
                      fullmatch=True))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_decimals_are_read_exactly(text):
     assert decimal(text) == Fraction(Decimal(text))
     assert as_double(decimal(text)) == float(text)

@@ -21,7 +21,7 @@ def new_array(path: Path, shape, chunks, dtype, fill):
     return create_array(group, "a", shape, chunks, dtype, fill, list("xyz"[: len(shape)]), {})
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data())
 def test_files_are_those_of_zarr(tmp_path_factory, data):
     """Whole chunks, and short ones at the end of the array or of what is known."""

@@ -73,7 +73,7 @@ def test_runs_that_fail(failures, tmp_path, monkeypatch):
 @given(steps=st.integers(0, 150), every=st.integers(1, 40), rows=st.sampled_from([1, 2, 4, 16, 64]),
        chunk=st.integers(1, 60), seconds=st.sampled_from([0.0, 1e9]),
        calls=st.lists(st.integers(0, 12), max_size=8), scheme=st.sampled_from(["EMS", "G-L"]))
-@settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=3, suppress_health_check=list(HealthCheck))
 def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, scheme, tmp_path):
     """Also with commits at the ends of blocks alone: then the store is behind the run."""
     step = systems.stepper("heavy_top", scheme)
@@ -100,7 +100,7 @@ def test_pieces_of_other_sizes(gl3, tmp_path, monkeypatch):
 
 
 @given(calls=st.lists(st.integers(1, 6), min_size=1, max_size=6))
-@settings(max_examples=2, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=2, suppress_health_check=list(HealthCheck))
 def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
     """After any end the states are the first ones of the whole run, and go as far as it says."""
     out = tmp_path / "run.zarr"

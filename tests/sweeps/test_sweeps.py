@@ -115,7 +115,7 @@ def test_a_duration_gives_each_step_its_number():
     assert list(result.steps_done) == [20, 67, 3]
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(1, 9), st.integers(1, 40), st.integers(1, 3), st.integers(0, 2**31))
 def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, seed):
     numbers = np.random.default_rng(seed)

@@ -492,7 +492,7 @@ def numbers_are_short(e):
 EXPRESSIONS = st.recursive(LEAVES, grow, max_leaves=8).filter(numbers_are_short)
 
 
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=10, derandomize=True)
 @given(st.lists(EXPRESSIONS, min_size=1, max_size=4))
 def test_kernels_of_random_expressions_are_exact_and_counted(expressions):
     constants = Constants((z,))
@@ -511,7 +511,7 @@ POLYNOMIALS = st.recursive(
 )
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20, derandomize=True)
 @given(st.lists(POLYNOMIALS, min_size=1, max_size=3))
 def test_compensated_kernels_of_random_polynomials_add_up_their_terms(expressions):
     kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": expressions}, compensated=True)

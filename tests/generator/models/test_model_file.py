@@ -100,7 +100,7 @@ def test_start_of_a_body_is_the_runtimes():
 @pytest.mark.filterwarnings("ignore::gyrospark.errors.InputWarning")
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
     lambda x: np.linalg.norm(x) > 0.1))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_rotation_matrix_and_quaternion_give_one_attitude(parts):
     """R → q up to its sign, whichever entry of q is the largest."""
     q = np.array(parts) / np.linalg.norm(parts)

@@ -85,7 +85,7 @@ def test_hamiltonian_is_the_energy(rep):
 
 
 @pytest.mark.filterwarnings("ignore:The inertia of")  # joints anywhere, also at the centre
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(unit_quaternions(), unit_quaternions(), vectors, vectors)
 def test_a_body_is_where_joints_put_it(qa, qb, on_a, on_b):
     """The same start from the point in space, from the points on the bodies, and from both."""

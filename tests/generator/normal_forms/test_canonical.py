@@ -184,7 +184,7 @@ def systems(draw):
                   forces=forces if draw(st.booleans()) else ())
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(system=systems(), seed=st.integers(0, 2**32 - 1))
 def test_random_equivalent_forms_of_random_systems(system, seed):
     draw = random.Random(seed)

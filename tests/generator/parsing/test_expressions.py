@@ -219,7 +219,7 @@ def expressions(draw: st.DrawFn, depth: int = 3) -> tuple[str, sp.Expr | None]:
 
 
 @given(expressions())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_agrees_with_operators(drawn: tuple[str, sp.Expr | None]) -> None:
     text, value = drawn
     if value is None:
@@ -230,13 +230,13 @@ def test_agrees_with_operators(drawn: tuple[str, sp.Expr | None]) -> None:
 
 
 @given(st.fractions())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_reads_fractions(number: Fraction) -> None:
     assert parse_expression(str(number)) == sp.Rational(number.numerator, number.denominator)
 
 
 @given(st.decimals(allow_nan=False, allow_infinity=False, places=12, min_value=-99, max_value=99))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_reads_decimals_exactly(number: object) -> None:
     exact = Fraction(str(number))
     assert parse_expression(str(number)) == sp.Rational(exact.numerator, exact.denominator)

@@ -153,20 +153,20 @@ RANDOM = (
 QUIET = [HealthCheck.filter_too_much, HealthCheck.too_slow, HealthCheck.data_too_large]
 
 
-@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=QUIET)
+@settings(max_examples=25, derandomize=True, suppress_health_check=QUIET)
 @given(*RANDOM)
 def test_identity_of_random_expressions(e, at, direction, size, weights):
     check(e, at, direction, size, weights)
 
 
 @pytest.mark.slow
-@settings(max_examples=10_000, deadline=None, derandomize=True, suppress_health_check=QUIET)
+@settings(max_examples=10_000, derandomize=True, suppress_health_check=QUIET)
 @given(*RANDOM)
 def test_identity_of_ten_thousand_random_expressions(e, at, direction, size, weights):
     check(e, at, direction, size, weights)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(function=st.sampled_from([sp.cos, sp.sin]), k=st.sampled_from([-3, -2, -1, 1, 2, 3, 4]),
        angles=st.tuples(*[st.floats(1e-6, 1.5)] * 2), radii=st.tuples(*[st.floats(0.1, 2)] * 2),
        clockwise=st.booleans(), phase=st.floats(0.51, 0.99))

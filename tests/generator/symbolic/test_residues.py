@@ -76,7 +76,7 @@ def test_what_is_long_is_not_multiplied_out() -> None:
     assert identically_zero([[long, -long, sp.Rational(1, 10**30)]]) == ""
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(a=st.floats(-1e10, 1e10), b=st.floats(-1e10, 1e10))
 def test_doubles_are_fractions(a: float, b: float) -> None:
     """a x + b x = (a + b) x in fractions, and in doubles only where nothing was rounded."""
@@ -111,7 +111,7 @@ def test_primes_without_a_root_are_passed_over() -> None:
 # ---------------------------------------------------------------- null spaces
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), rank=st.integers(0, 4), size=st.integers(1, 6))
 def test_null_spaces_against_sympy(seed: int, rank: int, size: int) -> None:
     """Of matrices of doubles, whose null vectors have fractions of hundreds of digits."""

@@ -66,7 +66,7 @@ def test_every_quantity_at_every_stored_state(step):
             assert abs(run.quantity(name)[row] - right) <= 16 * EPS * max(1, abs(right))
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(st.floats(-4, 4, allow_subnormal=False), min_size=5, max_size=5))
 def test_states_of_any_size(step, numbers):
     q, p, time = numbers[:2], numbers[2:4], numbers[4]

@@ -288,7 +288,7 @@ def grow(children):
     )
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20, derandomize=True)
 @given(st.lists(st.recursive(LEAVES, grow, max_leaves=8), min_size=1, max_size=3))
 def test_hoisting_loses_nothing_and_leaves_nothing_to_hoist(expressions):
     constants = Constants((m, c, grav))

@@ -324,7 +324,7 @@ def test_claims_of_a_method_that_is_not_symplectic(
 # ---------------------------------------------------------------- any nodes
 
 
-@settings(deadline=None, max_examples=4)
+@settings(max_examples=4)
 @given(
     st.lists(st.fractions(0, 1, max_denominator=9), min_size=2, max_size=4, unique=True),
     st.lists(st.fractions("1/9", "8/9", max_denominator=9), max_size=2, unique=True),

@@ -147,7 +147,7 @@ in_unit = st.tuples(st.integers(-(2**BITS) + 2**301, 2**BITS - 2**301), st.integ
 corners = st.lists(st.sampled_from([-1, 0, 1]), min_size=6, max_size=6)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 @given(st.lists(fixed, min_size=1, max_size=5), in_unit, corners)
 def test_enclosure_of_a_polynomial_contains_its_value_at_any_members(coefficients, at, corner):
     centre, radius = horner(coefficients, at, BITS)
@@ -413,7 +413,7 @@ def test_literals_read_back_to_the_rounded_value(real):
         assert round_binary(digits, real.bits) == round_binary(Fraction(e), real.bits)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(st.integers(2**52, 2**60), st.integers(0, 8))
 def test_ties_go_to_even_as_in_python(integer, shift):
     value = Fraction(integer, 2**shift)
@@ -421,13 +421,13 @@ def test_ties_go_to_even_as_in_python(integer, shift):
     assert round_binary(-value, 53) == -round_binary(value, 53)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(st.floats(1e-30, 1e30) | st.floats(-1e30, -1e-30) | st.just(0.0))
 def test_rounding_to_24_bits_is_that_of_numpy(value):
     assert round_binary(Fraction(value), 24) == Fraction(float(np.float32(value)))
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(st.fractions(), st.sampled_from([24, 53, 64, 113]))
 def test_rounding_is_to_nearest_and_idempotent_at_any_width(value, bits):
     rounded = round_binary(value, bits)

@@ -68,7 +68,7 @@ def bits_of(value):
     return int.from_bytes(binary128.to_bytes(np.array([value], dtype=object)).tobytes(), "little")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 2**128 - 1))
 def test_every_number_keeps_its_bytes(bits):
     value, exponent, fraction = number(bits), bits >> 112 & 0x7FFF, bits & (2**112 - 1)
@@ -98,7 +98,7 @@ def test_ends_of_the_range():
     assert bits_of(mp.mpf(3) * mp.mpf(2) ** -16495) == 2  # a tie, to even
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(1, 2**300), st.integers(-400, 100), st.booleans())
 def test_more_bits_are_rounded_to_even(mantissa, exponent, negative):
     exact = (-1) ** negative * mantissa * Fraction(2) ** exponent
@@ -108,7 +108,7 @@ def test_more_bits_are_rounded_to_even(mantissa, exponent, negative):
     assert binary128.exact(binary128.quad(value)) == round_binary(exact, 113)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.floats(allow_nan=False, allow_infinity=False) | st.integers(-2**100, 2**100))
 def test_other_types_are_taken_by_value(value):
     assert binary128.exact(binary128.quad(value)) == Fraction(value)

@@ -60,7 +60,7 @@ SYSTEMS = {
 }
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(list(SYSTEMS)), st.integers(0, 2**32 - 1), st.booleans(), st.booleans(),
        st.floats(-17, -6), st.integers(1, 4))
 def test_starts_are_those_of_the_sum_over_all_coordinates(

@@ -150,7 +150,7 @@ def test_physical_cone_moves_alike_with_another_energy():
     assert cone.parameters["mgl"] == pytest.approx(mass * 9.81 * 0.075)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     ratio=st.floats(0.3, 3), rate=st.floats(2, 50), sign=st.sampled_from([1, -1]),
     gravity=st.floats(0, 20), t=st.floats(-2, 2),
@@ -253,7 +253,7 @@ moments = st.tuples(*[st.floats(0.1, 10)] * 3).map(lambda x: tuple(sum(x) - y fo
 speeds = st.floats(-20, 20).map(lambda w: w if abs(w) > 1e-100 else 0.0)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(moments, st.tuples(speeds, speeds, speeds))
 def test_free_body_conserves_energy_and_angular_momentum(inertia, omega):
     problem = free_body(inertia, omega, ATTITUDE)

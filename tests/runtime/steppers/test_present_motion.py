@@ -224,7 +224,7 @@ def test_inputs_are_those_of_advance():
 
 @given(st.fractions(-2, 2, max_denominator=997), st.sampled_from([0.1, -0.1, 1e-3, 0.3, 1 / 3]),
        st.integers(0, 10**6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_grid_times_are_found_in_decimals(t0, dt, steps):
     """n dt as a float leads to n, and a hundredth of a step more or less to n or n − 1."""
     t0, between = float(t0), Fraction(dt) / 100

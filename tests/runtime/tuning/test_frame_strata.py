@@ -146,7 +146,7 @@ STARTS = {"seed": st.integers(0, 2**32 - 1), "power": st.floats(-17, 0),
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(**STARTS)
 @pytest.mark.parametrize(("scheme", "stages"), METHODS)
 @pytest.mark.parametrize("name", [*NAMES, "dragged"])

@@ -63,7 +63,7 @@ def test_no_path_gets_worse_in_a_hundred_seconds(body, method):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.tuples(*[st.floats(0.4, 1.0)] * 3), st.booleans(), st.floats(0.0, 8.0),
        st.floats(0.05, 2.5), st.tuples(*[st.floats(-2.0, 2.0)] * 2), st.floats(-30.0, 30.0),
        st.sampled_from([0.02, 0.05, 0.15]), st.sampled_from(METHODS))
