@@ -8,7 +8,7 @@ import pytest
 import gyrospark as gs
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.compilation.manifest import manifest_warnings, read_manifest
+from gyrospark.runtime.compilation.manifest import read_manifest
 from splitting_systems import ASYMMETRIC, SYSTEMS, start
 
 DRAG = SYSTEMS["drag"][0]
@@ -17,8 +17,7 @@ DRAG = SYSTEMS["drag"][0]
 def remarks(spec: Spec, system: gs.System | None = None) -> list[str]:
     """Return the remarks of a stepper, which is not compiled."""
     source = generate(spec, system=system).source
-    manifest = read_manifest(source.name, source.files())
-    return [text for _, text in manifest_warnings(manifest)]
+    return [text for _, text in read_manifest(source.name, source.files()).warnings]
 
 
 def test_the_work_of_drag_on_an_asymmetric_body_is_remarked() -> None:
