@@ -169,7 +169,7 @@ def test_newton_is_that_of_the_full_stepper(name, programs):
     """Rows, iterations, work and records, to the bit."""
     own, full = programs(name, "run"), programs(name, "full")
     status, of_run = own.run(name, NEWTON)
-    assert (status, of_run) == full._run(name, NEWTON)
+    assert (status, of_run) == full.run(name, NEWTON)
     assert status == 0
 
 
@@ -177,7 +177,7 @@ def test_newton_is_that_of_the_full_stepper(name, programs):
 def test_steps_are_those_of_the_full_stepper(name, programs):
     """Where sweeps end does not depend on where they began, but for rounding, which adds up."""
     own, full = programs(name, "run"), programs(name, "full")
-    (status, of_run), (_, of_full) = own.run(name, AUTO), full._run(name, AUTO)
+    (status, of_run), (_, of_full) = own.run(name, AUTO), full.run(name, AUTO)
     assert status == 0
     bound = (4000 if name == "long steps" else 400) * float(np.finfo(own.type).eps)
     for found, wanted in zip(of_run[:3], of_full[:3], strict=True):

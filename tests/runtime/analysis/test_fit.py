@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import gyrospark as gs
 import systems
 from benchmarks import fits
 from calls import refused
+from gyrospark.core.manifest import BodyManifest, SystemManifest
 from gyrospark.runtime.analysis.fit_coordinates import Coordinates
 from gyrospark.runtime.analysis.least_squares import Linear, determined
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
@@ -238,13 +240,12 @@ def test_noise_that_is_known_scales_the_covariance():
                          "upper_K33"]])
 def test_each_step_of_an_inertia_is_that_of_a_body(names):
     tensor = len(names) == 6
-    manifest = {"system": {
-        "rigid_body": not tensor, "parameters": dict.fromkeys(names, "real"),
-        "coordinates": ["a", "b", "c", "d"],
-        "bodies": {"upper": {"q": ["a", "b", "c", "d"], "inverse_inertia": names}} if tensor
-        else {}}}
-    step = type("Stepper", (), {"manifest": manifest,
-                                "parameter_domains": dict.fromkeys(names, "real")})()
+    quaternion, domains = ("a", "b", "c", "d"), dict.fromkeys(names, "real")
+    system = SystemManifest(
+        name="upper", coordinates=quaternion, momenta=("s", "t", "u", "v"), parameters=domains,
+        hamiltonian="0", constraints=(), hidden=(), start_parameters=(), rigid_body=not tensor,
+        bodies={"upper": BodyManifest(q=quaternion, inverse_inertia=(*names,))} if tensor else {})
+    step = SimpleNamespace(manifest=SimpleNamespace(system=system), parameter_domains=domains)
     first = dict(zip(names, [3.0, 0.2, -0.1, 2.0, 0.3, 1.8] if tensor else [1.0, 1.5, 2.2],
                      strict=True))
     coordinates, draw = Coordinates(step, names, first), np.random.default_rng(0)

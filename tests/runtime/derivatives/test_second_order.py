@@ -34,7 +34,7 @@ BOTH = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
 def loss_of(step, name):
     """Return a polynomial loss in all states, a parameter, and the time."""
     system = step.manifest.system
-    q, p = (sp.symbols(system[kind], real=True) for kind in ("coordinates", "momenta"))
+    q, p = (sp.symbols(names, real=True) for names in (system.coordinates, system.momenta))
     theta = sp.Symbol(next(iter(case_of(name).parameters)), positive=True)
     time = sp.Symbol(system.time or "t", real=True)
     return (sum((k + 1) * x**3 for k, x in enumerate(q)) + sum(x**2 * q[0] for x in p)

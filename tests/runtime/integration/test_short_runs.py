@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import gyrospark as gs
 import input_systems
 from calls import PARAMETERS, RUN, TOP, by_names, equal
 from gyrospark.core.exact_numbers import as_double
+from gyrospark.core.manifest import BodyManifest, SystemManifest
 from gyrospark.runtime.compilation.body_columns import BodyAt
 from gyrospark.runtime.integration import lanes, run_arguments
 from gyrospark.runtime.results.rotation_rate import Rotations
@@ -227,12 +229,16 @@ def test_the_fastest_of_many_bodies_is_the_fastest_of_each() -> None:
         names = [f"b{i}_{k}" for k in (("I1", "I2", "I3") if i % 3 else (
             "K11", "K12", "K13", "K22", "K23", "K33"))]
         parameters |= dict(zip(names, RNG.uniform(0.5, 2, len(names)), strict=True))
-        bodies[f"b{i}"] = {"q": [f"q{k}" for k in range(4 * i, 4 * i + 4)],
-                           "inertia" if i % 3 else "inverse_inertia": names}
-    manifest = {"scheme": {"order": 6}, "system": {
-        "rigid_body": False, "bodies": bodies, "parameters": dict.fromkeys(parameters, "real"),
-        "coordinates": [f"q{k}" for k in range(160)]}}
-    rotations = Rotations(manifest)
+        bodies[f"b{i}"] = BodyManifest(
+            q=tuple(f"q{k}" for k in range(4 * i, 4 * i + 4)),
+            **{"inertia" if i % 3 else "inverse_inertia": (*names,)})
+    q, p = (tuple(f"{x}{k}" for k in range(160)) for x in "qp")
+    system = SystemManifest(
+        name="bodies", coordinates=q, momenta=p, parameters=dict.fromkeys(parameters, "real"),
+        hamiltonian="0", constraints=(), hidden=(), start_parameters=(), rigid_body=False,
+        bodies=bodies)
+    rotations = Rotations(SimpleNamespace(
+        system=system, frame=None, scheme=SimpleNamespace(order=6, longest_flow=None)))
     assert all(isinstance(x, BodyAt) for x in rotations.bodies.values())
     for factor in (1.0, 1e160, np.inf):
         q, p = RNG.standard_normal((2, 1, 160))
