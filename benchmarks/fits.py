@@ -111,8 +111,7 @@ def double_body() -> FitCase:
         build.torque(body, [-c * omega for omega in body.angular_velocity])
     model = build.model()
     step = gs.stepper("G-L", 2, system=model)
-    run = step.integrate(model.q0, model.p0, dt=2.5e-3, steps=400, every=4, parameters={
-        **model.parameters, "lower_gamma": "m", "upper_gamma": "m"})
+    run = step.integrate(model, dt=2.5e-3, steps=400, every=4)
     true = {name: float(x) for name, x in run.parameters.items()}
     entries = [f"upper_K{i}" for i in (11, 12, 13, 22, 23, 33)]
     factors = {"upper_m": 1.3, "hip_upper_x": 0.6, "hip_upper_y": 1.5, "hip_upper_z": 1.2, "c": 2}

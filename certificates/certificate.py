@@ -17,6 +17,7 @@ from ..api import tableau as make_tableau
 from ..core.arguments import as_mapping, choose, shown
 from ..core.calls import explain_arguments
 from ..core.errors import InputError
+from ..core.exact_numbers import Number
 from ..core.html import card, table
 from ..core.inertia import RepName
 from ..core.real_types import REALS, RealName
@@ -108,7 +109,7 @@ def certify(
     real: RealName = "double",
     dt: float | None = None,
     steps: int | None = None,
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Number] | None = None,
     order: int | None = None,
     composition: str | None = None,
 ) -> Certificate:

@@ -12,13 +12,17 @@ import numbers
 import re
 from decimal import Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, SupportsFloat, TypeAlias
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
 
-#: What is taken for a real number; mpmath's and SymPy's, which have no types to name, as well.
-Number: TypeAlias = "float | np.floating[Any] | Decimal | Fraction"
+#: A real number of any type, among them NumPy's, mpmath's and SymPy's; text is none.
+Number: TypeAlias = SupportsFloat
+#: One number for all runs of an ensemble, or one for each.
+Numbers: TypeAlias = "SupportsFloat | Sequence[SupportsFloat] | np.ndarray[Any, Any]"
 
 #: Every floating-point type here has its range within 2^±this: numbers beyond are infinite, or 0.
 _RANGE = 20_000

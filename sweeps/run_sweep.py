@@ -13,7 +13,7 @@ import numpy as np
 from .._version import __version__
 from ..core.arguments import as_flag
 from ..core.errors import InputError, Stopped, StorageError
-from ..core.exact_numbers import digits_of, exact
+from ..core.exact_numbers import Number, digits_of, exact
 from ..core.inertia import RepName
 from ..core.interrupts import catch_ctrl_c, catch_signals
 from ..core.progress import Progress, as_progress, log_progress
@@ -62,7 +62,7 @@ def sweep(
     rep: RepName | None = None,
     real: RealName | None = None,
     frame: str | None = None,
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Number] | None = None,
     dt: float | None = None,
     steps: int | None = None,
     duration: float | None = None,

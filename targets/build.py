@@ -12,6 +12,7 @@ import numpy as np
 from ..api import consistent, load_model, text_of
 from ..core.arguments import as_items, as_path, choose, shown, unknown
 from ..core.errors import InputError
+from ..core.exact_numbers import Number
 from ..core.inertia import RepName
 from ..core.manifest import Manifest
 from ..core.real_types import RealName
@@ -52,7 +53,7 @@ def build(
     real: RealName | None = None,
     dt: float | None = None,
     start: tuple[Any, Any] | None = None,
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Number] | None = None,
     out: str | Path | None = None,
     platforms: str | Sequence[str] | None = None,
 ) -> Built:

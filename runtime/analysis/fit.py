@@ -277,7 +277,7 @@ class Fitting:
 
 def fit(
     stepper: Stepper, start: HasStart, /, t: ArrayLike, data: ArrayLike, *,
-    dt: Number | None = None, parameters: Mapping[str, Any] | None = None,
+    dt: Number | None = None, parameters: Mapping[str, Number] | None = None,
     inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
     observe: str | Sequence[str] | Observe = "attitude", free: Sequence[str] | None = None,
     fixed: Sequence[str] = (), sigma: ArrayLike | None = None,

@@ -130,7 +130,7 @@ class Lyapunov:
 def lyapunov(
     stepper: Stepper, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
     t_end: Number | None = None, steps: int | None = None,
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Number] | None = None,
     inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, count: int | None = None,
     every: int = 10, solver: SolverName | Solver = "auto", covariant: bool = False,
     progress: Progress = None,

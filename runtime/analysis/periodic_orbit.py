@@ -135,7 +135,7 @@ class PeriodicOrbit:
 
 def periodic_orbit(
     stepper: Stepper, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
-    steps: int, parameters: Mapping[str, Any] | None = None,
+    steps: int, parameters: Mapping[str, Number] | None = None,
     fix: str | Sequence[str] | None = "energy", free: str | None = None, max_iterations: int = 20,
 ) -> PeriodicOrbit:
     """Return the periodic orbit z = Φ_h^N(z) near a start, with a period near steps · dt.

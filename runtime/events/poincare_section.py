@@ -14,7 +14,7 @@ from ...core.arguments import choose, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event
-from ...core.exact_numbers import Number
+from ...core.exact_numbers import Number, Numbers
 from ...core.solver import Solver, SolverName
 from ...core.start import HasStart, Start
 from ..integration.starts import merged_starts, steps_of_all
@@ -109,7 +109,7 @@ def section(
     stepper: Stepper, starts: HasStart | Sequence[HasStart] | ArrayLike,
     p: ArrayLike | None = None, /, *, event: Event, dt: Number | ArrayLike,
     t_end: Number | None = None, steps: int | None = None,
-    parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] | None = None,
+    parameters: Mapping[str, Numbers] | Sequence[Mapping[str, Number]] | None = None,
     tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
     workers: int | None = None,
 ) -> Section:

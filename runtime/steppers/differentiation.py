@@ -156,7 +156,7 @@ class Differentiation(Evaluation):
 
     def jvp(
         self, start: HasStart | ArrayLike, /, *direction: ArrayLike, dt: Number,
-        parameters: Mapping[str, Any] | None = None, d: Mapping[str, Number] | None = None,
+        parameters: Mapping[str, Number] | None = None, d: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
     ) -> tuple[Array, Array, Array, Array]:
         """Return (q1, p1) of a step and its derivative (dq1, dp1) along a direction.
@@ -199,7 +199,7 @@ class Differentiation(Evaluation):
 
     def vjp(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, dt: Number,
-        parameters: Mapping[str, Any] | None = None, wrt: str | Sequence[str] | None = None,
+        parameters: Mapping[str, Number] | None = None, wrt: str | Sequence[str] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
     ) -> tuple[Array, Array, Callable[..., Gradient]]:
         """Return (q1, p1) of a step, and a function that takes cotangents of them backwards.
@@ -223,7 +223,7 @@ class Differentiation(Evaluation):
 
     def hvp(
         self, start: HasStart | ArrayLike, /, *directions: ArrayLike, dt: Number,
-        parameters: Mapping[str, Any] | None = None, d: Mapping[str, Number] | None = None,
+        parameters: Mapping[str, Number] | None = None, d: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
     ) -> Gradient:
         """Return the derivative along a direction of what ``vjp`` takes (wq, wp) back to.
@@ -425,7 +425,7 @@ class Differentiation(Evaluation):
         self, loss: Callable[[Trajectory], tuple[Any, Mapping[str, ArrayLike]]],
         start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *, wrt: str | Sequence[str],
         dt: Number, t_end: Number | None = None, steps: int | None = None,
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         solver: SolverName | Solver = "auto", memory: str = DEFAULT_MEMORY,

@@ -17,7 +17,7 @@ from ...core.arguments import as_flag, as_mapping, few
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.event import Event, as_events
-from ...core.exact_numbers import Number
+from ...core.exact_numbers import Number, Numbers
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.html import card, table
 from ...core.progress import Progress, log_progress
@@ -137,7 +137,7 @@ class Stepper(Dynamics):
         /,
         *,
         dt: Number,
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         solver: SolverName | Solver = "auto",
     ) -> tuple[Array, Array]:
@@ -181,7 +181,7 @@ class Stepper(Dynamics):
         /,
         *,
         dt: Number,
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Number] | None = None,
         solver: SolverName | Solver = "auto",
         record: bool = False,
     ) -> Simulation:
@@ -210,7 +210,7 @@ class Stepper(Dynamics):
     @overload
     def integrate(
         self, start: HasStart, /, *, dt: Number, t_end: Number | None = None,
-        steps: int | None = None, parameters: Mapping[str, Any] | None = None,
+        steps: int | None = None, parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
@@ -221,7 +221,7 @@ class Stepper(Dynamics):
     def integrate(
         self, q: ArrayLike, p: ArrayLike, /, *, dt: Number,
         t_end: Number | None = None, steps: int | None = None,
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
@@ -237,7 +237,7 @@ class Stepper(Dynamics):
         dt: Number,
         t_end: Number | None = None,
         steps: int | None = None,
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         every: int = 1,
         t_eval: ArrayLike | None = None,
@@ -356,7 +356,7 @@ class Stepper(Dynamics):
         dt: Number | ArrayLike,
         t_end: Number | None = None,
         steps: int | None = None,
-        parameters: Mapping[str, Any] | Sequence[Mapping[str, Number]] | None = None,
+        parameters: Mapping[str, Numbers] | Sequence[Mapping[str, Number]] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
         every: int = 1,
         events: Event | Sequence[Event] = (),

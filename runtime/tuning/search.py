@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -96,7 +97,7 @@ class Search:
         if self.moments:
             why = self._why_gamma_stays(best)
             self.free = self.rates if why else self.free
-            tried += [] if why else [pilots.measure(*pair) for pair in self._gammas(best)]
+            tried += [] if why else [pilots.measure(*pair) for pair in self._gammas(best, tried)]
             best = self._choose(tried)
         searched = [number for x in self._beginnings(tried) for number in self._searched(x, best)]
         best = self._choose(searched, best, _CLEARLY if self.rates else 1.0)
@@ -125,15 +126,17 @@ class Search:
         for part in (0.6, 0.8, 0.9, 1.1):
             yield f"{part} of the least squares", self._with(part * self.start[: self.rates])
 
-    def _gammas(self, best: int) -> Iterator[tuple[str, Array]]:
-        """Yield γ of all bodies and labels, the rates being the best ones."""
-        rates, means = self.pilots.trials[best][: self.rates], [*self.pilots.means.values()]
+    def _gammas(self, best: int, tried: list[int]) -> Iterator[tuple[str, Array]]:
+        """Yield γ of all bodies and labels: means at the best rates, half and twice γ_m at all."""
+        means = [*self.pilots.means.values()]
         for rule, symbol in MEANS.items():
             u = np.divide(means, [mean_inertia(inertia, rule) for inertia in self.moments.values()])
-            yield self._symbol(symbol), np.concatenate([rates, u])
-        for factor in (0.5, 2.0):
-            yield f"{self._symbol('γ_m')} times {1 / factor:g}", np.concatenate(
-                [rates, np.full(len(means), factor)])
+            yield self._symbol(symbol), np.concatenate(
+                [self.pilots.trials[best][: self.rates], u])
+        for number, factor in product(dict.fromkeys(tried), (0.5, 2.0)):
+            x = self.pilots.trials[number]
+            yield f"{self._symbol('γ_m')} times {1 / factor:g}", np.where(
+                np.arange(len(x)) < self.rates, x, factor)
 
     def _symbol(self, symbol: str) -> str:
         alpha = bool(self.moments) and all(name.endswith("alpha") for name in self.moments)

@@ -111,7 +111,7 @@ def tune(
     gamma: Literal["m", "h", "mt", "ht", "auto"] | None = None,
     frame: Literal["start", "auto"] | None = None,
     aim: Aim = "motion",
-    parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Number] | None = None,
     inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None,
     pilot_steps: int = PILOT_STEPS,
     progress: Progress = None,
