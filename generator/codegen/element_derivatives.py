@@ -14,10 +14,10 @@ import sympy as sp
 from ..kernels.statements import Kernel
 from ..schemes.derivative_kernels import by_each, time_columns
 from ..schemes.step_equations import MeanScheme, SparkScheme
-from ..schemes.system_differences import mean_gradient_of, mean_slopes_of, time_input, vector
-from ..systems.jacobians import jacobian
-from ..systems.repeated_structure import ElementSystem, ElementTemplate, Structure
-from .elements import NUMBERS, Emitter, Placed, local_inputs, term_kernels
+from ..schemes.system_differences import mean_gradient_of, time_input, vector
+from ..systems.jacobians import jacobian, transposed_product
+from ..systems.repeated_structure import ElementTemplate, Structure
+from .elements import NUMBERS, Emitter, Placed, local_inputs, mean_jacobian, term_kernels
 from .program import Derived, Elements
 
 __all__ = ["element_derivatives"]
@@ -88,7 +88,6 @@ def _constraint(
     nq, rows = len(form.q), len(form.expressions)
     lam, v = vector("lambda", rows), vector("d", nq)
     G = jacobian(form.expressions, form.q)
-    pull = [sp.Add(*(x * row[a] for x, row in zip(lam, G, strict=True))) for a in range(nq)]
     rates = [sp.Add(*(a * x for a, x in zip(row, v, strict=True))) for row in G]
     if form.time is not None:
         moving = jacobian(form.expressions, [form.time])
@@ -104,23 +103,18 @@ def _constraint(
     if isinstance(scheme, SparkScheme):
         kernels.append(Kernel("force_by_constants", "d(G^T lambda)/dc",
                               local_inputs(form, **{"lambda": lam}),
-                              {"force_c": _by(form, pull, times)}))
+                              {"force_c": _by(form, transposed_product(G, lam), times)}))
         return _kept(kernels)
     qm, dq = vector("qm", nq), vector("dq", nq)
-    mean_G = []
-    for g in form.expressions:
-        part = ElementSystem(form.q, tuple(vector("unused", nq)), form.constants, g, time=form.time)
-        mean_G.append(mean_slopes_of(part, (qm, vector("pm", nq)), (dq, vector("dp", nq)),
-                                     scheme.discrete)[:nq])
-    mean_pull = [sp.Add(*(x * row[a] for x, row in zip(lam, mean_G, strict=True)))
-                 for a in range(nq)]
+    mean_G, _ = mean_jacobian(form, qm, dq, scheme.discrete)
+    force = transposed_product(mean_G, lam)
     at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
     return _kept([
         *kernels,
         Kernel("mean_force_by_start", "d(G^T lambda)/dqm between two states", at,
-               {"K": jacobian(mean_pull, qm)}),
+               {"K": jacobian(force, qm)}),
         Kernel("mean_force_by_constants", "d(G^T lambda)/dc between two states", at,
-               {"force_c": _by(form, mean_pull, times)}),
+               {"force_c": _by(form, force, times)}),
     ])
 
 

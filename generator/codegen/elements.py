@@ -17,13 +17,14 @@ from ..kernels.kernel import Constants, Target, emit_kernel
 from ..kernels.statements import Kernel
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..schemes.system_differences import (
+    by_increment,
     increment_of,
     mean_gradient_of,
     mean_slopes_of,
     time_input,
     vector,
 )
-from ..systems.jacobians import gradient, jacobian, symmetric_jacobian
+from ..systems.jacobians import curvature, jacobian, transposed_product
 from ..systems.repeated_structure import ElementSystem, ElementTemplate, Structure
 from .program import Derived, Elements
 
@@ -174,20 +175,16 @@ def constraint_kernels(form: ElementTemplate, *, between: bool) -> list[Placed]:
     rows = len(form.expressions)
     d, lam = vector("d", len(form.q)), vector("lambda", rows)
     G = jacobian(form.expressions, form.q)
-    pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
-            for a in range(len(form.q))]
-    weighted = sum((x * g for x, g in zip(lam, form.expressions, strict=True)), sp.Integer(0))
-    K = symmetric_jacobian(gradient(weighted, form.q), form.q)
-    at = local_inputs(form)
+    at, with_lambda = local_inputs(form), local_inputs(form, **{"lambda": lam})
     kernels = [
         (Kernel("value", "g", at, {"g": list(form.expressions)}, compensated=True), BOTH),
         (Kernel("increment", "g(q + d) - g(q), no digit lost for small d", local_inputs(form, d=d),
                 {"dg": [increment_of(g, form.q, d, form.time) for g in form.expressions]}), BOTH),
         (Kernel("jacobian", "G = dg/dq", at, {"G": G}), BOTH),
-        (Kernel("reaction", "G^T lambda", local_inputs(form, **{"lambda": lam}), {"force": pull}),
+        (Kernel("reaction", "G^T lambda", with_lambda, {"force": transposed_product(G, lam)}),
          NUMBERS if between else BOTH),
-        (Kernel("curvature", "K = d(G^T lambda)/dq", local_inputs(form, **{"lambda": lam}),
-                {"K": K}), NUMBERS),
+        (Kernel("curvature", "K = d(G^T lambda)/dq", with_lambda,
+                {"K": curvature(form.expressions, form.q, lam)}), NUMBERS),
     ]
     if form.time is not None:
         rates = [row[0] for row in jacobian(form.expressions, [form.time])]
@@ -213,10 +210,11 @@ def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(form.system, (qm, pm), (dq, dp), discrete)
     at = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": form.constants}
-    by_q, by_p = _by_increment(qm, dq), _by_increment(pm, dp)
     outputs = {"D_q": D_q, "D_p": D_p}
-    second = {"D_qq": by_q(D_q) if nq else [], "D_qp": by_p(D_q) if nq and np else [],
-              "D_pq": by_q(D_p) if nq and np else [], "D_pp": by_p(D_p) if np else []}
+    second = {"D_qq": by_increment(D_q, qm, dq) if nq else [],
+              "D_qp": by_increment(D_q, pm, dp) if nq and np else [],
+              "D_pq": by_increment(D_p, qm, dq) if nq and np else [],
+              "D_pp": by_increment(D_p, pm, dp) if np else []}
     drive = [] if form.time is None else [
         (Kernel("mean_energy_rate", "mean of dH/dt between two states", at,
                 {"D_t": mean_slopes_of(form.system, (qm, pm), (dq, dp), discrete)[-1]
@@ -234,39 +232,33 @@ def mean_term_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
 
 def mean_constraint_kernels(form: ElementTemplate, discrete: bool) -> list[Placed]:
     """Return G^T lambda between two states, and its derivative by dq."""
-    nq, rows = len(form.q), len(form.expressions)
-    qm, dq, lam = vector("qm", nq), vector("dq", nq), vector("lambda", rows)
-    G, rates = [], []
-    for g in form.expressions:
-        part = ElementSystem(form.q, tuple(vector("unused", nq)), form.constants, g, time=form.time)
-        slopes = mean_slopes_of(part, (qm, vector("pm", nq)), (dq, vector("dp", nq)), discrete)
-        G.append(slopes[:nq])
-        rates.append(slopes[-1] if part.is_time_dependent else sp.Integer(0))
-    pull = [sum((x * row[a] for x, row in zip(lam, G, strict=True)), sp.Integer(0))
-            for a in range(nq)]
-    at = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
+    qm, dq, lam = (vector("qm", len(form.q)), vector("dq", len(form.q)),
+                   vector("lambda", len(form.expressions)))
+    G, rates = mean_jacobian(form, qm, dq, discrete)
+    force = transposed_product(G, lam)
+    at = {"qm": qm, "dq": dq, "k": form.constants}
+    with_lambda = {"qm": qm, "dq": dq, "lambda": lam, "k": form.constants}
     drive = [] if form.time is None else [
-        (Kernel("mean_rate", "g_t between two states",
-                {"qm": qm, "dq": dq, "k": form.constants}, {"g_t": rates}), BOTH)]
+        (Kernel("mean_rate", "g_t between two states", at, {"g_t": rates}), BOTH)]
     return [
         *drive,
-        (Kernel("mean_reaction", "G^T lambda between two states", at, {"force": pull}), BOTH),
-        (Kernel("mean_curvature", "its derivative by dq", at, {"K": _by_increment(qm, dq)(pull)}),
-         NUMBERS),
-        (Kernel("mean_jacobian", "G between two states",
-                {"qm": qm, "dq": dq, "k": form.constants}, {"G": G}), NUMBERS),
+        (Kernel("mean_reaction", "G^T lambda between two states", with_lambda, {"force": force}),
+         BOTH),
+        (Kernel("mean_curvature", "its derivative by dq", with_lambda,
+                {"K": by_increment(force, qm, dq)}), NUMBERS),
+        (Kernel("mean_jacobian", "G between two states", at, {"G": G}), NUMBERS),
     ]
 
 
-def _by_increment(means: list[sp.Symbol], differences: list[sp.Symbol]) -> Any:
-    """Return the derivative by a difference at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
-
-    def derive(expressions: list[sp.Expr]) -> list[list[sp.Expr]]:
-        by_mean, by_difference = jacobian(expressions, means), jacobian(expressions, differences)
-        return [[a / 2 + b for a, b in zip(row, other, strict=True)]
-                for row, other in zip(by_mean, by_difference, strict=True)]
-
-    return derive
+def mean_jacobian(
+    form: ElementTemplate, qm: list[sp.Symbol], dq: list[sp.Symbol], discrete: bool
+) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
+    """Return G between two states, and g_t, of a form of constraints."""
+    n = len(form.q)
+    p, pm, dp = (vector(name, n) for name in ("unused", "pm", "dp"))
+    slopes = [mean_slopes_of(ElementSystem(form.q, tuple(p), form.constants, g, time=form.time),
+                             (qm, pm), (dq, dp), discrete) for g in form.expressions]
+    return [row[:n] for row in slopes], [sp.Add(*row[2 * n:]) for row in slopes]
 
 
 def _short(e: sp.Expr) -> str:

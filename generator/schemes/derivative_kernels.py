@@ -17,7 +17,7 @@ from ..kernels.statements import Kernel
 from ..symbolic.derivatives import derivative, slopes
 from ..symbolic.shared_subexpressions import share_repeated, tree_size
 from ..symbolic.switching_functions import switches_of
-from ..systems.jacobians import jacobian
+from ..systems.jacobians import jacobian, transposed_product
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.system import System
 from .lagrangian_midpoint import LagrangianEMS
@@ -166,7 +166,7 @@ def _spark_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]
     return [
         *_rates(system, columns),
         Kernel("force_by_constants", "d(G^T lambda)/dc", {"q": q, "lambda": lam},
-               {"force_c": by_each(_force(system, lam), columns)}),
+               {"force_c": by_each(transposed_product(system.G, lam), columns)}),
         *_constraint_kernels(system, columns),
     ]
 
@@ -207,12 +207,6 @@ def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
                     "H_pc": by_each(system.H_p, columns)})]
 
 
-def _force(system: System, lam: list[sp.Symbol]) -> list[sp.Expr]:
-    """Return Gᵀλ."""
-    return [sp.Add(*(x * row[a] for x, row in zip(lam, system.G, strict=True)))
-            for a in range(system.n)]
-
-
 def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     system = scheme.system
     (qm, pm), (dq, dp) = scheme.means, scheme.differences
@@ -231,8 +225,7 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
     if not system.m:
         return kernels
     lam = vector("lambda", system.m)
-    force = [sp.Add(*(x * row[a] for x, row in zip(lam, scheme.mean_constraint, strict=True)))
-             for a in range(system.n)]
+    force = transposed_product(scheme.mean_constraint, lam)
     between: dict[str, Any] = {"qm": qm, "dq": dq, "lambda": lam}
     return [
         *kernels,

@@ -30,7 +30,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import sympy as sp
 
@@ -38,7 +37,7 @@ from ..kernels.kernel import Constants
 from ..kernels.statements import Kernel
 from ..symbolic.identities import IdentityCheck, compare
 from ..symbolic.shared_subexpressions import substitute
-from ..systems.jacobians import jacobian
+from ..systems.jacobians import jacobian, transposed_product
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import CoMovingSystem, energy_of
 from ..systems.system import System
@@ -46,6 +45,7 @@ from ..tableaux.tableau import Tableau
 from .lagrangian_kernels import motion_kernels, newton_kernels, state_kernels
 from .system_differences import (
     TIME_STEP,
+    by_increment,
     constraint_increment,
     discrete_jacobian,
     discrete_slopes,
@@ -297,7 +297,6 @@ class MeanScheme:
     def kernels(self) -> list[Kernel]:
         """Return the mean gradient and its derivatives by Δq and Δp."""
         system = self.system
-        by_q, by_p = self._by_increments()
         inputs = {"qm": self.means[0], "pm": self.means[1],
                   "dq": self.differences[0], "dp": self.differences[1]}
         inputs |= time_input(system)
@@ -308,7 +307,9 @@ class MeanScheme:
         kernels = [
             Kernel("mean_gradient", f"D_q, D_p: {kind}{less}", inputs, {"D_q": D_q, "D_p": D_p}),
             Kernel("mean_jacobian", "derivatives of D_q and D_p by dq and dp", inputs,
-                   {"D_qq": by_q(D_q), "D_qp": by_p(D_q), "D_pq": by_q(D_p), "D_pp": by_p(D_p)}),
+                   {f"D_{a}{b}": by_increment(D, mean, difference)
+                    for a, D in (("q", D_q), ("p", D_p)) for b, mean, difference in zip(
+                        "qp", self.means, self.differences, strict=True)}),
         ]
         return [*kernels, *self._constraint_kernels(), *self.energy_rate_kernels(),
                 *self.constraint_rate_kernels()]
@@ -317,18 +318,13 @@ class MeanScheme:
         """Return the kernels of the constraints: G between the ends, and its derivative."""
         if not self.system.m:
             return []
-        by_q, _ = self._by_increments()
         lam = vector("lambda", self.system.m)
-        force = [
-            sum((x * row[i] for x, row in zip(lam, self.mean_constraint, strict=True)),
-                sp.Integer(0))
-            for i in range(self.system.n)
-        ]
+        force = transposed_product(self.mean_constraint, lam)
         at = {"qm": self.means[0], "dq": self.differences[0]}
         return [
             Kernel("mean_constraint", "G between q0 and q1", at, {"G": self.mean_constraint}),
             Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", at | {"lambda": lam},
-                   {"K": by_q(force)}),
+                   {"K": by_increment(force, self.means[0], self.differences[0])}),
         ]
 
     def energy_rate_kernels(self) -> list[Kernel]:
@@ -344,23 +340,6 @@ class MeanScheme:
                        {"qm": self.means[0], "dq": self.differences[0]},
                        {"g_t": self.mean_constraint_rate})
                 ] if self.system.is_time_dependent and self.system.m else []
-
-    def _by_increments(self) -> tuple[Any, Any]:
-        """Return derivatives by Δq and by Δp at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
-
-        def total(means: list[sp.Symbol], differences: list[sp.Symbol]) -> Any:
-            def derive(expressions: list[sp.Expr]) -> list[list[sp.Expr]]:
-                by_mean = jacobian(expressions, means)
-                by_difference = jacobian(expressions, differences)
-                return [
-                    [a / 2 + b for a, b in zip(row, other, strict=True)]
-                    for row, other in zip(by_mean, by_difference, strict=True)
-                ]
-
-            return derive
-
-        return (total(self.means[0], self.differences[0]),
-                total(self.means[1], self.differences[1]))
 
 
 def energy_rate_kernels(system: System) -> list[Kernel]:

@@ -10,12 +10,13 @@ from typing import Any
 
 import sympy as sp
 
+from ..systems.jacobians import jacobian
 from ..systems.system import System
 from .discrete_gradient import discrete_gradient
 
-__all__ = ["TIME_STEP", "constraint_increment", "discrete_jacobian", "discrete_slopes",
-           "increment_of", "mean_gradient_of", "mean_slopes_of", "time_input", "vector",
-           "with_time"]
+__all__ = ["TIME_STEP", "by_increment", "constraint_increment", "discrete_jacobian",
+           "discrete_slopes", "increment_of", "mean_gradient_of", "mean_slopes_of",
+           "time_input", "vector", "with_time"]
 
 #: How much later the other end of a difference is, where H or g depends on time.
 TIME_STEP = sp.Symbol("_dt", real=True)
@@ -94,6 +95,14 @@ def mean_slopes_of(
     at_mean = dict(zip(variables, all_means, strict=True))
     time = [] if system.clock is None else [system.H_t]
     return [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p, *time)]
+
+
+def by_increment(
+    expressions: Sequence[sp.Expr], means: list[sp.Symbol], differences: list[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Return derivatives by differences at fixed start: ∂/∂Δ + ½ ∂/∂mean."""
+    return [[a / 2 + b for a, b in zip(*rows, strict=True)] for rows in zip(
+        jacobian(expressions, means), jacobian(expressions, differences), strict=True)]
 
 
 def time_input(system: System) -> dict[str, list[sp.Symbol]]:

@@ -9,7 +9,8 @@ import sympy as sp
 from ..symbolic.bounded_algebra import can_be_factored, expanded
 from ..symbolic.derivatives import derivative
 
-__all__ = ["difference", "gradient", "jacobian", "shortest", "symmetric_jacobian"]
+__all__ = ["curvature", "difference", "gradient", "jacobian", "shortest", "symmetric_jacobian",
+           "transposed_product"]
 
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
@@ -62,6 +63,22 @@ def symmetric_jacobian(
         for j in range(i, len(symbols)):
             rows[i][j] = rows[j][i] = derivative(entry, symbols[j])
     return rows
+
+
+def transposed_product(
+    G: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Expr]
+) -> list[sp.Expr]:
+    """Return Gᵀx of a matrix with at least one row."""
+    return [sp.Add(*(a * b for a, b in zip(x, column, strict=True)))
+            for column in zip(*G, strict=True)]
+
+
+def curvature(
+    g: Sequence[sp.Expr], q: Sequence[sp.Symbol], multipliers: Sequence[sp.Symbol]
+) -> list[list[sp.Expr]]:
+    """Return Σ_l λ_l ∂²g_l/∂q∂q, n × n: the derivative of g_qᵀ λ by q."""
+    weighted = sp.Add(*(a * b for a, b in zip(multipliers, g, strict=True)))
+    return symmetric_jacobian(gradient(weighted, q), q)
 
 
 def shortest(expression: sp.Expr) -> sp.Expr:

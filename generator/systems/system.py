@@ -32,7 +32,7 @@ from ...core.html import card, table
 from ..parsing.reserved_names import is_taken
 from .body_layout import BodyLayout, JointLayout
 from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula
-from .jacobians import difference, gradient, jacobian, shortest, symmetric_jacobian
+from .jacobians import curvature, difference, gradient, jacobian, shortest, symmetric_jacobian
 from .velocity_coefficients import coefficients_of, refuse_unless_linear
 
 __all__ = ["BodyLayout", "System"]
@@ -431,9 +431,7 @@ class System:
 
     def curvature(self, multipliers: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
         """Σ_l λ_l ∂²g_l/∂q∂q, n × n: the derivative of g_qᵀ λ by q."""
-        weighted = sum((lam * g for lam, g in zip(multipliers, self.constraints, strict=True)),
-                       sp.Integer(0))
-        return symmetric_jacobian(gradient(weighted, self.q), self.q)
+        return curvature(self.constraints, self.q, multipliers)
 
     @cached_property
     def hidden(self) -> list[sp.Expr]:
