@@ -3,6 +3,9 @@
 The README as a package index shows it: an index has none of the repository's files and, as yet, no
 address of it, so pictures are left out, and of a link to a file its text is kept.
 
+A wheel has the C of all steppers of the paper: those of ``generated/`` that the repository lacks
+are derived into it, so that its users need not derive them.
+
 A wheel for one platform (RELEASE.md), where GYROSPARK_PREBUILT names steppers of ``generated/``:
 with their compiled modules in it, its user's first steps take no compiler.
 """
@@ -20,7 +23,17 @@ from setuptools.command.build_py import build_py
 PICTURE = re.compile(r"^!\[[^]]*\]\((?!https:)[^)]*\)\n\n", flags=re.MULTILINE)
 LINK = re.compile(r"\[([^]]*)\]\((?!https:|#)[^)]*\)")
 PREBUILT = os.environ.get("GYROSPARK_PREBUILT", "").split()
-#: Run with the package as it will be installed.
+#: Run with the package as it will be installed, in its parent folder.
+DERIVE = """
+from pathlib import Path
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import PAPER_SPECS
+folder = Path("gyrospark", "generated")
+for spec in PAPER_SPECS:
+    if not (folder / f"{spec.name}.json").is_file():
+        for name, text in generate(spec).source.files(standalone=False).items():
+            (folder / name).write_bytes(text.encode())
+"""
 PREBUILD = """
 import sys
 from pathlib import Path
@@ -30,16 +43,18 @@ prebuild({name: checked_in_files(name) for name in sys.argv[1:]}, FOLDER)
 """
 
 
-class BuildWithModules(build_py):
-    """Compiles the modules beside the copied package."""
+class BuildWithSteppers(build_py):
+    """Derives and compiles steppers beside the copied package."""
 
     def run(self):
-        """Copy, then compile."""
+        """Copy, derive, then compile."""
         super().run()
-        if PREBUILT and not self.editable_mode:
-            built = Path(self.build_lib).resolve()
-            packages = os.pathsep.join([str(built), *filter(None, sys.path)])  # of pip wheel, too
-            subprocess.run([sys.executable, "-c", PREBUILD, *PREBUILT], check=True,
+        if self.editable_mode:
+            return
+        built = Path(self.build_lib).resolve()
+        packages = os.pathsep.join([str(built), *filter(None, sys.path)])  # of pip wheel, too
+        for program, names in ((DERIVE, []), *([(PREBUILD, PREBUILT)] if PREBUILT else [])):
+            subprocess.run([sys.executable, "-B", "-c", program, *names], check=True,
                            env=os.environ | {"PYTHONPATH": packages}, cwd=built)
 
 
@@ -66,8 +81,5 @@ setup(
     long_description=LINK.sub(r"\1", PICTURE.sub("", readme)),
     long_description_content_type="text/markdown",
     distclass=WithModules,
-    cmdclass={"build_py": BuildWithModules, "bdist_wheel": WheelOfAPlatform},
-    # What the package imports while it compiles, in the build's own environment.
-    setup_requires=["numpy>=1.26", "cffi>=1.17", "platformdirs>=4", "click", "rich",
-                    "ziglang>=0.13; platform_system == 'Windows'"] if PREBUILT else [],
+    cmdclass={"build_py": BuildWithSteppers, "bdist_wheel": WheelOfAPlatform},
 )

@@ -37,7 +37,7 @@ import cffi
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrospark.api import ROOT, checked_in_files
+from gyrospark.api import files_of
 from gyrospark.core.errors import GyrosparkError
 from gyrospark.core.real_types import REALS
 from gyrospark.core.registry import MODELS
@@ -45,7 +45,7 @@ from gyrospark.generator.models.model_file import load_model
 from gyrospark.generator.multibody.model import Model
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.schemes.named_schemes import SchemeName
-from gyrospark.generator.spec import Spec
+from gyrospark.generator.spec import PAPER_SPECS, Spec
 from gyrospark.references.problem_registry import REFERENCES
 from gyrospark.runtime.compilation.compiler import (
     SPEED_FLAGS,
@@ -64,7 +64,7 @@ from gyrospark.runtime.compilation.object_files import (
     objects_of,
 )
 from gyrospark.runtime.compilation.verified_build import import_module
-from gyrospark.runtime.rigid_body.problems import fast_top, free_body
+from gyrospark.runtime.rigid_body.problems import fast_top
 
 __all__ = ["BUILDS", "Build", "KernelDifference", "StepperSource", "compare", "compare_kernels",
            "main", "sources"]
@@ -163,8 +163,8 @@ def _start(model: Model) -> tuple[Array, Array, dict[str, Any]]:
 
 def sources() -> Iterator[tuple[str, Callable[[], StepperSource]]]:
     """Yield the names of all steppers and what makes each."""
-    for path in sorted((ROOT / "generated").glob("*.json")):
-        yield path.stem, partial(_checked_in, path.stem)
+    for spec in PAPER_SPECS:
+        yield spec.name, partial(_of_paper, spec)
     models: dict[str, Callable[[], Model]] = {
         **{name: entry.make for name, entry in MODELS.items()},
         **{name: found.make for name, found in REFERENCES.items()},
@@ -183,10 +183,8 @@ def robots() -> list[Path]:
     return [Path(str(file.locate())) for file in files if file.name.endswith(".urdf")]
 
 
-def _checked_in(name: str) -> StepperSource:
-    files = checked_in_files(name)
-    assert files is not None, name
-    problem = free_body() if name.startswith("free_body") else fast_top()
+def _of_paper(spec: Spec) -> StepperSource:
+    name, files, problem = spec.name, files_of(spec), fast_top()
     values = {"gamma": 0.0013, "alpha": 0.0007, **problem.parameters}
     wanted = read_manifest(name, files).system.parameters
     return StepperSource(name, files, problem.q0, problem.p0, {key: values[key] for key in wanted})
@@ -339,7 +337,7 @@ def _compiled(
 def main(arguments: Sequence[str]) -> int:
     """Compare the steppers named, or all; return 1 where rounding does not explain a difference."""
     parser = argparse.ArgumentParser(prog="python tests/helpers/compiler_differences.py")
-    parser.add_argument("names", nargs="*", help="of generated/, models, references, robots")
+    parser.add_argument("names", nargs="*", help="of the paper, models, references, robots")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="of CPU time")
     parser.add_argument("--points", type=int, default=POINTS)
     chosen = parser.parse_args(arguments)

@@ -28,6 +28,8 @@ import pytest
 import documents
 import gyrospark as gs
 from gyrospark.core.extras import install
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import PAPER_SPECS
 from gyrospark.studies.study_registry import chosen
 from gyrospark.sweeps.study_file import load_study
 from processes import PATIENCE, ROOT, call, environment
@@ -118,6 +120,17 @@ def test_wheel_has_the_package_and_its_examples(archives):
                 if path.suffix in (".toml", ".json") or path.name == "main.c"}
     assert {f"gyrospark/{name}" for name in examples | {"py.typed"}} <= packed
     assert not [name for name in packed if re.search(r"/(setup|conftest|test_\w+)\.py$", name)]
+
+
+def test_wheel_has_every_stepper_of_the_paper(archives):
+    """Those that the repository lacks are derived while the wheel is built."""
+    with zipfile.ZipFile(archives[1]) as archive:
+        packed = [name for name in archive.namelist() if name.startswith("gyrospark/generated/")]
+        assert {*packed} == {f"gyrospark/generated/{spec.name}.{end}"
+                             for spec in PAPER_SPECS for end in ("c", "h", "json")}
+        for spec in PAPER_SPECS[::7]:
+            for name, text in generate(spec).source.files(standalone=False).items():
+                assert archive.read(f"gyrospark/generated/{name}").decode("utf-8") == text
 
 
 def test_an_index_shows_the_readme_without_what_it_has_not(archives):

@@ -139,6 +139,8 @@ def test_the_conda_recipe_is_that_of_the_project():
     assert made["about"]["summary"] == PROJECT["description"]
     wanted = {line.partition(";")[0].replace(" ", "") for line in PROJECT["dependencies"]}
     given = {line.replace(" ", "") for line in made["requirements"]["run"]}
+    assert {*made["requirements"]["host"]} - {*made["requirements"]["run"]} == {
+        "pip", "setuptools >=77"}
     assert given == wanted | {f"python{PROJECT['requires-python']}", "c-compiler"}
     assert dict(line.split(" = ") for line in made["build"]["entry_points"]) == PROJECT["scripts"]
 

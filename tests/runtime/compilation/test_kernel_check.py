@@ -15,7 +15,8 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from gyrospark.api import checked_in_files
+from gyrospark import api
+from gyrospark.commands.verify import spec_of_name
 from gyrospark.core.errors import CompilerError, InputWarning
 from gyrospark.core.manifest import Manifest
 from gyrospark.core.real_types import REALS
@@ -29,8 +30,8 @@ from gyrospark.runtime.compilation.stepper_module import load_module
 
 @cache
 def files_of(name: str) -> dict[str, str]:
-    """Return the files of a stepper in generated/."""
-    return checked_in_files(name)
+    """Return the files of a stepper of the paper."""
+    return api.files_of(spec_of_name(name))
 
 
 @cache
