@@ -81,13 +81,12 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
 
 def tuned(
     step: Stepper, state: Start, defaults: RunDefaults, t0: float,
-    given: Mapping[str, str | None], search: Mapping[str, Any], *, nearest: bool
-) -> tuple[Start, Any, int, Tuned | None]:
-    """Return the start with numbers that ``gs.tune`` has found, dt, the number of steps, and why.
+    given: Mapping[str, str | None], search: Mapping[str, Any]
+) -> tuple[Start, Any, dict[str, Any], Tuned | None]:
+    """Return the start with numbers that ``gs.tune`` has found, dt, ``steps`` or t_end, and why.
 
     ``given`` are the options dt, error, steps and t_end, ``search`` arguments of ``gs.tune``.
     """
-    from ...runtime.integration.run_arguments import step_count
     from ...runtime.tuning.tune import tune
 
     if (given["dt"] == "auto") != (given["error"] is not None):
@@ -98,24 +97,42 @@ def tuned(
         found = tune(step, state, step_error=real_number("--error", given["error"]), t_end=t_end,
                      steps=None if given["steps"] is None else whole_number(
                          "--steps", given["steps"]), **search)
-        dt, count = found.dt, step_count(None, t_end, t0, found.dt)
+        dt, span = found.dt, _whole({"t_end": t_end}, t0, found.dt)
     else:
-        dt, count = steps_for(defaults, t0, given, nearest=nearest)
+        dt, span = _span(defaults, given)
+        span = _whole(span, t0, dt)
         if not search:
-            return state, dt, count, None
-        found = tune(step, state, dt=dt, steps=count, **search)
-    return state.replace(parameters={**state.parameters, **found.parameters}), dt, count, found
+            return state, dt, span, None
+        found = tune(step, state, dt=dt, steps=steps_of(span, t0, dt), **search)
+    return state.replace(parameters={**state.parameters, **found.parameters}), dt, span, found
 
 
 def steps_for(
-    start: RunDefaults, t0: float, given: Mapping[str, str | None], *, nearest: bool = False
+    start: RunDefaults, t0: float, given: Mapping[str, str | None]
 ) -> tuple[float, int]:
-    """Return dt and the number of steps of the options dt, steps and t_end, or the model's own.
-
-    ``nearest`` takes the step next to t_end.
-    """
+    """Return dt and the number of steps of the options dt, steps and t_end, or the model's own."""
     from ...runtime.integration.run_arguments import step_count
 
+    dt, span = _span(start, given)
+    return dt, step_count(span.get("steps"), span.get("t_end"), t0, dt)
+
+
+def steps_of(span: Mapping[str, Any], t0: Any, dt: Any) -> int:
+    """Return the whole steps of a run of ``steps`` or to ``t_end``."""
+    from ...runtime.integration.run_arguments import span_of
+
+    return span_of(span.get("steps"), span.get("t_end"), t0, dt)[0]
+
+
+def _whole(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
+    """Return the number of steps in place of a time that whole steps lead to."""
+    from ...runtime.integration.run_arguments import span_of
+
+    count, rest = span_of(span.get("steps"), span.get("t_end"), t0, dt)
+    return span if rest else {"steps": count}
+
+
+def _span(start: RunDefaults, given: Mapping[str, str | None]) -> tuple[float, dict[str, Any]]:
     dt, steps, t_end = given["dt"], given["steps"], given["t_end"]
     if dt is None and start.dt is None:
         raise InputError(f"--dt is not given and {start.name} names none; write for example "
@@ -124,11 +141,9 @@ def steps_for(
     if t_end is not None:
         if steps is not None:
             raise InputError(f"--steps {steps} and --t-end {t_end} are both given; give one.")
-        return size, step_count(None, real_number("--t-end", t_end), t0, size, nearest)
-    if nearest:
-        raise InputError("--round is for --t-end, the time of the last state; give that, or leave "
-                         "--round away.")
+        return size, {"t_end": real_number("--t-end", t_end)}
     if steps is None and start.steps is None:
         raise InputError(f"--steps is not given and {start.name} names none; write for example "
                          "--steps 1000, or --t-end 1.")
-    return size, whole_number("--steps", steps) if steps is not None else int(start.steps or 0)
+    return size, {"steps": whole_number("--steps", steps) if steps is not None
+                  else int(start.steps or 0)}

@@ -31,7 +31,7 @@ from ..options import (
     whole_number,
     with_default_scheme,
 )
-from .choices import tuned, with_options
+from .choices import steps_of, tuned, with_options
 from .outputs import Angles, check_targets, events_of, integrate_to, stored_location
 from .report import (
     about_tuning,
@@ -55,7 +55,7 @@ class RunCommand(Grouped):
     groups: ClassVar = {
         "What runs": ("settings", "system", "scheme", "stages", "order", "composition",
                       "rep", "tableau", "real", "energy"),
-        "Steps": ("dt", "error", "steps", "t_end", "nearest", "t0"),
+        "Steps": ("dt", "error", "steps", "t_end", "t0"),
         "Inertia and frame": ("gamma", "alpha", "frames"),
         "What is looked for": ("watched_for", "reference"),
         "What is written": ("out", "every", "euler", "degrees", "resume", "seed", "plot", "page",
@@ -90,8 +90,6 @@ class RunCommand(Grouped):
 @click.option("--steps", metavar="N", help="Number of steps (default: the model file's).")
 @click.option("--t-end", metavar="T",
               help="Time of the last state in seconds, in place of --steps.")
-@click.option("--round", "nearest", is_flag=True,
-              help="End at the step next to --t-end, where no whole number of them leads there.")
 @click.option("--every", metavar="K", default="1", show_default=True,
               help="Keep every K-th state, and the last.")
 @click.option("--solver", default="auto", show_default=True, shell_complete=completing(SOLVERS),
@@ -131,7 +129,7 @@ class RunCommand(Grouped):
 def run(
     problem: str, gamma: str | None, alpha: str | None, frames: tuple[str, ...],
     dt: str | None, error: str | None, t0: str, steps: str | None, t_end: str | None,
-    nearest: bool, every: str, solver: str, tolerance: str | None, max_iterations: str,
+    every: str, solver: str, tolerance: str | None, max_iterations: str,
     settings: tuple[str, ...], watched_for: tuple[str, ...], reference: bool, out: Path | None,
     euler: str | None, degrees: bool,
     resume: bool, seed: str | None, plot: Path | None, picture: Path | None, page: Path | None,
@@ -181,16 +179,17 @@ def run(
     method = Solver(choose("solver", solver, SOLVERS),
                     None if tolerance is None else real_number("--tolerance", tolerance),
                     whole_number("--max-iterations", max_iterations))
-    state, size, count, found = tuned(
+    state, size, span, found = tuned(
         step, state, defaults, begin,
-        {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, search, nearest=nearest)
+        {"dt": dt, "error": error, "steps": steps, "t_end": t_end}, search)
     arguments: dict[str, Any] = {
-        "dt": size, "steps": count, "every": whole_number("--every", every),
+        "dt": size, **span, "every": whole_number("--every", every),
         "solver": method, **events_of(watched_for, start.events, step),
     }
     drawn = None if seed is None else whole_number("--seed", seed)
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
+            count = steps_of(span, begin, size)
             with progress_bar(count, quiet=as_json) as progress, capture_warnings() as captured:
                 done = integrate_to(step, state, out, arguments,
                                     resume=resume, seed=drawn, progress=progress, angles=angles)

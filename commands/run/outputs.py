@@ -18,6 +18,7 @@ from ...core.manifest import Manifest
 from ...runtime.compilation.body_columns import bodies_of
 from ...runtime.rigid_body.euler_angles import check_sequence
 from ..options import check_ending, check_film, check_picture, check_writable
+from .choices import steps_of
 
 if TYPE_CHECKING:
     from ...core.start import Start
@@ -149,7 +150,10 @@ def integrate_to(
     seed: int | None, progress: Callable[[int], None] | None, angles: Angles,
 ) -> RunOutcome:
     """Integrate and write the states; an error comes with all states before it."""
-    if out is None or not (_is_store(out) or _is_exported(out, resume=resume)):
+    between = "t_end" in arguments  # the last row of a store is the end of a step
+    streamed = out is not None and (
+        _is_store(out) or (not between and _is_exported(out, resume=resume)))
+    if out is None or not streamed:
         return _in_memory(step, start, out, arguments, progress, angles)
     if _is_store(out):
         return _stored(step, start, out, str(out), arguments, progress, resume=resume, seed=seed)
@@ -253,7 +257,8 @@ def _in_memory(
     except GyrosparkError as error:  # the disk is full, say: the numbers are still printed
         trouble = trouble or error
     if isinstance(trouble, Stopped):
-        trouble = _told(trouble, trajectory.report.steps, arguments["steps"], written)
+        count = steps_of(arguments, start.t, arguments["dt"])
+        trouble = _told(trouble, trajectory.report.steps, count, written)
     return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, written, trouble,
                 _ended_by(trajectory, arguments))
 
@@ -278,8 +283,11 @@ def _stored(
     step: Stepper, start: Start, store: Path, name: str, arguments: dict[str, Any],
     progress: Callable[[int], None] | None, *, resume: bool, seed: int | None,
 ) -> RunOutcome:
+    from ...runtime.integration.run_arguments import step_count
     from ...storage.record import record
 
+    if "t_end" in arguments:  # refused, as it lies between two steps
+        step_count(None, arguments["t_end"], start.t, arguments["dt"])
     before = _open(store).steps_done if resume and store.exists() else 0
     trouble: GyrosparkError | Stopped | None = None
     started = time.perf_counter()

@@ -53,6 +53,8 @@ def result_of(
     trajectory = done.last
     report = trajectory.report
     end = float(t0) + report.steps * float(trajectory.dt)
+    if trajectory._grid is not None:
+        end = float(trajectory.t[-1])
     result: dict[str, Any] = {
         "problem": start.name,
         "stepper": step.name,

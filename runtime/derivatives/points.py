@@ -129,7 +129,9 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
                        True, events, refused)
     found = RunRows(run, [], False, events, refused)
     last = ending(origin.events, trajectory.events, run.dt)
-    return found if last is None else replace(found, points=found.event(last)[-1:])
+    if last is not None:
+        return replace(found, points=found.event(last)[-1:])
+    return replace(found, points=[Point(done, origin.rest)]) if origin.rest else found
 
 
 def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:

@@ -27,9 +27,12 @@ Array = NDArray[Any]
 
 def objective(
     stepper: Stepper, loss: Callable[..., Any], start: StartNumbers, wrt: tuple[str, ...],
-    dt: Any, steps: int, held: Any, memory: str, options: dict[str, Any],
+    dt: Any, span: dict[str, Any], held: Any, memory: str, options: dict[str, Any],
 ) -> Callable[[ArrayLike], tuple[float, Array]]:
-    """Return f(x) → (loss, gradient); see ``Stepper.value_and_gradient``."""
+    """Return f(x) → (loss, gradient); see ``Stepper.value_and_gradient``.
+
+    ``span`` has the number of steps, or t_end where it lies between two steps.
+    """
     if {"q", "p"} & {*wrt}:
         raise InputError("x has coordinates of the tangent space for the start: ask for \"start\" "
                          "in place of \"q\" and \"p\".")
@@ -72,8 +75,8 @@ def objective(
             found = stepper.consistent(
                 *state, t=here["t0"], parameters=stepper._parameters_with_inputs(now, held))
             state = found.q, found.p
-        run = stepper.integrate(Start(*state, t=here["t0"]), steps=steps, parameters=now,
-                                inputs=inputs, dt=here["dt"], **options)
+        run = stepper.integrate(Start(*state, t=here["t0"]), parameters=now,
+                                inputs=inputs, dt=here["dt"], **span, **options)
         gradient = stepper.gradient(run, loss=loss, wrt=wrt, memory=memory,
                                     solver=as_solver(options["solver"]).kind)
         numbers = dict.fromkeys(wrt)

@@ -2,6 +2,7 @@
 
     detection         steps in which a value changes its sign
     location          where events happen, by short real steps
+    last_step         the part of a step to a time between two steps
     observer          the events of a long run, located in pieces
     poincare_section  Poincaré sections of many starts
 """

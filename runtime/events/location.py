@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from ..integration.lanes import EnsembleStates
     from ..steppers.stepper import Stepper
 
-__all__ = ["crossings_of", "detectors_for", "ending", "observed", "row_of_event", "zeros"]
+__all__ = ["crossings_of", "detectors_for", "ending", "observed", "row_of_event", "with_row",
+           "zeros"]
 
 Array = NDArray[Any]
 
@@ -224,22 +225,32 @@ def _ended(
 ) -> Trajectory:
     """Return a trajectory up to its terminal event, whose state is one row more."""
     assert brackets is not None
-    binding = stepper.binding
     if last.steps[0] < trajectory.report.steps:  # a value that only touched its level ends it
-        trajectory = integrate(binding, stepper.manifest, run.until(int(last.steps[0])))
+        trajectory = integrate(stepper.binding, stepper.manifest, run.until(int(last.steps[0])))
     rows = row_of_event(stepper, run, brackets, last)
-    flat = flat_multipliers(trajectory)
     steps = run.stored(int(last.steps[0]))  # without a last state that is stored as the last one
-    states = slice(steps + 1)
+    return with_row(stepper, trajectory, steps + 1, (last.t, last.elapsed), last.q, last.p,
+                    rows.multipliers, rows.iterations, trajectory.report.work + rows.work)
+
+
+def with_row(
+    stepper: Stepper, trajectory: Trajectory, rows: int, times: tuple[Array, Array], q: Array,
+    p: Array, multipliers: Array, iterations: Array, work: Array,
+) -> Trajectory:
+    """Return the first rows of a trajectory and after them one more.
+
+    ``times`` are its time and the time since the start.
+    """
+    binding, states, steps = stepper.binding, slice(rows), rows - 1
+    t, elapsed = times
     made = States(
         binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
-        np.concatenate([trajectory.t[states], last.t]),
-        np.concatenate([trajectory.q[states], last.q]),
-        np.concatenate([trajectory.p[states], last.p]),
-        np.concatenate([flat[:steps], rows.multipliers]).astype(binding.dtype),
-        np.concatenate([trajectory.iterations[:steps], rows.iterations]),
-        np.concatenate([trajectory.work[states], trajectory.report.work + rows.work]),
-        np.concatenate([trajectory.elapsed[states], last.elapsed]))
+        np.concatenate([trajectory.t[states], t]), np.concatenate([trajectory.q[states], q]),
+        np.concatenate([trajectory.p[states], p]),
+        np.concatenate([flat_multipliers(trajectory)[:steps], multipliers]).astype(binding.dtype),
+        np.concatenate([trajectory.iterations[:steps], iterations]),
+        np.concatenate([trajectory.work[states], work]),
+        np.concatenate([trajectory.elapsed[states], elapsed]))
     return trajectory.of_states(made)
 
 

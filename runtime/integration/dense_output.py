@@ -92,8 +92,12 @@ def _states_at(
     return _trajectory(stepper, trajectory, t, made)
 
 
-def stored_steps_at(stepper: Stepper, run: RunArguments, times: ArrayLike) -> Array:
+def stored_steps_at(
+    stepper: Stepper, run: RunArguments, times: ArrayLike, rest: Any = 0
+) -> Array:
     """Return the steps of a run after which times are, with its last one.
+
+    The run ends ``rest`` seconds after its last step.
 
     Raises
     ------
@@ -103,6 +107,7 @@ def stored_steps_at(stepper: Stepper, run: RunArguments, times: ArrayLike) -> Ar
     if run.every != 1:
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
     ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
+    ends[1] += rest
     at = places_of(stepper, run.t0, ends, run.dt, _times(stepper, times))
     stored_steps = np.unique(np.append(at.steps[at.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["EnsembleArguments", "Origin", "ParameterCheck", "RawArguments", "RunArguments",
-           "as_parameters", "checked_runs", "refuse_texts", "step_count",
+           "as_parameters", "checked_runs", "refuse_texts", "span_of", "step_count",
            "steps_until", "warn_of_late_start", "warn_of_negative", "with_rules"]
 
 Array = NDArray[Any]
@@ -135,6 +135,8 @@ class Origin:
     run: RunArguments
     events: tuple[Event, ...] = ()
     between: bool = False
+    #: The part of a step from the last whole one to the last row; 0 where there is none.
+    rest: Any = 0
 
 
 @dataclass(frozen=True)
@@ -490,24 +492,40 @@ def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
 _ROUNDING = Fraction(1, 2**52)
 
 
-def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) -> int:
-    """Return the number of steps: as given, or (t_end − t0)/dt.
-
-    That is a whole number n if |t_end − t0 − n dt| ≤ 2⁻⁵² (|t_end| + |t0| + n |dt|): decimals such
-    as 0.1 are rounded before they come here. ``nearest`` takes the whole number next to any t_end.
+def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
+    """Return the number of steps, as ``span_of``, of a run that ends with a whole step.
 
     Raises
     ------
     InputError
-        For both or neither of them, and for a time that no whole number of steps leads to.
+        As ``span_of``, and for a time that no whole number of steps leads to.
+    """
+    count, rest = span_of(steps, t_end, t0, dt)
+    if not rest:
+        return count
+    end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t", t0), ("dt", dt)))
+    times = " and ".join(_text(begin + n * step) for n in (count, count + 1) if n)
+    steps_of = " or ".join(_text((end - begin) / n) for n in (count + 1, count) if n)
+    raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "
+                     f"t = {_text(begin)}, which is needed here. The nearest that fit: t_end = "
+                     f"{times}, or dt = {steps_of}.")
+
+
+def span_of(steps: Any, t_end: Any, t0: Any, dt: Any) -> tuple[int, Fraction]:
+    """Return the number of whole steps, as given or up to t_end, and the time from there to t_end.
+
+    (t_end − t0)/dt is a whole number n if |t_end − t0 − n dt| ≤ 2⁻⁵² (|t_end| + |t0| + n |dt|):
+    decimals such as 0.1 are rounded before they come here.
+
+    Raises
+    ------
+    InputError
+        For both or neither of them, and for an end that dt leads away from.
     """
     if (steps is None) == (t_end is None):
         raise InputError("Give either steps, their number, or t_end, the time of the last state.")
-    if nearest and t_end is None:
-        raise InputError("round is for t_end, the time of the last state; give that, or leave "
-                         "round away.")
     if t_end is None:
-        return as_positive_count("steps", steps)
+        return as_positive_count("steps", steps), Fraction(0)
     as_step(dt)
     end, begin, step = (_fraction(*pair) for pair in (("t_end", t_end), ("t", t0), ("dt", dt)))
     span = end - begin
@@ -516,15 +534,9 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any, nearest: bool = False) 
                          f"start, t = {_text(begin)}, and dt = {_text(step)} leads away from it; "
                          f"give dt = {_text(-step)}.")
     count, fits = _nearest_count(end, begin, step)
-    if nearest or fits:
-        return as_positive_count("steps", count)
-    few = math.floor(span / step)
-    times = " and ".join(_text(begin + n * step) for n in (few, few + 1) if n)
-    steps_of = " or ".join(_text(span / n) for n in (few + 1, few) if n)
-    raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "
-                     f"t = {_text(begin)}; round=True (--round) ends at the step next to it. The "
-                     f"nearest that fit: t_end = {times}, or dt = "
-                     f"{steps_of}.")
+    if not fits:
+        count = math.floor(span / step)
+    return as_positive_count("steps", count), Fraction(0) if fits else span - count * step
 
 
 def steps_until(t: Any, t0: Any, dt: Any) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -123,6 +124,8 @@ class Trajectory(Shown):
     _inputs: Any = field(default=None, repr=False)
     #: The arguments and events it was integrated with, where they are known.
     _origin: Any = field(default=None, repr=False)
+    #: Where a longer run goes on, if the last row lies between two steps.
+    _grid: Any = field(default=None, repr=False)
     #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
     _stepper: Any = field(default=None, repr=False)
     #: What the arrays that are not there yet are computed from, or a function that returns it.
@@ -193,11 +196,30 @@ class Trajectory(Shown):
         inputs: dict[str, Any] = {}
         if self._inputs is not None and len(self) > 1:
             # Rows at given times lie between steps; their inputs are not known.
-            steps = round(float(self.elapsed[at] / self.dt))
+            step = math.ceil(float(self.elapsed[at] / self.dt) - 1e-6) - 1
             inputs = dict(zip(self._inputs.names,
-                              self._inputs.at(max(steps - 1, 0)).tolist(), strict=True))
+                              self._inputs.at(max(step, 0)).tolist(), strict=True))
         return start_of_row(self.q[at].copy(), self.p[at].copy(), self.t[at], self.parameters,
                             inputs)
+
+    @property
+    def grid_end(self) -> Start:
+        """The state of the last whole step, from which a longer run goes on.
+
+        It is ``run[-1]``, unless ``t_end`` lies between two steps.
+
+        Raises
+        ------
+        InputError
+            For a run that was read from a file and ends between two steps, or at an event.
+        """
+        if self._grid is not None:
+            return self._grid  # type: ignore[no-any-return]
+        steps = float(self.elapsed[-1] / self.dt)
+        if abs(steps - round(steps)) > 1e-6:
+            raise InputError("The run ends between two steps, at an event or read from a file, "
+                             "and its last whole step is not kept; go on from run[-1].")
+        return self[-1]
 
     def _rows(self, rows: range) -> Trajectory:
         """Return the run of some of the states; multipliers are those of the steps that end there.
@@ -209,7 +231,8 @@ class Trajectory(Shown):
         end = None if rows[-1] + rows.step >= len(self) else self.t[rows[-1]]
         events = {name: found.within(begin, end, ahead) for name, found in self.events.items()}
         return changed(self, **arrays, every=self.every * rows.step, events=events, tangents=None,
-                       _inputs=None, _origin=None, _states=None)
+                       _inputs=None, _origin=None, _states=None,
+                       _grid=self._grid if rows[-1] == len(self) - 1 else None)
 
     def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
         """Yield the rows in blocks that are in memory, and which rows are the last of each."""

@@ -36,7 +36,7 @@ from ..derivatives.points import RunRows, rows_of
 from ..derivatives.second_order import Hessian, SecondBinding, Slopes, hessian_of, step_slope
 from ..derivatives.tangent_space import TangentSpace
 from ..integration.dense_output import refuse_forgotten, refuse_of_another
-from ..integration.run_arguments import Origin, step_count
+from ..integration.run_arguments import Origin, span_of
 from ..integration.starts import after_start, merged_start
 from ..results.trajectory import Trajectory
 from .evaluation import Evaluation
@@ -447,6 +447,8 @@ class Differentiation(Evaluation):
 
         stepper: Any = self
         state = merged_start(self, start, p, parameters)
-        return objective(stepper, loss, state, names_of(stepper, wrt), dt,
-                         step_count(steps, t_end, state.t, dt), inputs, memory, {
-                             "every": every, "t_eval": t_eval, "events": events, "solver": solver})
+        count, rest = span_of(steps, t_end, state.t, dt)
+        return objective(
+            stepper, loss, state, names_of(stepper, wrt), dt,
+            {"t_end": t_end} if rest else {"steps": count}, inputs, memory,
+            {"every": every, "t_eval": t_eval, "events": events, "solver": solver})

@@ -32,6 +32,7 @@ from ..compilation.stepper_module import provenance
 from ..derivatives.tangent_run import with_tangents
 from ..derivatives.tangent_space import Tangents
 from ..devices.ensemble import DeviceName
+from ..events.last_step import ended_between
 from ..events.location import observed
 from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
 from ..integration.dense_output import between, stored_steps_at
@@ -39,6 +40,7 @@ from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
     Origin,
     RunArguments,
+    span_of,
     step_count,
     warn_of_late_start,
     warn_of_negative,
@@ -214,7 +216,7 @@ class Stepper(Dynamics):
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
-        out: str | os.PathLike[str] | None = None, progress: Progress = None, round: bool = False,
+        out: str | os.PathLike[str] | None = None, progress: Progress = None,
     ) -> Trajectory: ...
 
     @overload
@@ -225,7 +227,7 @@ class Stepper(Dynamics):
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, every: int = 1,
         t_eval: ArrayLike | None = None, events: Event | Sequence[Event] = (),
         tangents: Tangents | None = None, solver: SolverName | Solver = "auto",
-        out: str | os.PathLike[str] | None = None, progress: Progress = None, round: bool = False,
+        out: str | os.PathLike[str] | None = None, progress: Progress = None,
     ) -> Trajectory: ...
 
     def integrate(
@@ -246,7 +248,6 @@ class Stepper(Dynamics):
         solver: SolverName | Solver = "auto",
         out: str | os.PathLike[str] | None = None,
         progress: Progress = None,
-        round: bool = False,
     ) -> Trajectory:
         """Integrate from a start up to the time ``t_end``, or ``steps`` steps of ``dt`` seconds.
 
@@ -265,8 +266,9 @@ class Stepper(Dynamics):
             float is the binary number that it holds. ``gyrospark.tune`` finds the step
             for an error.
         t_end : float, optional
-            Time of the last state, a whole number of steps after the start's but for the rounding
-            of these; any other is refused. Step k starts at t0 + k dt, counted, not summed up.
+            Time of the last state. Step k starts at t0 + k dt, counted, not summed up; where t_end
+            lies between two steps, the last one is a real step of a part of Δt, and a longer run
+            goes on from ``Trajectory.grid_end``, the state of the last whole step.
         steps : int, optional
             Number of steps, 0 or more, in place of ``t_end``.
         parameters : mapping, optional
@@ -275,8 +277,6 @@ class Stepper(Dynamics):
             mean γ_m of the moments beside it, or by the rule of the model; rates that are left out
             are 0, or of a model with a frame the least squares of its start. ``gyrospark.tune``
             searches both; ``Trajectory.parameters`` has the numbers.
-        round : bool
-            End at the step next to ``t_end`` instead, within half a step of it.
         inputs : mapping or array_like, optional
             The system's inputs, which are constant within a step: by name, a number or one for
             each step; or an array with a column for each, shape (steps, inputs) or (inputs,).
@@ -286,7 +286,7 @@ class Stepper(Dynamics):
             Store every so many steps, and the last.
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
-            ``at``. They lie between the start and the end of the run, in any order.
+            ``Trajectory.at``. They lie between the start and the end of the run, in any order.
         events : Event, or a list of them, optional
             Where a quantity crosses a level: in ``Trajectory.events`` by name. Every step is
             looked at, stored or not; a crossing is solved for by short real steps, to some units
@@ -325,24 +325,30 @@ class Stepper(Dynamics):
         state = merged_start(self, start, p, parameters)
         given: dict[str, Any] = {"parameters": state.parameters, "t0": state.t,
                                  "solver": as_solver(solver)}
-        count = step_count(steps, t_end, state.t, dt, as_flag("round", round))
+        count, span = span_of(steps, t_end, state.t, dt)
+        fed: Any = as_inputs(inputs, self.binding, count + 1) if span else inputs
         run = self._resolved(self._run_arguments(
-            state.q, state.p, dt=dt, steps=count, every=every, inputs=inputs, **given))
+            state.q, state.p, dt=dt, steps=count, every=every, inputs=fed, **given))
+        rest: Any = self.binding.number(span) if span else 0
         if out is not None:
+            step_count(steps, t_end, state.t, dt)
             stored: Trajectory = function_of("storage.record", "record")(
                 self, _storable(run, t_eval, tangents), as_events(
                     events, self.manifest.system.event_quantities), out, progress=progress)
             return stored
         if t_eval is not None:
-            run = replace(run, stored_steps=stored_steps_at(self, run, t_eval))
+            run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, rest))
         warned = not run.steps or self._warned(run) or run.rows < 2
         asked = as_events(events, self.manifest.system.event_quantities)
         with log_progress(f"integrating {self.name}", run.steps, progress) as report:
-            found = observed(self, run, asked, report).made_by(self, Origin(run, asked))
+            found = observed(self, run, asked, report)
         if not warned:
             self.rotations.warn_of(found)
             if found.report.newton_steps and run.solver == "auto" and not self.rotations.bodies:
                 warn_of_frequency(self.binding, run, self.order)
+        if span:
+            found = ended_between(self, run, asked, found, span, t_end)
+        found = found.made_by(self, Origin(run, asked, rest=rest))
         if t_eval is not None:
             found = self._at(found, t_eval)
         return found if tangents is None else with_tangents(self, tangents, found)

@@ -104,6 +104,11 @@ def test_a_stepper_has_few_public_attributes():
     assert len(dict(members(gs.Stepper))) <= 23
 
 
+def test_integrate_has_few_arguments():
+    """Those of the call with a start: p is the other part of an array q."""
+    assert len({*inspect.signature(gs.Stepper.integrate).parameters} - {"self", "p"}) <= 14
+
+
 class Changed:
     """A class whose members change."""
 

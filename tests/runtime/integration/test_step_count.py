@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import gyrospark as gs
 from calls import RUN, TOP, refused
 from command_line import refused as refused_by_command
-from gyrospark.runtime.integration.run_arguments import step_count
+from gyrospark.runtime.integration.run_arguments import span_of, step_count
 
 COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--json"]
 plain = st.floats(1e-6, 1e3)
@@ -79,7 +79,7 @@ def test_wrong_use_is_refused(gl3, gyrospark):
         gl3.integrate(TOP.q0, TOP.p0, t_end=-1, **RUN)
     with refused("t_end = nan"):
         gl3.integrate(TOP.q0, TOP.p0, t_end=float("nan"), **RUN)
-    refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1"),
+    refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1", "--out", "x.zarr"),
                        "t_end = 0.9 and 1.2, or dt = 0.25 or 0.3333333333333333.")
     refused_by_command(gyrospark(*COMMAND, "--dt", "0.3", "--t-end", "1", "--steps", "3"),
                        "--steps 3 and --t-end 1")
@@ -87,27 +87,15 @@ def test_wrong_use_is_refused(gl3, gyrospark):
 
 
 @given(t_end=st.floats(-1e3, 1e3), dt=plain, t0=st.one_of(st.just(0.0), plain))
-def test_the_step_next_to_any_time(t_end, dt, t0):
-    """Within half a step, and what fits is what it was."""
+def test_whole_steps_and_the_rest_lead_to_any_time(t_end, dt, t0):
+    """Exactly, unless rounding cannot tell the end from that of a whole step."""
     dt = -dt if t_end < t0 else dt
-    count = step_count(None, t_end, t0, dt, True)
-    off = Fraction(t_end) - Fraction(t0) - count * Fraction(dt)
-    assert abs(off) <= abs(Fraction(dt)) / 2
+    count, rest = span_of(None, t_end, t0, dt)
+    left = Fraction(t_end) - Fraction(t0) - count * Fraction(dt)
+    assert rest in (0, left)
+    assert (0 < rest / Fraction(dt) < 1) if rest else abs(left) <= abs(Fraction(dt)) / 2
 
 
-def test_a_run_that_is_rounded(gl3, gyrospark):
-    """0.0304 s is between 30 and 31 steps; a run of steps, or of no end at all, rounds nothing."""
-    made = gl3.integrate(TOP.q0, TOP.p0, t_end=0.0304, round=True, **RUN)
-    assert made.report.steps == 30
-    assert gl3.integrate(TOP.q0, TOP.p0, t_end=0.0306, round=True, **RUN).report.steps == 31
-    said = gyrospark(*COMMAND, "--dt", "1e-3", "--t-end", "0.0306", "--round").document
-    assert said["steps"] == 31
-    with refused(r"t_end = 0\.0304"):
-        gl3.integrate(TOP.q0, TOP.p0, t_end=0.0304, **RUN)
-    with refused("round.*t_end"):
-        gl3.integrate(TOP.q0, TOP.p0, steps=3, round=True, **RUN)
-    with refused("round = 1"):
-        gl3.integrate(TOP.q0, TOP.p0, t_end=0.03, round=1, **RUN)
-    answer = gyrospark(*COMMAND, "--dt", "1e-3", "--steps", "3", "--round")
-    assert answer.code == 2
-    assert "--round is for --t-end" in answer.stderr
+def test_round_is_refused(gl3):
+    with pytest.raises(TypeError, match="t_end"):
+        gl3.integrate(TOP.q0, TOP.p0, t_end=0.0304, round=True, **RUN)

@@ -1,0 +1,179 @@
+"""Runs that end between two steps: the last row is a real step of a part of Δt to t_end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gyrospark as gs
+import systems
+from command_line import refused as refused_by_command
+
+DT, END = 0.01, 0.104
+
+
+def run(name="pendulum", **more):
+    step = systems.stepper(name)
+    start = gs.Start(*systems.start(name, step), systems.case(name).parameters)
+    whole = step.integrate(start, dt=DT, steps=11)
+    return step, start, whole, step.integrate(start, dt=DT, t_end=END, **more)
+
+
+@pytest.mark.parametrize("name", ["pendulum", "heavy_top", "driven_oscillator", "sleigh"])
+def test_the_last_row_is_the_state_at_t_end(name):
+    step, _, whole, made = run(name)
+    assert made.t[-1] == END
+    assert made.report.steps == 10
+    assert len(made) == 12
+    assert np.array_equal(made.q[:-1], whole.q[:-1])
+    there = whole.at([0.0, END])
+    for one in ("q", "p", "multipliers", "work"):
+        found, true = (np.asarray(getattr(of, one))[-1] for of in (made, there))
+        assert np.abs(found - true).max(initial=0) <= 1e-11 * (1 + np.abs(true).max(initial=0)), one
+    assert made.report.q == tuple(made.q[-1])
+    assert step.constraint_names == [] or made.g_errors[-1] < 1e-14
+
+
+@pytest.mark.parametrize(("every", "rows"), [(1, 12), (2, 7), (5, 4), (3, 5), (4, 4), (20, 2)])
+def test_rows_are_those_of_every_and_the_last(every, rows):
+    _, _, whole, made = run(every=every)
+    assert len(made) == rows
+    assert len(made.multipliers) == len(made.iterations) == rows - 1
+    stored = whole.q[:11:every]
+    assert np.array_equal(made.q[:-1], stored)
+    assert np.abs(made.at([0.0123, 0.1017]).q - whole.at([0.0123, 0.1017]).q).max() < 1e-14
+
+
+def test_a_longer_run_goes_on_from_the_last_whole_step():
+    step, start, whole, made = run(every=3)
+    assert np.array_equal(made.grid_end.q, whole.q[10])
+    assert made.grid_end.t == whole.t[10]
+    later = step.integrate(made.grid_end, dt=DT, steps=1)
+    assert np.abs(later.q[-1] - whole.q[-1]).max() < 1e-14
+    assert whole.grid_end.t == whole.t[-1]
+    assert made[2:].grid_end.t == made.grid_end.t
+    assert made[:3].grid_end.t == made.t[2]
+    short = step.integrate(start, dt=DT, t_end=0.004)
+    assert short.t.tolist() == [0, 0.004]
+    assert short.grid_end.t == 0
+    back = step.integrate(start, dt=-DT, t_end=-0.014)
+    assert back.t.tolist() == [0, -0.01, -0.014]
+
+
+def test_a_run_that_was_read_does_not_know_its_last_whole_step(tmp_path):
+    _, _, _, made = run()
+    read = gs.load(made.save(tmp_path / "run.npz"))
+    assert np.array_equal(read.q, made.q)
+    with pytest.raises(gs.InputError, match=r"run\[-1\]"):
+        read.grid_end  # noqa: B018
+
+
+def test_times_are_asked_for_up_to_t_end():
+    times = [END, 0.001, 0.1005]
+    _, _, whole, made = run(t_eval=times)
+    assert made.t.tolist() == times
+    assert np.abs(made.q - whole.at(times).q).max() < 1e-14
+    with pytest.raises(gs.InputError, match=r"0\.105 is outside"):
+        run(t_eval=[0.105])
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+@pytest.mark.parametrize("time", [0.052, 0.1013, 0.1065])
+def test_events_in_the_last_part_of_a_step(time, terminal):
+    step, start, whole, _ = run()
+    event = gs.Event(step.manifest.system.coordinates[0], float(whole.at([time]).q[0, 0]),
+                     terminal=terminal, name="there")
+    made = step.integrate(start, dt=DT, t_end=END, events=event)
+    found = made.events["there"]
+    if time > END:
+        assert not len(found)
+        assert made.t[-1] == END
+        return
+    assert found.t == pytest.approx([time], abs=1e-13)
+    assert found.steps.tolist() == [int(time / DT)]
+    assert found.elapsed == pytest.approx([time], abs=1e-13)
+    assert made.t[-1] == (pytest.approx(time, abs=1e-13) if terminal else END)
+    assert np.abs(made.q[-1] - whole.at([made.t[-1]]).q[0]).max() < 1e-12
+
+
+def test_inputs_have_a_row_for_the_last_part():
+    step = systems.stepper("pushed_pendulum")
+    start = gs.Start([0.6, -0.8], [0.8, 0.6], {"k": 2.0})
+    rows = np.random.default_rng(3).normal(size=(6, 2))
+    made = step.integrate(start, dt=0.02, t_end=0.107, inputs=rows)
+    there = step.integrate(start, dt=0.02, steps=6, inputs=rows).at([0.107])
+    assert np.abs(made.q[-1] - there.q[-1]).max() < 1e-14
+    assert dict(made[-1].inputs) == dict(zip(("push", "pull"), rows[5], strict=True))
+    with pytest.raises(gs.InputError, match=r"\(6, 2\)"):
+        step.integrate(start, dt=0.02, t_end=0.107, inputs=rows[:5])
+
+
+def test_gradients_are_those_of_the_row_at_t_end():
+    step = systems.differentiable("pendulum")
+    start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
+    whole = step.integrate(start, dt=DT, steps=11, t_eval=[0.03, END])
+    made = step.integrate(start, dt=DT, t_end=END)
+    w = np.ones(step.n)
+    wrt = ["q", "p", *start.parameters, "dt", "t0"]
+    assert made.gradient({"q": w}, wrt=wrt).vector() == pytest.approx(
+        whole.gradient({"q": np.stack([0 * w, w])}, wrt=wrt).vector(), rel=1e-10, abs=1e-12)
+    tangents = gs.Tangents(dt=True)
+    assert step.integrate(start, dt=DT, t_end=END, tangents=tangents).tangents.q[-1] \
+        == pytest.approx(step.integrate(start, dt=DT, steps=11, t_eval=[END],
+                                        tangents=tangents).tangents.q[-1], rel=1e-10)
+
+
+def test_value_and_gradient_ends_at_t_end():
+    step = systems.differentiable("pendulum")
+    start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
+
+    def loss(run):
+        return float(run.q[-1].sum()), {"q": np.ones(step.n)}
+
+    name = next(iter(start.parameters))
+    f = step.value_and_gradient(loss, start, wrt=[name], dt=DT, t_end=END)
+    x = start.parameters[name]
+    h = 1e-5 * x
+    value, slope = f([x])
+    assert value == loss(step.integrate(start, dt=DT, t_end=END))[0]
+    assert slope[0] == pytest.approx((f([x + h])[0] - f([x - h])[0]) / (2 * h), rel=1e-6)
+
+
+def test_other_numbers_end_there_too():
+    for real in ("float", "long-double"):
+        step = systems.stepper("heavy_top", real=real)
+        start = gs.Start(*systems.start("heavy_top", step), systems.case("heavy_top").parameters)
+        made = step.integrate(start, dt=DT, t_end=END)
+        there = step.integrate(start, dt=DT, steps=11).at([END])
+        assert np.abs(made.q[-1] - there.q[-1]).max() <= 64 * np.finfo(made.q.dtype).eps
+        assert made.t[-1] == pytest.approx(END, abs=1e-7)
+
+
+def test_what_ends_with_a_whole_step_says_so(tmp_path, gyrospark):
+    step, start, _, _ = run()
+    for call in (lambda: step.integrate(start, dt=DT, t_end=END, out=tmp_path / "x.zarr"),
+                 lambda: step.integrate_ensemble([start, start], dt=DT, t_end=END),
+                 lambda: gs.lyapunov(step, start, dt=DT, t_end=END)):
+        with pytest.raises(gs.InputError, match=r"t_end = 0\.1 and 0\.11"):
+            call()
+    command = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3",
+               "--t-end", "0.0306"]
+    refused_by_command(gyrospark(*command, "--out", "x.zarr"), "0.03 and 0.031")
+    answer = gyrospark(*command, "--out", "x.npz", "--json").document
+    assert answer["t_end"] == 0.0306
+    assert answer["steps"] == 30
+    assert gs.load("x.npz").q[-1].tolist() == answer["q"]
+
+
+def test_a_run_that_is_cut_in_two_goes_on(tmp_path):
+    """From its row to round-off, from a store and a simulation to the bit."""
+    step, start, whole, _ = run("heavy_top")
+    first = step.integrate(start, dt=DT, t_end=0.054)
+    assert np.abs(step.integrate(first.grid_end, dt=DT, steps=6).q[-1] - whole.q[-1]).max() < 1e-14
+    simulation = step.start(start, dt=DT)
+    simulation.advance(5)
+    simulation.advance(6)
+    assert np.array_equal(simulation.q, whole.q[-1])
+    stored = step.integrate(start, dt=DT, steps=5, out=tmp_path / "run.zarr")
+    assert np.array_equal(stored.q, whole.q[:6])
+    assert np.array_equal(gs.resume(tmp_path / "run.zarr", steps=11).q, whole.q)
