@@ -121,8 +121,8 @@ class Places:
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and (
                     node.targets[0].id == "__all__"):
                 continue
-            if is_silent(node):
-                continue
+            if is_silent(node) or (isinstance(node, ast.keyword) and node.arg == "strict"):
+                continue  # lengths that differ would be an error of ours
             yield from self.of_expression(node)
             parts = [node.value] if isinstance(node, ast.AnnAssign) else (
                 [node.test] if isinstance(node, ast.Assert) else ast.iter_child_nodes(node))
