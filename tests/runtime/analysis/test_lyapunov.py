@@ -28,6 +28,7 @@ def test_saddle():
     assert np.abs(rates[[0, 3]] - [1, -1]).max() < 1e-9  # of order 4
     assert np.abs(rates[1:3]).max() < 0.1
     assert found.pairing < 1e-13
+    assert abs(found.ftle - 1) < 1e-8  # the flow is symmetric, of norm e^t
     slopes = found.covariant[200, 3] / found.covariant[200, 1]
     assert np.abs(slopes[[0, 3]] - [1, -1]).max() < 1e-7
 

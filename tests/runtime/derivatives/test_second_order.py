@@ -199,3 +199,15 @@ def test_what_has_no_second_derivatives_says_so():
         step.hessian(run, {"q": np.ones(2)}, wrt=["q"])
     with pytest.raises(InputError, match="bytes"):
         step.hessian(run, {"q": np.ones(2)}, memory="0.1 kB")
+
+
+@pytest.mark.parametrize(("real", "width"), [("double", 8), ("float128", 16)])
+def test_a_hessian_keeps_the_states_and_unknowns_of_all_steps(real, width):
+    name = "driven_pendulum"
+    step = stepper_for(name, ("G-L", 2), real)
+    run = run_of(name, step)
+    needed = STEPS * (2 * step.n + step.unknowns) * width
+    given = {"loss": loss_of(step, name), "wrt": ["start"]}
+    assert np.isfinite(step.hessian(run, memory=needed, **given).matrix.astype(float)).all()
+    with pytest.raises(InputError, match=f"{needed:,} bytes"):
+        step.hessian(run, memory=needed - 1, **given)

@@ -189,6 +189,8 @@ def test_jupyter_shows_it_in_a_frame(tops):
     assert text.count("<") == 2
     assert len(repr(shown)) < 200
     assert "View" in repr(shown)
+    assert "None" not in repr(shown)
+    assert "top.html" in repr(tops.show("top.html"))
 
 
 def test_on_the_command_line(gyrospark, tmp_path):
