@@ -51,6 +51,16 @@ def test_parts_add_up_to_H(name):
     assert not proofs.prove_splitting(wrong)[0].holds
 
 
+def test_parts_of_a_charge_in_a_plane_add_up_to_H():
+    """In a magnetic field it moves straight on while the plane turns at −c/b."""
+    x, y, u, v, b, c = sp.symbols("x y u v b c", real=True)
+    H = ((u - c * y)**2 + (v + c * x)**2) / (2 * b)
+    found = split(gs.System((x, y), (u, v), (b, c), H, name="plane"))
+    assert all(line.holds for line in proofs.prove_splitting(found))
+    turn = replace(found.space[0], omega=(0, 0, c / b))
+    assert not proofs.prove_splitting(replace(found, space=(turn,)))[0].holds
+
+
 def test_parts_that_do_not_commute_are_no_exact_flow():
     found = split(heavy_top("gamma"))
     body = found.bodies[0]

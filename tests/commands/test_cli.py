@@ -74,19 +74,30 @@ NUMBERS = {
     "tolerance nan": (["--tolerance", "nan"], ["tolerance", "nan"]),
     "max-iterations 0": (["--max-iterations", "0"], ["max_iterations = 0", "at least 1"]),
     "setting": (["--set", "mass=2"], ["'mass=2'", "no settings"]),
-    "picture ending": (["--plot", "top.txt"], ["'top.txt'", ".png", ".svg", ".pdf"]),
-    "picture folder": (["--plot", "none/top.png"], ["--plot", "'none'"]),
-    "output folder": (["--out", "none/top.npz"], ["--out", "'none'"]),
-    "output a folder": (["--out", "."], ["--out", "file name"]),
-    "output empty": (["--out", ""], ["--out", "file name"]),
-    "output ending": (["--out", "top.xlsx"],
-                      ["--out", "'top.xlsx'", ".npz, .csv, .nc, .parquet, .zarr"]),
 }
 
 
 @pytest.mark.parametrize(("arguments", "fragments"), NUMBERS.values(), ids=NUMBERS.keys())
 def test_bad_value_is_refused_by_run(arguments, fragments, gyrospark):
     refused(gyrospark(*IMS, *arguments), *fragments)
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(("option", "file", "fragments"), [
+    *((option, f"none/top{ending}", ["'none'"]) for option, ending in {
+        "--out": ".npz", "--plot": ".png", "--picture": ".png", "--view": ".html",
+        "--animate": ".gif"}.items()),
+    ("--out", "", ["file name"]), ("--out", ".", ["file name"]),
+    ("--out", "top.xlsx", ["'top.xlsx'", ".npz, .csv, .nc, .parquet, .zarr"]),
+    ("--plot", "top.txt", ["'top.txt'", ".png", ".svg", ".pdf"]),
+    ("--picture", "top.gif", ["'top.gif'", ".png"]), ("--view", "top.png", ["'top.png'", ".html"]),
+    ("--animate", "top.txt", ["'top.txt'", ".gif"]),
+    ("--out", "top.npz --resume", ["--resume", ".zarr"]),
+])
+def test_files_that_cannot_be_written_are_refused_before_the_run(
+        option, file, fragments, gyrospark, monkeypatch):
+    monkeypatch.setattr(gs.Stepper, "integrate", lambda *given, **more: pytest.fail("it runs"))
+    refused(gyrospark(*IMS, option, *(file.split() or [""])), *fragments)
     assert not list(Path().iterdir())
 
 
