@@ -48,6 +48,12 @@
 #define MAX_DEFECT_STAGNATION 2 /* iterations without progress of the constraints */
 #define SHORT_STEP_ITERATIONS 12 /* of h/4 and of h/2 together, for starts of the first step */
 
+/* ------------------------------------------------------- iteration for tangents and adjoints */
+
+#define DERIVATIVE_MARGIN 256 /* 16 squared: the remainder of a solution is below epsilon/16 */
+#define SLOW_RATE ((real)0.09) /* 0.3 squared: a factorisation costs less than more iterations */
+#define MOST_DERIVATIVE_ITERATIONS 40 /* at 0.3, of float128 */
+
 /* ----------------------------------------------------- fixed-point iteration or Newton's method */
 
 #define FAR_CHANGE ((real)0.02) /* first change above which another root is a risk */

@@ -1,7 +1,8 @@
 """Kernels of element templates that derivatives of a step need beside those of the step itself.
 
 Each is local: derivatives by the constants of one instance, and behind them by the times of
-``time_columns``. ``derivative_elements.c.jinja`` gathers directions and scatters products.
+``time_columns``. ``derivative_elements.c.jinja`` evaluates the matrices of all instances at a
+state, gathers directions and scatters products.
 """
 
 from __future__ import annotations
@@ -22,6 +23,30 @@ from .program import Derived, Elements
 
 __all__ = ["element_derivatives"]
 
+#: Groups of matrices that are evaluated at one state, and their kernels for templates of H, of g
+#: and of F.
+_GROUPS: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = {
+    "rates": (("hessian", "rates_by_constants"), (), ("jacobian", "by_constants")),
+    "mean_rates": (("mean_by_start", "mean_by_constants"), (), ("jacobian", "by_constants")),
+    "constraint_value": ((), ("jacobian", "by_constants"), ()),
+    "constraint_velocity": ((), ("velocity_by_coordinates", "velocity_by_constants"), ()),
+    "constraint_force": ((), ("curvature", "force_by_constants"), ()),
+    "mean_constraint_force": ((), ("mean_force_by_start", "mean_force_by_constants"), ()),
+}
+#: Output of a kernel → products (sum, direction, whether with the transpose).
+_PRODUCTS: dict[str, list[tuple[str, str, bool]]] = {
+    "H_qq": [("force", "q", False)], "H_pp": [("velocity", "p", False)],
+    "H_pq": [("velocity", "q", False), ("force", "p", True)],
+    "H_qc": [("force", "c", False)], "H_pc": [("velocity", "c", False)],
+    "D_qq": [("force", "q", False)], "D_qp": [("force", "p", False)],
+    "D_pq": [("velocity", "q", False)], "D_pp": [("velocity", "p", False)],
+    "D_qc": [("force", "c", False)], "D_pc": [("velocity", "c", False)],
+    "F_q": [("force", "q", False)], "F_p": [("force", "p", False)], "F_c": [("force", "c", False)],
+    "G": [("out", "q", False)], "g_c": [("out", "c", False)],
+    "f_q": [("out", "q", False)], "f_c": [("out", "c", False)],
+    "K": [("out", "q", False)], "force_c": [("out", "c", False)],
+}
+
 
 def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, Any]]:
     """Return the kernels of each template: its part of ``elements``, by their names."""
@@ -37,10 +62,34 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
                 continue  # a constant of H
             made = emit.all(part["name"], kernels_of(form, scheme, times))
             known = {k["name"]: k for k in part["kernels"]}
-            found.append(part | {
-                "kind": kind, "columns": part["nk"] + len(times), "own": made,
-                "by_name": known | {k["name"]: k for k in made}})
+            whole = part | {"kind": kind, "columns": part["nk"] + len(times), "own": made}
+            known |= {k["name"]: k for k in made}
+            groups = {name: [known[k] for k in kernels[kind] if k in known]
+                      for name, kernels in _GROUPS.items()}
+            found.append(whole | {"groups": {name: _group(whole, name, kernels)
+                                             for name, kernels in groups.items() if kernels}})
     return found
+
+
+def _group(part: dict[str, Any], name: str, kernels: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the matrices of a template in a group, with their sums and directions."""
+    sums = {"force": "q" if part["kind"] == 0 else "row", "velocity": "p",
+            "out": "q" if name.endswith("force") else "row"}
+    size = {"q": part["nq"], "p": part["np"], "row": part["rows"], "c": part["columns"]}
+    matrices = [{"name": output, "of": of, "by": by, "transposed": transposed,
+                 "rows": size[by if transposed else sums[of]],
+                 "columns": size[sums[of] if transposed else by]}
+                for kernel in kernels for output in kernel["outputs"]
+                for of, by, transposed in _PRODUCTS[output]]
+    sign = "-" if part["kind"] == 2 else "+"
+    return {
+        "calls": kernels,
+        "matrices": matrices,
+        "outputs": [{"name": of, "index": sums[of], "n": size[sums[of]], "sign": sign}
+                    for of in dict.fromkeys(m["of"] for m in matrices)],
+        "inputs": [{"name": by, "index": by, "n": size[by], "sign": "+"}
+                   for by in dict.fromkeys(m["by"] for m in matrices) if by != "c"],
+    }
 
 
 def _by(

@@ -125,6 +125,7 @@ class Emitter:
             scalar = emit_kernel(named, self.constants, self.real)
             lanes = emit_kernel(named, self.constants, self.real, Target.lanes({}))
             emitted.append({"name": kernel.name, "inputs": list(named.inputs),
+                            "outputs": list(named.outputs),
                             "scalar": scalar if where != LANES else None,
                             "lanes": lanes if where != NUMBERS else None,
                             "operations": scalar.operations})

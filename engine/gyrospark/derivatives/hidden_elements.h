@@ -30,55 +30,59 @@ static void band_substitute_transposed(const real *restrict J, const int *restri
 }
 
 #if GS_CONSTRAINED
-/* A state on the constraints, its velocity, and the factors of W = G H_pp G^T. */
+/*
+ * A state on the constraints: the factors of W = G H_pp G^T, and the derivatives of f = G v + g_t,
+ * v = H_p. H_p depends on the time among the constants alone.
+ */
 typedef struct {
-    real q[N], p[N], v[N], W[FACTOR];
+    real W[FACTOR];
+    rates_matrices rates;
+    constraint_value_matrices value;
+    constraint_velocity_matrices velocity;
 } hidden_t;
 
 static int linearise_hidden(const constants *c, const real q[N], const real p[N], hidden_t *s)
 {
-    for (int a = 0; a < N; ++a) {
-        s->q[a] = q[a];
-        s->p[a] = p[a];
-    }
-    velocity(c, q, p, s->v);
+    const real t = 0;
+    real v[N];
+    velocity(c, q, p, v);
     schur(c, q, p, s->W);
     factor(s->W);
+    evaluate_rates(c, q, p, &t, 0, &s->rates);
+    evaluate_constraint_value(c, q, &s->value);
+    evaluate_constraint_velocity(c, q, v, &s->velocity);
     return isfinite(norm(FACTOR, s->W)) ? OK : SINGULAR;
 }
 
 /* df += G dv + d(G v + g_t), with dv the derivative of H_p */
-static void add_hidden_times(const constants *c, const hidden_t *s, const real *dq,
-    const real *dp, const real *dc, real *df)
+static void add_hidden_times(const hidden_t *s, const real *dq, const real *dp, const real *dc,
+    real *df)
 {
-    const real t = 0; /* H_p depends on the time among the constants alone */
     real force[N] = { 0 }, dv[N] = { 0 };
-    rates_times(c, s->q, s->p, &t, dq, dp, dc, 0, force, dv);
-    constraint_value_times(c, s->q, dv, NULL, df);
-    constraint_velocity_times(c, s->q, s->v, dq, dc, df);
+    rates_times(&s->rates, dq, dp, dc, force, dv);
+    constraint_value_times(&s->value, dv, NULL, df);
+    constraint_velocity_times(&s->velocity, dq, dc, df);
 }
 
-static void add_hidden_transposed(const constants *c, const hidden_t *s, const real *f, real *q,
-    real *p, real *c_bar)
+static void add_hidden_transposed(const hidden_t *s, const real *f, real *q, real *p, real *c_bar)
 {
-    const real t = 0, force[N] = { 0 };
+    const real force[N] = { 0 };
     real v_bar[N] = { 0 };
-    constraint_value_transposed(c, s->q, f, v_bar, NULL);
-    rates_transposed(c, s->q, s->p, &t, force, v_bar, 0, q, p, c_bar);
-    constraint_velocity_transposed(c, s->q, s->v, f, q, c_bar);
+    constraint_value_transposed(&s->value, f, v_bar, NULL);
+    rates_transposed(&s->rates, force, v_bar, q, p, c_bar);
+    constraint_velocity_transposed(&s->velocity, f, q, c_bar);
 }
 
 /* mu <- W^-1 f_p (before - p): the impulse of the projection along G^T from `before` to p */
-static void impulse_between(const constants *c, const hidden_t *s, const real before[N],
-    const real p[N], real mu[M])
+static void impulse_between(const hidden_t *s, const real before[N], const real p[N], real mu[M])
 {
-    const real zero[N] = { 0 }, no_constants[E] = { 0 };
+    const real zero[N] = { 0 };
     real change[N];
     for (int a = 0; a < N; ++a)
         change[a] = before[a] - p[a];
     for (int m = 0; m < M; ++m)
         mu[m] = 0;
-    add_hidden_times(c, s, zero, change, no_constants, mu);
+    add_hidden_times(s, zero, change, NULL, mu);
     substitute(s->W, mu);
 }
 #endif

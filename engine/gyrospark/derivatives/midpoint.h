@@ -10,7 +10,7 @@
  * dx and dz1 <- the derivatives of the unknowns and of (q1, p1) along dz: rows q, p, constants, t0,
  * h. multipliers, if not NULL, are those of lambda.
  */
-static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
+static int TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
     NUMBER dz1[2*N], NUMBER *multipliers)
 {
     const NUMBER zero = TYPED(broadcast)(0), squared = l->h*l->h;
@@ -32,11 +32,14 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], N
     for (int m = 0; m < M; ++m)
         dx[LAMBDA + m] = -dg[m];
 #endif
-    TYPED(solve_step)(l, dx);
+    const int status = TYPED(solve_step)(l, 0, dx);
+    if (status != OK)
+        return status;
     for (int a = 0; a < 2*N; ++a)
         dz1[a] = dz[a] + dx[a];
     for (int e = 2*N; e < U && multipliers != NULL; ++e)
         multipliers[e - 2*N] = dx[e];
+    return OK;
 }
 #endif
 
@@ -85,11 +88,13 @@ static void TYPED(adjoint_of_stages)(TYPED(linearisation_t) *l, const NUMBER x[U
 }
 
 /* z <- the cotangent of (q, p, constants, t0, h) of those of (q1, p1), w, and of multipliers. */
-static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
+static inline int TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
     const NUMBER *multipliers, NUMBER z[Z])
 {
     NUMBER x[U], force[P][N];
     TYPED(adjoint_of_end)(l, w, multipliers, x, force, z);
-    TYPED(solve_step_transposed)(l, x);
-    TYPED(adjoint_of_stages)(l, x, force, z);
+    const int status = TYPED(solve_step)(l, 1, x);
+    if (status == OK)
+        TYPED(adjoint_of_stages)(l, x, force, z);
+    return status;
 }

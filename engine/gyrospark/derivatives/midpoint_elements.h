@@ -7,56 +7,59 @@
 
 #include "gyrospark/derivatives/hidden_elements.h"
 
-/* The step that is linearised; its band matrix is in the work memory. */
+/* The derivatives of one step; the band matrix J is in the work memory, once it is factorised. */
 typedef struct {
-    real h, t, q1[N];
-    const real *x;
+    real h;
+    const real *q, *p, *x;
     constants c;
     work_t *w;
+    int is_factorised;
+    mean_rates_matrices rates;
+#if GS_CONSTRAINED
+    constraint_value_matrices value; /* at the end of the step */
+    mean_constraint_force_matrices force;
+#endif
 } linearisation_t;
 
 static int linearise(const constants *c, real t, real h, const real q[N], const real p[N],
     const real x[U], const real q1[N], const real p1[N], linearisation_t *l)
 {
     work_t *w = l->w;
-    (void)p1;
+    (void)q1, (void)p1;
     l->h = h;
-    l->t = t;
+    l->q = q;
+    l->p = p;
     l->x = x;
+    l->is_factorised = 0;
     l->c = w->constants = *c;
     w->t = t;
     IF_TIME(w->step = h;)
-    for (int a = 0; a < N; ++a)
-        l->q1[a] = q1[a];
     mean_values(w, q, p, x);
-    jacobian(w, h, q, p, x, w->J);
-    w->constants = *c;
-    return band_factorise(w->J, w->exponents, w->pivots, &w->products);
+    const real middle = t + h/2;
+    const constants *at_mean = BETWEEN(&w->constants, t, h);
+    evaluate_mean_rates(at_mean, w->q_mean, w->p_mean, x, x + DP, &middle, 1, &l->rates);
+#if GS_CONSTRAINED
+    evaluate_mean_constraint_force(at_mean, w->q_mean, x, x + LAMBDA, &l->force);
+    evaluate_constraint_value(AT(&w->constants, t + h), q1, &l->value);
+#endif
+    return OK;
 }
 
 static void mean_times(linearisation_t *l, const real dq[N], const real dp[N], const real dc[E],
     real force[N], real velocity[N])
 {
-    const work_t *w = l->w;
-    const real middle = l->t + l->h/2;
-    const constants *c = BETWEEN(&l->c, l->t, l->h);
-    mean_rates_times(c, w->q_mean, w->p_mean, l->x, l->x + DP, &middle, dq, dp, dc, 1, force,
-        velocity);
+    mean_rates_times(&l->rates, dq, dp, dc, force, velocity);
 #if GS_CONSTRAINED
-    mean_constraint_force_times(c, w->q_mean, l->x, l->x + LAMBDA, dq, dc, force);
+    mean_constraint_force_times(&l->force, dq, dc, force);
 #endif
 }
 
 static void mean_transposed(linearisation_t *l, const real force[N], const real velocity[N],
     real q[N], real p[N], real c_bar[E])
 {
-    const work_t *w = l->w;
-    const real middle = l->t + l->h/2;
-    const constants *c = BETWEEN(&l->c, l->t, l->h);
-    mean_rates_transposed(c, w->q_mean, w->p_mean, l->x, l->x + DP, &middle, force, velocity, 1,
-        q, p, c_bar);
+    mean_rates_transposed(&l->rates, force, velocity, q, p, c_bar);
 #if GS_CONSTRAINED
-    mean_constraint_force_transposed(c, w->q_mean, l->x, l->x + LAMBDA, force, q, c_bar);
+    mean_constraint_force_transposed(&l->force, force, q, c_bar);
 #endif
 }
 
@@ -65,13 +68,13 @@ static void constraint_times(linearisation_t *l, int k, const real dq[N], const 
     real dg[M])
 {
     (void)k;
-    constraint_value_times(AT(&l->c, l->t + l->h), l->q1, dq, dc, dg);
+    constraint_value_times(&l->value, dq, dc, dg);
 }
 
 static void constraint_transposed(linearisation_t *l, int k, const real g[M], real q[N], real c[E])
 {
     (void)k;
-    constraint_value_transposed(AT(&l->c, l->t + l->h), l->q1, g, q, c);
+    constraint_value_transposed(&l->value, g, q, c);
 }
 #endif
 

@@ -21,10 +21,9 @@ static void rates_of_state(const constants *at, const real q[N], const real p[N]
 
 #if GS_ELEMENTS
 /* change <- H_pq dq + H_pp dp + H_pt dt */
-static void velocity_change(const constants *at, const real q[N], const real p[N],
-    const real dq[N], const real dp[N], real dt, real change[N])
+static void velocity_change(const rates_matrices *rates, const real dq[N], const real dp[N],
+    real dt, real change[N])
 {
-    const real t = 0;
     real force[N] = { 0 }, dc[E] = { 0 };
     (void)dt;
 #if TIMES
@@ -32,7 +31,7 @@ static void velocity_change(const constants *at, const real q[N], const real p[N
 #endif
     for (int a = 0; a < N; ++a)
         change[a] = 0;
-    rates_times(at, q, p, &t, dq, dp, dc, 0, force, change);
+    rates_times(rates, dq, dp, dc, force, change);
 }
 #else
 /* Derivatives of v = H_p by q, p and t */
@@ -81,7 +80,7 @@ static int constrain_force(const constants *at, const real q[N], const real p[N]
     int status = linearise_hidden(at, q, p, &d->hidden);
     for (int m = 0; m < M; ++m)
         lambda[m] = 0;
-    add_hidden_times(at, &d->hidden, v, force, dc, lambda);
+    add_hidden_times(&d->hidden, v, force, dc, lambda);
     substitute(d->hidden.W, lambda);
 #else
     real f_q[M][N], f_p[M][N], f_c[M][E];
@@ -121,7 +120,9 @@ int NAME(accelerations)(const parameters_t *parameters, const real q[N], const r
     rates_of_state(at, q, p, v, rate);
     const int status = constrain_force(at, q, p, v, rate, lambda, d);
 #if GS_ELEMENTS
-    velocity_change(at, q, p, v, rate, 1, acceleration);
+    const real t = 0; /* kernels count from the start */
+    evaluate_rates(at, q, p, &t, 0, &d->rates);
+    velocity_change(&d->rates, v, rate, 1, acceleration);
 #else
     real H_pq[N][N], H_pp[N][N], H_pt[N];
     velocity_derivatives(at, q, p, H_pq, H_pp, H_pt);
@@ -142,10 +143,11 @@ void NAME(inverse_mass)(const parameters_t *parameters, const real q[N], const r
     const constants *at = AT(&d->work.constants, start_time(parameters));
 #if GS_ELEMENTS
     const real zero[N] = { 0 };
+    evaluate_rates(at, q, p, zero, 0, &d->rates);
     for (int b = 0; b < N; ++b) { /* H_pp is symmetric: its columns are its rows */
         real unit[N] = { 0 };
         unit[b] = 1;
-        velocity_change(at, q, p, zero, unit, 0, inverse + b*N);
+        velocity_change(&d->rates, zero, unit, 0, inverse + b*N);
     }
 #else
     real H_pq[N][N], H_pp[N][N], H_pt[N];

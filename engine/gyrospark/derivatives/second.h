@@ -51,18 +51,20 @@ static int second_of_step(second_t *d, real t, real h, const real *q, const real
     set_duals(N, p, z + N, p0);
 #if GS_SPLITTING
     (void)x;
-    const int status = dual_linearise(&d->c, start, step, q0, p0, &d->first.l, &d->l);
+    int status = dual_linearise(&d->c, start, step, q0, p0, &d->first.l, &d->l);
 #else
     real dx[U], dz1[2*N];
     dual q1[N], p1[N], unknowns[U];
-    step_tangent(&d->first.l, z, dx, dz1, NULL);
+    int status = step_tangent(&d->first.l, z, dx, dz1, NULL);
+    if (status != OK)
+        return status;
     set_duals(N, q + N, dz1, q1);
     set_duals(N, p + N, dz1 + N, p1);
     set_duals(U, x, dx, unknowns);
-    const int status = dual_linearise(&d->c, start, step, q0, p0, unknowns, q1, p1, &d->l);
+    status = dual_linearise(&d->c, start, step, q0, p0, unknowns, q1, p1, &d->l);
 #endif
     if (status == OK)
-        dual_step_adjoint(&d->l, d->w, NULL, d->z);
+        status = dual_step_adjoint(&d->l, d->w, NULL, d->z);
     return status;
 }
 

@@ -6,6 +6,96 @@
  * The transpose takes a cotangent of (q1, p1) to one of the start. A linearisation is evaluated
  * once at the solution x; docs/theory/derivatives.md has the equations.
  */
+#if !GS_DERIVATIVES_IN_LANES
+/*
+ * r <- -dR of (B.1) at fixed unknowns, where Q_i, P_i and Q~_k change by dq, dp and dQ, constants and
+ * times along dz; dz may be NULL with element templates.
+ */
+static void TYPED(residual_times)(TYPED(linearisation_t) *l, NUMBER dq[S][N], NUMBER dp[S][N],
+    NUMBER dQ[P + 1][N], const NUMBER *dz, NUMBER r[U])
+{
+    const NUMBER zero = TYPED(broadcast)(0);
+    NUMBER along[E], *dc = dz == NULL ? NULL : along;
+    (void)dQ;
+    for (int i = 0; i < S; ++i) {
+        NUMBER velocity[N], force[N];
+        for (int a = 0; a < N; ++a)
+            velocity[a] = force[a] = zero;
+        if (dz != NULL)
+            TYPED(set_time_direction)(dz, TYPED(broadcast)(tableau.c[i]), along);
+        TYPED(stage_times)(l, i, dq[i], dp[i], dc, force, velocity);
+        for (int a = 0; a < N; ++a) {
+            r[i*N + a] = velocity[a];
+            r[K_HAT + i*N + a] = -force[a];
+        }
+    }
+#if GS_CONSTRAINED
+    for (int k = 1; k <= P; ++k) {
+        NUMBER dg[M];
+        if (dz != NULL)
+            TYPED(set_time_direction)(dz, TYPED(broadcast)(tableau.c_tilde[k]), along);
+        for (int m = 0; m < M; ++m)
+            dg[m] = zero;
+        TYPED(constraint_times)(l, k, dQ[k], dc, dg);
+        for (int m = 0; m < M; ++m)
+            r[LAMBDA + (k - 1)*M + m] = -dg[m];
+    }
+#endif
+}
+#endif
+
+/*
+ * Cotangents q, p and Q of Q_i, P_i and Q~_k: of x, those of -R of (B.1) at fixed unknowns, and of
+ * `force`, those of the constraint forces, to which those of P_i are added. z, which may be NULL with
+ * element templates, gets the cotangents of constants and times.
+ */
+static void TYPED(residual_transposed)(TYPED(linearisation_t) *l, const NUMBER x[U],
+    NUMBER force[P][N], NUMBER q[S][N], NUMBER p[S][N], NUMBER Q[P + 1][N], NUMBER *z)
+{
+    const NUMBER h = l->h, zero = TYPED(broadcast)(0);
+    NUMBER constants[E], *by_c = z == NULL ? NULL : constants;
+    (void)h, (void)force, (void)Q;
+    for (int i = 0; i < S; ++i) {
+        NUMBER force_bar[N];
+        const NUMBER *velocity_bar = x + i*N; /* of -R': dx <- (velocity, -force) */
+        for (int a = 0; a < N; ++a) {
+            force_bar[a] = -x[K_HAT + i*N + a];
+            q[i][a] = p[i][a] = zero;
+        }
+        for (int e = 0; e < E && z != NULL; ++e)
+            constants[e] = zero;
+        TYPED(stage_transposed)(l, i, force_bar, velocity_bar, q[i], p[i], by_c);
+        if (z != NULL)
+            TYPED(add_time_cotangent)(constants, TYPED(broadcast)(tableau.c[i]), z);
+#if GS_CONSTRAINED
+        for (int k = 0; k < P; ++k)
+            for (int a = 0; a < N; ++a)
+                force[k][a] -= h*tableau.A_tilde[i][k]*p[i][a];
+#endif
+    }
+#if GS_CONSTRAINED
+    for (int k = 0; k <= P; ++k) {
+        for (int a = 0; a < N; ++a)
+            Q[k][a] = zero;
+        for (int e = 0; e < E && z != NULL; ++e)
+            constants[e] = zero;
+        if (k < P)
+            TYPED(force_transposed)(l, k, force[k], Q[k], by_c);
+        if (k > 0) {
+            NUMBER g_bar[M];
+            for (int m = 0; m < M; ++m)
+                g_bar[m] = -x[LAMBDA + (k - 1)*M + m];
+            TYPED(constraint_transposed)(l, k, g_bar, Q[k], by_c);
+        }
+        if (z != NULL)
+            TYPED(add_time_cotangent)(constants, TYPED(broadcast)(tableau.c_tilde[k]), z);
+    }
+#endif
+}
+
+#if GS_ELEMENTS && GS_FIXED_POINT
+#include "gyrospark/derivatives/spark_iteration.h"
+#endif
 #include "gyrospark/derivatives/solution.h"
 
 #if !GS_DERIVATIVES_IN_LANES
@@ -13,61 +103,45 @@
  * dx and dz1 <- the derivatives of the unknowns and of (q1, p1) along dz: rows q, p, constants, t0,
  * h. multipliers, if not NULL, are those of Lambda_0..Lambda_P, the last of which is mu/(h b~_P).
  */
-static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
+static int TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], NUMBER dx[U],
     NUMBER dz1[2*N], NUMBER *multipliers)
 {
     const NUMBER h = l->h, zero = TYPED(broadcast)(0);
-    NUMBER dc[E], dq1[N], dp1[N];
+    NUMBER dc[E], dq1[N], dp1[N], dq[S][N], dp[S][N], dQ[P + 1][N];
 #if GS_CONSTRAINED
-    NUMBER dQ[P + 1][N], dF[P][N];
-    for (int k = 0; k <= P; ++k)
-        for (int a = 0; a < N; ++a)
-            dQ[k][a] = dz[a] + l->node_rate[k][a]*dz[DH];
+    NUMBER dF[P][N];
     for (int k = 0; k < P; ++k) {
-        TYPED(set_time_direction)(dz, TYPED(broadcast)(tableau.c_tilde[k]), dc);
-        for (int a = 0; a < N; ++a)
+        for (int a = 0; a < N; ++a) {
+            dQ[k][a] = dz[a] + l->node_rate[k][a]*dz[DH];
             dF[k][a] = zero;
+        }
+        TYPED(set_time_direction)(dz, TYPED(broadcast)(tableau.c_tilde[k]), dc);
         TYPED(force_times)(l, k, dQ[k], dc, dF[k]);
     }
 #endif
-    for (int i = 0; i < S; ++i) {
-        NUMBER dq[N], dp[N], velocity[N], force[N];
-        for (int a = 0; a < N; ++a) {
-            dq[a] = dz[a] + l->q_rate[i][a]*dz[DH];
-            dp[a] = dz[N + a] + l->p_rate[i][a]*dz[DH];
+    for (int a = 0; a < N; ++a) {
+        dQ[P][a] = dz[a] + l->node_rate[P][a]*dz[DH];
+        for (int i = 0; i < S; ++i) {
+            dq[i][a] = dz[a] + l->q_rate[i][a]*dz[DH];
+            dp[i][a] = dz[N + a] + l->p_rate[i][a]*dz[DH];
 #if GS_CONSTRAINED
             for (int k = 0; k < P; ++k)
-                dp[a] -= h*tableau.A_tilde[i][k]*dF[k][a];
+                dp[i][a] -= h*tableau.A_tilde[i][k]*dF[k][a];
 #endif
-            velocity[a] = force[a] = zero;
-        }
-        TYPED(set_time_direction)(dz, TYPED(broadcast)(tableau.c[i]), dc);
-        TYPED(stage_times)(l, i, dq, dp, dc, force, velocity);
-        for (int a = 0; a < N; ++a) {
-            dx[i*N + a] = velocity[a];
-            dx[K_HAT + i*N + a] = -force[a];
         }
     }
-#if GS_CONSTRAINED
-    for (int k = 1; k <= P; ++k) {
-        NUMBER dg[M];
-        TYPED(set_time_direction)(dz, TYPED(broadcast)(tableau.c_tilde[k]), dc);
-        for (int m = 0; m < M; ++m)
-            dg[m] = zero;
-        TYPED(constraint_times)(l, k, dQ[k], dc, dg);
-        for (int m = 0; m < M; ++m)
-            dx[LAMBDA + (k - 1)*M + m] = -dg[m];
-    }
-#endif
-    TYPED(solve_step)(l, dx);
+    TYPED(residual_times)(l, dq, dp, dQ, dz, dx);
+    const int status = TYPED(solve_step)(l, 0, dx);
+    if (status != OK)
+        return status;
     for (int a = 0; a < N; ++a) {
-        NUMBER dq = zero, dp = zero;
+        NUMBER rate = zero, force = zero;
         for (int j = 0; j < S; ++j) {
-            dq += tableau.b[j]*dx[j*N + a];
-            dp += tableau.b_hat[j]*dx[K_HAT + j*N + a];
+            rate += tableau.b[j]*dx[j*N + a];
+            force += tableau.b_hat[j]*dx[K_HAT + j*N + a];
         }
-        dq1[a] = dz[a] + l->node_rate[P][a]*dz[DH] + h*dq;
-        dp1[a] = dz[N + a] + l->end_rate[a]*dz[DH] + h*dp;
+        dq1[a] = dz[a] + l->node_rate[P][a]*dz[DH] + h*rate;
+        dp1[a] = dz[N + a] + l->end_rate[a]*dz[DH] + h*force;
     }
 #if GS_CONSTRAINED
     for (int k = 0; k < P; ++k) {
@@ -78,9 +152,7 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], N
                 more[a] += h*tableau.A_bar[k][j]*dx[j*N + a];
             change[a] = dF[k][a];
         }
-        for (int e = 0; e < E; ++e)
-            dc[e] = zero;
-        TYPED(force_times)(l, k, more, dc, change);
+        TYPED(force_times)(l, k, more, NULL, change);
         TYPED(constraint_transposed)(l, k, dx + LAMBDA + k*M, change, NULL);
         for (int a = 0; a < N; ++a)
             dp1[a] -= h*tableau.b_tilde[k]*change[a];
@@ -109,6 +181,7 @@ static void TYPED(step_tangent)(TYPED(linearisation_t) *l, const NUMBER dz[Z], N
         dz1[N + a] = dp1[a];
     }
     (void)multipliers;
+    return OK;
 }
 #endif
 
@@ -129,7 +202,7 @@ static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N]
         p_end[a] = w[N + a];
     }
 #if GS_CONSTRAINED
-    NUMBER nu[M], minus[N], by_c[E], none[E], Q[P + 1][N];
+    NUMBER nu[M], minus[N], by_c[E], Q[P + 1][N];
     for (int e = 0; e < E; ++e)
         by_c[e] = zero;
     for (int m = 0; m < M; ++m)
@@ -153,9 +226,7 @@ static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N]
             force[k][a] = -h*tableau.b_tilde[k]*p_end[a];
             Q[k][a] = zero;
         }
-        for (int e = 0; e < E; ++e)
-            none[e] = zero;
-        TYPED(force_transposed)(l, k, force[k], Q[k], none);
+        TYPED(force_transposed)(l, k, force[k], Q[k], NULL);
         for (int m = 0; m < M; ++m)
             x[LAMBDA + k*M + m] = multipliers == NULL ? zero : multipliers[k*M + m];
         TYPED(constraint_times)(l, k, force[k], NULL, x + LAMBDA + k*M);
@@ -184,62 +255,32 @@ static void TYPED(adjoint_of_end)(TYPED(linearisation_t) *l, const NUMBER w[2*N]
 static void TYPED(adjoint_of_stages)(TYPED(linearisation_t) *l, const NUMBER x[U],
     NUMBER force[P][N], NUMBER z[Z])
 {
-    const NUMBER h = l->h, zero = TYPED(broadcast)(0);
-    NUMBER by_c[E], by_h = zero;
-    (void)h, (void)force;
-    for (int i = 0; i < S; ++i) {
-        NUMBER force_bar[N], dq[N], dp[N];
-        const NUMBER *velocity_bar = x + i*N; /* of -R': dx <- (velocity, -force) */
+    NUMBER q[S][N], p[S][N], Q[P + 1][N], by_h = TYPED(broadcast)(0);
+    TYPED(residual_transposed)(l, x, force, q, p, Q, z);
+    for (int i = 0; i < S; ++i)
         for (int a = 0; a < N; ++a) {
-            force_bar[a] = -x[K_HAT + i*N + a];
-            dq[a] = dp[a] = zero;
+            z[a] += q[i][a];
+            z[N + a] += p[i][a];
+            by_h += l->q_rate[i][a]*q[i][a] + l->p_rate[i][a]*p[i][a];
         }
-        for (int e = 0; e < E; ++e)
-            by_c[e] = zero;
-        TYPED(stage_transposed)(l, i, force_bar, velocity_bar, dq, dp, by_c);
-        TYPED(add_time_cotangent)(by_c, TYPED(broadcast)(tableau.c[i]), z);
-        for (int a = 0; a < N; ++a) {
-            z[a] += dq[a];
-            z[N + a] += dp[a];
-            by_h += l->q_rate[i][a]*dq[a] + l->p_rate[i][a]*dp[a];
 #if GS_CONSTRAINED
-            for (int k = 0; k < P; ++k)
-                force[k][a] -= h*tableau.A_tilde[i][k]*dp[a];
-#endif
-        }
-    }
-#if GS_CONSTRAINED
-    for (int k = 0; k <= P; ++k) {
-        NUMBER dQ[N];
-        for (int a = 0; a < N; ++a)
-            dQ[a] = zero;
-        for (int e = 0; e < E; ++e)
-            by_c[e] = zero;
-        if (k < P) {
-            TYPED(force_transposed)(l, k, force[k], dQ, by_c);
-        }
-        if (k > 0) {
-            NUMBER g_bar[M];
-            for (int m = 0; m < M; ++m)
-                g_bar[m] = -x[LAMBDA + (k - 1)*M + m];
-            TYPED(constraint_transposed)(l, k, g_bar, dQ, by_c);
-        }
-        TYPED(add_time_cotangent)(by_c, TYPED(broadcast)(tableau.c_tilde[k]), z);
+    for (int k = 0; k <= P; ++k)
         for (int a = 0; a < N; ++a) {
-            z[a] += dQ[a];
-            by_h += l->node_rate[k][a]*dQ[a];
+            z[a] += Q[k][a];
+            by_h += l->node_rate[k][a]*Q[k][a];
         }
-    }
 #endif
     z[DH] += by_h;
 }
 
 /* z <- the cotangent of (q, p, constants, t0, h) of those of (q1, p1), w, and of multipliers. */
-static inline void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
+static inline int TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
     const NUMBER *multipliers, NUMBER z[Z])
 {
     NUMBER x[U], force[P][N];
     TYPED(adjoint_of_end)(l, w, multipliers, x, force, z);
-    TYPED(solve_step_transposed)(l, x);
-    TYPED(adjoint_of_stages)(l, x, force, z);
+    const int status = TYPED(solve_step)(l, 1, x);
+    if (status == OK)
+        TYPED(adjoint_of_stages)(l, x, force, z);
+    return status;
 }

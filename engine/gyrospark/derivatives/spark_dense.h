@@ -260,19 +260,22 @@ static inline void TYPED(stage_transposed)(const TYPED(linearisation_t) *l, int 
 }
 
 #if GS_CONSTRAINED
-/* force += the derivative of G^T lambda at node k along (dq, dc), at fixed lambda */
+/* force += the derivative of G^T lambda at node k along (dq, dc), at fixed lambda; dc may be NULL */
 static inline void TYPED(force_times)(const TYPED(linearisation_t) *l, int k, const NUMBER dq[N],
-    const NUMBER dc[E], NUMBER force[N])
+    const NUMBER *dc, NUMBER force[N])
 {
     TYPED(add_times)(N, N, &l->K[k][0][0], dq, force);
-    TYPED(add_times)(N, E, &l->force_c[k][0][0], dc, force);
+    if (dc != NULL)
+        TYPED(add_times)(N, E, &l->force_c[k][0][0], dc, force);
 }
 
+/* The transpose of force_times, added to (q, c); c may be NULL */
 static inline void TYPED(force_transposed)(const TYPED(linearisation_t) *l, int k,
-    const NUMBER force[N], NUMBER q[N], NUMBER c[E])
+    const NUMBER force[N], NUMBER q[N], NUMBER *c)
 {
     TYPED(add_transposed)(N, N, &l->K[k][0][0], force, q);
-    TYPED(add_transposed)(N, E, &l->force_c[k][0][0], force, c);
+    if (c != NULL)
+        TYPED(add_transposed)(N, E, &l->force_c[k][0][0], force, c);
 }
 
 /* dg += G dq + g_c dc at node k; dc may be NULL */

@@ -1,22 +1,27 @@
 /*
  * SPARK methods: the linearisation of a step of a system of element templates. Products are sums
- * over instances, evaluated again for each direction; J is a band matrix.
+ * over instances, whose matrices are evaluated once; J is a band matrix, where it is factorised.
  */
 #ifndef GS_DERIVATIVES_SPARK_ELEMENTS_H
 #define GS_DERIVATIVES_SPARK_ELEMENTS_H
 
 #include "gyrospark/derivatives/hidden_elements.h"
 
-/* States at which the derivatives of one step are evaluated; its band matrix is in the work memory. */
+/* The derivatives of one step; the band matrix J is in the work memory, once it is factorised. */
 typedef struct {
-    real h, t;
-    const real *x;
+    real h;
+    const real *q, *p, *x;
     real q_rate[S][N], p_rate[S][N], node_rate[P + 1][N], end_rate[N];
     constants c;
     work_t *w;
+    int is_factorised;
+    real right_side[U], rest[U], increment[U], product[U]; /* work memory of the iteration */
+    rates_matrices rates[S];
 #if GS_CONSTRAINED
-    const real *lambda; /* multipliers of the nodes 0..P - 1 */
-    real impulse[M]; /* mu of the projection */
+    constraint_value_matrices value[P + 1];
+    constraint_force_matrices force[P + 1];
+    real W[P][FACTOR]; /* factors of W = G H_pp G^T of the nodes 0..P - 1 */
+    real impulse[M];   /* mu of the projection */
     hidden_t hidden;
 #endif
 } linearisation_t;
@@ -27,8 +32,10 @@ static int linearise(const constants *c, real t, real h, const real q[N], const 
     work_t *w = l->w;
     real p_end[N];
     l->h = h;
-    l->t = t;
+    l->q = q;
+    l->p = p;
     l->x = x;
+    l->is_factorised = 0;
     l->c = w->constants = *c;
     w->t = t;
     IF_TIME(w->step = h;)
@@ -55,83 +62,74 @@ static int linearise(const constants *c, real t, real h, const real q[N], const 
         }
         p_end[a] = p[a] + h*l->end_rate[a];
     }
-    jacobian(w, h, q, p, x, w->J);
-    w->constants = *c;
+    for (int i = 0; i < S; ++i) {
+        const real now = t + h*tableau.c[i];
+        evaluate_rates(AT(&l->c, now), w->stage_q[i], w->stage_p[i], &now, 1, &l->rates[i]);
+    }
 #if GS_CONSTRAINED
     const int status = linearise_hidden(AT(&l->c, t + h), q1, p1, &l->hidden);
     if (status != OK)
         return status;
-    l->lambda = x + LAMBDA;
-    impulse_between(AT(&l->c, t + h), &l->hidden, p_end, p1, l->impulse);
+    impulse_between(&l->hidden, p_end, p1, l->impulse);
+    for (int k = 0; k <= P; ++k) {
+        const constants *at = AT(&l->c, t + h*tableau.c_tilde[k]);
+        evaluate_constraint_value(at, w->Q_tilde[k], &l->value[k]);
+        evaluate_constraint_force(at, w->Q_tilde[k], k < P ? x + LAMBDA + k*M : l->impulse,
+            &l->force[k]);
+        if (k < P) {
+            schur(at, w->Q_tilde[k], p, l->W[k]);
+            factor(l->W[k]);
+        }
+    }
 #else
     (void)q1, (void)p1, (void)p_end;
 #endif
-    return band_factorise(w->J, w->exponents, w->pivots, &w->products);
+    return OK;
 }
 
 static void stage_times(linearisation_t *l, int i, const real dq[N], const real dp[N],
-    const real dc[E], real force[N], real velocity[N])
+    const real *dc, real force[N], real velocity[N])
 {
-    const real t = l->t + l->h*tableau.c[i];
-    rates_times(AT(&l->c, t), l->w->stage_q[i], l->w->stage_p[i], &t, dq, dp, dc, 1, force,
-        velocity);
+    rates_times(&l->rates[i], dq, dp, dc, force, velocity);
 }
 
 static void stage_transposed(linearisation_t *l, int i, const real force[N],
-    const real velocity[N], real q[N], real p[N], real c[E])
+    const real velocity[N], real q[N], real p[N], real *c)
 {
-    const real t = l->t + l->h*tableau.c[i];
-    rates_transposed(AT(&l->c, t), l->w->stage_q[i], l->w->stage_p[i], &t, force, velocity, 1, q,
-        p, c);
+    rates_transposed(&l->rates[i], force, velocity, q, p, c);
 }
 
 #if GS_CONSTRAINED
-/* The constants at the time of node k */
-static const constants *node_constants(linearisation_t *l, int k)
+static void force_times(linearisation_t *l, int k, const real dq[N], const real *dc, real force[N])
 {
-    (void)k;
-    return AT(&l->c, l->t + l->h*tableau.c_tilde[k]);
+    constraint_force_times(&l->force[k], dq, dc, force);
 }
 
-/* Lambda of a node; of the last one the impulse */
-static const real *multipliers_of(const linearisation_t *l, int k)
+static void force_transposed(linearisation_t *l, int k, const real force[N], real q[N], real *c)
 {
-    return k < P ? l->lambda + k*M : l->impulse;
-}
-
-static void force_times(linearisation_t *l, int k, const real dq[N], const real dc[E],
-    real force[N])
-{
-    constraint_force_times(node_constants(l, k), l->w->Q_tilde[k], multipliers_of(l, k), dq, dc,
-        force);
-}
-
-static void force_transposed(linearisation_t *l, int k, const real force[N], real q[N], real c[E])
-{
-    constraint_force_transposed(node_constants(l, k), l->w->Q_tilde[k], multipliers_of(l, k), force,
-        q, c);
+    constraint_force_transposed(&l->force[k], force, q, c);
 }
 
 static void constraint_times(linearisation_t *l, int k, const real dq[N], const real *dc,
     real dg[M])
 {
-    constraint_value_times(node_constants(l, k), l->w->Q_tilde[k], dq, dc, dg);
+    constraint_value_times(&l->value[k], dq, dc, dg);
 }
 
 static void constraint_transposed(linearisation_t *l, int k, const real g[M], real q[N], real *c)
 {
-    constraint_value_transposed(node_constants(l, k), l->w->Q_tilde[k], g, q, c);
+    constraint_value_transposed(&l->value[k], g, q, c);
 }
 
 static void hidden_times(linearisation_t *l, const real dq[N], const real dp[N], const real dc[E],
     real df[M])
 {
-    add_hidden_times(node_constants(l, P), &l->hidden, dq, dp, dc, df);
+    add_hidden_times(&l->hidden, dq, dp, dc, df);
 }
 
 static void hidden_transposed(linearisation_t *l, const real f[M], real q[N], real p[N], real c[E])
 {
-    add_hidden_transposed(node_constants(l, P), &l->hidden, f, q, p, c);
+    add_hidden_transposed(&l->hidden, f, q, p, c);
 }
 
 /* W = G H_pp G^T is symmetric. */

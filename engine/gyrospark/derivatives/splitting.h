@@ -501,7 +501,7 @@ INLINE NUMBER TYPED(step_cotangent)(const TYPED(flows) *s, const TYPED(flows) *b
 }
 
 /* z <- the cotangent of the start of a step, of that of its end, w */
-static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
+static int TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
     const NUMBER *multipliers, NUMBER z[Z])
 {
     const int maps = maps_of(l->s.stages);
@@ -572,5 +572,6 @@ static void TYPED(step_adjoint)(TYPED(linearisation_t) *l, const NUMBER w[2*N],
         z[2*N + e] += own[e];
     z[DT0] = bar->t;
     z[DH] = TYPED(step_cotangent)(&l->s, bar);
+    return OK;
 }
 #endif

@@ -102,7 +102,7 @@ static void prepare_dual_flows(dual_flows *s, const flows *of, const dual_consta
 }
 
 /* The step that `l` is of, along z: derivatives of its end. */
-static void step_tangent(const linearisation_t *l, const real z[Z], real *dx, real dz1[2*N],
+static int step_tangent(const linearisation_t *l, const real z[Z], real *dx, real dz1[2*N],
     real *multipliers)
 {
     const real unit = slope_unit();
@@ -125,6 +125,7 @@ static void step_tangent(const linearisation_t *l, const real z[Z], real *dx, re
         dz1[a] = scaled_slope_of(q[a])/unit;
         dz1[N + a] = scaled_slope_of(p[a])/unit;
     }
+    return OK;
 }
 
 #if GS_SECOND_DERIVATIVES

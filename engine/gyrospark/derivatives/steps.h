@@ -48,8 +48,11 @@ typedef struct {
 #endif
     real chain[CHAIN + 1]; /* nonzero derivatives of the constants by the parameters */
     real multipliers[ROOM], z[Z], w[2*N], q[2*N], p[2*N]; /* or derivatives of them */
-#if GS_CONSTRAINED && GS_ELEMENTS
+#if GS_ELEMENTS
+    rates_matrices rates;
+#if GS_CONSTRAINED
     hidden_t hidden;
+#endif
 #endif
 } derivatives_t;
 
@@ -202,13 +205,13 @@ void NAME(constraint_derivatives)(const parameters_t *parameters, const real q[N
     for (int m = 0; m < M; ++m) {
         real unit[M] = { 0 }, by_q[N] = { 0 }, by_p[N] = { 0 }, by_c[E] = { 0 };
         unit[m] = 1;
-        constraint_value_transposed(at, q, unit, by_q, by_c);
+        constraint_value_transposed(&d->hidden.value, unit, by_q, by_c);
         rows_by_parameters(d, by_q, NULL, by_c, g_z + m*ROWS);
         for (int a = 0; a < N; ++a)
             by_q[a] = 0;
         for (int e = 0; e < E; ++e)
             by_c[e] = 0;
-        add_hidden_transposed(at, &d->hidden, unit, by_q, by_p, by_c);
+        add_hidden_transposed(&d->hidden, unit, by_q, by_p, by_c);
         rows_by_parameters(d, by_q, by_p, by_c, f_z + m*ROWS);
     }
 #else
@@ -284,7 +287,7 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
 }
 
 /* d->w and, if wanted, d->multipliers <- the derivatives of the results of step i along d->z */
-static void step_tangent_of(derivatives_t *d, int i, int with_multipliers)
+static int step_tangent_of(derivatives_t *d, int i, int with_multipliers)
 {
     for (int a = 0; a < (with_multipliers ? RESULTS : 2*N); ++a) {
         real sum = 0;
@@ -295,10 +298,11 @@ static void step_tangent_of(derivatives_t *d, int i, int with_multipliers)
         else
             d->multipliers[a - 2*N] = sum;
     }
+    return OK;
 }
 
 /* z <- the cotangent of the start of step i, of those of its end, w, and of its multipliers */
-static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,
+static int step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,
     real z[Z])
 {
     for (int e = 0; e < Z; ++e)
@@ -308,6 +312,7 @@ static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const re
         for (int e = 0; e < Z; ++e)
             z[e] += d->rows[i][a*Z + e]*weight;
     }
+    return OK;
 }
 #else
 enum { BLOCK_STEPS = 1 };
@@ -323,18 +328,18 @@ static int linearise_steps(derivatives_t *d, IF_INPUTS(const inputs_t *inputs,) 
     return linearise(&d->c, start + (real)first*dt, dt, q, p, x, q + N, p + N, &d->l);
 }
 
-static void step_tangent_of(derivatives_t *d, int i, int with_multipliers)
+static int step_tangent_of(derivatives_t *d, int i, int with_multipliers)
 {
     real dx[U + 1];
     (void)i;
-    step_tangent(&d->l, d->z, dx, d->w, with_multipliers ? d->multipliers : NULL);
+    return step_tangent(&d->l, d->z, dx, d->w, with_multipliers ? d->multipliers : NULL);
 }
 
-static void step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,
+static int step_adjoint_of(derivatives_t *d, int i, const real w[2*N], const real *multipliers,
     real z[Z])
 {
     (void)i;
-    step_adjoint(&d->l, w, multipliers, z);
+    return step_adjoint(&d->l, w, multipliers, z);
 }
 #endif
 
@@ -365,10 +370,10 @@ int NAME(tangent)(const parameters_t *parameters, real dt, const real q[N], cons
 {
     derivatives_t *d = derivatives_of(memory);
     const int results = multipliers == NULL ? 2*N : RESULTS;
-    const int status = linearise_single(parameters, dt, q, p, x, results, d);
+    int status = linearise_single(parameters, dt, q, p, x, results, d);
     for (int k = 0; k < count && status == OK; ++k) {
         to_constants(d, dz + k, count, d->z);
-        step_tangent_of(d, 0, multipliers != NULL);
+        status = step_tangent_of(d, 0, multipliers != NULL);
         for (int a = 0; a < 2*N; ++a)
             dz1[a*count + k] = d->w[a];
         for (int e = 0; e < MULTIPLIERS && multipliers != NULL; ++e)
@@ -382,10 +387,11 @@ int NAME(adjoint)(const parameters_t *parameters, real dt, const real q[N], cons
 {
     derivatives_t *d = derivatives_of(memory);
     const int results = multipliers == NULL ? 2*N : RESULTS;
-    const int status = linearise_single(parameters, dt, q, p, x, results, d);
+    int status = linearise_single(parameters, dt, q, p, x, results, d);
+    if (status == OK)
+        status = step_adjoint_of(d, 0, w, multipliers, d->z);
     if (status != OK)
         return status;
-    step_adjoint_of(d, 0, w, multipliers, d->z);
     for (int a = 0; a < 2*N; ++a)
         z_bar[a] += d->z[a];
     add_to_parameters(d, d->z, z_bar);
@@ -407,7 +413,7 @@ int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
     const real start = start_time(parameters);
     for (long j = 0; j < steps; j += BLOCK_STEPS) {
         const int together = steps - j < BLOCK_STEPS ? (int)(steps - j) : BLOCK_STEPS;
-        const int status = linearise_steps(d, IF_INPUTS(
+        int status = linearise_steps(d, IF_INPUTS(
             &own,) first + j, start, dt, together, q + j*N, p + j*N, x + j*U,
             multipliers == NULL ? 2*N : RESULTS);
         if (status != OK)
@@ -419,7 +425,9 @@ int NAME(integrate_tangent)(const parameters_t *parameters, IF_INPUTS(
                 d->z[DT0] += (real)step*d->z[DH];
                 for (int a = 0; a < 2*N; ++a)
                     d->z[a] = tangents[a*count + k];
-                step_tangent_of(d, i, multipliers != NULL);
+                status = step_tangent_of(d, i, multipliers != NULL);
+                if (status != OK)
+                    return status;
                 for (int a = 0; a < 2*N; ++a)
                     tangents[a*count + k] = d->w[a];
                 for (int e = 0; e < MULTIPLIERS && multipliers != NULL; ++e)
@@ -451,15 +459,17 @@ int NAME(integrate_adjoint)(const parameters_t *parameters, IF_INPUTS(
     const real start = start_time(parameters);
     for (long end = steps; end > 0;) { /* blocks are those of integrate_tangent */
         const long j = (end - 1)/BLOCK_STEPS*BLOCK_STEPS;
-        const int status = linearise_steps(d, IF_INPUTS(
+        int status = linearise_steps(d, IF_INPUTS(
             &own,) first + j, start, dt, (int)(end - j), q + j*N, p + j*N, x + j*U,
             multipliers == NULL ? 2*N : RESULTS);
         if (status != OK)
             return status;
         for (; end > j; --end) {
             const long step = first + end - 1;
-            step_adjoint_of(d, (int)(end - 1 - j), w, multipliers == NULL ? NULL
+            status = step_adjoint_of(d, (int)(end - 1 - j), w, multipliers == NULL ? NULL
                 : multipliers + (end - 1)*MULTIPLIERS, d->z);
+            if (status != OK)
+                return status;
             d->z[DH] += (real)step*d->z[DT0];
 #if GS_INPUTS
             for (int i = 0; i < INPUTS && inputs_bar != NULL; ++i) {

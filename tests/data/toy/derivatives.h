@@ -69,26 +69,25 @@ void constraint_by_constants(const constants *c, const real *q, real (*g_c)[E]);
 #endif
 
 #if GS_ELEMENTS
-#define DIRECTION const real *dq, const real *dp, const real *dc, int forced, real *a, real *b
-#define COTANGENT const real *a, const real *b, int forced, real *q_bar, real *p_bar, real *c_bar
-void rates_times(STATE, const real *t, DIRECTION);
-void rates_transposed(STATE, const real *t, COTANGENT);
-void mean_rates_times(MEANS, const real *to_q, const real *to_p, const real *dc, int forced,
-    real *a, real *b);
-void mean_rates_transposed(MEANS, COTANGENT);
-#define ONE(f) void f##_times(const constants *c, const real *q, const real *dq, const real *dc, \
-    real *out); void f##_transposed(const constants *c, const real *q, const real *from, \
-    real *q_bar, real *c_bar)
-#define TWO(f) void f##_times(const constants *c, const real *q, const real *x, const real *dq, \
-    const real *dc, real *out); void f##_transposed(const constants *c, const real *q, \
-    const real *x, const real *from, real *q_bar, real *c_bar)
-ONE(constraint_value);
-TWO(constraint_velocity);
-TWO(constraint_force);
-void mean_constraint_force_times(const constants *c, const real *qm, const real *dq,
-    const real *lambda, const real *to_q, const real *dc, real *out);
-void mean_constraint_force_transposed(const constants *c, const real *qm, const real *dq,
-    const real *lambda, const real *from, real *q_bar, real *c_bar);
+#define MATRICES_OF(f) typedef struct { int forced; } f##_matrices
+#define RATES(f, STATES) MATRICES_OF(f); \
+    void evaluate_##f(const constants *c, STATES, const real *t, int forced, f##_matrices *m); \
+    void f##_times(const f##_matrices *m, const real *to_q, const real *to_p, const real *to_c, \
+        real *force, real *velocity); \
+    void f##_transposed(const f##_matrices *m, const real *force, const real *velocity, \
+        real *q_bar, real *p_bar, real *c_bar)
+#define CONSTRAINTS(f, ...) MATRICES_OF(f); \
+    void evaluate_##f(const constants *c, __VA_ARGS__, f##_matrices *m); \
+    void f##_times(const f##_matrices *m, const real *to_q, const real *to_c, real *out); \
+    void f##_transposed(const f##_matrices *m, const real *out, real *q_bar, real *c_bar)
+#define ONE_STATE const real *q, const real *p
+#define TWO_STATES const real *qm, const real *pm, const real *dq, const real *dp
+RATES(rates, ONE_STATE);
+RATES(mean_rates, TWO_STATES);
+CONSTRAINTS(constraint_value, const real *q);
+CONSTRAINTS(constraint_velocity, const real *q, const real *d);
+CONSTRAINTS(constraint_force, const real *q, const real *lambda);
+CONSTRAINTS(mean_constraint_force, const real *qm, const real *dq, const real *lambda);
 #endif
 
 #if TOY_DERIVATIVES > 1

@@ -1,0 +1,91 @@
+"""Derivatives of sums over element templates, by iteration, and by factors where that is slow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import budget
+import gyrospark as gs
+from derivative_cases import difference
+from structured_systems import BEADS, beads
+
+#: Angles of four rods, which hang and swing.
+ANGLES = (0.6, 1.1, 0.3, 0.9)
+PLACE = np.cumsum([[np.cos(a), -np.sin(a)] for a in ANGLES], axis=0).ravel()
+
+
+@pytest.fixture(scope="module")
+def steppers():
+    """Steppers of four beads with forces and a drive, of two types, their derivatives compiled."""
+    with budget.shared():
+        by_type = {real: gs.stepper("G-L", 2, system=beads(4), real=real)
+                   for real in ("double", "float128")}
+        for step in by_type.values():
+            step._derivative_binding()
+    return by_type
+
+
+def start_of(step):
+    state = step.consistent(PLACE, np.full(8, 0.3), parameters=BEADS, t=0.4)
+    return gs.Start(state.q, state.p, BEADS, 0.4)
+
+
+# The iteration contracts by 0.003 to 0.02 a time at the first step size, and by 0.05 to 0.1 at the
+# second; at the last, with 0.4, J is factorised.
+@pytest.mark.parametrize("dt", [0.02, 0.1, 0.3])
+def test_tangents_are_the_limits_of_differences(steppers, dt):
+    """By the start, a parameter, dt and the start time, in float128 and so in double."""
+    step = steppers["float128"]
+    start = start_of(step)
+    directions = gs.Tangents("all", ["c"], dt=True, t0=True)
+    tangents = step.integrate(start, dt=dt, steps=1, tangents=directions).tangents
+    along = tangents.start[:, :-3].T
+
+    def moved(dz, shift, c=0, by_dt=0, by_t0=0):
+        parameters = BEADS | {"c": BEADS["c"] + c * shift}
+        t = 0.4 + by_t0 * shift
+        state = step.consistent(start.q + shift * dz[:8], start.p + shift * dz[8:],
+                                parameters=parameters, t=t)
+        run = step.integrate(gs.Start(state.q, state.p, parameters, t),
+                             dt=dt + by_dt * shift, steps=1)
+        return np.concatenate([run.q[-1], run.p[-1]])
+
+    still = 0 * along[0]
+    columns = [difference(lambda e, dz=dz: moved(dz, e)) for dz in along]
+    columns += [difference(lambda e, more=more: moved(still, e, **more))
+                for more in ({"c": 1}, {"by_dt": 1}, {"by_t0": 1})]
+    expected, rows = np.array(columns).T, tangents.together()[-1]
+    errors = np.abs(rows - expected) / np.abs(expected).max(axis=1)[:, None]
+    assert float(errors.max()) < 2e-20  # of differences, as for other systems
+    short = steppers["double"]
+    double = short.integrate(start_of(short), dt=dt, steps=1, tangents=directions).tangents
+    basis = np.asarray(tangents.start, float).T @ double.start[:, :-3]
+    exact = np.asarray(rows, float)[:, :-3] @ basis[:-3]
+    assert np.abs(double.together()[-1][:, :-3] - exact).max() < 1e-13 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("scheme", ["G-L", "EMS"])
+def test_cotangents_are_transposed(steppers, scheme, dt):
+    """⟨w, Φ'v⟩ = ⟨Φ'ᵀw, v⟩ along start, parameters, dt and t0: in double to some roundings."""
+    if scheme == "EMS":
+        with budget.shared():
+            step = gs.stepper("EMS", system=beads(4))
+            step._derivative_binding()
+    else:
+        step = steppers["double"]
+    start, rng = start_of(step), np.random.default_rng(5)
+    names = [*BEADS, "dt", "t0"]
+    _, _, back = step.vjp(start, dt=dt)
+    for _ in range(3):
+        w = rng.normal(size=(2, step.n))
+        gradient = back(*w)
+        y = rng.normal(size=gradient.basis.shape[1])
+        v = gradient.basis @ y
+        d = dict(zip(names, rng.normal(size=len(names)), strict=True))
+        *_, dq, dp = step.jvp(start, v[: step.n], v[step.n :], d=d, dt=dt)
+        terms = [*(w[0] * dq), *(w[1] * dp)]
+        pulled = [*(gradient.start * y), *(gradient[k] * x for k, x in d.items())]
+        size = np.abs(terms).sum() + np.abs(pulled).sum()
+        assert abs(sum(terms) - sum(pulled)) <= 4e-14 * size  # some hundred roundings
