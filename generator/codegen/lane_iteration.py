@@ -111,7 +111,7 @@ def _memory(
     forced = n if one else s * n
     constants += 3 + 2 * nodes if scheme.system.is_time_dependent else 0
     ring = (history + 1) * x
-    lessons = 2 * (s + 30) * blocks + 2 * x + 24 if scheme.tableau else 0
+    lessons = 2 * (s + (30 if s < 6 else 40)) * blocks + 2 * x + 24 if scheme.tableau else 0
     vectors = (forced + blocks + constants + 42
                + 5 * n + 2 * blocks + tables + 2 * iterate + ring + lessons + 4 * m + m * m
                + 3 * (16 + 17 * 17) + 24)

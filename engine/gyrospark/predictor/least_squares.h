@@ -19,15 +19,16 @@
 
 /*
  * Linear prediction of the stages. The stages of the next step are a linear function of stages of
- * the last step and of the first stage of each step before it. The coefficients are the same for
- * all coordinates, because these have the same frequencies. L and L^ of a coordinate share them
- * too, so both are regressors of both; this halves the number of steps needed for a fit. The
- * coefficients are fitted to the history by least squares, separately for each trajectory. The
- * Tikhonov parameter (ridge) is the round-off level of the data, which keeps the coefficients
- * small.
+ * the last step and of the first stage of each step before it, with six stages and more also of the
+ * middle one of the latest four. The coefficients are the same for all coordinates, because these
+ * have the same frequencies. L and L^ of a coordinate share them too, so both are regressors of
+ * both; this halves the number of steps needed for a fit. The coefficients are fitted to the history
+ * by least squares, separately for each trajectory. The Tikhonov parameter (ridge) is the round-off
+ * level of the data, which keeps the coefficients small.
  */
 enum { SKIP = S > 4 ? 2 : 1, LAST = (S + SKIP - 1)/SKIP }; /* every SKIP-th stage, up to the last */
-enum { LAGS = 13, REGRESSORS = 2*(LAST + LAGS) };
+enum { LAGS = S > 5 ? 15 : 13, DENSE_LAGS = S > 5 ? 4 : 0 };
+enum { REGRESSORS = 2*(LAST + LAGS + DENSE_LAGS) };
 enum { EQUATION_ROWS = 16 }; /* eliminated together, by Householder reflections */
 _Static_assert((int)REGRESSORS >= (int)ORDER, "the workspace is too small for the multipliers");
 enum { FIRST_FIT = HISTORY/4, SECOND_FIT = 3*HISTORY/4 }; /* numbers of steps */
@@ -48,11 +49,23 @@ INLINE int regressor_stage(int j)
     return S - 1 - (LAST - 1 - j)*SKIP;
 }
 
+/* Regressors of L, and as many of L^, with this number of lags. */
+INLINE int regressors_of(int lags)
+{
+    return LAST + lags + (lags < DENSE_LAGS ? lags : DENSE_LAGS);
+}
+
+/* Number of regressors of lag m: its first stage, and the middle one if the lag is dense. */
+INLINE int stages_of_lag(int m)
+{
+    return m > DENSE_LAGS ? 1 : 2;
+}
+
 /* Largest number of lags with enough equations after `steps` steps; -1 if there are too few. */
 static int max_lags(long steps)
 {
     int lags = LAGS;
-    while (lags >= 0 && (steps - 1 - lags)*N < 2*(LAST + lags))
+    while (lags >= 0 && (steps - 1 - lags)*N < 2*regressors_of(lags))
         --lags;
     return lags;
 }

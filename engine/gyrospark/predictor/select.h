@@ -154,9 +154,12 @@ INLINE void SOLVER(predict_four)(const lanes *coefficients, const lanes *const *
                 j % LANES, count, sum[group]);
     }
     for (int m = 1; m <= lags; ++m)
-        for (int group = 0; group < 2; ++group, coefficients += 2*SOLVER(S))
-            SOLVER(add_regressor)(coefficients, past[m] + group*SOLVER(HAT) + start, 0, count,
-                sum[group]);
+        for (int k = 0; k < stages_of_lag(m); ++k) {
+            const int j = k*S/2;
+            for (int group = 0; group < 2; ++group, coefficients += 2*SOLVER(S))
+                SOLVER(add_regressor)(coefficients, past[m] + group*SOLVER(HAT) + j/LANES*N + start,
+                    j % LANES, count, sum[group]);
+        }
     for (int a = 0; a < count; ++a)
         for (int i = 0; i < 2*SOLVER(S); ++i)
             y[i*N + start + a] = sum[0][a][i] + sum[1][a][i];
@@ -214,8 +217,8 @@ INLINE void SOLVER(predict_block)(const lanes *coefficients, const lanes *const 
         SOLVER(add_regressor)(coefficients, rows, x, count, sum);
     }
     for (int m = 1; m <= lags; ++m)
-        for (int group = 0; group < 2; ++group, coefficients += rows) {
-            const lanes *x = past[m] + group*SOLVER(HAT) + start;
+        for (int k = 0; k < 2*stages_of_lag(m); ++k, coefficients += rows) {
+            const lanes *x = past[m] + k % 2*SOLVER(HAT) + k/2*S/2*N + start;
             SOLVER(add_regressor)(coefficients, rows, x, count, sum);
         }
     for (int i = 0; i < rows; ++i)
@@ -249,7 +252,7 @@ INLINE void SOLVER(predict_stages)(const lanes *coefficients, const lanes *const
 static void SOLVER(fit_stages)(SOLVER(t) *w, least_squares_t *l, int trajectory, int lags)
 {
     SOLVER(least_squares) *s = &w->least_squares;
-    const int steps = SOLVER(history_length)(w), unknowns = 2*(LAST + lags);
+    const int steps = SOLVER(history_length)(w), unknowns = 2*regressors_of(lags);
     const int available = (steps - 1 - lags)*N, stride = stride_of(available, unknowns);
     const lanes *newest = SOLVER(history_values)(w, 1);
     begin_least_squares(l, unknowns, 2*S, (const real[2]){
@@ -266,9 +269,10 @@ static void SOLVER(fit_stages)(SOLVER(t) *w, least_squares_t *l, int trajectory,
                 right[group*S + j] = SOLVER(value_at)(x, trajectory, j, N, a);
             for (int j = 0; j < LAST; ++j)
                 row[2*j + group] = SOLVER(value_at)(last, trajectory, regressor_stage(j), N, a);
-            for (int m = 0; m < lags; ++m)
-                row[2*(LAST + m) + group] = SOLVER(value_at)(
-                    SOLVER(history_values)(w, lag + 2 + m) + at, trajectory, 0, N, a);
+            for (int m = 1, column = 2*LAST + group; m <= lags; ++m)
+                for (int k = 0; k < stages_of_lag(m); ++k, column += 2)
+                    row[column] = SOLVER(value_at)(SOLVER(history_values)(w, lag + 1 + m) + at,
+                        trajectory, k*S/2, N, a);
         }
     }
     solve_least_squares(l);
