@@ -24,7 +24,7 @@ from ...core.shapes import Shape, axes_about
 from .body_shapes import METAL
 from .html_view import with_visuals
 from .meshes import MESHES, IndexedMesh, MeshesName
-from .scene import Scene, Tie, scene_of
+from .scene import ROD, Scene, Tie, scene_of
 from .solids import COLOURS, Mesh, joined, mesh_of
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ Array = NDArray[Any]
 
 _FRAMES = 3600
 _GROUND = "#969ea6"
-#: Radii of pins, balls and rods, and half the length of pins, in parts of the reach of the scene.
-_PIN, _BALL, _ROD, _LENGTH = 0.022, 0.03, 0.010, 0.05
 #: Component type → its number in glTF; element shape → its name.
 _TYPES = {np.dtype("<f4"): 5126, np.dtype("<u4"): 5125}
 _SHAPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4"}
@@ -102,14 +100,13 @@ class _Document:
         self.scene, self.given = scene, meshes
         self.times = self._numbers((scene.t - scene.t[0]) * np.sign(scene.t[-1] - scene.t[0] or 1),
                                    "<f4")
-        places = np.concatenate([part.at(part.centre)[:, 0] for part in scene.parts])
-        self.reach = max(float(np.linalg.norm(np.ptp(places, axis=0))),
-                         *(2 * float(part.sizes["box"].max()) for part in scene.parts))
+        self.reach = scene.reach(0)
         for i, part in enumerate(scene.parts):
             shapes = part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]
-            self._node(part.name, [*shapes, *self._joints(i)], COLOURS[i % len(COLOURS)],
-                       translation=part.x, rotation=_scalar_last(part.q))
-        still = [*scene.ground, *self._joints(-1)]
+            self._node(part.name, [*shapes, *scene.joints_on(i, self.reach)],
+                       COLOURS[i % len(COLOURS)], translation=part.x,
+                       rotation=_scalar_last(part.q))
+        still = [*scene.ground, *scene.joints_on(-1, self.reach)]
         if still:
             self._node("ground", still, _GROUND)
         for tie in scene.ties:
@@ -147,21 +144,6 @@ class _Document:
             "max": np.atleast_1d(data.max(axis=0)).tolist()})
         return len(self.accessors) - 1
 
-    def _joints(self, i: int) -> Iterable[Shape]:
-        """Yield the pins and balls on a body, or on the ground where they hold its other end."""
-        for tie in self.scene.ties:
-            if tie.b != i or self._dressed(tie.a) or self._dressed(tie.b):
-                continue
-            if tie.kind == "ball":
-                yield Shape("sphere", np.full(3, _BALL * self.reach), tie.on_b, colour=METAL)
-            elif tie.kind == "hinge" and tie.axis is not None and not tie.slides:
-                r = _PIN * self.reach
-                yield Shape("bar", np.array([r, r, _LENGTH * self.reach]), tie.on_b,
-                            axes_about(tie.axis), METAL)
-
-    def _dressed(self, i: int) -> bool:
-        return i >= 0 and any(shape.file for shape in self.scene.parts[i].shapes)
-
     def _rod(self, tie: Tie) -> None:
         """Add a bar that is moved, turned and stretched between two points."""
         parts = self.scene.parts
@@ -170,7 +152,7 @@ class _Document:
         length = np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-9 * self.reach)
         third = np.array([0.0, 0.0, 1.0])
         q = np.array([_rotation(third, e) for e in (b - a) / length])
-        r = _ROD * self.reach
+        r = ROD * self.reach
         self._node(tie.name, [Shape("disc", np.array([r, r, 1.0]), np.zeros(3), colour=METAL)],
                    METAL, translation=(a + b) / 2, rotation=q,
                    scale=np.hstack([np.ones((len(q), 2)), length / 2]))

@@ -20,6 +20,7 @@ from ...core.shapes import Shape
 from ...core.warnings import warn
 from .meshes import BUDGET, MESHES, IndexedMesh, MeshesName, encoded, read_meshes
 from .scene import DRAWN, DrawnName, Scene, scene_of
+from .solids import encoded_solids
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -161,7 +162,7 @@ def _page(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> 
     content = json.dumps(_content(scene, shape, meshes), allow_nan=False).replace("<", "\\u003c")
     page = page_file("view.html")
     for name, text in (("STYLE", page_file("view.css")),
-                       ("DRAWING", compact(drawing() + page_file("mesh_data.js"))),
+                       ("DRAWING", compact(drawing())),
                        ("SCRIPT", compact(page_file("view.js"))),
                        ("TITLE", html.escape(scene.title)), ("SCENE", content)):  # the longest last
         page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
@@ -197,7 +198,9 @@ def _content(
                  **({"mesh": numbers[one.file]} if one.file else {})} for one in some]
 
     return {
-        "meshes": [encoded(mesh) for mesh in meshes.values()], "ground": shapes(scene.ground),
+        "meshes": {**encoded_solids(), **{i: [encoded(mesh)] for i, mesh in enumerate(
+            meshes.values())}},
+        "ground": shapes(scene.ground),
         "title": scene.title, "shape": shape, "remarks": scene.remarks,
         "up": scene.up.tolist(), "gravity": scene.gravity,
         "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),

@@ -17,7 +17,7 @@ from ...core.file_formats import ending_of, result_file
 from ...core.inertia import real_array
 from ...core.shapes import Shape, axes_about
 from ..rigid_body.quaternion import rotation_matrix
-from .body_shapes import DARK, METAL, STAND
+from .body_shapes import METAL, STAND
 from .html_view import with_visuals
 from .meshes import IndexedMesh
 from .rasterizer import (
@@ -29,8 +29,8 @@ from .rasterizer import (
     rasterize,
     render,
 )
-from .scene import Scene, ScenePart, Tie, is_held, scene_of
-from .solids import COLOURS, Mesh, colour_of, mesh_of, mesh_of_file, tube
+from .scene import JOINT, ROD, Scene, ScenePart, Tie, is_held, scene_of
+from .solids import COARSE, COLOURS, Mesh, colour_of, mesh_of, mesh_of_file, tube
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -46,8 +46,8 @@ _FRAMES, _POSES = 4000, 40_000
 _LEAST, _MOST = 16, 4096
 #: Distance of the eye, in radii of the scene, and how much of the picture the scene fills.
 _AWAY, _FILL = 5.0, 0.90
-#: Radius of joints, rods and springs in parts of the reach of the scene.
-_JOINT, _ROD, _WIRE, _COIL = 0.021, 0.010, 0.0055, 0.026
+#: Radii of a spring's wire and coil in parts of the reach of the scene.
+_WIRE, _COIL = 0.0055, 0.026
 #: Spheres of more shapes have fewer triangles.
 _COARSE = 100
 #: Opacity of glass.
@@ -210,7 +210,7 @@ class SceneDrawing:
         self.stands: list[tuple[Mesh, Array, float]] = []
         if scene.gravity:
             some = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
-            low = [solid.corners @ scene.up, _joint_points(scene, some) @ scene.up,
+            low = [solid.corners @ scene.up, scene.points(some) @ scene.up,
                    *(line @ scene.up for line in lines)]
             self.floor = float(min(heights.min() for heights in low))
             self.stands = list(_stands(scene, frames[0], self.floor))
@@ -266,21 +266,10 @@ def _paths(scene: Scene) -> Array:
     return np.stack([part.at(part.tip)[:, 0] for part in scene.parts], axis=1)
 
 
-def _joint_points(scene: Scene, frames: Any) -> Array:
-    """Return centres and joints of bodies at some frames, shape (frames, points, 3)."""
-    points = []
-    for i, part in enumerate(scene.parts):
-        own = [part.centre, *(r for tie in scene.ties for k, r in
-                              ((tie.a, tie.on_a), (tie.b, tie.on_b)) if k == i)]
-        R = rotation_matrix(part.q[frames])
-        points.append(part.x[frames][:, None] + np.einsum("kij,nj->kni", R, np.array(own)))
-    return np.concatenate(points, axis=1)
-
-
 def _widest(scene: Scene) -> int:
     """Return the latest frame at which the scene is about as large as it ever is."""
     frames = np.unique(np.linspace(0, len(scene.t) - 1, 100).astype(int))
-    points = _joint_points(scene, frames)
+    points = scene.points(frames)
     extent = np.linalg.norm(np.ptp(points, axis=1), axis=1)
     return int(frames[np.flatnonzero(extent >= 0.98 * extent.max())[-1]])
 
@@ -357,39 +346,31 @@ def _own_colour(i: int) -> str:
 def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
             ) -> Iterator[tuple[Mesh, Array, float]]:
     """Yield what is drawn in space: triangles, colour and alpha."""
-    for shape in scene.ground:
+    reach = scene.reach(frame)
+    for shape in (*scene.ground, *scene.joints_on(-1, reach)):
         mesh = mesh_of_file(shape, files[shape.file]) if shape.file else mesh_of(shape)
         yield replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND), 1.0
-    coarse = sum(len(part.shapes) for part in scene.parts) > _COARSE
+    around = (COARSE,) * (sum(len(part.shapes) for part in scene.parts) > _COARSE)
     for i, part in enumerate(scene.parts):
         R, x = rotation_matrix(part.q[frame]), part.x[frame]
-        shapes = part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]
+        shapes = [*(part.shapes or [Shape("box", part.sizes["box"], part.centre, part.axes)]),
+                  *scene.joints_on(i, reach)]
         glass = [Shape("box", 0.96 * part.sizes["box"], part.centre, part.axes)] * part.glass
         for shape, alpha in [(one, 1.0) for one in shapes] + [(one, _GLASS) for one in glass]:
             mesh = (mesh_of_file(shape, files[shape.file]) if shape.file else
-                    mesh_of(shape, coarse=coarse))
+                    mesh_of(shape, *around))
             light = 0 * mesh.light if shape.colour else mesh.light
             yield (Mesh(x + mesh.points @ R.T, mesh.normals @ R.T, mesh.faces, light),
                    colour_of(shape.colour or _own_colour(i)), alpha)
-    reach = _reach(scene, frame)
     for tie in scene.ties:
-        if any(i >= 0 and scene.parts[i].own for i in (tie.a, tie.b)):
-            continue  # its joints are in its shapes
-        for mesh, colour in _tie_meshes(scene, tie, frame, reach):
+        for mesh, colour in () if scene.hides(tie) else _tie_meshes(scene, tie, frame, reach):
             yield replace(mesh, light=0 * mesh.light), colour_of(colour), 1.0
-
-
-def _reach(scene: Scene, frame: int) -> float:
-    """Return the size of the scene, of which the thickness of joints is a part."""
-    points = _joint_points(scene, [frame])[0]
-    return max(float(np.linalg.norm(np.ptp(points, axis=0))),
-               *(2 * float(part.sizes["box"].max()) for part in scene.parts))
 
 
 def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Array, float]]:
     """Yield what carries joints of the ground: two posts, one post, or a plate above."""
     up, metal = scene.up, colour_of(STAND)
-    r = _JOINT * _reach(scene, frame)
+    r = JOINT * scene.reach(frame)
     for part, pivot, axis in _pivots(scene):
         if part.own:
             continue
@@ -435,22 +416,13 @@ def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
 
 
 def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tuple[Mesh, str]]:
-    """Yield pins, balls, rods and coils."""
+    """Yield rails, rods and coils."""
     a, b = _place(scene, frame, tie.a, tie.on_a), _place(scene, frame, tie.b, tie.on_b)
     along = float(np.linalg.norm(b - a))
-    turned = scene.parts[tie.b].shapes[0].kind if tie.b >= 0 and scene.parts[tie.b].shapes else ""
     if tie.slides and tie.axis is not None:
-        yield mesh_of(_rail(scene, tie, frame, 0.5 * _JOINT * reach)), STAND
-    elif tie.kind == "hinge" and tie.axis is not None and turned != "disc":
-        e = tie.axis if tie.b < 0 else rotation_matrix(scene.parts[tie.b].q[frame]) @ tie.axis
-        r = _JOINT * reach
-        yield mesh_of(Shape("disc", np.array([r, r, 1.9 * r]), b, axes_about(e))), METAL
-        yield mesh_of(Shape("disc", np.array([0.45 * r, 0.45 * r, 2.1 * r]), b,
-                            axes_about(e))), DARK
-    elif tie.kind == "ball":
-        yield mesh_of(Shape("sphere", np.full(3, 1.3 * _JOINT * reach), b)), METAL
+        yield mesh_of(_rail(scene, tie, frame, 0.5 * JOINT * reach)), STAND
     elif tie.kind == "rod" and along > 0:
-        yield mesh_of(Shape.bar(a, b, _ROD * reach)), METAL
+        yield mesh_of(Shape.bar(a, b, ROD * reach)), METAL
     elif tie.kind == "spring" and along > 0:
         s = np.linspace(0, 1, 20 * _TURNS + 1)
         u, v, e = axes_about((b - a) / along).T

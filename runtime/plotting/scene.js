@@ -1,6 +1,5 @@
-// Draws bodies and joints in space, by WebGL below a canvas that has the labels; where there is no
-// WebGL all on that canvas: every face, line and dot, far ones first. The pages of runs and the
-// pages that integrate share it.
+// Draws bodies and joints in space, by WebGL below a canvas that has the labels. The pages of runs
+// and the pages that integrate share it.
 "use strict";
 const drawing = (() => {
   const COLOURS = ["#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c9a227",
@@ -104,18 +103,18 @@ const drawing = (() => {
    * The drawing of `bodies`, each with name, colour, axes, centre, sizes of its inertia, shapes, tip
    * and shown, and of `ties` between them, on a canvas whose view a pointer and keys turn.
    *
-   * Of the options `ground` are shapes in space, `meshes` those that shapes name. Returns `show(samples)`, which comes first, `build()` after
-   * a change of shapes, and `draw(...)`; `changed` is called where there is something to draw again.
+   * Of the options `meshes` are the triangles of shapes by kind or number, `ground` shapes in space.
+   * Returns `show(samples)`, which comes first, `build()` after a change of shapes, and `draw(...)`;
+   * `changed` is called where there is something to draw again.
    */
-  function sceneOn(canvas, bodies, ties, up, changed, options = {}) {
-    const { ground = [], hasFloor = true, meshes = [] } = options;
+  function sceneOn(canvas, bodies, ties, up, changed, options) {
+    const { meshes, ground = [], hasFloor = true } = options;
     const pen = canvas.getContext("2d"), below = document.createElement("canvas");
     const painter = webgl.rendererOn(below);
     if (painter) {
       below.className = "below";
       canvas.before(below);
     }
-    const isFlat = () => !painter || painter.lost;
 
     // ---------------------------------------------------------- solids
 
@@ -134,16 +133,13 @@ const drawing = (() => {
         if (one?.mesh) painter.free(one.mesh);
       built = kind;
       drawn = bodies.map((body) => {
-        const shapes = shapesOf(body, kind), faces = solids.facesOf(shapes, body.colour);
-        const { triangles, mesh } = meshOf(shapes, body.colour);
+        const { triangles, mesh } = meshOf(shapesOf(body, kind), body.colour);
         const sides = kind === "auto" && body.glass ? shapesOf(body, "box") : [];
         return { mesh, glass: meshOf(sides, body.colour), count: triangles.index.length,
           isOwn: kind === "auto" && body.own,
-          ends: solids.extremesOf(triangles.points),
-          faces: faces.length ? faces : solids.facesOf(shapesOf(body, "box"), body.colour) };
+          ends: solids.extremesOf(triangles.points) };
       });
       still = meshOf(ground, [150, 158, 166]);
-      still.faces = solids.facesOf(ground, [150, 158, 166]);
       joints = ties.map((tie) => {
         if (tie.kind === "spring" || !radius) return {};
         const isRod = tie.kind === "rod", third = isRod || !tie.axis ? [0, 0, 1] : unit(tie.axis);
@@ -271,13 +267,12 @@ const drawing = (() => {
     const mixed = (a, b, s) => a.map((x, i) => x + s * (b[i] - x));
 
     /** The segments of a spring: [from, to]. */
-    function springOf(from, to, view, coil) {
+    function springOf(from, to, view) {
       const along = minus(to, from), side = unit(cross(along, view.back));
       const other = unit(cross(along, side)), found = [];
       let before = from;
-      for (let k = 1; k <= (coil ? 96 : 16); k++) {
-        const s = k / (coil ? 96 : 16), [c, d] = coil ? [Math.cos(k * Math.PI / 6),
-          Math.sin(k * Math.PI / 6)] : [k % 2 ? 1 : -1, 0];
+      for (let k = 1; k <= 96; k++) {
+        const s = k / 96, [c, d] = [Math.cos(k * Math.PI / 6), Math.sin(k * Math.PI / 6)];
         const sway = add(times(0.03 * radius * c, side), times(0.03 * radius * d, other));
         const next = s === 1 ? to : add(add(from, times(s, along)), sway);
         found.push([before, next]);
@@ -390,7 +385,7 @@ const drawing = (() => {
         const a = poseOf(poses, tie.a), b = poseOf(poses, tie.b);
         const [from, to] = [pointOf(a, tie.onA), pointOf(b, tie.onB)];
         if (tie.kind === "spring") {
-          for (const [u, v] of springOf(from, to, view, true)) line(u, v, 2, faint);
+          for (const [u, v] of springOf(from, to, view)) line(u, v, 2, faint);
         } else if (tie.kind === "rod") {
           placed(joints[i], { q: towards(minus(to, from)), x: times(0.5, add(from, to)) });
         } else if (tie.slides) {
@@ -406,100 +401,6 @@ const drawing = (() => {
       painter.opacity(0.22, 1);
       for (const i of glass) placed(drawn[i], poses[i]);
       for (const i of seen) placed(drawn[i].glass, poses[i]);
-      return cell;
-    }
-
-    // ---------------------------------------------------------- without WebGL
-
-    function drawBody(faces, pose, view, items, glass) {
-      for (const { corners, colour } of faces) {
-        const points = corners.map((p) => pointOf(pose, p));
-        const normal = cross(minus(points[1], points[0]), minus(points[2], points[1]));
-        const size = Math.hypot(...normal);
-        const centre = times(1 / points.length, points.reduce(add));
-        if (dot(normal, minus(view.eyeAt, centre)) <= 0) continue;
-        const bright = 0.5 + 0.5 * Math.max(0, dot(normal, view.light) / size);
-        const fill = `rgb(${colour.map((x) => Math.round(x * bright))})`;
-        const flat = points.map(view.project);
-        items.push([view.project(centre)[2], () => {
-          pen.beginPath();
-          flat.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
-          pen.closePath();
-          pen.fillStyle = pen.strokeStyle = fill;
-          pen.lineWidth = glass ? 1.2 : 0.8;
-          pen.globalAlpha = glass ? 0.35 : 1;
-          pen.fill();
-          pen.globalAlpha = 1;
-          pen.stroke();
-        }]);
-      }
-    }
-
-    function line(from, to, view, items, colour, width, alpha = 1) {
-      const a = view.project(from), b = view.project(to);
-      items.push([(a[2] + b[2]) / 2, () => {
-        pen.globalAlpha = alpha;
-        pen.strokeStyle = colour;
-        pen.lineWidth = width;
-        pen.beginPath();
-        pen.moveTo(a[0], a[1]);
-        pen.lineTo(b[0], b[1]);
-        pen.stroke();
-        pen.globalAlpha = 1;
-      }]);
-    }
-
-    function dotAt(point, view, items, colour, size) {
-      const [x, y, depth] = view.project(point);
-      items.push([depth - 0.05 * radius, () => {
-        pen.fillStyle = colour;
-        pen.beginPath();
-        pen.arc(x, y, size, 0, 2 * Math.PI);
-        pen.fill();
-      }]);
-    }
-
-    function drawTie(tie, poses, view, items) {
-      const a = poseOf(poses, tie.a), b = poseOf(poses, tie.b);
-      const from = pointOf(a, tie.onA), to = pointOf(b, tie.onB);
-      if (tie.kind === "rod") line(from, to, view, items, style.ink, 2.5);
-      if (tie.kind === "spring")
-        for (const [u, v] of springOf(from, to, view, false))
-          line(u, v, view, items, style.faint, 1.5);
-      if (tie.kind === "hinge" && tie.axis) {
-        const axis = times(0.13 * radius, turn(b.q, tie.axis));
-        line(minus(to, axis), add(to, axis), view, items, style.ink, 2.5);
-      }
-      dotAt(to, view, items, style.ink, tie.kind === "spring" ? 2.5 : 4);
-      if (tie.kind === "rod" || tie.kind === "spring") dotAt(from, view, items, style.ink, 2.5);
-    }
-
-    function sketch(poses, traces, seeThrough, view) {
-      const items = [], [lines, cell] = floorLines();
-      pen.lineJoin = pen.lineCap = "round";
-      pen.strokeStyle = style.grid;
-      pen.lineWidth = 1;
-      for (const [from, to, strength] of lines) {
-        const [a, b] = [view.project(from), view.project(to)];
-        pen.globalAlpha = strength;
-        pen.beginPath();
-        pen.moveTo(a[0], a[1]);
-        pen.lineTo(b[0], b[1]);
-        pen.stroke();
-      }
-      pen.globalAlpha = 1;
-      for (const e of SPACE)
-        line([0, 0, 0], times(0.4 * radius, e), view, items, style.faint, 1.2);
-      drawBody(still.faces, SPACE_POSE, view, items, false);
-      bodies.forEach((body, i) => {
-        if (!body.shown) return;
-        drawBody(drawn[i].faces, poses[i], view, items, seeThrough && !body.inside);
-        if (traces) for (const [from, to, s] of traceOf(body, poses[i], traces[i]))
-          line(from, to, view, items, `rgb(${body.colour})`, 1.6, s);
-      });
-      for (const tie of ties) drawTie(tie, poses, view, items);
-      items.sort((a, b) => b[0] - a[0]);
-      for (const [, draw] of items) draw();
       return cell;
     }
 
@@ -553,10 +454,14 @@ const drawing = (() => {
     function draw(poses, traces, kind, seeThrough) {
       if (kind !== built) build(kind);
       const size = fit(canvas, pen), view = camera(...size);
-      below.hidden = isFlat();
-      const cell = isFlat() ? sketch(poses, traces, seeThrough, view)
-        : paint(poses, traces, seeThrough, view, size);
-      drawLabels(view, cell, size[1]);
+      if (painter && !painter.lost) {
+        drawLabels(view, paint(poses, traces, seeThrough, view, size), size[1]);
+        return;
+      }
+      pen.fillStyle = style.ink;
+      pen.font = "14px system-ui, sans-serif";
+      pen.textAlign = "left";
+      pen.fillText("The bodies are drawn by WebGL 2, which this browser does not have.", 12, 28);
     }
 
     return { build, draw, show };

@@ -7,6 +7,7 @@ body is shown as large as it is; one of which the mass is not known in its propo
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.manifest import Manifest
-from ...core.shapes import Shape
+from ...core.shapes import Shape, axes_about
 from ..compilation.body_columns import (
     JointAt,
     bodies_of,
@@ -24,13 +25,13 @@ from ..compilation.body_columns import (
     placed_of,
 )
 from ..rigid_body.quaternion import left_matrix, rotation_matrix
-from .body_shapes import Held, plate_of, shapes_of
+from .body_shapes import DARK, METAL, Held, plate_of, shapes_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
 
-__all__ = ["DRAWN", "SHAPES", "DrawnName", "Scene", "ScenePart", "ShapeName", "Tie", "check_bodies",
-           "drawn_joints", "is_held", "scene_of"]
+__all__ = ["DRAWN", "JOINT", "ROD", "SHAPES", "DrawnName", "Scene", "ScenePart", "ShapeName", "Tie",
+           "check_bodies", "drawn_joints", "is_held", "scene_of"]
 
 Array = NDArray[np.float64]
 ShapeName = Literal["box", "ellipsoid"]
@@ -43,6 +44,8 @@ DRAWN: tuple[DrawnName, ...] = get_args(DrawnName)
 _FACTORS = {"box": 2 / 3, "ellipsoid": 2 / 5}
 #: The thinnest that a body is drawn, beside its longest axis.
 _THIN = 0.03
+#: Radii of joints and rods, in parts of the reach of the scene.
+JOINT, ROD = 0.021, 0.010
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,40 @@ class Scene:
     gravity: bool
     remarks: list[str]
     ground: list[Shape] = field(default_factory=list)
+
+    def points(self, frames: Any) -> Array:
+        """Return centres and joints of bodies at some frames, shape (frames, points, 3)."""
+        points = []
+        for i, part in enumerate(self.parts):
+            joined = [r for tie in self.ties for k, r in ((tie.a, tie.on_a), (tie.b, tie.on_b))
+                      if k == i]
+            R = rotation_matrix(part.q[frames])
+            points.append(part.x[frames][:, None]
+                          + np.einsum("kij,nj->kni", R, np.array([part.centre, *joined])))
+        return np.concatenate(points, axis=1)
+
+    def reach(self, frame: int) -> float:
+        """Return the size of the scene, of which the thickness of joints is a part."""
+        return max(float(np.linalg.norm(np.ptp(self.points([frame])[0], axis=0))),
+                   *(2 * float(part.sizes["box"].max()) for part in self.parts))
+
+    def hides(self, tie: Tie) -> bool:
+        """Return whether a joint is in the shapes that a body's model says."""
+        return any(i >= 0 and self.parts[i].own for i in (tie.a, tie.b))
+
+    def joints_on(self, i: int, reach: float) -> Iterator[Shape]:
+        """Yield pins and balls of the joints whose second body is i (−1: ground), in its axes."""
+        round_about = i >= 0 and self.parts[i].shapes and self.parts[i].shapes[0].kind == "disc"
+        r = JOINT * reach
+        for tie in self.ties:
+            if tie.b != i or tie.slides or self.hides(tie):
+                continue
+            if tie.kind == "ball":
+                yield Shape("sphere", np.full(3, 1.3 * r), tie.on_b, colour=METAL)
+            elif tie.kind == "hinge" and tie.axis is not None and not round_about:
+                for thick, half, colour in ((r, 1.9 * r, METAL), (0.45 * r, 2.1 * r, DARK)):
+                    yield Shape("disc", np.array([thick, thick, half]), tie.on_b,
+                                axes_about(tie.axis), colour)
 
 
 def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None) -> Scene:

@@ -6,15 +6,19 @@ surfaces of revolution; a box has rounded edges.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.shapes import Shape, axes_about
-from .meshes import IndexedMesh
+from .meshes import IndexedMesh, encoded
 
-__all__ = ["COLOURS", "Mesh", "colour_of", "joined", "mesh_of", "mesh_of_file", "tube"]
+__all__ = ["COARSE", "COLOURS", "Mesh", "colour_of", "encoded_solids", "joined", "mesh_of",
+           "mesh_of_file", "tube"]
 
 Array = NDArray[np.float64]
 Profile = list[tuple[float, float]]
@@ -22,8 +26,8 @@ Profile = list[tuple[float, float]]
 #: Of bodies by their number, as scene.js has them.
 COLOURS = ("#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c9a227", "#9d755d",
            "#7f7f8f", "#e377a2")
-#: Segments of a circle.
-_AROUND = 48
+#: Segments of a circle: of pictures, of pages, and of what is small.
+_AROUND, _ON_PAGES, COARSE = 48, 36, 18
 #: Neighbouring segments of a profile that meet at less than this angle form one smooth surface.
 _SMOOTH = np.cos(np.radians(40))
 #: Cosine of the angle between the normals of a face and of a vertex, beyond which an edge is sharp.
@@ -49,28 +53,45 @@ def colour_of(text: str) -> Array:
     return np.array([int(text[k:k + 2], 16) for k in (1, 3, 5)]) / 255
 
 
-def mesh_of(shape: Shape, *, coarse: bool = False) -> Mesh:
-    """Return the triangles of a shape in body axes; of a coarse sphere a fifth of them."""
+def mesh_of(shape: Shape, around: int = _AROUND) -> Mesh:
+    """Return the triangles of a shape in body axes, with so many segments of a circle."""
     a, b, c = shape.size
     r = max(a, b)
     scale = np.array([a / r, b / r, 1.0])
     if shape.kind == "box":
         unit, scale = _box(shape.size), np.ones(3)
     elif shape.kind == "sphere":
-        angles = np.linspace(0, np.pi, 9 if coarse else 17)
-        around = _AROUND // 3 if coarse else _AROUND
+        angles = np.linspace(0, np.pi, around // 3 + 1)
         unit = _revolved(_column(np.sin(angles), -np.cos(angles)), 4, around)
         scale = shape.size
     elif shape.kind == "bar":
         angles = np.linspace(0, np.pi / 2, 5)
         lower = _column(r * np.sin(angles), -c - r * np.cos(angles))
-        unit = _revolved(lower + [(x, -z) for x, z in reversed(lower)], 0, 18)
+        unit = _revolved(lower + [(x, -z) for x, z in reversed(lower)], 0, min(around, 18))
     else:
-        unit = _revolved(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), 6)
+        unit = _revolved(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), 6, around)
     normals = unit.normals / scale @ shape.axes.T
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return replace(unit, points=shape.centre + unit.points * scale @ shape.axes.T,
                    normals=normals / np.where(length, length, 1.0))
+
+
+@cache
+def encoded_solids() -> Mapping[str, list[dict[str, Any]]]:
+    """Return solids of half edges or radii 1, which pages scale, each as meshes of one tint.
+
+    A bar is a tube and two balls.
+    """
+    flat = np.array([1.0, 1.0, 0.5 * _WHEEL])
+    wheel, sphere = mesh_of(Shape("disc", flat), _ON_PAGES), Shape("sphere", np.ones(3))
+    solids = {"box": mesh_of(Shape("box", np.ones(3))),
+              "disc": mesh_of(Shape("disc", np.ones(3)), _ON_PAGES),
+              "wheel": replace(wheel, points=wheel.points / flat),
+              "sphere": mesh_of(sphere, _ON_PAGES), "ball": mesh_of(sphere, COARSE),
+              "tube": _revolved([(1, -1), (1, 1)], 0, COARSE)}
+    return {name: [{"tint": tint, **encoded(IndexedMesh.of(
+        mesh.points[mesh.faces[mesh.light == tint]]))} for tint in np.unique(mesh.light).tolist()]
+        for name, mesh in solids.items()}
 
 
 def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
@@ -149,7 +170,7 @@ def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
     return Mesh(flat, normals.reshape(-1, 3), faces[some], shade[some])
 
 
-def _revolved(profile: Profile, sectors: int, around: int = _AROUND) -> Mesh:
+def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
     """Return a surface of revolution about the third axis; every second sector is lighter."""
     line = np.array(profile, float)
     step = np.diff(line, axis=0)

@@ -1,6 +1,6 @@
 // Shows a run that is given: its scene at a time, its energy error, a slider.
 "use strict";
-(() => {
+(async () => {
   const scene = JSON.parse(document.getElementById("scene").textContent);
   const byId = (id) => document.getElementById(id);
   const { between, clamp, colour, fit, listBodies, pointOf, round125, sceneOn, style } = drawing;
@@ -50,16 +50,10 @@
   let time = 0, playing = false, stale = true;
   const redraw = () => { stale = true; };
   const chart = byId("energy"), ink = chart.getContext("2d");
-  const meshes = [];
   const space = sceneOn(byId("space"), bodies, scene.ties, scene.up, redraw,
-    { ground: scene.ground, hasFloor: scene.gravity, meshes });
+    { ground: scene.ground, hasFloor: scene.gravity,
+      meshes: await solids.decodedAll(scene.meshes) });
   space.show(samples);
-  if (scene.meshes.length) Promise.all(scene.meshes.map(meshData.decoded)).then((found) => {
-    meshes.push(...found);
-    space.build();
-    space.show(samples);
-    redraw();
-  });
   byId("glass").checked = bodies.some((body) => body.inside)
     && !(scene.shape === "auto" && bodies.some((body) => body.shapes.length));
 

@@ -263,7 +263,8 @@
   // ------------------------------------------------------------ the motion
 
   const redraw = () => { stale = true; };
-  const space = sceneOn(byId("space"), shapes, ties, upOf(content.start.parameters), redraw);
+  const space = sceneOn(byId("space"), shapes, ties, upOf(content.start.parameters), redraw,
+    { meshes: await solids.decodedAll(content.meshes) });
   const chart = byId("errors"), ink = chart.getContext("2d");
   let stale = true, playing = false, failed = false, rate = 1, late = 0;
   let before, now, energy0, curve, joined, paths, slow;

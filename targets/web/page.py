@@ -18,6 +18,7 @@ from ...core.manifest import Manifest
 from ...runtime.compilation.body_columns import bodies_of
 from ...runtime.plotting.html_view import View, compact, drawing, page_file
 from ...runtime.plotting.scene import check_bodies, drawn_joints
+from ...runtime.plotting.solids import encoded_solids
 from ..artefact import MARKER, Built, Options
 from ..build import build
 from . import webassembly
@@ -113,7 +114,7 @@ def _content(manifest: Manifest, options: Options) -> dict[str, Any]:
                   "a": numbered[joint.a], "b": numbered[joint.b], "onA": joint.on_a,
                   "onB": joint.on_b, "axis": joint.axis_b or None}
                  for name, (kind, joint) in drawn_joints(manifest).items()],
-        "wasm": _MODULE,
+        "meshes": encoded_solids(), "wasm": _MODULE,
     }
 
 

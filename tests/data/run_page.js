@@ -5,6 +5,7 @@ const page = fs.readFileSync(process.argv[2], "utf8");
 const content = page.split('id="content">')[1].split("</script>")[0];
 const scripts = page.split("<script>\n").slice(1).map((text) => text.split("</script>")[0]);
 const counts = { fill: 0, bad: 0 };
+const gl = require("./fake_webgl.js")(counts);
 const pen = new Proxy({}, {
   get: (own, name) => own[name] ?? ((...values) => {
     if (values.some((x) => typeof x === "number" && !Number.isFinite(x))) counts.bad += 1;
@@ -24,7 +25,8 @@ class Element {
   }
   set value(x) { this.box = String(x); }
   get selectedOptions() { return [this.options[this.selectedIndex]]; }
-  getContext(kind) { return kind === "2d" ? pen : null; }
+  getContext(kind) { return { "2d": pen, webgl2: gl }[kind] ?? null; }
+  before() {}
   getBoundingClientRect() { return { left: 0, width: 800, height: 500 }; }
   addEventListener(name, act) { this.listeners[name] = act; }
   add(option) { this.options.push(option); }
@@ -60,7 +62,7 @@ new Function(scripts.join("\n"))();
     (x) => Buffer.from(x.slice().buffer))).toString("hex");
   const said = { bits, q: [...stepper.q], p: [...stepper.p], hash: location.hash, shapes };
   frames(60);
-  Object.assign(said, { steps: stepper.steps, fills: counts.fill,
+  Object.assign(said, { steps: stepper.steps, drawn: counts.drawn,
     clock: made.clock.textContent, notice: made.notice.textContent });
   if (process.argv[3]) return console.log(JSON.stringify(said));  // an address alone is looked at
   made.again.fire("click");

@@ -6,6 +6,7 @@ const between = (from, to) => page.split(from)[1].split(to)[0];
 const scene = between('<script type="application/json" id="scene">', "</script>");
 const scripts = page.split("<script>\n").slice(1).map((text) => text.split("</script>")[0]);
 const counts = { fill: 0, stroke: 0, bad: 0, texts: [] };
+const gl = require("./fake_webgl.js")(counts);
 const listeners = {};
 const pen = new Proxy({}, {
   get: (own, name) => own[name] ?? ((...values) => {
@@ -19,7 +20,8 @@ function element(id) {
   made[id] ??= {
     id, value: id === "shape" ? "auto" : "0", checked: id === "traces", textContent: id === "scene" ? scene : "",
     style: {}, options: [], width: 0, height: 0,
-    getContext: (kind) => (kind === "2d" ? pen : null), getBoundingClientRect: () => ({ left: 0, width: 800, height: 500 }),
+    getContext: (kind) => ({ "2d": pen, webgl2: gl }[kind] ?? null), before() {},
+    getBoundingClientRect: () => ({ left: 0, width: 800, height: 500 }),
     addEventListener: (name, act) => { listeners[`${id}.${name}`] = act; },
     add(option) { this.options.push(option); }, append() {}, setPointerCapture() {},
   };
@@ -41,16 +43,20 @@ global.requestAnimationFrame = (act) => waiting.push(act);
 new Function(scripts.join("\n"))();
 let now = 0;
 const frame = () => waiting.shift()((now += 16));
-frame();
-const drawn = { ...counts, clock: made.clock.textContent };
-made.shape.value = "ellipsoid";
-listeners["shape.change"]();
-listeners["play.click"]();
-frame();
-listeners["time.input"]({ target: { value: 1 } });
-listeners["space.wheel"]({ deltaY: -100, preventDefault() {} });
-listeners["space.keydown"]({ key: "ArrowUp", preventDefault() {} });
-listeners["energy.pointerdown"]({ buttons: 1, clientX: 400 });
-frame();
-console.log(JSON.stringify({ glass: made.glass.checked, fills: drawn.fill, bad: counts.bad, clock: drawn.clock,
-  speeds: made.speed.options.map((option) => option.text) }));
+(async () => {
+  for (let k = 0; k < 500 && !waiting.length; k++)
+    await new Promise((go) => { setTimeout(go, 10); });
+  frame();
+  const said = { drawn: { ...counts.drawn }, clock: made.clock.textContent };
+  made.shape.value = "ellipsoid";
+  listeners["shape.change"]();
+  listeners["play.click"]();
+  frame();
+  listeners["time.input"]({ target: { value: 1 } });
+  listeners["space.wheel"]({ deltaY: -100, preventDefault() {} });
+  listeners["space.keydown"]({ key: "ArrowUp", preventDefault() {} });
+  listeners["energy.pointerdown"]({ buttons: 1, clientX: 400 });
+  frame();
+  console.log(JSON.stringify({ ...said, glass: made.glass.checked, bad: counts.bad,
+    speeds: made.speed.options.map((option) => option.text) }));
+})();

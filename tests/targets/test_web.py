@@ -69,9 +69,9 @@ def test_a_page_is_its_files_and_the_numbers_of_a_model(text_alone, tmp_path, re
         assert text in page
     assert re.findall(r"@[A-Z_]+@", page) == ["@MODULE@"]
     assert not re.search(r"https?://|src=|import ", page)  # no network
-    assert len(page) < 66_000  # a module of one scheme has some 5 kB
+    assert len(page) < 80_000  # a module of one scheme has some 5 kB
     content = content_of(page)
-    del content["hash"]  # of the C, which has tests of its own
+    del content["hash"], content["meshes"]  # of the C and of solids, which have tests of their own
     golden = DATA / "targets" / "web" / "satellite.json"
     if request.config.getoption("--update"):
         golden.parent.mkdir(exist_ok=True)
@@ -273,7 +273,7 @@ def test_bits_of_a_module_and_of_a_page_in_a_notebook(tmp_path):
 @pytest.mark.parametrize("name", PAGES)
 def test_pages_of_the_site_are_small(name):
     page = (SITE / f"{name}.html").read_text(encoding="utf-8")
-    assert len(page.encode()) <= (80_000 if name == "heavy_top" else 150_000)
+    assert len(page.encode()) <= (95_000 if name == "heavy_top" else 150_000)
     assert not re.search(r"https?://|src=|import |@[A-Z_]+@", page)
 
 
@@ -318,7 +318,7 @@ def test_a_step_that_fails_is_said_in_a_sentence():
 def test_a_top_is_drawn_as_that_of_a_run(gl3):
     said = in_node("heavy_top")
     assert said["bad"] == 0
-    assert said["fills"] > 0
+    assert sum(said["drawn"].values()) > 0
     assert said["steps"] > 10
     assert said["notice"] == ""
     assert said["paused"] == 0

@@ -185,7 +185,7 @@ def test_a_page_has_the_meshes_and_names_those_that_it_has_not(robot, gyrospark)
     assert re.search(r"b\.dae.*convert", said.stderr + said.stdout)
     scene = json.loads(re.search(r'id="scene">(.*?)</script>', page.read_text(encoding="utf-8"),
                                  flags=re.DOTALL)[1])
-    assert [(mesh["vertices"], mesh["triangles"]) for mesh in scene["meshes"]] == [(4, 4)]
+    assert [(mesh["vertices"], mesh["triangles"]) for mesh in scene["meshes"]["0"]] == [(4, 4)]
     assert scene["ground"][0]["mesh"] == scene["bodies"][0]["shapes"][0]["mesh"] == 0
     assert scene["bodies"][1]["shapes"][0]["kind"] != "mesh"
     assert any("b.dae" in remark for remark in scene["remarks"])

@@ -15,7 +15,9 @@ import pytest
 import gyrospark as gs
 import systems
 from calls import RUN, TOP
+from gyrospark.core.shapes import Shape
 from gyrospark.runtime.plotting.scene import scene_of
+from gyrospark.runtime.plotting.solids import mesh_of
 from processes import DATA, ROOT
 
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="without Node.js")
@@ -30,6 +32,14 @@ def integrated(model, steps=40, name=None, **options):
 @pytest.fixture(scope="module")
 def tops():
     return integrated(gs.models.double_top(), name="double_top")
+
+
+#: Triangles of a box, as the keys of ``drawn`` have them.
+BOX = str(len(mesh_of(Shape("box", np.ones(3))).faces))
+
+
+def triangles(said):
+    return sum(int(size) * count for size, count in said["drawn"].items())
 
 
 def scene_in(page):
@@ -152,7 +162,7 @@ def test_a_spin_too_fast_to_be_followed_is_reported(gl3):
     "one state", *(pytest.param(name, marks=pytest.mark.slow)  # each frame takes a second of Node
                    for name in ("two states", "two bodies", "glass"))])
 def test_the_script_is_javascript_and_draws(name, tops, gl3, tmp_path):
-    for script in ("scene.js", "view.js"):
+    for script in ("scene.js", "solids.js", "view.js"):
         subprocess.run(["node", "--check", ROOT / "runtime/plotting" / script], check=True)
     runs = {"one state": lambda: (gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN), 1),
             "two states": lambda: (gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN), 1),
@@ -161,10 +171,14 @@ def test_the_script_is_javascript_and_draws(name, tops, gl3, tmp_path):
     for run, bodies in (runs[name](),):
         drawn = executed(run.show().page, tmp_path)
         assert drawn["bad"] == 0
-        said = executed(run.show(shape="box").page, tmp_path)
+        boxes = run.show(shape="box").page
+        said = executed(boxes, tmp_path)
         assert said["bad"] == 0
-        assert drawn["fills"] > said["fills"]
-        assert 2 * bodies <= said["fills"] <= 3 * bodies + len(run.joints) + 1  # faces and dots
+        # Bodies and their shadows; the two rings of the gimbal are seen through: front and back.
+        seen_through, shadows = 2 * (bodies == 3), bodies * scene_in(boxes)["gravity"]
+        assert said["drawn"][BOX] == bodies + shadows + seen_through
+        assert sum(said["drawn"].values()) - said["drawn"][BOX] <= len(run.joints)
+        assert triangles(drawn) > triangles(said)
         assert len(set(said["speeds"])) == 10
         assert said["glass"] == (bodies == 3)  # the rotor is inside its rings
     if name == "two bodies":

@@ -143,7 +143,7 @@ def test_a_page_is_as_high_as_its_frame_and_drawn_by_webgl(run, page, name, tmp_
         assert found["seen"] > 500, found
 
 
-def test_without_webgl_a_page_is_drawn_as_well(page, tmp_path):
+def test_without_webgl_a_page_has_its_chart_and_a_sentence(page, tmp_path):
     reports = framed(page, tmp_path, "--disable-gpu", "--disable-3d-apis")
     assert len(reports) == len(SIZES)
     for found in reports:
