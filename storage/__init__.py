@@ -2,7 +2,7 @@
 
     durable_files  a Zarr store with atomic, durable files
     staging        atomic creation of stores, and their writer lock
-    chunks         chunks of arrays as files
+    chunks         chunks of arrays, written side by side
     identity       everything that determines the bits of a run
     array_layout   the arrays of a run: names, dimensions, units
     event_store    appendable arrays of events
@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from ..core.errors import MissingDependencyError
 from ..core.extras import install
 
-for _package in ("zarr", "xarray", "google_crc32c", "filelock"):
+for _package in ("zarr", "xarray", "filelock"):
     if find_spec(_package) is None:
         raise MissingDependencyError(
             f"Stored runs and sweeps need {_package}; {install('storage')} brings it.")

@@ -23,12 +23,13 @@ from typing import Any
 
 import numpy as np
 import zarr
+from zarr.codecs import BytesCodec, Crc32cCodec
 
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
 from ..runtime.bindings.real_numbers import WIDE_BYTES
 from ..runtime.results.run_arrays import OUTPUTS, QUANTITY, about, parts
-from .chunks import Chunk, codecs_of, write_chunks
+from .chunks import Chunk, write_chunks
 from .durable_files import DurableStore, write_durably
 
 __all__ = ["CHECKPOINT", "EXTENDS", "QUANTITY", "SOURCE", "WIDE_FILL", "StoredField", "array_of",
@@ -169,7 +170,7 @@ def create(
         array = create_array(group, SOURCE, (len(source),), (len(source),), "u1", 0,
                              ["source_byte"], {"long_name": "C source and manifest of the stepper, "
                                                "JSON compressed by zlib"})
-        write_chunks(path, [Chunk(array, (0,), np.frombuffer(source, np.uint8))])
+        write_chunks([Chunk(array, (0,), np.frombuffer(source, np.uint8))])
     consolidate(path)
 
 
@@ -205,10 +206,13 @@ def create_array(
     group: zarr.Group, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: Any,
     fill: float, dimensions: list[str], attributes: dict[str, Any],
 ) -> zarr.Array[Any]:
-    """Create an array, whose chunks ``write_chunks`` writes."""
-    numbers, checksum = codecs_of(dtype)
+    """Create an array of little-endian numbers, each chunk with its CRC32C.
+
+    No compression: the last bits of a motion are noise, and a tenth is all it saves.
+    """
+    numbers = BytesCodec(endian="little" if np.dtype(dtype).itemsize > 1 else None)
     return group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill,
-                              filters=None, serializer=numbers, compressors=[checksum],
+                              filters=None, serializer=numbers, compressors=[Crc32cCodec()],
                               dimension_names=dimensions, attributes=attributes)
 
 

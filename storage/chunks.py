@@ -1,41 +1,19 @@
-"""Chunks of a store's arrays as files, whole and side by side.
-
-A file holds what Zarr reads there: the numbers, little endian, and their CRC32C. Zarr's own way to
-it suits any codec and any selection, and takes four times as long.
-"""
+"""Chunks of a store's arrays, written by Zarr side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-import google_crc32c
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import BytesCodec, Crc32cCodec
 
-from ..core.errors import StorageError
-from . import durable_files
+__all__ = ["Chunk", "write_chunks"]
 
-__all__ = ["Chunk", "codecs_of", "write_chunks"]
-
-Bytes = NDArray[np.uint8]
-
-_CHECKSUM = 4
 #: Number of files written at once; more threads do not help.
 _AT_ONCE = 4
-
-
-def codecs_of(dtype: Any) -> tuple[BytesCodec, Crc32cCodec]:
-    """Return Zarr's codecs of these files.
-
-    No compression: the last bits of a motion are noise, and a tenth is all it saves.
-    """
-    endian: Literal["little"] | None = "little" if np.dtype(dtype).itemsize > 1 else None
-    return BytesCodec(endian=endian), Crc32cCodec()
 
 
 class Chunk(NamedTuple):
@@ -49,8 +27,8 @@ class Chunk(NamedTuple):
     values: NDArray[Any]
 
 
-def write_chunks(root: Path, chunks: Sequence[Chunk]) -> None:
-    """Write chunks of the store ``root``; when this returns they are on the disk.
+def write_chunks(chunks: Sequence[Chunk]) -> None:
+    """Write chunks of a store; when this returns they are on the disk.
 
     At once: each waits for the disk, and the disk takes them together.
 
@@ -60,30 +38,18 @@ def write_chunks(root: Path, chunks: Sequence[Chunk]) -> None:
         If one cannot be written; the others are.
     """
     with ThreadPoolExecutor(_AT_ONCE, "gyrospark-files") as pool:
-        writes = [pool.submit(_write, root, chunk) for chunk in chunks]
+        writes = [pool.submit(_write, chunk) for chunk in chunks]
     for done in writes:
         done.result()
 
 
-def _write(root: Path, chunk: Chunk) -> None:
-    array = chunk.array
-    if array.metadata.zarr_format != 3 or array.metadata.codecs != codecs_of(array.dtype):
-        raise StorageError(f"The array {array.path!r} of {str(root)!r} is encoded in another way "
-                           "than gyrospark does; choose another store.")
-    path = root / array.path / array.metadata.encode_chunk_key(chunk.place)
-    durable_files.write_durably(path, *_encoded(array, chunk.values))
-
-
-def _encoded(array: zarr.Array[Any], values: NDArray[Any]) -> tuple[Bytes, bytes]:
-    """Return the bytes of a chunk's numbers and their checksum.
-
-    Numbers of a whole chunk are written from where they are; others are filled up.
-    """
-    kind = array.dtype.newbyteorder("<")
-    numbers = np.ascontiguousarray(values, dtype=kind)
-    if values.shape != array.chunks:
-        numbers = np.full(array.chunks, array.fill_value, dtype=kind)
-        numbers[tuple(map(slice, values.shape))] = values
-    data = numbers.reshape(-1).view(np.uint8)
-    checksum: int = google_crc32c.value(data)
-    return data, checksum.to_bytes(_CHECKSUM, "little")
+def _write(chunk: Chunk) -> None:
+    """Write a whole chunk, of which Zarr reads no earlier numbers, even if all are fill values."""
+    array = chunk.array.with_config({"write_empty_chunks": True})
+    begin = np.multiply(chunk.place, array.chunks)
+    end = np.minimum(begin + array.chunks, array.shape)
+    numbers = chunk.values
+    if numbers.shape != tuple(end - begin):
+        numbers = np.full(end - begin, array.fill_value, dtype=array.dtype)
+        numbers[tuple(map(slice, chunk.values.shape))] = chunk.values
+    array[tuple(map(slice, begin, end))] = numbers

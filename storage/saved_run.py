@@ -60,13 +60,14 @@ def save_store(run: Trajectory, path: Path) -> Path:
             if field.wide:
                 parts[wide_name(field.name)] = as_bytes(rows)
             for name, values in parts.items():
-                write_chunks(fresh, [
+                write_chunks([
                     Chunk(array_of(group, name), (i, *(0 for _ in values.shape[1:])),
                           values[i * block : (i + 1) * block])
                     for i in range(-(-len(run) // block))])
         events = EventStore(group, run.manifest, list(run.events))
-        write_chunks(fresh, events.chunks(dict.fromkeys(run.events, 0), run.events))
-        consolidate(fresh, events.grow({name: len(x) for name, x in run.events.items()}))
+        grown = events.grow({name: len(x) for name, x in run.events.items()})
+        write_chunks(events.chunks(dict.fromkeys(run.events, 0), run.events))
+        consolidate(fresh, grown)
     return path
 
 

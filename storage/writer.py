@@ -121,10 +121,10 @@ class Writer:
     def _commit(self, batch: Batch) -> None:
         """Write rows, then checkpoint, then attributes: these never claim more than is stored."""
         states = self._chunks(batch) if batch.count else []
-        write_chunks(self._path, states + self._happened.chunks(batch.counts, batch.found))
         self._changed |= self._happened.grow({name: batch.counts[name] + len(crossings)
                                               for name, crossings in batch.found.items()})
-        write_chunks(self._path, [Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
+        write_chunks(states + self._happened.chunks(batch.counts, batch.found))
+        write_chunks([Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
         consolidate(self._path, self._changed, batch.attributes)  # in one go, and in one file
         self._changed = set()
 

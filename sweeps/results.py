@@ -192,14 +192,14 @@ class StoreSink:
         """Write a tile; when this returns it is on the disk."""
         with storage_errors(self.path, CURE):
             if not self._arrays:
-                group = open_group(self.path)
+                group = open_group(self.path, write=True)
                 self._arrays = {name: array_of(group, name) for name in arrays}
             chunks = {name: Chunk(self._arrays[name], self._place(name, tile), values)
                       for name, values in arrays.items()}
             last = chunks.pop(STATUS)
             if chunks:
-                write_chunks(self.path, list(chunks.values()))
-            write_chunks(self.path, [last])
+                write_chunks(list(chunks.values()))
+            write_chunks([last])
 
     def _place(self, name: str, tile: Tile) -> tuple[int, ...]:
         """Return the place of a tile's chunk: a tile has all numbers of its cells."""

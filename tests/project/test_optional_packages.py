@@ -14,7 +14,7 @@ from sweep_studies import STUDY, study_file
 
 OPTIONAL = ["dask", "distributed", "h5netcdf", "h5py", "matplotlib"]
 #: What stores are made with.
-STORES = ["filelock", "google_crc32c", "xarray", "zarr"]
+STORES = ["filelock", "xarray", "zarr"]
 COMMANDS = """
 import contextlib, io, json
 from gyrospark.commands import main
